@@ -1,0 +1,375 @@
+//! Assembly: the loop is put on, closed, tightened, loaded, given consistent speeds, and run in.
+//!
+//! 1. The chain is laid on its route and the tightening sprocket moved until the mean tension of the loop at rest, without
+//!    load, is the preload (mean over one tooth period of the driver: the loop of a polygon drive has no constant length).
+//! 2. Under load, static equilibrium by [`crate::statics`]; its residual is reported.
+//! 3. Speeds: the derivative of that equilibrium with respect to the driver's angle, times the driver's speed: consistent
+//!    with every joint and contact.
+//! 4. Run-in: a consistent start still rings at the torsional mode, so extra damping is applied and faded out, then the drive
+//!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
+
+use crate::diag::Report;
+use crate::drive::Drive;
+use crate::elements::rotor::Rotor;
+use crate::geometry::Vec2;
+use crate::integrate::explicit::{self, RunIn, Scratch};
+use crate::integrate::step_bound::{StepBound, default_step, step_bound};
+use crate::integrate::{Isa, StepError};
+use crate::model::{Model, Placed, place};
+use crate::state::State;
+use crate::statics::{Configuration, Equilibrium, equilibrium, sensitivity_to_driver};
+use crate::units::{sin_cos, wrap_angle};
+use std::f64::consts::PI;
+
+/// A drive ready to run.
+pub struct Assembly {
+    pub model: Model,
+    pub state: State,
+    pub report: AssemblyReport,
+}
+
+/// What assembling found.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct AssemblyReport {
+    /// Axis of the tightening sprocket [m].
+    pub moved_sprocket: String,
+    pub moved_to_x_m: f64,
+    pub moved_to_y_m: f64,
+    /// Mean tension at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
+    pub preload_n: f64,
+    pub preload_low_n: f64,
+    pub preload_high_n: f64,
+    /// Tension of the loaded loop at rest [N].
+    pub static_mean_tension_n: f64,
+    pub static_max_tension_n: f64,
+    pub static_min_tension_n: f64,
+    /// Largest unbalanced force of the static solution [N], and its iterations.
+    pub residual_n: f64,
+    pub iterations: usize,
+    /// Step taken, largest allowed, and what bounds it.
+    pub step_s: f64,
+    pub step_bound_s: f64,
+    pub step_bound_cause: String,
+    /// Per free sprocket: peak-to-peak of the speed averaged over tooth periods, relative to nominal, while settling.
+    pub stillness: Vec<f64>,
+    /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
+    pub tension_drift: f64,
+}
+
+/// Why a drive could not be assembled.
+#[derive(Debug)]
+pub enum AssemblyError {
+    /// The drive's mistake: points into the file.
+    Input(Report),
+    /// No equilibrium.
+    Statics { what: String, residual_n: f64, iterations: usize },
+    /// Broke down while running in.
+    RunIn(StepError),
+}
+
+impl std::fmt::Display for AssemblyError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            AssemblyError::Input(report) => write!(f, "{report}"),
+            AssemblyError::Statics { what, residual_n, iterations } => write!(
+                f,
+                "{what}: no static equilibrium (residual {residual_n:.3e} N after {iterations} iterations)\n\
+                 help: raise `preload.tension_n`, lower the load torque, or check that the teeth can carry it"
+            ),
+            AssemblyError::RunIn(e) => write!(f, "while running in: {e}"),
+        }
+    }
+}
+
+impl std::error::Error for AssemblyError {}
+
+/// Phases of the driver over one tooth period at which the preload is averaged.
+const PRELOAD_PHASES: u32 = 4;
+/// The mean preload is met to this fraction.
+const PRELOAD_TOLERANCE: f64 = 1e-4;
+
+/// Compiles and assembles a drive.
+pub fn assemble(drive: &Drive) -> Result<Assembly, AssemblyError> {
+    assemble_with(drive, Isa::detect())
+}
+
+/// As [`assemble`], with a given vector unit.
+pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
+    let placed = place(drive).map_err(AssemblyError::Input)?;
+    let (shift, tensions) = tighten(drive, &placed)?;
+    let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
+    let bound = step_bound(&model);
+    model.step_s = choose_step(drive, &bound)?;
+    let rest = rest_configuration(&model, drive, 0.0)?;
+    let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
+    let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    let mut state = moving_state(&model, &loaded)?;
+    let (stillness, tension_drift) = run_in(drive, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
+    let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
+    let centre = model.sprockets[drive.preload.moves].body.centre;
+    let report = AssemblyReport {
+        moved_sprocket: drive.sprockets[drive.preload.moves].name.clone(),
+        moved_to_x_m: centre.x,
+        moved_to_y_m: centre.y,
+        preload_n: mean(&tensions),
+        preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
+        preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
+        static_mean_tension_n: mean(&loaded.tensions_n),
+        static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
+        static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
+        residual_n: loaded.residual_n,
+        iterations: loaded.iterations,
+        step_s: model.step_s,
+        step_bound_s: bound.step_s,
+        step_bound_cause: bound.cause,
+        stillness,
+        tension_drift,
+    };
+    Ok(Assembly { model, state, report })
+}
+
+/// The step asked for, or the bound's; refused above the bound with the number that would do.
+fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
+    let would_do = default_step(bound);
+    match drive.run.step_s {
+        None => Ok(would_do),
+        Some(step) if step <= bound.step_s => Ok(step),
+        Some(step) => {
+            let title = format!("`run.step_us` = {} is too large for this drive", step * 1e6);
+            let help = format!("{:.3} us would do; the bound comes from the {}", would_do * 1e6, bound.cause);
+            Err(AssemblyError::Input(drive.places.report(vec![drive.places.error("run.step_us", title, Some(help))])))
+        }
+    }
+}
+
+/// Displacement of the tightening sprocket at which the mean tension is the preload, and the tensions over the phases.
+fn tighten(drive: &Drive, placed: &Placed) -> Result<(f64, Vec<f64>), AssemblyError> {
+    let target = drive.preload.tension_n;
+    let tensions_at = |shift: f64| -> Result<Vec<f64>, AssemblyError> {
+        let model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
+        (0..PRELOAD_PHASES)
+            .map(|phase| {
+                let rest = rest_configuration(&model, drive, f64::from(phase) / f64::from(PRELOAD_PHASES))?;
+                let e = solve(&model, rest, 0.0, "tightening the loop")?;
+                Ok(e.tensions_n.iter().sum::<f64>() / e.tensions_n.len() as f64)
+            })
+            .collect()
+    };
+    let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
+    let mut shift = 0.0;
+    let mut tensions = tensions_at(shift)?;
+    // Two spans become longer by the shift; the loop is links in series, its contacts soften it.
+    let mut slope = drive.joint.stiffness_n_per_m / drive.links as f64;
+    for _ in 0..40 {
+        let miss = mean(&tensions) - target;
+        if miss.abs() <= PRELOAD_TOLERANCE * target.max(1.0) {
+            return Ok((shift, tensions));
+        }
+        let next = shift - (miss / slope).clamp(-0.5e-3, 0.5e-3);
+        let next_tensions = tensions_at(next)?;
+        let measured = (mean(&next_tensions) - mean(&tensions)) / (next - shift);
+        if measured > 0.0 {
+            slope = measured;
+        }
+        (shift, tensions) = (next, next_tensions);
+    }
+    Err(AssemblyError::Statics {
+        what: format!("the preload of {target} N is not reached (got {:.1} N)", mean(&tensions)),
+        residual_n: (mean(&tensions) - target).abs(),
+        iterations: 40,
+    })
+}
+
+fn solve(model: &Model, start: Configuration, load: f64, what: &str) -> Result<Equilibrium, AssemblyError> {
+    equilibrium(model, start, load).map_err(|e| AssemblyError::Statics {
+        what: what.to_string(),
+        residual_n: e.residual_n,
+        iterations: e.iterations,
+    })
+}
+
+/// The chain laid on the model's route with a pitch that closes, the driver turned by `phase` of a tooth period.
+fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Configuration, AssemblyError> {
+    let Some(route) = &model.route else {
+        return Err(AssemblyError::Statics { what: "no route".into(), residual_n: f64::NAN, iterations: 0 });
+    };
+    let n = model.chain.n_links;
+    let start = route.anchor_m() + phase * drive.chain.pitch_m;
+    // Pitch at which n chords close the loop: secant on the overshoot.
+    let lay = |pitch: f64| {
+        let mut joints = Vec::with_capacity(n);
+        let mut s = start;
+        for _ in 0..n {
+            joints.push(s);
+            s = route.next_joint_m(s, pitch);
+        }
+        (joints, s - start - route.length_m())
+    };
+    let mut pitch = drive.chain.pitch_m;
+    let (mut joints, mut miss) = lay(pitch);
+    for _ in 0..20 {
+        if miss.abs() < 1e-13 {
+            break;
+        }
+        pitch -= miss / n as f64;
+        (joints, miss) = lay(pitch);
+    }
+    let points: Vec<Vec2> = joints.iter().map(|s| route.at(*s).0).collect();
+    let links = (0..n)
+        .map(|i| {
+            let (rear, front) = (points[(i + n - 1) % n], points[i]);
+            let d = front - rear;
+            ((front + rear) * 0.5, crate::units::atan2(d.y, d.x))
+        })
+        .collect();
+    let rotors = (0..model.sprockets.len())
+        .map(|k| {
+            // The joint nearest to the middle of the wrap sits in a gap.
+            let middle = 0.5 * (route.wrap_start_m(k) + route.span_start_m(k));
+            let total = route.length_m();
+            let off = |s: f64| {
+                let d = (s - middle) / total;
+                ((d - libm::round(d)) * total).abs()
+            };
+            let seated = joints.iter().copied().min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(middle);
+            route.angle_about(k, seated)
+        })
+        .collect();
+    Ok(Configuration { links, rotors })
+}
+
+/// The equilibrium set in motion.
+fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError> {
+    let (link_rates, rotor_rates) = sensitivity_to_driver(model, &at.configuration).ok_or(AssemblyError::Statics {
+        what: "finding speeds consistent with the driver".into(),
+        residual_n: at.residual_n,
+        iterations: at.iterations,
+    })?;
+    let mut state = resting_state(model, &at.configuration);
+    let omega = model.sprockets[model.driver].nominal_speed_rad_s;
+    for (i, rate) in link_rates.iter().enumerate() {
+        state.links.vx[i] = rate.x * omega;
+        state.links.vy[i] = rate.y * omega;
+        state.links.omega[i] = rate.z * omega;
+    }
+    for (k, rate) in rotor_rates.iter().enumerate() {
+        state.rotors.omega[k] = rate * omega;
+    }
+    Ok(state)
+}
+
+/// A State with the poses of `q`, at rest.
+pub fn resting_state(model: &Model, q: &Configuration) -> State {
+    let mut state =
+        State::at_rest(model.chain.n_links, model.chain.padded, model.sprockets.len(), model.guide_sides());
+    for (i, (p, angle)) in q.links.iter().enumerate() {
+        let (s, c) = sin_cos(*angle);
+        (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
+    }
+    for (k, angle) in q.rotors.iter().enumerate() {
+        let (s, c) = sin_cos(*angle);
+        (state.rotors.angle[k], state.rotors.cos[k], state.rotors.sin[k]) = (wrap_angle(*angle), c, s);
+    }
+    state
+}
+
+/// Rate at which links are drawn to the chain speed [1/s]: half critical for transverse modes of some 100 Hz.
+const LINK_RATE_PER_S: f64 = 600.0;
+/// Rate at which free sprockets are drawn to their speed [1/s]: half critical for a torsional mode of some 240 Hz.
+const ROTOR_RATE_PER_S: f64 = 1500.0;
+
+/// Runs in and settles; returns stillness per free sprocket and drift of the mean tension. Sets the clock to zero.
+fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(Vec<f64>, f64), StepError> {
+    let mut scratch = Scratch::with_isa(model, isa);
+    let h = model.step_s;
+    let damped = (drive.run.run_in_s / h).ceil() as u64;
+    for i in 0..damped {
+        // Fades out with zero slope, so that its end does not ring.
+        let left = 1.0 - i as f64 / damped as f64;
+        let fade = left * left * (3.0 - 2.0 * left);
+        scratch.run_in = RunIn { link_rate_per_s: LINK_RATE_PER_S * fade, rotor_rate_per_s: ROTOR_RATE_PER_S * fade };
+        explicit::step(model, state, &mut scratch)?;
+    }
+    scratch.run_in = RunIn::OFF;
+    let settle = (drive.run.settle_s / h).ceil() as u64;
+    let mut watch = StillnessWatch::new(model);
+    for _ in 0..settle {
+        explicit::step(model, state, &mut scratch)?;
+        watch.look(model, state, &scratch);
+    }
+    state.step = 0;
+    state.clear_ledger();
+    // Angles are counted from the start of the recording; cosine and sine stay as they are.
+    for angle in &mut state.rotors.angle {
+        *angle = wrap_angle(*angle);
+    }
+    Ok(watch.result(model))
+}
+
+/// Averages speeds and tension over tooth periods of the driver.
+struct StillnessWatch {
+    steps_per_tooth: f64,
+    seen: u64,
+    sums: Vec<f64>,
+    tension: f64,
+    means: Vec<Vec<f64>>,
+    tension_means: Vec<f64>,
+    count: u64,
+}
+
+impl StillnessWatch {
+    fn new(model: &Model) -> StillnessWatch {
+        let driver = &model.sprockets[model.driver];
+        let period = 2.0 * PI / (driver.nominal_speed_rad_s.abs() * f64::from(driver.geometry.spec.teeth));
+        StillnessWatch {
+            steps_per_tooth: period / model.step_s,
+            seen: 0,
+            sums: vec![0.0; model.sprockets.len()],
+            tension: 0.0,
+            means: vec![Vec::new(); model.sprockets.len()],
+            tension_means: Vec::new(),
+            count: 0,
+        }
+    }
+
+    fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+        for (sum, omega) in self.sums.iter_mut().zip(&state.rotors.omega) {
+            *sum += omega;
+        }
+        let n = model.chain.n_links;
+        self.tension += (0..n).map(|j| scratch.joint_force(j)).map(|(x, y, _)| x.hypot(y)).sum::<f64>() / n as f64;
+        self.seen += 1;
+        self.count += 1;
+        if self.seen as f64 >= (self.tension_means.len() + 1) as f64 * self.steps_per_tooth {
+            for (mean, sum) in self.means.iter_mut().zip(&mut self.sums) {
+                mean.push(*sum / self.count as f64);
+                *sum = 0.0;
+            }
+            self.tension_means.push(self.tension / self.count as f64);
+            self.tension = 0.0;
+            self.count = 0;
+        }
+    }
+
+    fn result(&self, model: &Model) -> (Vec<f64>, f64) {
+        let spread = |values: &[f64]| {
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            if values.is_empty() { 0.0 } else { high - low }
+        };
+        let stillness = model
+            .sprockets
+            .iter()
+            .zip(&self.means)
+            .filter(|(s, _)| matches!(s.rotor, Rotor::Free { .. }))
+            .map(|(s, means)| spread(means) / s.nominal_speed_rad_s.abs())
+            .collect();
+        let mean = self.tension_means.iter().sum::<f64>() / self.tension_means.len().max(1) as f64;
+        (stillness, if mean > 0.0 { spread(&self.tension_means) / mean } else { 0.0 })
+    }
+}
+
+#[cfg(test)]
+pub fn tests_rest(model: &Model, drive: &Drive) -> Configuration {
+    rest_configuration(model, drive, 0.0).expect("lays")
+}

@@ -1,0 +1,87 @@
+//! Errors that point into what the user wrote: a file, or an override on the command line, with line, caret and help.
+
+use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normalize_untrusted_str};
+use std::ops::Range;
+
+/// A text that errors can point into.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// File name, or `--set`.
+    pub name: String,
+    pub text: String,
+}
+
+/// Where in which source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Index into the sources of the [`Report`].
+    pub source: usize,
+    pub span: Range<usize>,
+}
+
+/// One mistake.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diag {
+    /// What is wrong, with the value and what would be right.
+    pub title: String,
+    pub place: Place,
+    /// What to do.
+    pub help: Option<String>,
+}
+
+/// All mistakes of an input, in the order in which they stand in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    pub sources: Vec<Source>,
+    pub diags: Vec<Diag>,
+}
+
+/// Most mistakes printed at once; the number of the others follows.
+const MOST_PRINTED: usize = 20;
+
+impl Report {
+    pub fn new(sources: Vec<Source>, mut diags: Vec<Diag>) -> Report {
+        diags.sort_by_key(|d| (d.place.source, d.place.span.start));
+        diags.dedup();
+        Report { sources, diags }
+    }
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (i, diag) in self.diags.iter().take(MOST_PRINTED).enumerate() {
+            if i > 0 {
+                writeln!(f, "\n")?;
+            }
+            let source = &self.sources[diag.place.source];
+            // The renderer wants spans inside the text and on character boundaries.
+            let len = source.text.len();
+            let start = source.text.floor_char_boundary(diag.place.span.start.min(len));
+            let end = source.text.ceil_char_boundary(diag.place.span.end.clamp(start, len));
+            let snippet = Snippet::source(source.text.as_str())
+                .path(source.name.as_str())
+                .annotation(AnnotationKind::Primary.span(start..end));
+            let mut group: Group<'_> = Level::ERROR.primary_title(diag.title.as_str()).element(snippet);
+            if let Some(help) = &diag.help {
+                group = group.element(Level::HELP.message(normalize_untrusted_str(help)));
+            }
+            write!(f, "{}", Renderer::plain().render(&[group]))?;
+        }
+        if self.diags.len() > MOST_PRINTED {
+            write!(f, "\n\n... and {} more", self.diags.len() - MOST_PRINTED)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Report {}
+
+/// The name among `known` that is nearest to `name`, if any is near.
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    known
+        .into_iter()
+        .map(|k| (strsim::normalized_damerau_levenshtein(name, k), k))
+        .filter(|(similarity, _)| *similarity > 0.5)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, k)| k)
+}

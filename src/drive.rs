@@ -1,0 +1,450 @@
+//! The drive file: what the user writes, read with positions, checked, in SI.
+//!
+//! TOML with named tables per kind. Every mistake of a file is found in one pass and points at its place; keys that no
+//! reader asks for are unknown keys, and the nearest known one is offered. `path=value` overrides replace values before they
+//! are read and are checked like them.
+
+pub mod reader;
+
+use crate::diag::{Diag, Report};
+use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
+use crate::geometry::chain::bush::{BushChain, RowSpec};
+use crate::geometry::guide::GuideSide;
+use crate::geometry::route::Wrap;
+use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
+use crate::units::{MM, RPM, UM};
+use reader::{Places, Reader, Table};
+use std::f64::consts::PI;
+
+/// Bundled drives: name and text.
+pub const BUNDLED: [(&str, &str); 1] = [("bush-20-40", include_str!("../assets/drives/bush-20-40.toml"))];
+
+/// A checked drive, in SI, with the text it came from.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    pub name: String,
+    pub text: String,
+    pub overrides: Vec<String>,
+    pub title: String,
+    pub chain: BushChain,
+    pub links: usize,
+    pub joint: JointSpec,
+    pub tooth_contact: ContactSpec,
+    pub guide_contact: ContactSpec,
+    /// In the order in which the chain meets them.
+    pub sprockets: Vec<SprocketDrive>,
+    pub guides: Vec<GuideSpec>,
+    pub preload: PreloadSpec,
+    pub run: RunSpec,
+    pub places: Places,
+}
+
+/// Joints of the chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointSpec {
+    pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+    pub clearance_m: f64,
+    pub friction: f64,
+    pub stick_speed_rad_s: f64,
+}
+
+/// A contact pair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactSpec {
+    pub law: ContactLaw,
+    pub friction: f64,
+    pub stick_speed_m_s: f64,
+}
+
+/// A sprocket with what turns it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SprocketDrive {
+    pub name: String,
+    pub teeth: u32,
+    pub form: GapForm,
+    pub tip_diameter_m: Option<f64>,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub wrap: Wrap,
+    pub outer: OuterSpec,
+}
+
+/// What is prescribed at a sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OuterSpec {
+    /// Speed in the sense in which the chain moves forwards [rad/s].
+    Speed { speed_rad_s: f64 },
+    /// Load torque against the motion [N m].
+    Load { inertia_kg_m2: f64, torque_nm: f64 },
+}
+
+/// A fixed guide along the span from one sprocket to the next.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuideSpec {
+    pub name: String,
+    /// Index of the sprocket that the span leaves.
+    pub span: usize,
+    pub side: GuideSide,
+    pub start_m: f64,
+    /// Distance of the end of the guide from the end of the span.
+    pub end_m: f64,
+    /// Between plate edge and face when the joints lie on the common tangent of the pitch circles.
+    pub clearance_m: f64,
+    pub end_radius_m: f64,
+}
+
+/// How the loop is tightened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PreloadSpec {
+    /// Mean tension of the loop at rest, without load [N].
+    pub tension_n: f64,
+    /// Index of the sprocket whose axis is moved.
+    pub moves: usize,
+    /// Direction of the move from +x; None: away from the sprocket before it.
+    pub direction_rad: Option<f64>,
+}
+
+/// How it is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RunSpec {
+    /// Step [s]; None takes the bound's.
+    pub step_s: Option<f64>,
+    /// With extra damping, before the recording [s].
+    pub run_in_s: f64,
+    /// Without it, before the recording [s].
+    pub settle_s: f64,
+}
+
+impl Drive {
+    /// Reads and checks a drive. All mistakes come back at once.
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
+        let reader = Reader::new(name, text, overrides);
+        let root = reader.parse(text)?;
+        let drive = read(&reader.root(&root));
+        drop(root);
+        let places = reader.finish()?;
+        let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
+        let drive = Drive {
+            name: stem.to_string(),
+            text: text.to_string(),
+            overrides: overrides.to_vec(),
+            places,
+            ..drive
+        };
+        drive.check()?;
+        Ok(drive)
+    }
+
+    /// Index of the sprocket whose speed is prescribed.
+    pub fn driver(&self) -> usize {
+        self.sprockets.iter().position(|s| matches!(s.outer, OuterSpec::Speed { .. })).unwrap_or(0)
+    }
+
+    /// Nominal chain speed z p n, forwards positive [m/s].
+    pub fn chain_speed_m_s(&self) -> f64 {
+        let driver = &self.sprockets[self.driver()];
+        match driver.outer {
+            OuterSpec::Speed { speed_rad_s } => speed_rad_s * f64::from(driver.teeth) * self.chain.pitch_m / (2.0 * PI),
+            OuterSpec::Load { .. } => 0.0,
+        }
+    }
+
+    /// Checks that need more than one value.
+    fn check(&self) -> Result<(), Report> {
+        let mut diags: Vec<Diag> = Vec::new();
+        let c = &self.chain;
+        let mut error = |path: &str, title: String, help: &str| {
+            diags.push(self.places.error(path, title, Some(help.to_string())));
+        };
+        if !self.links.is_multiple_of(2) {
+            error(
+                "chain.bush.links",
+                format!("`chain.bush.links` = {} is odd", self.links),
+                "inner and outer links alternate: take an even number",
+            );
+        }
+        if c.pin_diameter_m >= c.bush_diameter_m {
+            error("chain.bush.pin_diameter_mm", "the pin does not fit into the bush".into(), "make it smaller than `bush_diameter_mm`");
+        }
+        if c.bush_diameter_m >= c.plate_height_m {
+            error("chain.bush.plate_height_mm", "the plate is no higher than the bush".into(), "make it larger than `bush_diameter_mm`");
+        }
+        let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();
+        if drivers != 1 {
+            error(
+                "speeds.constant",
+                format!("{drivers} sprockets have a prescribed speed"),
+                "give exactly one sprocket a `[speeds.constant.NAME]`",
+            );
+        }
+        let sides = |side| self.guides.iter().filter(move |g| g.side == side);
+        for (i, g) in self.guides.iter().enumerate() {
+            if sides(g.side).take_while(|o| o.name != g.name).any(|o| o.span == g.span) {
+                error(
+                    &format!("guides.fixed.{}", g.name),
+                    format!("guide `{}` lies on the same side of the same span as another", self.guides[i].name),
+                    "join the two, or move one to the other side",
+                );
+            }
+        }
+        if diags.is_empty() { Ok(()) } else { Err(self.places.report(diags)) }
+    }
+}
+
+/// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
+fn read(root: &Table<'_>) -> Drive {
+    let title = root.text("title").unwrap_or_default();
+    let chain_table = root.table("chain");
+    let bush = chain_table.table("bush");
+    let chain = read_bush_chain(&bush);
+    let links = bush.required_integer("links", 10..=2000) as usize;
+    bush.finish();
+    let joint = read_joint(&chain_table.table("joint"), chain.pin_diameter_m);
+    chain_table.finish();
+    let contact = root.table("contact");
+    let tooth_contact = read_contact(&contact.table("sprocket"), chain.inner_width_m);
+    let guide_contact = read_contact(&contact.table("guide"), chain.inner_width_m);
+    contact.finish();
+    let (sprockets, names) = read_sprockets(root);
+    let guides = read_guides(root, &names);
+    let preload = read_preload(&root.table("preload"), &names);
+    let run_table = root.table("run");
+    let run = RunSpec {
+        step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
+        run_in_s: run_table.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
+        settle_s: run_table.number("settle_ms", 1e-3, 0.0..=10_000.0).unwrap_or(10e-3),
+    };
+    run_table.finish();
+    root.finish();
+    let places = Places::empty();
+    let (name, text, overrides) = (String::new(), String::new(), Vec::new());
+    Drive { name, text, overrides, title, chain, links, joint, tooth_contact, guide_contact, sprockets, guides, preload, run, places }
+}
+
+fn read_bush_chain(t: &Table<'_>) -> BushChain {
+    let row = |key: &str| {
+        let row = t.table(key);
+        let spec = RowSpec {
+            pitch_m: row.number("pitch_mm", MM, 1.0..=200.0),
+            mass_kg: row.number("mass_g", 1e-3, 1e-3..=1e5),
+            inertia_kg_m2: row.number("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        };
+        row.finish();
+        spec
+    };
+    BushChain {
+        pitch_m: t.required("pitch_mm", MM, 1.0..=200.0),
+        bush_diameter_m: t.required("bush_diameter_mm", MM, 0.2..=150.0),
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        inner_width_m: t.required("inner_width_mm", MM, 0.1..=500.0),
+        plate_height_m: t.required("plate_height_mm", MM, 0.3..=300.0),
+        plate_thickness_m: t.required("plate_thickness_mm", MM, 0.05..=50.0),
+        density_kg_m3: t.number("density_kg_per_m3", 1.0, 100.0..=30_000.0).unwrap_or(7850.0),
+        inner: row("inner"),
+        outer: row("outer"),
+    }
+}
+
+fn read_joint(t: &Table<'_>, _pin_diameter_m: f64) -> JointSpec {
+    let stiffness_n_per_m = t.required("stiffness_n_per_m", 1.0, 1e3..=1e13);
+    let direct = t.number("damping_n_s_per_m", 1.0, 0.0..=1e7);
+    let ratio = t.number("damping_ratio", 1.0, 0.0..=10.0);
+    let mode = t.number("damping_mode_hz", 1.0, 0.1..=1e6);
+    let damping_n_s_per_m = match (direct, ratio, mode) {
+        (Some(c), None, None) => c,
+        // Stiffness-proportional: a mode at omega in which the joints are the springs has zeta = c omega / (2 k).
+        (None, Some(zeta), Some(hz)) => 2.0 * zeta * stiffness_n_per_m / (2.0 * PI * hz),
+        _ => {
+            t.error(
+                format!("the damping of `{}` is not stated in one way", t.path()),
+                Some("write `damping_n_s_per_m`, or `damping_ratio` together with the `damping_mode_hz` it refers to".into()),
+            );
+            f64::NAN
+        }
+    };
+    let joint = JointSpec {
+        stiffness_n_per_m,
+        damping_n_s_per_m,
+        clearance_m: t.number("clearance_um", UM, 0.0..=1000.0).unwrap_or(0.0),
+        friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
+        stick_speed_rad_s: t.number("stick_speed_rad_s", 1.0, 1e-3..=1e5).unwrap_or(10.0),
+    };
+    t.finish();
+    joint
+}
+
+fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
+    let mut laws = Vec::new();
+    let linear = t.table("linear");
+    if linear.is_present() {
+        laws.push(ContactLaw::Linear {
+            stiffness_n_per_m: linear.required("stiffness_n_per_m", 1.0, 1e2..=1e13),
+            damping_n_s_per_m: linear.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
+        });
+        linear.finish();
+    }
+    let hertz = t.table("hertz_line");
+    if hertz.is_present() {
+        let compliance = |t: &Table<'_>, which: &str| {
+            let e = t.required(&format!("{which}_youngs_modulus_gpa"), 1e9, 1e-3..=2000.0);
+            let nu = t.number(&format!("{which}_poisson_ratio"), 1.0, 0.0..=0.499).unwrap_or(0.3);
+            (1.0 - nu * nu) / e
+        };
+        laws.push(ContactLaw::HertzLine(HertzLine {
+            length_m: hertz.number("length_mm", MM, 0.1..=1000.0).unwrap_or(default_length_m),
+            compliance_body_per_pa: compliance(&hertz, "body"),
+            compliance_bush_per_pa: compliance(&hertz, "chain"),
+            damping_n_s_per_m: hertz.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
+        }));
+        hertz.finish();
+    }
+    for (key, hysteresis) in [
+        ("lankarani_nikravesh", lankarani_nikravesh_hysteresis as fn(f64) -> f64),
+        ("restitution", restitution_hysteresis as fn(f64) -> f64),
+    ] {
+        let law = t.table(key);
+        if law.is_present() {
+            let e = law.required("restitution", 1.0, 0.01..=1.0);
+            laws.push(ContactLaw::Power {
+                stiffness_n_per_m_n: law.required("stiffness_n_per_m_n", 1.0, 1e2..=1e16),
+                exponent: law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.5),
+                hysteresis: if e.is_finite() { hysteresis(e) } else { f64::NAN },
+            });
+            law.finish();
+        }
+    }
+    let spec = ContactSpec {
+        law: laws.first().copied().unwrap_or(ContactLaw::Linear { stiffness_n_per_m: f64::NAN, damping_n_s_per_m: 0.0 }),
+        friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
+        stick_speed_m_s: t.number("stick_speed_m_s", 1.0, 1e-6..=100.0).unwrap_or(0.05),
+    };
+    if laws.len() != 1 {
+        t.error(
+            format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
+            Some("add one of the tables linear, hertz_line, lankarani_nikravesh, restitution below it".into()),
+        );
+    }
+    t.finish();
+    spec
+}
+
+fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
+    let table = root.table("sprockets");
+    let speeds = root.table("speeds");
+    let constant_speeds = speeds.table("constant");
+    let loads = root.table("loads");
+    let constant_loads = loads.table("constant");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let speed = constant_speeds.table(&name);
+        let load = constant_loads.table(&name);
+        let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
+        let outer = if speed.is_present() {
+            if load.is_present() {
+                load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
+            }
+            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+        } else {
+            if inertia.is_none() {
+                t.error(
+                    format!("`{name}` has neither a speed nor an inertia"),
+                    Some(format!("add `inertia_kg_m2` here, or a table `[speeds.constant.{name}]` with `speed_rpm`")),
+                );
+            }
+            let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
+            OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
+        };
+        speed.finish();
+        load.finish();
+        all.push(SprocketDrive {
+            teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
+            form: t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]).unwrap_or(GapForm::Max),
+            tip_diameter_m: t.number("tip_diameter_mm", MM, 1.0..=10_000.0),
+            x_m: t.number("x_mm", MM, -1e5..=1e5).unwrap_or(0.0),
+            y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
+            wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
+            outer,
+            name,
+        });
+        t.finish();
+    }
+    for t in [&constant_speeds, &speeds, &constant_loads, &loads] {
+        t.finish();
+    }
+    order_by_route(root, all)
+}
+
+/// Sorts the sprockets by `route`, the order in which the chain meets them.
+fn order_by_route(root: &Table<'_>, all: Vec<SprocketDrive>) -> (Vec<SprocketDrive>, Vec<String>) {
+    let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
+    let route = root.texts("route").unwrap_or_else(|| names.clone());
+    let mut sorted = Vec::new();
+    for name in &route {
+        match all.iter().find(|s| s.name == *name) {
+            Some(s) => sorted.push(s.clone()),
+            None => root.error(format!("`route` names `{name}`, which is no sprocket"), Some(format!("sprockets here: {}", names.join(", ")))),
+        }
+    }
+    if sorted.len() < 2 {
+        root.error("a drive needs at least two sprockets in its route".into(), Some("add `[sprockets.NAME]` tables and `route = [...]`".into()));
+    }
+    let mut seen = route.clone();
+    seen.sort();
+    seen.dedup();
+    if seen.len() != route.len() || route.len() != names.len() {
+        root.error("`route` must name every sprocket once".into(), Some(format!("sprockets here: {}", names.join(", "))));
+    }
+    let names = sorted.iter().map(|s| s.name.clone()).collect();
+    (sorted, names)
+}
+
+fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
+    let guides = root.table("guides");
+    let fixed = guides.table("fixed");
+    let mut all = Vec::new();
+    for (name, t) in fixed.tables() {
+        let span = t.texts("span").unwrap_or_default();
+        let from = names.iter().position(|n| Some(n) == span.first());
+        let to = names.iter().position(|n| Some(n) == span.get(1));
+        let span = match (from, to) {
+            (Some(a), Some(b)) if span.len() == 2 && (a + 1) % names.len() == b => a,
+            _ => {
+                let spans: Vec<String> = (0..names.len())
+                    .map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()]))
+                    .collect();
+                t.error(format!("`{}.span` is no span of the route", t.path()), Some(format!("spans here: {}", spans.join(", "))));
+                0
+            }
+        };
+        all.push(GuideSpec {
+            span,
+            side: t.choice("side", &[("inside", GuideSide::Inside), ("outside", GuideSide::Outside)]).unwrap_or(GuideSide::Inside),
+            start_m: t.required("start_mm", MM, -1000.0..=1e5),
+            end_m: t.required("end_mm", MM, -1000.0..=1e5),
+            clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
+            end_radius_m: t.number("end_radius_mm", MM, 0.1..=1e4).unwrap_or(20.0 * MM),
+            name,
+        });
+        t.finish();
+    }
+    fixed.finish();
+    guides.finish();
+    all
+}
+
+fn read_preload(t: &Table<'_>, names: &[String]) -> PreloadSpec {
+    let tension_n = t.required("tension_n", 1.0, 0.0..=1e6);
+    let moves = t.text("moves");
+    let index = match &moves {
+        None => names.len().saturating_sub(1),
+        Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
+            t.error(format!("`preload.moves` = \"{name}\" is no sprocket"), Some(format!("sprockets here: {}", names.join(", "))));
+            0
+        }),
+    };
+    let preload =
+        PreloadSpec { tension_n, moves: index, direction_rad: t.number("direction_deg", PI / 180.0, -360.0..=360.0) };
+    t.finish();
+    preload
+}

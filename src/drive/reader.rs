@@ -1,0 +1,434 @@
+//! Reads typed values out of a TOML document and remembers where each stood.
+
+use crate::diag::{Diag, Place, Report, Source, nearest};
+use std::borrow::Cow;
+use std::cell::{Cell, RefCell};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// An override from the command line.
+struct Override<'t> {
+    path: String,
+    value: DeValue<'t>,
+    place: Place,
+    used: Cell<bool>,
+}
+
+/// A document being read: values, mistakes and places.
+pub struct Reader<'t> {
+    sources: Vec<Source>,
+    overrides: Vec<Override<'t>>,
+    diags: RefCell<Vec<Diag>>,
+    places: RefCell<BTreeMap<String, Place>>,
+    /// Every path that some reader asked for.
+    asked: RefCell<BTreeSet<String>>,
+}
+
+/// A table of the document, or one that is absent.
+#[derive(Clone)]
+pub struct Table<'a> {
+    reader: &'a Reader<'a>,
+    path: String,
+    table: Option<&'a DeTable<'a>>,
+    place: Place,
+}
+
+impl<'t> Reader<'t> {
+    /// Takes the texts; overrides that are no `path=value` are mistakes at once.
+    pub fn new(name: &str, text: &str, overrides: &'t [String]) -> Reader<'t> {
+        let mut sources = vec![Source { name: name.to_string(), text: text.to_string() }];
+        let mut parsed = Vec::new();
+        let mut diags = Vec::new();
+        for given in overrides {
+            let source = sources.len();
+            sources.push(Source { name: "--set".to_string(), text: given.clone() });
+            match parse_override(given) {
+                Ok((path, value, start)) => parsed.push(Override {
+                    path,
+                    value,
+                    place: Place { source, span: start..given.len() },
+                    used: Cell::new(false),
+                }),
+                Err(title) => diags.push(Diag {
+                    title,
+                    place: Place { source, span: 0..given.len() },
+                    help: Some("write --set path=value, e.g. --set sprockets.driver.teeth=21 or --set 'title=\"x\"'".into()),
+                }),
+            }
+        }
+        Reader {
+            sources,
+            overrides: parsed,
+            diags: RefCell::new(diags),
+            places: RefCell::default(),
+            asked: RefCell::default(),
+        }
+    }
+
+    /// Parses the document; syntax errors end the reading, since what follows them cannot be trusted.
+    pub fn parse<'d>(&self, text: &'d str) -> Result<Spanned<DeTable<'d>>, Report> {
+        let (root, errors) = DeTable::parse_recoverable(text);
+        if errors.is_empty() {
+            return Ok(root);
+        }
+        let diags = errors
+            .iter()
+            .map(|e| Diag {
+                title: format!("not valid TOML: {}", e.message()),
+                place: Place { source: 0, span: e.span().unwrap_or(0..0) },
+                help: None,
+            })
+            .collect();
+        Err(Report::new(self.sources.clone(), diags))
+    }
+
+    pub fn root<'a>(&'a self, root: &'a Spanned<DeTable<'a>>) -> Table<'a> {
+        Table { reader: self, path: String::new(), table: Some(root.get_ref()), place: Place { source: 0, span: 0..0 } }
+    }
+
+    /// Ends the reading: unused overrides are mistakes; with any mistake there is no result.
+    pub fn finish(self) -> Result<Places, Report> {
+        let asked = self.asked.borrow();
+        for o in self.overrides.iter().filter(|o| !o.used.get()) {
+            let near = nearest(&o.path, asked.iter().map(String::as_str));
+            self.diags.borrow_mut().push(Diag {
+                title: format!("this drive has no value `{}`", o.path),
+                place: Place { source: o.place.source, span: 0..o.path.len() },
+                help: Some(match near {
+                    Some(near) => format!("the nearest one is `{near}`"),
+                    None => "`pitchline check DRIVE --json` lists all values".into(),
+                }),
+            });
+        }
+        drop(asked);
+        let diags = self.diags.into_inner();
+        if diags.is_empty() {
+            Ok(Places { sources: self.sources, places: self.places.into_inner() })
+        } else {
+            Err(Report::new(self.sources, diags))
+        }
+    }
+
+    fn error(&self, title: String, place: Place, help: Option<String>) {
+        self.diags.borrow_mut().push(Diag { title, place, help });
+    }
+}
+
+/// Where every value of a document stood, for checks that come later.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Places {
+    pub sources: Vec<Source>,
+    places: BTreeMap<String, Place>,
+}
+
+impl Places {
+    pub fn empty() -> Places {
+        Places { sources: Vec::new(), places: BTreeMap::new() }
+    }
+
+    /// A mistake at the value `path`, or at the nearest table above it.
+    pub fn error(&self, path: &str, title: impl Into<String>, help: Option<String>) -> Diag {
+        let mut at = path;
+        loop {
+            if let Some(place) = self.places.get(at) {
+                return Diag { title: title.into(), place: place.clone(), help };
+            }
+            match at.rfind('.') {
+                Some(dot) => at = &at[..dot],
+                None => return Diag { title: title.into(), place: Place { source: 0, span: 0..0 }, help },
+            }
+        }
+    }
+
+    pub fn report(&self, diags: Vec<Diag>) -> Report {
+        Report::new(self.sources.clone(), diags)
+    }
+
+    /// All paths that stand in the document.
+    pub fn paths(&self) -> impl Iterator<Item = &str> {
+        self.places.keys().map(String::as_str)
+    }
+}
+
+fn parse_override(given: &str) -> Result<(String, DeValue<'_>, usize), String> {
+    let Some((path, value)) = given.split_once('=') else {
+        return Err(format!("`{given}` has no `=`"));
+    };
+    let start = path.len() + 1;
+    let (path, value) = (path.trim(), value.trim());
+    if path.is_empty() || value.is_empty() {
+        return Err(format!("`{given}` lacks a path or a value"));
+    }
+    let parsed = match DeValue::parse(value) {
+        Ok(v) => v.into_inner(),
+        // A bare word is text.
+        Err(_) if value.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-') => {
+            DeValue::String(Cow::Owned(value.to_string()))
+        }
+        Err(e) => return Err(format!("`{value}` is no TOML value: {}", e.message())),
+    };
+    Ok((path.to_string(), parsed, start))
+}
+
+impl<'a> Table<'a> {
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    pub fn is_present(&self) -> bool {
+        self.table.is_some()
+    }
+
+    fn join(&self, key: &str) -> String {
+        if self.path.is_empty() { key.to_string() } else { format!("{}.{key}", self.path) }
+    }
+
+    /// A mistake about this table as a whole.
+    pub fn error(&self, title: String, help: Option<String>) {
+        self.reader.error(title, self.place.clone(), help);
+    }
+
+    /// Value and place of `key`: the override, else what the file says.
+    fn value(&self, key: &str) -> Option<(&'a DeValue<'a>, Place)> {
+        let path = self.join(key);
+        self.reader.asked.borrow_mut().insert(path.clone());
+        let found = if let Some(o) = self.reader.overrides.iter().rev().find(|o| o.path == path) {
+            for o in self.reader.overrides.iter().filter(|o| o.path == path) {
+                o.used.set(true);
+            }
+            Some((&o.value, o.place.clone()))
+        } else {
+            self.table.and_then(|t| t.get(key)).map(|v| (v.get_ref(), Place { source: 0, span: v.span() }))
+        };
+        if let Some((_, place)) = &found {
+            self.reader.places.borrow_mut().insert(path, place.clone());
+        }
+        found
+    }
+
+    fn wrong_type(&self, key: &str, found: &DeValue<'_>, wanted: &str, place: Place) {
+        let title = format!("`{}` is {}, expected {wanted}", self.join(key), type_name(found));
+        self.reader.error(title, place, None);
+    }
+
+    fn missing(&self, key: &str, wanted: &str) {
+        let path = self.join(key);
+        let title = if self.is_present() { format!("`{path}` is missing") } else { format!("table `{}` is missing", self.path) };
+        self.reader.error(title, self.place.clone(), Some(format!("add `{key} = ...` ({wanted})")));
+    }
+
+    /// A number in the unit of its name, times `unit`; inside `range` (in the unit of its name).
+    pub fn number(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<f64> {
+        let (value, place) = self.value(key)?;
+        let number = match value {
+            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
+            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok().map(|i| i as f64),
+            other => {
+                self.wrong_type(key, other, "a number", place);
+                return None;
+            }
+        };
+        match number {
+            Some(n) if range.contains(&n) => Some(n * unit),
+            _ => {
+                let shown = number.map_or_else(|| "too large a number".to_string(), |n| n.to_string());
+                let title = format!("`{}` = {shown} is outside {} ..= {}", self.join(key), range.start(), range.end());
+                self.reader.error(title, place, None);
+                None
+            }
+        }
+    }
+
+    /// As [`Table::number`]; absence is a mistake and gives NaN.
+    pub fn required(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> f64 {
+        let known = self.reader.diags.borrow().len();
+        match self.number(key, unit, range.clone()) {
+            Some(n) => n,
+            None => {
+                if self.reader.diags.borrow().len() == known {
+                    self.missing(key, &format!("{} ..= {}", range.start(), range.end()));
+                }
+                f64::NAN
+            }
+        }
+    }
+
+    /// A whole number inside `range`.
+    pub fn integer(&self, key: &str, range: RangeInclusive<i64>) -> Option<i64> {
+        let (value, place) = self.value(key)?;
+        let DeValue::Integer(i) = value else {
+            self.wrong_type(key, value, "a whole number", place);
+            return None;
+        };
+        match i64::from_str_radix(i.as_str(), i.radix()) {
+            Ok(n) if range.contains(&n) => Some(n),
+            _ => {
+                let title =
+                    format!("`{}` = {} is outside {} ..= {}", self.join(key), i.as_str(), range.start(), range.end());
+                self.reader.error(title, place, None);
+                None
+            }
+        }
+    }
+
+    pub fn required_integer(&self, key: &str, range: RangeInclusive<i64>) -> i64 {
+        let known = self.reader.diags.borrow().len();
+        self.integer(key, range.clone()).unwrap_or_else(|| {
+            if self.reader.diags.borrow().len() == known {
+                self.missing(key, &format!("{} ..= {}", range.start(), range.end()));
+            }
+            *range.start()
+        })
+    }
+
+    pub fn text(&self, key: &str) -> Option<String> {
+        let (value, place) = self.value(key)?;
+        match value {
+            DeValue::String(s) => Some(s.to_string()),
+            other => {
+                self.wrong_type(key, other, "a text in quotes", place);
+                None
+            }
+        }
+    }
+
+    /// One of `names`.
+    pub fn choice<T: Copy>(&self, key: &str, names: &[(&str, T)]) -> Option<T> {
+        let text = self.text(key)?;
+        if let Some((_, value)) = names.iter().find(|(name, _)| *name == text) {
+            return Some(*value);
+        }
+        let place = self.value(key).map_or_else(|| self.place.clone(), |(_, place)| place);
+        let all = names.iter().map(|(n, _)| format!("\"{n}\"")).collect::<Vec<_>>().join(", ");
+        let help = nearest(&text, names.iter().map(|(n, _)| *n)).map(|n| format!("did you mean \"{n}\"?"));
+        self.reader.error(format!("`{}` = \"{text}\" is none of {all}", self.join(key)), place, help);
+        None
+    }
+
+    /// A list of texts.
+    pub fn texts(&self, key: &str) -> Option<Vec<String>> {
+        let (value, place) = self.value(key)?;
+        let DeValue::Array(array) = value else {
+            self.wrong_type(key, value, "a list", place);
+            return None;
+        };
+        let mut texts = Vec::new();
+        for item in array.iter() {
+            match item.get_ref() {
+                DeValue::String(s) => texts.push(s.to_string()),
+                other => self.wrong_type(key, other, "a list of texts", Place { source: place.source, span: item.span() }),
+            }
+        }
+        Some(texts)
+    }
+
+    /// The table `key`, present or not.
+    pub fn table(&self, key: &str) -> Table<'a> {
+        let path = self.join(key);
+        let absent = Table { reader: self.reader, path: path.clone(), table: None, place: self.place.clone() };
+        let Some(value) = self.table.and_then(|t| t.get(key)) else {
+            // Values below it may still come from overrides.
+            self.reader.asked.borrow_mut().insert(path);
+            return absent;
+        };
+        let place = Place { source: 0, span: value.span() };
+        self.reader.asked.borrow_mut().insert(path.clone());
+        self.reader.places.borrow_mut().insert(path, place.clone());
+        match value.get_ref() {
+            DeValue::Table(t) => Table { table: Some(t), place, ..absent },
+            other => {
+                self.wrong_type(key, other, "a table", place);
+                absent
+            }
+        }
+    }
+
+    /// The tables inside this one, in the order of the file.
+    pub fn tables(&self) -> Vec<(String, Table<'a>)> {
+        let Some(table) = self.table else { return Vec::new() };
+        let mut keys: Vec<_> = table.keys().collect();
+        keys.sort_by_key(|k| k.span().start);
+        keys.iter().map(|k| (k.get_ref().to_string(), self.table(k.get_ref()))).collect()
+    }
+
+    /// Ends the reading of this table: keys that nobody asked for are mistakes.
+    pub fn finish(&self) {
+        let Some(table) = self.table else { return };
+        let asked = self.reader.asked.borrow();
+        let prefix = if self.path.is_empty() { String::new() } else { format!("{}.", self.path) };
+        let known: Vec<&str> = asked
+            .iter()
+            .filter_map(|p| p.strip_prefix(prefix.as_str()))
+            .filter(|rest| !rest.is_empty() && !rest.contains('.'))
+            .collect();
+        for key in table.keys() {
+            let name = key.get_ref().as_ref();
+            if known.contains(&name) {
+                continue;
+            }
+            let title = format!("unknown key `{}`", self.join(name));
+            let place = Place { source: 0, span: key.span() };
+            self.reader.diags.borrow_mut().push(Diag { title, place, help: Some(suggestion(name, &known)) });
+        }
+    }
+}
+
+/// What to write instead of the unknown key `name`.
+fn suggestion(name: &str, known: &[&str]) -> String {
+    let stem = |s: &str| UNIT_SUFFIXES.iter().find_map(|u| s.strip_suffix(u).map(str::to_string)).unwrap_or(s.to_string());
+    if let Some(same) = known.iter().find(|k| stem(k) == stem(name) && stem(name) != "") {
+        return format!("the unit is part of the name: write `{same}`");
+    }
+    match nearest(name, known.iter().copied()) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("known here: {}", known.join(", ")),
+    }
+}
+
+/// Endings that carry a unit, longest first.
+const UNIT_SUFFIXES: [&str; 30] = [
+    "_n_s_per_m",
+    "_n_per_m_n",
+    "_n_per_mm",
+    "_n_per_um",
+    "_n_per_m",
+    "_kg_per_m3",
+    "_kg_mm2",
+    "_kg_m2",
+    "_g_mm2",
+    "_rad_s",
+    "_m_s",
+    "_gpa",
+    "_rpm",
+    "_deg",
+    "_rad",
+    "_kg",
+    "_nm",
+    "_mm",
+    "_um",
+    "_us",
+    "_ms",
+    "_hz",
+    "_in",
+    "_cm",
+    "_kn",
+    "_g",
+    "_n",
+    "_m",
+    "_s",
+    "_pa",
+];
+
+fn type_name(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) => "a whole number",
+        DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
+}

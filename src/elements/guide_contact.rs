@@ -1,0 +1,54 @@
+//! Plate ends on fixed straight guides, many at a time.
+//!
+//! A plate is a stadium, so it lies on a straight face exactly where the circle of its end about a joint does: both ends of a
+//! link are contacts. In the guide frame the face is y = 0, 0 <= x <= length, continued by relief arcs of radius rho whose
+//! centres lie at (0, -rho) and (length, -rho). With the nearest centre of curvature c = (clamp(x, 0, length), -rho) the
+//! penetration is rho + r - |p - c| and the normal (p - c)/|p - c| everywhere, on the face to rounding.
+//! Forces as in [`super::tooth_contact`], the guide at rest.
+
+use super::contact_law::ContactLaw;
+use super::tooth_contact::{CHUNK, Lanes};
+use crate::geometry::Vec2;
+
+/// A guide as the contact sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuideBody {
+    pub origin: Vec2,
+    pub along: Vec2,
+    pub length_m: f64,
+    pub end_radius_m: f64,
+    /// Radius of the plate ends [m].
+    pub plate_radius_m: f64,
+    /// 0: inside the loop, 1: outside.
+    pub side: usize,
+    pub law: ContactLaw,
+    pub friction: f64,
+    pub stick_speed_m_s: f64,
+}
+
+/// Geometry of all lanes, coordinates relative to `origin` in the world's directions. Returns whether any lane is nearer
+/// to the guide than `reach_m`.
+#[inline(always)]
+pub fn penetrations(body: &GuideBody, reach_m: f64, lanes: &mut Lanes) -> bool {
+    let (tx, ty) = (body.along.x, body.along.y);
+    let total = body.end_radius_m + body.plate_radius_m;
+    let mut near = 0_u64;
+    for i in 0..lanes.len.min(CHUNK) {
+        let along = lanes.x[i] * tx + lanes.y[i] * ty;
+        let above = lanes.y[i] * tx - lanes.x[i] * ty;
+        let foot = if along > body.length_m { body.length_m } else { along };
+        let foot = if foot < 0.0 { 0.0 } else { foot };
+        let (dx, dy) = (along - foot, above + body.end_radius_m);
+        let d2 = dx * dx + dy * dy;
+        let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
+        let (nx, ny) = (dx / distance, dy / distance);
+        // A joint further behind the face than a plate's radius belongs to the other side of the loop.
+        let depth = if above > -body.plate_radius_m { total - distance } else { -body.plate_radius_m };
+        lanes.penetration[i] = depth;
+        lanes.normal_x[i] = nx * tx - ny * ty;
+        lanes.normal_y[i] = nx * ty + ny * tx;
+        lanes.body_radius[i] = body.end_radius_m;
+        near |= u64::from(depth > -reach_m);
+    }
+    near != 0
+}

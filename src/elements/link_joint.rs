@@ -1,0 +1,123 @@
+//! Pin joints: the elastic connection between two links.
+//!
+//! u = r_front(link j) - r_rear(link j + 1), the offset of pin and bush centre; the force on link j + 1 is
+//! ```text
+//! without clearance    F = k u + c u'                        (isotropic, plates and joint in series)
+//! with clearance c_r   F = (k (|u| - c_r) + c |u|') u/|u|    where |u| > c_r and the bracket is positive, else 0
+//! friction             M = -mu r_pin |F| clamp(w_rel / w_s, -1, 1)
+//! ```
+//! M acts on link j + 1, w_rel = omega(j + 1) - omega(j). Stored: k/2 u^2, or k/2 (|u| - c_r)^2. Lost: c u'^2 and M w_rel.
+//! Source: joint force unit of Schaffner, Sopouch and Priebsch (section 3.1) and of Fritz et al. (fig. 2), linear here.
+//! Friction is solved locally as in [`super::friction`]; damping is explicit and bounds the step.
+
+use super::friction;
+
+/// Constants of all joints of a chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkJoint {
+    pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+    pub clearance_m: f64,
+    /// mu r_pin [m]: friction torque per joint force.
+    pub friction_arm_m: f64,
+    /// Relative speed below which friction falls to zero [rad/s].
+    pub stick_speed_rad_s: f64,
+}
+
+/// Force of one joint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointForce {
+    /// On link j + 1 [N].
+    pub x: f64,
+    pub y: f64,
+    /// Energy stored [J].
+    pub stored: f64,
+}
+
+impl LinkJoint {
+    /// Force from the offset (ux, uy) [m] and its rate [m/s]; elastic part only when the rate is zero.
+    pub fn force(&self, ux: f64, uy: f64, rate_x: f64, rate_y: f64) -> JointForce {
+        let (k, c) = (self.stiffness_n_per_m, self.damping_n_s_per_m);
+        if self.clearance_m == 0.0 {
+            return JointForce { x: k * ux + c * rate_x, y: k * uy + c * rate_y, stored: 0.5 * k * (ux * ux + uy * uy) };
+        }
+        let distance = libm::sqrt(ux * ux + uy * uy);
+        let stretch = distance - self.clearance_m;
+        if stretch <= 0.0 {
+            return JointForce::default();
+        }
+        let (nx, ny) = (ux / distance, uy / distance);
+        let size = (k * stretch + c * (rate_x * nx + rate_y * ny)).max(0.0);
+        JointForce { x: size * nx, y: size * ny, stored: 0.5 * k * stretch * stretch }
+    }
+}
+
+/// Ends of the links as the joints see them; rear arrays hold one more value, the first link's again.
+pub struct JointEnds<'a> {
+    pub front_x: &'a [f64],
+    pub front_y: &'a [f64],
+    pub front_vx: &'a [f64],
+    pub front_vy: &'a [f64],
+    pub rear_x: &'a [f64],
+    pub rear_y: &'a [f64],
+    pub rear_vx: &'a [f64],
+    pub rear_vy: &'a [f64],
+    pub omega: &'a [f64],
+    pub inverse_inertia: &'a [f64],
+}
+
+/// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `lost_*` [W]. Vectorises when inlined.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // columns, each its own slice: that is what lets them vectorise
+pub fn forces(
+    joint: &LinkJoint,
+    half_step: f64,
+    ends: &JointEnds,
+    force_x: &mut [f64],
+    force_y: &mut [f64],
+    torque: &mut [f64],
+    power_damping: &mut [f64],
+    power_friction: &mut [f64],
+) {
+    let n = power_damping.len();
+    let (fx, fy) = (&mut force_x[1..=n], &mut force_y[1..=n]);
+    let (m, pf, pd) = (&mut torque[1..=n], &mut power_friction[..n], &mut power_damping[..n]);
+    let (ax, ay, avx, avy) = (&ends.front_x[..n], &ends.front_y[..n], &ends.front_vx[..n], &ends.front_vy[..n]);
+    let (bx, by) = (&ends.rear_x[1..=n], &ends.rear_y[1..=n]);
+    let (bvx, bvy) = (&ends.rear_vx[1..=n], &ends.rear_vy[1..=n]);
+    let (w0, w1) = (&ends.omega[..n], &ends.omega[1..=n]);
+    let (j0, j1) = (&ends.inverse_inertia[..n], &ends.inverse_inertia[1..=n]);
+    let (k, c) = (joint.stiffness_n_per_m, joint.damping_n_s_per_m);
+    let with_clearance = joint.clearance_m > 0.0;
+    for j in 0..n {
+        let (ux, uy) = (ax[j] - bx[j], ay[j] - by[j]);
+        let (rx, ry) = (avx[j] - bvx[j], avy[j] - bvy[j]);
+        if with_clearance {
+            let d2 = ux * ux + uy * uy;
+            let distance = if d2 > 1e-30 { d2 } else { 1e-30 }.sqrt();
+            let (nx, ny) = (ux / distance, uy / distance);
+            let stretch = distance - joint.clearance_m;
+            let rate = rx * nx + ry * ny;
+            let size = k * stretch + c * rate;
+            let pulls = (stretch > 0.0) & (size > 0.0);
+            let size = if pulls { size } else { 0.0 };
+            fx[j] = size * nx;
+            fy[j] = size * ny;
+            pd[j] = if pulls { (size - k * stretch) * rate } else { 0.0 };
+        } else {
+            fx[j] = k * ux + c * rx;
+            fy[j] = k * uy + c * ry;
+            pd[j] = c * (rx * rx + ry * ry);
+        }
+    }
+    if joint.friction_arm_m == 0.0 {
+        return;
+    }
+    for j in 0..n {
+        let size = (fx[j] * fx[j] + fy[j] * fy[j]).sqrt();
+        let relative = w1[j] - w0[j];
+        let mobility = half_step * (j0[j] + j1[j]);
+        m[j] = friction::solved_force(joint.friction_arm_m, size, relative, joint.stick_speed_rad_s, mobility);
+        pf[j] = -m[j] * relative;
+    }
+}

@@ -1,0 +1,9 @@
+//! Everything that makes a force. Each file opens with its equation, its sign convention and its source, and computes its
+//! own share of the energy ledger.
+
+pub mod contact_law;
+pub mod friction;
+pub mod guide_contact;
+pub mod link_joint;
+pub mod rotor;
+pub mod tooth_contact;

@@ -1,0 +1,280 @@
+//! Bushes against the teeth of a sprocket, many at a time.
+//!
+//! A bush (circle of radius r) is folded into its tooth gap: gap axis g in the world, q = (|lateral|, radial) from the
+//! sprocket axis. There it faces one of four circles, seat (concave), flank, tip corner (radius 0) or tip land:
+//! penetration = +-(|q - c| - b), normal = -+(q - c)/|q - c|. Which one follows from three cross products; the rules are those
+//! of `contact::gap_contact`, and a test holds the two together. Normal force after [`contact_law`], friction after
+//! [`friction`], both as means over the step. The force acts at the deepest point of the bush, on link and sprocket alike:
+//! the pair of forces is without moment.
+//!
+//! Rates: closing speed v_n = -v_rel . n; tangent t = n turned by +90 degrees; inverse effective masses of the link's end
+//! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
+
+use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
+use super::friction;
+use crate::geometry::Vec2;
+use crate::geometry::sprocket::Sprocket;
+use crate::units::sin_cos;
+
+/// Lanes that are computed together: arrays on the stack of a fixed size.
+pub const CHUNK: usize = 64;
+
+/// A sprocket as the contact sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToothedBody {
+    pub centre: Vec2,
+    pub bush_radius_m: f64,
+    pub seat_centre_m: f64,
+    pub seat_gap_m: f64,
+    pub seat_radius_m: f64,
+    pub flank_centre: Vec2,
+    pub flank_radius_m: f64,
+    pub corner: Vec2,
+    pub tip_radius_m: f64,
+    /// (sin, cos) of half the seat angle.
+    pub seat_end_sin: f64,
+    pub seat_end_cos: f64,
+    /// tan(pi/z): a bush further to the side than this times its radial distance belongs to a neighbouring gap.
+    pub half_gap_tan: f64,
+    /// Directions of the gap axes in the sprocket's frame.
+    pub seat_cos: Vec<f64>,
+    pub seat_sin: Vec<f64>,
+    pub law: ContactLaw,
+    pub friction: f64,
+    pub stick_speed_m_s: f64,
+}
+
+impl ToothedBody {
+    pub fn new(s: &Sprocket, centre: Vec2, bush_radius_m: f64, law: ContactLaw, friction: f64, stick_speed_m_s: f64) -> Self {
+        let (seat_end_sin, seat_end_cos) = sin_cos(0.5 * s.seat_angle_rad);
+        let (sin_half, cos_half) = sin_cos(0.5 * s.pitch_angle_rad());
+        let (seat_sin, seat_cos) = (0..s.spec.teeth).map(|k| sin_cos(f64::from(k) * s.pitch_angle_rad())).unzip();
+        ToothedBody {
+            centre,
+            bush_radius_m,
+            seat_centre_m: s.seat_centre_m,
+            seat_gap_m: s.seat_radius_m - bush_radius_m,
+            seat_radius_m: s.seat_radius_m,
+            flank_centre: s.flank_centre,
+            flank_radius_m: s.flank_radius_m,
+            corner: s.tip_corner,
+            tip_radius_m: s.tip_radius_m,
+            seat_end_sin,
+            seat_end_cos,
+            half_gap_tan: sin_half / cos_half,
+            seat_cos,
+            seat_sin,
+            law,
+            friction,
+            stick_speed_m_s,
+        }
+    }
+}
+
+/// The sprocket's motion at a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    pub cos: f64,
+    pub sin: f64,
+    pub omega: f64,
+}
+
+/// Columns of up to [`CHUNK`] contact lanes. Inputs are filled by the caller up to `len`, a multiple of 8.
+pub struct Lanes {
+    pub len: usize,
+    /// Joint centre from the sprocket axis [m], its velocity, and that of the link [m/s, rad/s].
+    pub x: [f64; CHUNK],
+    pub y: [f64; CHUNK],
+    pub vx: [f64; CHUNK],
+    pub vy: [f64; CHUNK],
+    pub omega: [f64; CHUNK],
+    /// Acceleration of the joint centre one step back [m/s2].
+    pub ax: [f64; CHUNK],
+    pub ay: [f64; CHUNK],
+    /// Heading of the link and signed lever of the joint.
+    pub cos: [f64; CHUNK],
+    pub sin: [f64; CHUNK],
+    pub lever: [f64; CHUNK],
+    pub inverse_mass: [f64; CHUNK],
+    pub inverse_inertia: [f64; CHUNK],
+    /// Direction of the gap axis in the sprocket's frame.
+    pub seat_cos: [f64; CHUNK],
+    pub seat_sin: [f64; CHUNK],
+    /// Memory of the contact: mean forces of the last step, age, approach speed.
+    pub normal_force: [f64; CHUNK],
+    pub tangential_force: [f64; CHUNK],
+    pub age: [f64; CHUNK],
+    pub approach: [f64; CHUNK],
+    /// Results.
+    pub penetration: [f64; CHUNK],
+    pub normal_x: [f64; CHUNK],
+    pub normal_y: [f64; CHUNK],
+    pub free_rate: [f64; CHUNK],
+    pub free_acceleration: [f64; CHUNK],
+    pub mobility: [f64; CHUNK],
+    pub body_radius: [f64; CHUNK],
+    pub lost_damping: [f64; CHUNK],
+    pub lost_friction: [f64; CHUNK],
+    /// Force on the link [N], moment about the joint centre [N m], torque on the sprocket [N m].
+    pub force_x: [f64; CHUNK],
+    pub force_y: [f64; CHUNK],
+    pub moment: [f64; CHUNK],
+    pub torque: [f64; CHUNK],
+}
+
+impl Default for Lanes {
+    fn default() -> Lanes {
+        let z = [0.0; CHUNK];
+        Lanes {
+            len: 0,
+            x: z,
+            y: z,
+            vx: z,
+            vy: z,
+            omega: z,
+            ax: z,
+            ay: z,
+            cos: z,
+            sin: z,
+            lever: z,
+            inverse_mass: z,
+            inverse_inertia: z,
+            seat_cos: z,
+            seat_sin: z,
+            normal_force: z,
+            tangential_force: z,
+            age: z,
+            approach: z,
+            penetration: z,
+            normal_x: z,
+            normal_y: z,
+            free_rate: z,
+            free_acceleration: z,
+            mobility: z,
+            body_radius: z,
+            lost_damping: z,
+            lost_friction: z,
+            force_x: z,
+            force_y: z,
+            moment: z,
+            torque: z,
+        }
+    }
+}
+
+/// Geometry of all lanes: penetration and normal. Returns false when a lane has left its tooth gap; the caller then gives
+/// it its new one and calls again.
+#[inline(always)]
+pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> bool {
+    let n = lanes.len.min(CHUNK);
+    let b = body;
+    let (tip_b, flank_b) = (b.tip_radius_m + b.bush_radius_m, b.flank_radius_m + b.bush_radius_m);
+    let (corner_x, corner_y) = (b.corner.x - b.flank_centre.x, b.corner.y - b.flank_centre.y);
+    let mut strayed = 0_u64;
+    for i in 0..n {
+        let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
+        let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
+        let radial = lanes.x[i] * gx + lanes.y[i] * gy;
+        let lateral = gx * lanes.y[i] - gy * lanes.x[i];
+        let side = if lateral < 0.0 { -1.0 } else { 1.0 };
+        let u = lateral * side;
+        strayed |= u64::from(u > b.half_gap_tan * radial);
+        let on_seat = u * b.seat_end_cos + (radial - b.seat_centre_m) * b.seat_end_sin <= 0.0;
+        let (fu, fr) = (u - b.flank_centre.x, radial - b.flank_centre.y);
+        let past_flank = corner_x * fr - corner_y * fu < 0.0;
+        let past_corner = b.corner.x * radial - b.corner.y * u < 0.0;
+        // Nested choices, inner first: tip land, corner, flank, seat.
+        let (cx, cy, bb) = if past_corner { (0.0, 0.0, tip_b) } else { (b.corner.x, b.corner.y, b.bush_radius_m) };
+        let (cx, cy, bb) = if past_flank { (cx, cy, bb) } else { (b.flank_centre.x, b.flank_centre.y, flank_b) };
+        let (cx, cy, bb) = if on_seat { (0.0, b.seat_centre_m, b.seat_gap_m) } else { (cx, cy, bb) };
+        let sense = if on_seat { 1.0 } else { -1.0 };
+        let (ex, ey) = (u - cx, radial - cy);
+        let d2 = ex * ex + ey * ey;
+        let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
+        let scale = -sense / distance;
+        let (nu, nr) = (ex * scale * side, ey * scale);
+        lanes.penetration[i] = sense * (distance - bb);
+        // Lateral direction in the world is the gap axis turned by +90 degrees.
+        lanes.normal_x[i] = nr * gx - nu * gy;
+        lanes.normal_y[i] = nr * gy + nu * gx;
+        lanes.body_radius[i] = if on_seat { -b.seat_radius_m } else { bb - b.bush_radius_m };
+    }
+    strayed == 0
+}
+
+/// Rates and effective masses of all lanes.
+#[inline(always)]
+fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
+    for i in 0..lanes.len.min(CHUNK) {
+        let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
+        let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
+        let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
+        let w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
+        let own = w_n * lanes.normal_force[i];
+        lanes.mobility[i] = w_n;
+        lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny);
+        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny);
+        let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
+        let fresh = lanes.age[i] == 0.0;
+        let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
+        lanes.approach[i] = if touching { approach } else { 0.0 };
+        lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
+    }
+}
+
+/// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
+#[inline(always)]
+pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
+    let n = lanes.len.min(CHUNK);
+    let half = 0.5 * step;
+    rates(half, omega, lanes);
+    // The old mean normal force has done its work: from here the column holds the new one.
+    if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
+        for i in 0..n {
+            let out = contact_law::linear_step(stiffness_n_per_m, damping_n_s_per_m, step_input(lanes, i, step));
+            lanes.normal_force[i] = out.mean_force;
+            lanes.lost_damping[i] = if out.mean_force > 0.0 { out.lost } else { 0.0 };
+        }
+    } else {
+        for i in 0..n {
+            let input = step_input(lanes, i, step);
+            let idle = lanes.age[i] == 0.0;
+            let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
+            let out = (!idle).then(|| contact_law::quadrature_step(law, radii, input));
+            lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
+            lanes.lost_damping[i] = out.map_or(0.0, |o| o.lost);
+        }
+    }
+    for i in 0..n {
+        let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
+        let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
+        let outward = lanes.x[i] * nx + lanes.y[i] * ny;
+        let slide = vy * nx - vx * ny - lanes.omega[i] * radius - omega * (outward - radius);
+        let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
+        let w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
+        let mobility = half * w_t;
+        let free = slide - mobility * lanes.tangential_force[i];
+        let fn_ = lanes.normal_force[i];
+        let ft = friction::solved_force(mu, fn_, free, stick_speed, mobility);
+        lanes.tangential_force[i] = ft;
+        lanes.lost_friction[i] = -ft * (free + mobility * ft) * step;
+        let fx = fn_ * nx - ft * ny;
+        let fy = fn_ * ny + ft * nx;
+        lanes.force_x[i] = fx;
+        lanes.force_y[i] = fy;
+        lanes.moment[i] = -radius * ft;
+        lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy + radius * ft;
+    }
+}
+
+#[inline(always)]
+fn step_input(lanes: &Lanes, i: usize, step: f64) -> StepInput {
+    StepInput {
+        penetration: lanes.penetration[i],
+        free_rate: lanes.free_rate[i],
+        free_acceleration: lanes.free_acceleration[i],
+        mobility: lanes.mobility[i],
+        approach: lanes.approach[i],
+        step,
+    }
+}

@@ -1,0 +1,33 @@
+//! Shapes without masses and without time: arc-and-line profiles, sprocket teeth, chain links, guides, and the route of a
+//! chain round its sprockets.
+
+pub mod chain;
+pub mod guide;
+pub mod profile;
+pub mod route;
+pub mod sprocket;
+
+/// A point or vector in the plane [m].
+pub type Vec2 = nalgebra::Vector2<f64>;
+
+/// `v` turned by +90 degrees.
+pub fn perp(v: Vec2) -> Vec2 {
+    Vec2::new(-v.y, v.x)
+}
+
+/// z component of a x b.
+pub fn cross(a: Vec2, b: Vec2) -> f64 {
+    a.x * b.y - a.y * b.x
+}
+
+/// Unit vector at `angle_rad` from +x.
+pub fn unit(angle_rad: f64) -> Vec2 {
+    let (s, c) = crate::units::sin_cos(angle_rad);
+    Vec2::new(c, s)
+}
+
+/// `v` turned by `angle_rad`.
+pub fn rotated(v: Vec2, angle_rad: f64) -> Vec2 {
+    let e = unit(angle_rad);
+    Vec2::new(e.x * v.x - e.y * v.y, e.y * v.x + e.x * v.y)
+}

@@ -1,0 +1,284 @@
+//! The route of a closed chain round its sprockets.
+//!
+//! The loop is travelled counterclockwise: sprockets with [`Wrap::Inside`] lie inside the loop (on the left of the chain)
+//! and turn counterclockwise, those with [`Wrap::Outside`] lie outside and turn clockwise. The path is that of the joint
+//! centres: arcs on the pitch circles and common tangents between them. Joints are laid on the path by chords of one pitch,
+//! so that on a pitch circle they advance by exactly 2 pi / z.
+
+use super::{Vec2, cross, perp};
+use crate::units::{atan2, wrap_angle};
+use std::f64::consts::PI;
+
+/// Side of the chain on which a sprocket lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Wrap {
+    Inside,
+    Outside,
+}
+
+impl Wrap {
+    /// +1 turns counterclockwise, -1 clockwise, when the chain moves forwards.
+    pub fn sign(self) -> f64 {
+        match self {
+            Wrap::Inside => 1.0,
+            Wrap::Outside => -1.0,
+        }
+    }
+}
+
+/// A pitch circle that the chain wraps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pulley {
+    pub centre: Vec2,
+    pub pitch_radius_m: f64,
+    pub wrap: Wrap,
+}
+
+/// A straight stretch between two sprockets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    pub start: Vec2,
+    /// Unit vector of travel.
+    pub direction: Vec2,
+    pub length_m: f64,
+}
+
+/// The chain on one sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WrapArc {
+    pub centre: Vec2,
+    pub radius_m: f64,
+    pub start_rad: f64,
+    /// Signed by the sense of rotation.
+    pub sweep_rad: f64,
+}
+
+/// Why no route exists.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RouteError {
+    /// Pulleys `first` and `second` overlap so that no common tangent exists; distance needed [m].
+    Overlap { first: usize, second: usize, needed_m: f64 },
+    /// The chain would not touch this pulley, or would have to cross itself.
+    Unwrapped { pulley: usize },
+    /// No position closes this number of links.
+    Open { links: usize, fits: Vec<usize> },
+}
+
+impl std::fmt::Display for RouteError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            RouteError::Overlap { first, second, needed_m } => write!(
+                f,
+                "sprockets {first} and {second} of the route stand too close; their axes must be more than {:.3} mm apart",
+                needed_m * 1e3
+            ),
+            RouteError::Unwrapped { pulley } => write!(f, "the chain does not wrap sprocket {pulley} of the route from this side"),
+            RouteError::Open { links, fits } => {
+                write!(f, "a loop of {links} links does not close")?;
+                if !fits.is_empty() {
+                    write!(f, "; possible here: {fits:?}")?;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl std::error::Error for RouteError {}
+
+/// The closed path: pulley 0, span 0 (from pulley 0 to 1), pulley 1, span 1, ...
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    pub wraps: Vec<WrapArc>,
+    pub spans: Vec<Span>,
+    /// Path length at the start of each piece, alternating wrap and span, and the total at the end [m].
+    starts_m: Vec<f64>,
+}
+
+impl Route {
+    /// Lays the path round `pulleys` in the order of travel.
+    pub fn new(pulleys: &[Pulley]) -> Result<Route, RouteError> {
+        let n = pulleys.len();
+        assert!(n >= 2, "a route needs two sprockets, got {n}");
+        let mut spans = Vec::with_capacity(n);
+        for i in 0..n {
+            let (a, b) = (pulleys[i], pulleys[(i + 1) % n]);
+            let d = b.centre - a.centre;
+            let lean = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
+            let length2 = d.norm_squared() - lean * lean;
+            if length2.is_nan() || length2 <= 0.0 {
+                return Err(RouteError::Overlap { first: i, second: (i + 1) % n, needed_m: lean.abs() });
+            }
+            let length_m = libm::sqrt(length2);
+            // The direction u with d.u = length and d.perp(u) = lean.
+            let direction = (d * length_m - perp(d) * lean) / d.norm_squared();
+            let start = a.centre - perp(direction) * (a.wrap.sign() * a.pitch_radius_m);
+            spans.push(Span { start, direction, length_m });
+        }
+        let mut wraps = Vec::with_capacity(n);
+        for i in 0..n {
+            let p = pulleys[i];
+            let arrive = spans[(i + n - 1) % n].direction;
+            let leave = spans[i].direction;
+            let turn = atan2(cross(arrive, leave), arrive.dot(&leave)) * p.wrap.sign();
+            let sweep = if turn < 0.0 { turn + 2.0 * PI } else { turn };
+            if sweep <= 1e-9 || sweep >= 2.0 * PI - 1e-9 {
+                return Err(RouteError::Unwrapped { pulley: i });
+            }
+            let radial = -perp(arrive) * p.wrap.sign();
+            wraps.push(WrapArc {
+                centre: p.centre,
+                radius_m: p.pitch_radius_m,
+                start_rad: atan2(radial.y, radial.x),
+                sweep_rad: sweep * p.wrap.sign(),
+            });
+        }
+        // A simple closed loop turns by 2 pi in all.
+        let total: f64 = wraps.iter().map(|w| w.sweep_rad).sum();
+        if (total - 2.0 * PI).abs() > 1e-6 {
+            let pulley = (0..n).max_by(|a, b| wraps[*a].sweep_rad.abs().total_cmp(&wraps[*b].sweep_rad.abs()));
+            return Err(RouteError::Unwrapped { pulley: pulley.unwrap_or(0) });
+        }
+        let mut starts_m = vec![0.0];
+        for (wrap, span) in wraps.iter().zip(&spans) {
+            let end = starts_m[starts_m.len() - 1];
+            starts_m.push(end + wrap.radius_m * wrap.sweep_rad.abs());
+            starts_m.push(starts_m[starts_m.len() - 1] + span.length_m);
+        }
+        Ok(Route { wraps, spans, starts_m })
+    }
+
+    /// Length of the path [m].
+    pub fn length_m(&self) -> f64 {
+        self.starts_m[self.starts_m.len() - 1]
+    }
+
+    /// Path length at which span `i` begins [m].
+    pub fn span_start_m(&self, i: usize) -> f64 {
+        self.starts_m[2 * i + 1]
+    }
+
+    /// Path length at which the wrap on pulley `i` begins [m].
+    pub fn wrap_start_m(&self, i: usize) -> f64 {
+        self.starts_m[2 * i]
+    }
+
+    /// Point and unit tangent at path length `s_m`, counted round the loop.
+    pub fn at(&self, s_m: f64) -> (Vec2, Vec2) {
+        let total = self.length_m();
+        let s = s_m - libm::floor(s_m / total) * total;
+        let piece = match self.starts_m.binary_search_by(|x| x.total_cmp(&s)) {
+            Ok(i) => i,
+            Err(i) => i - 1,
+        }
+        .min(self.starts_m.len() - 2);
+        let local = s - self.starts_m[piece];
+        if piece % 2 == 0 {
+            let w = self.wraps[piece / 2];
+            let sense = w.sweep_rad.signum();
+            let e = super::unit(w.start_rad + sense * local / w.radius_m);
+            (w.centre + e * w.radius_m, perp(e) * sense)
+        } else {
+            let span = self.spans[piece / 2];
+            (span.start + span.direction * local, span.direction)
+        }
+    }
+
+    /// Path length of the next joint, one chord of `pitch_m` ahead of `s_m`.
+    pub fn next_joint_m(&self, s_m: f64, pitch_m: f64) -> f64 {
+        let (from, _) = self.at(s_m);
+        // Newton on |P(s) - P0| = pitch; the chord grows monotonically with s as long as pitch < 2 R.
+        let mut s = s_m + pitch_m;
+        for _ in 0..50 {
+            let (p, tangent) = self.at(s);
+            let d = p - from;
+            let chord = d.norm();
+            let slope = (d.dot(&tangent) / chord).max(0.1);
+            let step = (pitch_m - chord) / slope;
+            s += step;
+            if step.abs() < 1e-17 + 1e-16 * s.abs() {
+                break;
+            }
+        }
+        s
+    }
+
+    /// Number of links that the path takes, not whole in general: chords of `pitch_m` from pulley 0's first point.
+    pub fn links_that_fit(&self, pitch_m: f64) -> f64 {
+        let total = self.length_m();
+        let start = self.anchor_m();
+        let (mut s, mut n) = (start, 0.0);
+        loop {
+            let next = self.next_joint_m(s, pitch_m);
+            if next >= start + total {
+                return n + (start + total - s) / (next - s);
+            }
+            s = next;
+            n += 1.0;
+        }
+    }
+
+    /// Where joint 0 is laid: the middle of the wrap on pulley 0 [m].
+    pub fn anchor_m(&self) -> f64 {
+        0.5 * (self.starts_m[0] + self.starts_m[1])
+    }
+
+    /// Path lengths of `links` joints at chords of `pitch_m`, joint 0 at [`Route::anchor_m`]; the second value is how far
+    /// the joint after the last one overshoots joint 0 [m] (zero when the loop closes).
+    pub fn joints_m(&self, links: usize, pitch_m: f64) -> (Vec<f64>, f64) {
+        let mut joints = Vec::with_capacity(links);
+        let mut s = self.anchor_m();
+        for _ in 0..links {
+            joints.push(s);
+            s = self.next_joint_m(s, pitch_m);
+        }
+        (joints, s - self.anchor_m() - self.length_m())
+    }
+
+    /// How far and at what angle (from +x) the mark of a sprocket that carries a joint at path length `s_m` stands.
+    pub fn angle_about(&self, pulley: usize, s_m: f64) -> f64 {
+        let d = self.at(s_m).0 - self.wraps[pulley].centre;
+        wrap_angle(atan2(d.y, d.x))
+    }
+}
+
+/// Moves pulley `moved` along `direction` until `links` chords of `pitch_m` close the loop. Returns the displacement [m]
+/// and the route. Source of the bracket: the path grows by at most 2 m per m, and by at least half of that here.
+pub fn close_loop(
+    pulleys: &[Pulley],
+    moved: usize,
+    direction: Vec2,
+    links: usize,
+    pitch_m: f64,
+) -> Result<(f64, Route), RouteError> {
+    let at = |shift: f64| -> Result<(f64, Route), RouteError> {
+        let mut placed = pulleys.to_vec();
+        placed[moved].centre += direction * shift;
+        let route = Route::new(&placed)?;
+        let overshoot = route.joints_m(links, pitch_m).1;
+        Ok((overshoot, route))
+    };
+    let (mut excess, mut route) = at(0.0)?;
+    let first_fit = route.links_that_fit(pitch_m);
+    let mut shift = 0.0;
+    let mut slope = -1.9;
+    for _ in 0..60 {
+        if excess.abs() < 1e-15 {
+            return Ok((shift, route));
+        }
+        let next = shift - excess / slope;
+        let Ok((next_excess, next_route)) = at(next) else { break };
+        let measured = (next_excess - excess) / (next - shift);
+        if measured < -0.05 {
+            slope = measured;
+        }
+        let done = (next - shift).abs() < 1e-16;
+        (shift, excess, route) = (next, next_excess, next_route);
+        if done || excess.abs() < 1e-14 {
+            return Ok((shift, route));
+        }
+    }
+    let even = 2 * (0.5 * first_fit).round() as usize;
+    Err(RouteError::Open { links, fits: vec![even.saturating_sub(2), even, even + 2] })
+}

@@ -1,0 +1,896 @@
+//! The explicit scheme: a leapfrog whose contact forces are means over the step.
+//!
+//! ```text
+//! v_n     ~ v(n-1/2) + h/2 a(n-1)            velocity at the node, for damping and friction
+//! a_n     = (joints + contacts + guides) / m   contact forces: mean over [t_n - h/2, t_n + h/2], see elements::contact_law
+//! v(n+1/2) = v(n-1/2) + h a_n
+//! x_(n+1)  = x_n + h v(n+1/2)                 headings by Taylor composition, see elements::rotor
+//! ```
+//! Second order without contact. With contact the error is set by where in a step first touch falls; the mean force makes it
+//! small (tests/convergence.rs). [`evaluate`] computes a_n and changes nothing but Scratch, so that a frame can be taken
+//! between it and [`advance`]; a step is one after the other. Sums run in chain order or in eight fixed partial sums, so that
+//! no vector width, window or reporting interval changes a bit.
+
+use super::{Isa, StepError, StepErrorKind};
+use crate::elements::guide_contact::{self, GuideBody};
+use crate::elements::link_joint::{self, JointEnds};
+use crate::elements::rotor::{Rotor, turned};
+use crate::elements::tooth_contact::{self, CHUNK, Lanes, Turning};
+use crate::model::Model;
+use crate::state::{ContactMemory, State};
+
+/// Extra damping while a drive is run in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RunIn {
+    /// Rate at which links are drawn to the chain speed along their heading [1/s].
+    pub link_rate_per_s: f64,
+    /// Rate at which free sprockets are drawn to their nominal speed [1/s].
+    pub rotor_rate_per_s: f64,
+}
+
+impl RunIn {
+    pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0 };
+}
+
+/// A run of joints or links near a body, aligned to eight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Window {
+    start: usize,
+    end: usize,
+    /// Another body of the same kind has a window over the same lanes: each lane then counts for its nearest body only.
+    shared: bool,
+}
+
+/// What a step computes on the way. May be thrown away at any time.
+pub struct Scratch {
+    pub isa: Isa,
+    /// Steps between two looks for who is near whom. Changes no bit of the results.
+    pub refresh_steps: u64,
+    pub run_in: RunIn,
+    next_refresh: u64,
+    front: Ends,
+    rear: Ends,
+    heading_cos: Vec<f64>,
+    heading_sin: Vec<f64>,
+    omega: Vec<f64>,
+    wrapped_ax: Vec<f64>,
+    wrapped_ay: Vec<f64>,
+    wrapped_alpha: Vec<f64>,
+    joint_x: Vec<f64>,
+    joint_y: Vec<f64>,
+    joint_torque: Vec<f64>,
+    joint_power_damping: Vec<f64>,
+    joint_power_friction: Vec<f64>,
+    /// Per joint, shifted by one like the joint forces.
+    bush_x: Vec<f64>,
+    bush_y: Vec<f64>,
+    bush_moment: Vec<f64>,
+    /// Guide forces per link.
+    guide_x: Vec<f64>,
+    guide_y: Vec<f64>,
+    guide_moment: Vec<f64>,
+    /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
+    seat_cos: Vec<Vec<f64>>,
+    seat_sin: Vec<Vec<f64>>,
+    /// Nearest sprocket of every joint; nearest guide of every link, per side.
+    nearest_sprocket: Vec<usize>,
+    nearest_guide: [Vec<usize>; 2],
+    tooth_windows: Vec<Vec<Window>>,
+    guide_windows: Vec<Vec<Window>>,
+    bushes: ContactMemory,
+    guide_ends: [ContactMemory; 4],
+    /// One chunk; in a Vec so that it can be taken out while columns are borrowed.
+    lanes: Vec<Lanes>,
+    /// Accelerations of this step.
+    pub ax: Vec<f64>,
+    pub ay: Vec<f64>,
+    pub alpha: Vec<f64>,
+    pub rotor_alpha: Vec<f64>,
+    /// Torque of the chain on each sprocket, mean over the step [N m].
+    pub chain_torque: Vec<f64>,
+}
+
+/// Positions and velocities of one end of every link, one value longer.
+struct Ends {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    vx: Vec<f64>,
+    vy: Vec<f64>,
+}
+
+impl Ends {
+    fn new(len: usize) -> Ends {
+        Ends { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
+    }
+}
+
+/// Steps between two looks for who is near whom.
+const REFRESH_STEPS: u64 = 64;
+/// Room around a body inside which joints are looked at [m]; twice what they move between two looks at 60 m/s and 3 us.
+const WINDOW_MARGIN_M: f64 = 12e-3;
+
+impl Scratch {
+    pub fn new(model: &Model) -> Scratch {
+        Scratch::with_isa(model, Isa::detect())
+    }
+
+    pub fn with_isa(model: &Model, isa: Isa) -> Scratch {
+        let n = model.chain.padded;
+        let column = || vec![0.0; n];
+        let longer = || vec![0.0; n + 1];
+        let sides = model.guide_sides();
+        let ends = |side: usize| ContactMemory::new(if sides[side] { n } else { 0 });
+        Scratch {
+            isa,
+            refresh_steps: REFRESH_STEPS,
+            run_in: RunIn::OFF,
+            next_refresh: 0,
+            front: Ends::new(n + 1),
+            rear: Ends::new(n + 1),
+            heading_cos: longer(),
+            heading_sin: longer(),
+            omega: longer(),
+            wrapped_ax: longer(),
+            wrapped_ay: longer(),
+            wrapped_alpha: longer(),
+            joint_x: longer(),
+            joint_y: longer(),
+            joint_torque: longer(),
+            joint_power_damping: column(),
+            joint_power_friction: column(),
+            bush_x: longer(),
+            bush_y: longer(),
+            bush_moment: longer(),
+            guide_x: column(),
+            guide_y: column(),
+            guide_moment: column(),
+            seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
+            seat_sin: vec![column(); model.sprockets.len()],
+            nearest_sprocket: vec![0; n],
+            nearest_guide: [vec![0; n], vec![0; n]],
+            tooth_windows: vec![Vec::new(); model.sprockets.len()],
+            guide_windows: vec![Vec::new(); model.guides.len()],
+            bushes: ContactMemory::new(n),
+            guide_ends: [ends(0), ends(0), ends(1), ends(1)],
+            lanes: vec![Lanes::default()],
+            ax: column(),
+            ay: column(),
+            alpha: column(),
+            rotor_alpha: vec![0.0; model.sprockets.len()],
+            chain_torque: vec![0.0; model.sprockets.len()],
+        }
+    }
+
+    /// Forgets who is near whom: needed when the State was replaced from outside.
+    pub fn forget(&mut self) {
+        self.next_refresh = 0;
+    }
+
+    /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
+    pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
+        (self.joint_x[j + 1], self.joint_y[j + 1], self.joint_torque[j + 1])
+    }
+
+    /// Power lost in all joints at this node [W]: damping, friction.
+    pub fn joint_power(&self) -> (f64, f64) {
+        (self.joint_power_damping.iter().sum(), self.joint_power_friction.iter().sum())
+    }
+
+    /// Memory of the bushes and of the guide ends after this step.
+    pub fn memories(&self) -> (&ContactMemory, &[ContactMemory; 4]) {
+        (&self.bushes, &self.guide_ends)
+    }
+
+    /// Joints that are near sprocket `k`.
+    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        self.tooth_windows[k].iter().flat_map(|w| w.start..w.end)
+    }
+
+    /// Links that are near guide `k`.
+    pub fn links_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        self.guide_windows[k].iter().flat_map(|w| w.start..w.end)
+    }
+}
+
+/// One whole step.
+pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(), StepError> {
+    evaluate(model, state, scratch)?;
+    advance(model, state, scratch);
+    Ok(())
+}
+
+/// Forces and accelerations at the node of `state`, into Scratch.
+pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
+    if state.step >= scratch.next_refresh || scratch.next_refresh == 0 {
+        link_ends(model, state, scratch);
+        check(model, state, scratch)?;
+        refresh(model, state, scratch);
+        scratch.next_refresh = state.step + scratch.refresh_steps;
+    }
+    match scratch.isa {
+        Isa::Baseline => evaluate_body(model, state, scratch),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the variants other than Baseline are only made where the machine has the features (Isa::available).
+        Isa::Avx2 => unsafe { evaluate_avx2(model, state, scratch) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        Isa::Avx512 => unsafe { evaluate_avx512(model, state, scratch) },
+        #[cfg(not(target_arch = "x86_64"))]
+        _ => evaluate_body(model, state, scratch),
+    }
+    Ok(())
+}
+
+/// Velocities, positions, memory and ledger forward by one step, with the accelerations of [`evaluate`].
+pub fn advance(model: &Model, state: &mut State, scratch: &mut Scratch) {
+    match scratch.isa {
+        Isa::Baseline => advance_body(model, state, scratch),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as in `evaluate`.
+        Isa::Avx2 => unsafe { advance_avx2(model, state, scratch) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as in `evaluate`.
+        Isa::Avx512 => unsafe { advance_avx512(model, state, scratch) },
+        #[cfg(not(target_arch = "x86_64"))]
+        _ => advance_body(model, state, scratch),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn evaluate_avx2(model: &Model, state: &State, scratch: &mut Scratch) {
+    evaluate_body(model, state, scratch);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+fn evaluate_avx512(model: &Model, state: &State, scratch: &mut Scratch) {
+    evaluate_body(model, state, scratch);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn advance_avx2(model: &Model, state: &mut State, scratch: &mut Scratch) {
+    advance_body(model, state, scratch);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq")]
+fn advance_avx512(model: &Model, state: &mut State, scratch: &mut Scratch) {
+    advance_body(model, state, scratch);
+}
+
+#[inline(always)]
+fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
+    link_ends(model, state, scratch);
+    joints(model, scratch);
+    let mut chunk = std::mem::take(&mut scratch.lanes);
+    let lanes = &mut chunk[0];
+    for windows in &scratch.tooth_windows {
+        for w in windows.iter().filter(|w| w.shared) {
+            scratch.bush_x[w.start + 1..=w.end].fill(0.0);
+            scratch.bush_y[w.start + 1..=w.end].fill(0.0);
+            scratch.bush_moment[w.start + 1..=w.end].fill(0.0);
+        }
+    }
+    for k in 0..model.sprockets.len() {
+        teeth(model, state, scratch, k, lanes);
+    }
+    close_loop(model.chain.n_links, [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment]);
+    if !model.guides.is_empty() {
+        for k in 0..model.guides.len() {
+            for window in &scratch.guide_windows[k] {
+                scratch.guide_x[window.start..window.end].fill(0.0);
+                scratch.guide_y[window.start..window.end].fill(0.0);
+                scratch.guide_moment[window.start..window.end].fill(0.0);
+            }
+        }
+        for k in 0..model.guides.len() {
+            guide(model, state, scratch, k, 1.0, lanes);
+            guide(model, state, scratch, k, -1.0, lanes);
+        }
+    }
+    scratch.lanes = chunk;
+    accelerations(model, state, scratch);
+}
+
+/// Positions and predicted velocities of both ends of every link at the node.
+#[inline(always)]
+fn link_ends(model: &Model, state: &State, scratch: &mut Scratch) {
+    let half = 0.5 * model.step_s;
+    let s = &state.links;
+    ends_kernel(
+        half,
+        &model.chain.lever,
+        [&s.x, &s.y, &s.cos, &s.sin, &s.vx, &s.vy, &s.omega, &s.ax, &s.ay, &s.alpha],
+        &mut scratch.front,
+        &mut scratch.rear,
+        &mut scratch.omega,
+    );
+    let n = model.chain.padded;
+    for (to, from) in [
+        (&mut scratch.heading_cos, &s.cos),
+        (&mut scratch.heading_sin, &s.sin),
+        (&mut scratch.wrapped_ax, &s.ax),
+        (&mut scratch.wrapped_ay, &s.ay),
+        (&mut scratch.wrapped_alpha, &s.alpha),
+    ] {
+        to[..n].copy_from_slice(&from[..n]);
+    }
+    // The first link again after the last: joint n - 1 closes the loop.
+    let last = model.chain.n_links;
+    let Ends { x, y, vx, vy } = &mut scratch.rear;
+    let Scratch { omega, heading_cos, heading_sin, wrapped_ax, wrapped_ay, wrapped_alpha, .. } = scratch;
+    for column in [x, y, vx, vy, omega, heading_cos, heading_sin, wrapped_ax, wrapped_ay, wrapped_alpha] {
+        column[last] = column[0];
+    }
+}
+
+#[inline(always)]
+fn ends_kernel(half: f64, lever: &[f64], s: [&Vec<f64>; 10], front: &mut Ends, rear: &mut Ends, omega: &mut [f64]) {
+    let n = lever.len();
+    let [x, y, cos, sin, vx, vy, w, ax, ay, alpha] = s.map(|c| &c[..n]);
+    let (fx, fy, fvx, fvy) = (&mut front.x[..n], &mut front.y[..n], &mut front.vx[..n], &mut front.vy[..n]);
+    let (rx, ry, rvx, rvy) = (&mut rear.x[..n], &mut rear.y[..n], &mut rear.vx[..n], &mut rear.vy[..n]);
+    let omega = &mut omega[..n];
+    for i in 0..n {
+        let (lc, ls) = (lever[i] * cos[i], lever[i] * sin[i]);
+        let (u, v, o) = (vx[i] + half * ax[i], vy[i] + half * ay[i], w[i] + half * alpha[i]);
+        let (oc, os) = (o * lc, o * ls);
+        omega[i] = o;
+        fx[i] = x[i] + lc;
+        fy[i] = y[i] + ls;
+        rx[i] = x[i] - lc;
+        ry[i] = y[i] - ls;
+        fvx[i] = u - os;
+        fvy[i] = v + oc;
+        rvx[i] = u + os;
+        rvy[i] = v - oc;
+    }
+}
+
+#[inline(always)]
+fn joints(model: &Model, scratch: &mut Scratch) {
+    let ends = JointEnds {
+        front_x: &scratch.front.x,
+        front_y: &scratch.front.y,
+        front_vx: &scratch.front.vx,
+        front_vy: &scratch.front.vy,
+        rear_x: &scratch.rear.x,
+        rear_y: &scratch.rear.y,
+        rear_vx: &scratch.rear.vx,
+        rear_vy: &scratch.rear.vy,
+        omega: &scratch.omega,
+        inverse_inertia: &model.chain.inverse_inertia,
+    };
+    link_joint::forces(
+        &model.chain.joint,
+        0.5 * model.step_s,
+        &ends,
+        &mut scratch.joint_x,
+        &mut scratch.joint_y,
+        &mut scratch.joint_torque,
+        &mut scratch.joint_power_damping,
+        &mut scratch.joint_power_friction,
+    );
+    close_loop(model.chain.n_links, [&mut scratch.joint_x, &mut scratch.joint_y, &mut scratch.joint_torque]);
+}
+
+/// Columns shifted by one: the last joint stands before the first.
+#[inline(always)]
+fn close_loop(n_links: usize, columns: [&mut Vec<f64>; 3]) {
+    for column in columns {
+        column[0] = column[n_links];
+    }
+}
+
+/// Contacts of all bushes near sprocket `k`.
+#[inline(always)]
+fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize, lanes: &mut Lanes) {
+    let body = &model.sprockets[k].body;
+    let r = &state.rotors;
+    let omega = r.omega[k] + 0.5 * model.step_s * r.alpha[k];
+    let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
+    let mut partial = [0.0; 8];
+    for w in 0..scratch.tooth_windows[k].len() {
+        let Window { start, end, shared } = scratch.tooth_windows[k][w];
+        for at in (start..end).step_by(CHUNK) {
+            let len = (end - at).min(CHUNK);
+            load_bushes(model, state, scratch, k, at, len, lanes);
+            if shared {
+                send_away(&scratch.nearest_sprocket[at..at + len], k, lanes);
+            }
+            if !tooth_contact::penetrations(body, turning, lanes) {
+                reseat(model, scratch, k, turning, at, lanes);
+                tooth_contact::penetrations(body, turning, lanes);
+            }
+            let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
+            tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+            for i in (0..len).step_by(8) {
+                for (lane, sum) in partial.iter_mut().enumerate() {
+                    *sum += lanes.torque[i + lane];
+                }
+            }
+            if shared {
+                keep_own(&scratch.nearest_sprocket[at..at + len], k, lanes, &mut scratch.bushes, at);
+                for i in 0..len {
+                    scratch.bush_x[at + 1 + i] += lanes.force_x[i];
+                    scratch.bush_y[at + 1 + i] += lanes.force_y[i];
+                    scratch.bush_moment[at + 1 + i] += lanes.moment[i];
+                }
+            } else {
+                scratch.bush_x[at + 1..at + 1 + len].copy_from_slice(&lanes.force_x[..len]);
+                scratch.bush_y[at + 1..at + 1 + len].copy_from_slice(&lanes.force_y[..len]);
+                scratch.bush_moment[at + 1..at + 1 + len].copy_from_slice(&lanes.moment[..len]);
+                keep(lanes, &mut scratch.bushes, at);
+            }
+        }
+    }
+    let [a, b, c, d, e, f, g, h] = partial;
+    scratch.chain_torque[k] = ((a + b) + (c + d)) + ((e + f) + (g + h));
+}
+
+/// Puts lanes that are nearer to another body out of reach.
+#[cold]
+fn send_away(nearest: &[usize], own: usize, lanes: &mut Lanes) {
+    for (i, body) in nearest.iter().enumerate() {
+        if *body != own {
+            lanes.x[i] = crate::state::FAR_AWAY_M;
+        }
+    }
+}
+
+/// As [`keep`], for the lanes that are nearest to this body.
+#[cold]
+fn keep_own(nearest: &[usize], own: usize, lanes: &Lanes, memory: &mut ContactMemory, at: usize) {
+    for (i, body) in nearest.iter().enumerate() {
+        if *body == own {
+            memory.normal_force[at + i] = lanes.normal_force[i];
+            memory.tangential_force[at + i] = lanes.tangential_force[i];
+            memory.age[at + i] = lanes.age[i];
+            memory.approach[at + i] = lanes.approach[i];
+            memory.lost_damping[at + i] = lanes.lost_damping[i];
+            memory.lost_friction[at + i] = lanes.lost_friction[i];
+        }
+    }
+}
+
+/// Gives the contact memory of a chunk back to its columns.
+#[inline(always)]
+fn keep(lanes: &Lanes, memory: &mut ContactMemory, at: usize) {
+    let len = lanes.len;
+    memory.normal_force[at..at + len].copy_from_slice(&lanes.normal_force[..len]);
+    memory.tangential_force[at..at + len].copy_from_slice(&lanes.tangential_force[..len]);
+    memory.age[at..at + len].copy_from_slice(&lanes.age[..len]);
+    memory.approach[at..at + len].copy_from_slice(&lanes.approach[..len]);
+    memory.lost_damping[at..at + len].copy_from_slice(&lanes.lost_damping[..len]);
+    memory.lost_friction[at..at + len].copy_from_slice(&lanes.lost_friction[..len]);
+}
+
+/// Fills a chunk with the bushes of joints `at` .. `at + len`.
+#[inline(always)]
+fn load_bushes(model: &Model, state: &State, scratch: &Scratch, k: usize, at: usize, len: usize, lanes: &mut Lanes) {
+    lanes.len = len;
+    let (c, now, next) = (&model.chain, at..at + len, at + 1..at + 1 + len);
+    let on_front = &c.bush_on_front[next.clone()];
+    let choose = |front: &[f64], rear: &[f64], out: &mut [f64; CHUNK]| {
+        let (front, rear, out) = (&front[now.clone()], &rear[next.clone()], &mut out[..len]);
+        for i in 0..len {
+            out[i] = if on_front[i] != 0.0 { front[i] } else { rear[i] };
+        }
+    };
+    let (f, r) = (&scratch.front, &scratch.rear);
+    choose(&f.x, &r.x, &mut lanes.x);
+    choose(&f.y, &r.y, &mut lanes.y);
+    choose(&f.vx, &r.vx, &mut lanes.vx);
+    choose(&f.vy, &r.vy, &mut lanes.vy);
+    choose(&scratch.omega, &scratch.omega, &mut lanes.omega);
+    choose(&scratch.heading_cos, &scratch.heading_cos, &mut lanes.cos);
+    choose(&scratch.heading_sin, &scratch.heading_sin, &mut lanes.sin);
+    choose(&scratch.wrapped_ax, &scratch.wrapped_ax, &mut lanes.ax);
+    choose(&scratch.wrapped_ay, &scratch.wrapped_ay, &mut lanes.ay);
+    let mut alpha = [0.0; CHUNK];
+    choose(&scratch.wrapped_alpha, &scratch.wrapped_alpha, &mut alpha);
+    lanes.lever[..len].copy_from_slice(&c.bush_lever[now.clone()]);
+    lanes.inverse_mass[..len].copy_from_slice(&c.bush_inverse_mass[now.clone()]);
+    lanes.inverse_inertia[..len].copy_from_slice(&c.bush_inverse_inertia[now.clone()]);
+    lanes.seat_cos[..len].copy_from_slice(&scratch.seat_cos[k][now.clone()]);
+    lanes.seat_sin[..len].copy_from_slice(&scratch.seat_sin[k][now.clone()]);
+    recall(&state.bushes, at, lanes);
+    let centre = model.sprockets[k].body.centre;
+    shift_and_lever(lanes, &alpha, centre.x, centre.y);
+}
+
+#[inline(always)]
+fn recall(memory: &ContactMemory, at: usize, lanes: &mut Lanes) {
+    let (len, now) = (lanes.len, at..at + lanes.len);
+    lanes.normal_force[..len].copy_from_slice(&memory.normal_force[now.clone()]);
+    lanes.tangential_force[..len].copy_from_slice(&memory.tangential_force[now.clone()]);
+    lanes.age[..len].copy_from_slice(&memory.age[now.clone()]);
+    lanes.approach[..len].copy_from_slice(&memory.approach[now]);
+}
+
+/// Coordinates from the body's origin; acceleration of the end from that of the link.
+#[inline(always)]
+fn shift_and_lever(lanes: &mut Lanes, alpha: &[f64; CHUNK], origin_x: f64, origin_y: f64) {
+    for i in 0..lanes.len.min(CHUNK) {
+        lanes.x[i] -= origin_x;
+        lanes.y[i] -= origin_y;
+        lanes.ax[i] -= alpha[i] * lanes.lever[i] * lanes.sin[i];
+        lanes.ay[i] += alpha[i] * lanes.lever[i] * lanes.cos[i];
+    }
+}
+
+/// Gives every lane of a chunk that has left its tooth gap the one it is in.
+#[cold]
+#[inline(never)]
+fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
+    let body = &model.sprockets[k].body;
+    for i in 0..lanes.len {
+        let j = at + i;
+        let seat = seat_of(model, k, turning.cos, turning.sin, lanes.x[i], lanes.y[i]);
+        scratch.seat_cos[k][j] = body.seat_cos[seat];
+        scratch.seat_sin[k][j] = body.seat_sin[seat];
+        lanes.seat_cos[i] = scratch.seat_cos[k][j];
+        lanes.seat_sin[i] = scratch.seat_sin[k][j];
+    }
+}
+
+fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize {
+    let in_frame = crate::geometry::Vec2::new(cos * x + sin * y, cos * y - sin * x);
+    crate::contact::seat_index(&model.sprockets[k].geometry, in_frame) as usize
+}
+
+/// Contacts of one end (`sign` +1 front, -1 rear) of all links near guide `k`.
+#[inline(always)]
+fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize, sign: f64, lanes: &mut Lanes) {
+    let body = &model.guides[k].body;
+    let set = 2 * body.side + usize::from(sign < 0.0);
+    for w in 0..scratch.guide_windows[k].len() {
+        let Window { start, end, shared } = scratch.guide_windows[k][w];
+        for at in (start..end).step_by(CHUNK) {
+            let len = (end - at).min(CHUNK);
+            load_ends(model, state, scratch, at, len, sign, body, lanes);
+            let nearest = &scratch.nearest_guide[body.side][at..at + len];
+            if shared {
+                send_away(nearest, k, lanes);
+            }
+            if guide_contact::penetrations(body, GUIDE_REACH_M, lanes) {
+                recall(&state.guide_ends[set], at, lanes);
+                let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
+                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+                let (gx, gy) = (&mut scratch.guide_x[at..at + len], &mut scratch.guide_y[at..at + len]);
+                let gm = &mut scratch.guide_moment[at..at + len];
+                for i in 0..len {
+                    gx[i] += lanes.force_x[i];
+                    gy[i] += lanes.force_y[i];
+                    let arm = lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
+                    gm[i] += arm + lanes.moment[i];
+                }
+            } else {
+                clear_memory(lanes);
+            }
+            if shared {
+                keep_own(nearest, k, lanes, &mut scratch.guide_ends[set], at);
+            } else {
+                keep(lanes, &mut scratch.guide_ends[set], at);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn clear_memory(lanes: &mut Lanes) {
+    let len = lanes.len;
+    lanes.normal_force[..len].fill(0.0);
+    lanes.tangential_force[..len].fill(0.0);
+    lanes.age[..len].fill(0.0);
+    lanes.approach[..len].fill(0.0);
+    lanes.lost_damping[..len].fill(0.0);
+    lanes.lost_friction[..len].fill(0.0);
+}
+
+/// Ends further than this from a guide cannot touch it within a step, below 30 m/s across it and steps of 10 us.
+const GUIDE_REACH_M: f64 = 0.3e-3;
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // a range, an end and where they come from
+fn load_ends(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    at: usize,
+    len: usize,
+    sign: f64,
+    body: &GuideBody,
+    lanes: &mut Lanes,
+) {
+    lanes.len = len;
+    let (c, now) = (&model.chain, at..at + len);
+    let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
+    // The rear of link 0 also stands after the last link, where an inert one may be; link columns themselves are whole.
+    lanes.x[..len].copy_from_slice(&ends.x[now.clone()]);
+    lanes.y[..len].copy_from_slice(&ends.y[now.clone()]);
+    lanes.vx[..len].copy_from_slice(&ends.vx[now.clone()]);
+    lanes.vy[..len].copy_from_slice(&ends.vy[now.clone()]);
+    lanes.omega[..len].copy_from_slice(&scratch.omega[now.clone()]);
+    lanes.cos[..len].copy_from_slice(&scratch.heading_cos[now.clone()]);
+    lanes.sin[..len].copy_from_slice(&scratch.heading_sin[now.clone()]);
+    lanes.ax[..len].copy_from_slice(&state.links.ax[now.clone()]);
+    lanes.ay[..len].copy_from_slice(&state.links.ay[now.clone()]);
+    lanes.inverse_mass[..len].copy_from_slice(&c.inverse_mass[now.clone()]);
+    lanes.inverse_inertia[..len].copy_from_slice(&c.inverse_inertia[now.clone()]);
+    let mut alpha = [0.0; CHUNK];
+    alpha[..len].copy_from_slice(&state.links.alpha[now.clone()]);
+    let lever = &c.lever[now];
+    for i in 0..len {
+        lanes.lever[i] = sign * lever[i];
+    }
+    shift_and_lever(lanes, &alpha, body.origin.x, body.origin.y);
+}
+
+/// Accelerations from all forces.
+#[inline(always)]
+fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
+    let c = &model.chain;
+    let n = c.padded;
+    let (cos, sin) = (&state.links.cos[..n], &state.links.sin[..n]);
+    let (jx0, jx1) = (&scratch.joint_x[..n], &scratch.joint_x[1..=n]);
+    let (jy0, jy1) = (&scratch.joint_y[..n], &scratch.joint_y[1..=n]);
+    let (jm0, jm1) = (&scratch.joint_torque[..n], &scratch.joint_torque[1..=n]);
+    let (bx0, bx1) = (&scratch.bush_x[..n], &scratch.bush_x[1..=n]);
+    let (by0, by1) = (&scratch.bush_y[..n], &scratch.bush_y[1..=n]);
+    let (bm0, bm1) = (&scratch.bush_moment[..n], &scratch.bush_moment[1..=n]);
+    let (on0, on1) = (&c.bush_on_front[..n], &c.bush_on_front[1..=n]);
+    let (gx, gy, gm) = (&scratch.guide_x[..n], &scratch.guide_y[..n], &scratch.guide_moment[..n]);
+    let (lever, im, ij) = (&c.lever[..n], &c.inverse_mass[..n], &c.inverse_inertia[..n]);
+    let (ax, ay, al) = (&mut scratch.ax[..n], &mut scratch.ay[..n], &mut scratch.alpha[..n]);
+    for i in 0..n {
+        let rear_owns = 1.0 - on0[i];
+        let (fx, fy) = (on1[i] * bx1[i] - jx1[i], on1[i] * by1[i] - jy1[i]);
+        let (rx, ry) = (rear_owns * bx0[i] + jx0[i], rear_owns * by0[i] + jy0[i]);
+        let moment = on1[i] * bm1[i] + rear_owns * bm0[i] + (jm0[i] - jm1[i]) + gm[i];
+        ax[i] = (fx + rx + gx[i]) * im[i];
+        ay[i] = (fy + ry + gy[i]) * im[i];
+        al[i] = (lever[i] * (cos[i] * (fy - ry) - sin[i] * (fx - rx)) + moment) * ij[i];
+    }
+    if scratch.run_in != RunIn::OFF {
+        let rate = scratch.run_in.link_rate_per_s;
+        let (vx, vy) = (&state.links.vx[..n], &state.links.vy[..n]);
+        for i in 0..c.n_links {
+            ax[i] -= rate * (vx[i] - model.chain_speed_m_s * cos[i]);
+            ay[i] -= rate * (vy[i] - model.chain_speed_m_s * sin[i]);
+        }
+    }
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let rotor = &sprocket.rotor;
+        let pull = scratch.run_in.rotor_rate_per_s * (state.rotors.omega[k] - sprocket.nominal_speed_rad_s);
+        scratch.rotor_alpha[k] = match rotor {
+            Rotor::Driven { .. } => 0.0,
+            Rotor::Free { .. } => (scratch.chain_torque[k] + rotor.outer_torque_nm()) * rotor.inverse_inertia() - pull,
+        };
+    }
+}
+
+#[inline(always)]
+fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
+    let (n, h) = (model.chain.padded, model.step_s);
+    let s = &mut state.links;
+    advance_kernel(
+        h,
+        [&mut s.x, &mut s.y, &mut s.cos, &mut s.sin],
+        [&mut s.vx, &mut s.vy, &mut s.omega],
+        [&scratch.ax[..n], &scratch.ay[..n], &scratch.alpha[..n]],
+    );
+    std::mem::swap(&mut s.ax, &mut scratch.ax);
+    std::mem::swap(&mut s.ay, &mut scratch.ay);
+    std::mem::swap(&mut s.alpha, &mut scratch.alpha);
+    let (ld, lf) = (&mut state.lost_pin_damping[..n], &mut state.lost_pin_friction[..n]);
+    let (pd, pf) = (&scratch.joint_power_damping[..n], &scratch.joint_power_friction[..n]);
+    for j in 0..n {
+        ld[j] += h * pd[j];
+        lf[j] += h * pf[j];
+    }
+    for windows in &scratch.tooth_windows {
+        for w in windows {
+            commit(&mut state.bushes, &scratch.bushes, *w);
+        }
+    }
+    for (guide, windows) in model.guides.iter().zip(&scratch.guide_windows) {
+        for end in 0..2 {
+            let set = 2 * guide.body.side + end;
+            for w in windows {
+                commit(&mut state.guide_ends[set], &scratch.guide_ends[set], *w);
+            }
+        }
+    }
+    rotors(model, state, scratch);
+    state.step += 1;
+}
+
+#[inline(always)]
+fn advance_kernel(h: f64, pose: [&mut Vec<f64>; 4], speed: [&mut Vec<f64>; 3], acceleration: [&[f64]; 3]) {
+    let [ax, ay, al] = acceleration;
+    let n = ax.len();
+    let [x, y, cos, sin] = pose.map(|c| &mut c[..n]);
+    let [vx, vy, w] = speed.map(|c| &mut c[..n]);
+    let (ay, al) = (&ay[..n], &al[..n]);
+    for i in 0..n {
+        let (u, v, o) = (vx[i] + h * ax[i], vy[i] + h * ay[i], w[i] + h * al[i]);
+        vx[i] = u;
+        vy[i] = v;
+        w[i] = o;
+        x[i] += h * u;
+        y[i] += h * v;
+        let (c, s) = turned(cos[i], sin[i], h * o);
+        cos[i] = c;
+        sin[i] = s;
+    }
+}
+
+#[inline(always)]
+fn commit(to: &mut ContactMemory, from: &ContactMemory, w: Window) {
+    let r = w.start..w.end;
+    to.normal_force[r.clone()].copy_from_slice(&from.normal_force[r.clone()]);
+    to.tangential_force[r.clone()].copy_from_slice(&from.tangential_force[r.clone()]);
+    to.age[r.clone()].copy_from_slice(&from.age[r.clone()]);
+    to.approach[r.clone()].copy_from_slice(&from.approach[r.clone()]);
+    let (d, df) = (&mut to.lost_damping[r.clone()], &from.lost_damping[r.clone()]);
+    for i in 0..d.len() {
+        d[i] += df[i];
+    }
+    let (f, ff) = (&mut to.lost_friction[r.clone()], &from.lost_friction[r]);
+    for i in 0..f.len() {
+        f[i] += ff[i];
+    }
+}
+
+fn rotors(model: &Model, state: &mut State, scratch: &Scratch) {
+    let h = model.step_s;
+    let r = &mut state.rotors;
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let before = r.omega[k];
+        let after = match sprocket.rotor {
+            Rotor::Driven { speed_rad_s } => speed_rad_s,
+            Rotor::Free { .. } => before + h * scratch.rotor_alpha[k],
+        };
+        // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
+        let mean = 0.5 * (before + after);
+        match sprocket.rotor {
+            Rotor::Driven { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
+            Rotor::Free { .. } => r.work_out[k] -= sprocket.rotor.outer_torque_nm() * mean * h,
+        }
+        r.omega[k] = after;
+        r.alpha[k] = scratch.rotor_alpha[k];
+        r.angle[k] += h * after;
+        (r.cos[k], r.sin[k]) = turned(r.cos[k], r.sin[k], h * after);
+    }
+}
+
+/// Looks whether the chain still holds together.
+fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<(), StepError> {
+    let t_s = state.step as f64 * model.step_s;
+    for j in 0..model.chain.n_links {
+        let (dx, dy) = (scratch.front.x[j] - scratch.rear.x[j + 1], scratch.front.y[j] - scratch.rear.y[j + 1]);
+        let stretch_m = dx.hypot(dy);
+        if !stretch_m.is_finite() {
+            return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::NotFinite });
+        }
+        if stretch_m > 0.2 * model.chain.lever[j] {
+            return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::Torn { stretch_m } });
+        }
+    }
+    match state.first_not_finite() {
+        Some(element) => Err(StepError { t_s, element, kind: StepErrorKind::NotFinite }),
+        None => Ok(()),
+    }
+}
+
+/// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
+fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
+    let n = model.chain.n_links;
+    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
+        column.fill(0.0);
+    }
+    for column in [&mut scratch.guide_x, &mut scratch.guide_y, &mut scratch.guide_moment] {
+        column.fill(0.0);
+    }
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
+        let centre = sprocket.body.centre;
+        let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
+        let near = |j: usize| {
+            let (dx, dy) = offset(j);
+            dx * dx + dy * dy < reach * reach
+        };
+        let windows = aligned_windows(n, model.chain.padded, near);
+        for j in windows.iter().flat_map(|w| w.start..w.end) {
+            let (dx, dy) = offset(j);
+            let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
+            scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
+            scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
+        }
+        scratch.tooth_windows[k] = windows;
+    }
+    for (k, guide) in model.guides.iter().enumerate() {
+        let b = &guide.body;
+        let reach = b.plate_radius_m + WINDOW_MARGIN_M;
+        let near = |i: usize| {
+            let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+            let along = dx * b.along.x + dy * b.along.y;
+            let above = dy * b.along.x - dx * b.along.y;
+            above.abs() < reach && along > -2.0 * reach && along < b.length_m + 2.0 * reach
+        };
+        scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
+    }
+    find_nearest(model, state, scratch);
+}
+
+/// Marks windows that lie over each other, and for their lanes the nearest body.
+fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
+    let everything = |_: usize, _: usize| true;
+    if mark_shared(&mut scratch.tooth_windows, everything) {
+        for j in 0..model.chain.n_links {
+            let gap = |k: &usize| {
+                let s = &model.sprockets[*k];
+                let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
+                d - s.geometry.tip_radius_m
+            };
+            let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+            scratch.nearest_sprocket[j] = nearest.unwrap_or(0);
+        }
+    }
+    let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
+    if mark_shared(&mut scratch.guide_windows, same_side) {
+        for side in 0..2 {
+            for i in 0..model.chain.n_links {
+                let gap = |k: &usize| {
+                    let b = &model.guides[*k].body;
+                    let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+                    let along = dx * b.along.x + dy * b.along.y;
+                    let above = dy * b.along.x - dx * b.along.y;
+                    above.hypot(along - along.clamp(0.0, b.length_m))
+                };
+                let on_side = (0..model.guides.len()).filter(|k| model.guides[*k].body.side == side);
+                scratch.nearest_guide[side][i] = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            }
+        }
+    }
+}
+
+/// Sets `shared` on windows of different bodies that overlap; returns whether there are any.
+fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bool) -> bool {
+    let mut any = false;
+    for a in 0..windows.len() {
+        for b in (a + 1)..windows.len() {
+            if !compete(a, b) {
+                continue;
+            }
+            for i in 0..windows[a].len() {
+                for j in 0..windows[b].len() {
+                    if windows[a][i].start < windows[b][j].end && windows[b][j].start < windows[a][i].end {
+                        windows[a][i].shared = true;
+                        windows[b][j].shared = true;
+                        any = true;
+                    }
+                }
+            }
+        }
+    }
+    any
+}
+
+/// Runs of indices below `n` that are near, widened to multiples of eight and joined.
+fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
+    let mut windows: Vec<Window> = Vec::new();
+    for block in 0..padded / 8 {
+        let range = 8 * block..(8 * block + 8).min(n);
+        if range.clone().any(&near) {
+            match windows.last_mut() {
+                Some(last) if last.end == 8 * block => last.end += 8,
+                _ => windows.push(Window { start: 8 * block, end: 8 * block + 8, shared: false }),
+            }
+        }
+    }
+    windows
+}

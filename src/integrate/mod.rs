@@ -1,0 +1,75 @@
+//! Time integration: one explicit scheme, its step rule, and the kernels for each vector unit.
+
+pub mod explicit;
+pub mod step_bound;
+
+/// Which instructions the kernels are compiled for. All give the same bits: no fused multiply-add, no approximate
+/// reciprocals, sums in a fixed order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Isa {
+    /// What every x86-64 has; the only path elsewhere.
+    Baseline,
+    Avx2,
+    Avx512,
+}
+
+impl Isa {
+    /// The widest one that this machine has.
+    pub fn detect() -> Isa {
+        Isa::available().pop().unwrap_or(Isa::Baseline)
+    }
+
+    /// All that this machine has, narrowest first.
+    pub fn available() -> Vec<Isa> {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let mut found = vec![Isa::Baseline];
+            if std::is_x86_feature_detected!("avx2") {
+                found.push(Isa::Avx2);
+            }
+            if std::is_x86_feature_detected!("avx512f")
+                && std::is_x86_feature_detected!("avx512vl")
+                && std::is_x86_feature_detected!("avx512dq")
+            {
+                found.push(Isa::Avx512);
+            }
+            found
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            vec![Isa::Baseline]
+        }
+    }
+}
+
+/// A run that cannot go on: where and when. The State is left as it was before the step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepError {
+    pub t_s: f64,
+    /// e.g. `link 12` or `joint 3`.
+    pub element: String,
+    pub kind: StepErrorKind,
+}
+
+/// What went wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StepErrorKind {
+    /// A value is no finite number.
+    NotFinite,
+    /// A joint has come apart by this much [m].
+    Torn { stretch_m: f64 },
+}
+
+impl std::fmt::Display for StepError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the run broke down at t = {:.6} ms in {}: ", self.t_s * 1e3, self.element)?;
+        match self.kind {
+            StepErrorKind::NotFinite => write!(f, "a value is no finite number")?,
+            StepErrorKind::Torn { stretch_m } => write!(f, "the joint is stretched by {:.3} mm", stretch_m * 1e3)?,
+        }
+        write!(f, "; look at the frames before it, and try a smaller step (run.step_us) or less extreme contact parameters")
+    }
+}
+
+impl std::error::Error for StepError {}

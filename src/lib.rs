@@ -1,0 +1,17 @@
+//! pitchline: a headless simulator and visual debugger for chain drives.
+//!
+//! See ARCHITECTURE.md for the map. The way through: a drive file is read ([`drive`]), compiled ([`model`]), assembled
+//! ([`assemble`]), stepped ([`integrate`]), captured into frames and written to sinks ([`recording`], [`simulate`]).
+
+pub mod assemble;
+pub mod contact;
+pub mod diag;
+pub mod drive;
+pub mod elements;
+pub mod geometry;
+pub mod integrate;
+pub mod model;
+pub mod recording;
+pub mod state;
+pub mod statics;
+pub mod units;

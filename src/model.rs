@@ -1,0 +1,389 @@
+//! Model: a drive compiled into flat arrays, ready to compute and never changed by a step.
+//!
+//! Link i runs from joint i - 1 (rear) to joint i (front); joint j joins link j to link j + 1; the loop closes. Even links
+//! are inner and carry the bushes. Columns are padded with inert links (no inverse mass, far away from everything) to a
+//! multiple of the lane width, so that loops over them need no remainder.
+
+use crate::diag::{Diag, Report};
+use crate::drive::{Drive, OuterSpec};
+use crate::elements::contact_law::PairRadii;
+use crate::elements::guide_contact::GuideBody;
+use crate::elements::link_joint::LinkJoint;
+use crate::elements::rotor::Rotor;
+use crate::elements::tooth_contact::ToothedBody;
+use crate::geometry::Vec2;
+use crate::geometry::chain::LinkShape;
+use crate::geometry::guide::{GuideSide, StraightGuide};
+use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
+use crate::geometry::sprocket::{Sprocket, SprocketSpec};
+use parry2d_f64::math::{Pose, Vector};
+use parry2d_f64::query;
+use parry2d_f64::shape::{Ball, Segment};
+
+/// Lanes of the widest vector unit (AVX-512, f64).
+pub const LANE_WIDTH: usize = 8;
+
+/// The chain: one value per link, padded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChainModel {
+    pub n_links: usize,
+    /// Length of the columns.
+    pub padded: usize,
+    /// Half the pitch [m]: lever of both joints.
+    pub lever: Vec<f64>,
+    pub mass: Vec<f64>,
+    pub inertia: Vec<f64>,
+    pub inverse_mass: Vec<f64>,
+    /// One value longer: the first link's again at `n_links`.
+    pub inverse_inertia: Vec<f64>,
+    /// 1 where the bush of joint j belongs to link j, 0 where to link j + 1; shifted by one: index 0 is the last joint.
+    pub bush_on_front: Vec<f64>,
+    /// Of the link that carries the bush of joint j: signed lever, inverse mass and inertia.
+    pub bush_lever: Vec<f64>,
+    pub bush_inverse_mass: Vec<f64>,
+    pub bush_inverse_inertia: Vec<f64>,
+    pub joint: LinkJoint,
+}
+
+/// A sprocket of the model.
+#[derive(Clone, Debug)]
+pub struct SprocketModel {
+    pub name: String,
+    pub geometry: Sprocket,
+    pub body: ToothedBody,
+    pub rotor: Rotor,
+    /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
+    pub nominal_speed_rad_s: f64,
+}
+
+/// A guide of the model.
+#[derive(Clone, Debug)]
+pub struct GuideModel {
+    pub name: String,
+    pub geometry: StraightGuide,
+    pub body: GuideBody,
+}
+
+/// The whole drive, compiled.
+#[derive(Clone, Debug)]
+pub struct Model {
+    pub step_s: f64,
+    pub chain: ChainModel,
+    pub sprockets: Vec<SprocketModel>,
+    pub guides: Vec<GuideModel>,
+    /// Index of the sprocket with the prescribed speed.
+    pub driver: usize,
+    /// Nominal speed z p n, forwards positive [m/s].
+    pub chain_speed_m_s: f64,
+    /// Inner and outer link.
+    pub rows: Vec<LinkShape>,
+    pub route: Option<Route>,
+}
+
+impl ChainModel {
+    /// A closed chain of alternating rows, the first row carrying the bushes.
+    pub fn new(n_links: usize, rows: &[LinkShape], joint: LinkJoint, lane_width: usize) -> ChainModel {
+        let padded = n_links.div_ceil(lane_width) * lane_width;
+        let row = |i: usize| &rows[i % rows.len()];
+        let column = |f: &dyn Fn(usize) -> f64, inert: f64, len: usize| -> Vec<f64> {
+            (0..len).map(|i| if i < n_links { f(i) } else { inert }).collect()
+        };
+        let carrier = |j: usize| if row(j).bush_radius_m.is_some() { j } else { (j + 1) % n_links };
+        let on_front = |j: usize| if carrier(j) == j { 1.0 } else { 0.0 };
+        let mut inverse_inertia = column(&|i| 1.0 / row(i).inertia_kg_m2, 0.0, padded + 1);
+        inverse_inertia[n_links] = inverse_inertia[0];
+        let mut bush_on_front = vec![1.0; padded + 1];
+        for j in 0..n_links {
+            bush_on_front[j + 1] = on_front(j);
+        }
+        bush_on_front[0] = on_front(n_links - 1);
+        let half_pitch = |i: usize| 0.5 * row(i).pitch_m;
+        ChainModel {
+            n_links,
+            padded,
+            lever: column(&half_pitch, 0.0, padded),
+            mass: column(&|i| row(i).mass_kg, 0.0, padded),
+            inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
+            inverse_mass: column(&|i| 1.0 / row(i).mass_kg, 0.0, padded),
+            inverse_inertia,
+            bush_on_front,
+            bush_lever: column(&|j| half_pitch(carrier(j)) * (2.0 * on_front(j) - 1.0), 0.0, padded),
+            bush_inverse_mass: column(&|j| 1.0 / row(carrier(j)).mass_kg, 0.0, padded),
+            bush_inverse_inertia: column(&|j| 1.0 / row(carrier(j)).inertia_kg_m2, 0.0, padded),
+            joint,
+        }
+    }
+
+    /// Link that carries the bush of joint `j`, and whether at its front.
+    pub fn bush_carrier(&self, j: usize) -> (usize, bool) {
+        let front = self.bush_on_front[j + 1] == 1.0;
+        (if front { j } else { (j + 1) % self.n_links }, front)
+    }
+
+    /// Holds link `i` still: a body of infinite mass.
+    pub fn hold(&mut self, i: usize) {
+        self.inverse_mass[i] = 0.0;
+        self.inverse_inertia[i] = 0.0;
+        if i == 0 {
+            self.inverse_inertia[self.n_links] = 0.0;
+        }
+    }
+}
+
+impl Model {
+    /// Compiles a drive with the tightening sprocket moved by `shift_m` from where its loop of nominal links closes.
+    pub fn build(drive: &Drive, placed: &Placed, shift_m: f64) -> Result<Model, Report> {
+        let mut pulleys = placed.pulleys.clone();
+        pulleys[drive.preload.moves].centre += placed.direction * shift_m;
+        let route = Route::new(&pulleys).map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
+        let mut diags = Vec::new();
+        let sense = if drive.chain_speed_m_s() < 0.0 { -1.0 } else { 1.0 };
+        let bush_radius_m = 0.5 * drive.chain.bush_diameter_m;
+        let contact = &drive.tooth_contact;
+        let sprockets: Vec<SprocketModel> = drive
+            .sprockets
+            .iter()
+            .zip(&placed.sprockets)
+            .zip(&pulleys)
+            .map(|((spec, geometry), pulley)| {
+                let nominal = drive.chain_speed_m_s() / geometry.rolling_radius_m() * pulley.wrap.sign();
+                SprocketModel {
+                    name: spec.name.clone(),
+                    geometry: *geometry,
+                    body: ToothedBody::new(
+                        geometry,
+                        pulley.centre,
+                        bush_radius_m,
+                        contact.law,
+                        contact.friction,
+                        contact.stick_speed_m_s,
+                    ),
+                    rotor: match spec.outer {
+                        OuterSpec::Speed { .. } => Rotor::Driven { speed_rad_s: nominal },
+                        OuterSpec::Load { inertia_kg_m2, torque_nm } => {
+                            Rotor::Free { inertia_kg_m2, torque_nm: -torque_nm * sense * pulley.wrap.sign() }
+                        }
+                    },
+                    nominal_speed_rad_s: nominal,
+                }
+            })
+            .collect();
+        let guides = build_guides(drive, &route);
+        check_clearances(drive, &sprockets, &guides, &mut diags);
+        if !diags.is_empty() {
+            return Err(drive.places.report(diags));
+        }
+        let joint = LinkJoint {
+            stiffness_n_per_m: drive.joint.stiffness_n_per_m,
+            damping_n_s_per_m: drive.joint.damping_n_s_per_m,
+            clearance_m: drive.joint.clearance_m,
+            friction_arm_m: drive.joint.friction * 0.5 * drive.chain.pin_diameter_m,
+            stick_speed_rad_s: drive.joint.stick_speed_rad_s,
+        };
+        Ok(Model {
+            step_s: f64::NAN,
+            chain: ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH),
+            sprockets,
+            guides,
+            driver: drive.driver(),
+            chain_speed_m_s: drive.chain_speed_m_s(),
+            rows: placed.rows.clone(),
+            route: Some(route),
+        })
+    }
+
+    /// Chain without sprockets and guides, for rings and spans on their own.
+    pub fn chain_only(n_links: usize, rows: Vec<LinkShape>, joint: LinkJoint, step_s: f64) -> Model {
+        Model {
+            step_s,
+            chain: ChainModel::new(n_links, &rows, joint, LANE_WIDTH),
+            sprockets: Vec::new(),
+            guides: Vec::new(),
+            driver: 0,
+            chain_speed_m_s: 0.0,
+            rows,
+            route: None,
+        }
+    }
+
+    /// Which sides have guides: inside, outside.
+    pub fn guide_sides(&self) -> [bool; 2] {
+        [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side))
+    }
+}
+
+/// Geometry of a drive: sprockets, links, and the position at which the loop closes.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    pub sprockets: Vec<Sprocket>,
+    pub rows: Vec<LinkShape>,
+    /// Pitch circles with the tightening sprocket where `links` loaded pitches close.
+    pub pulleys: Vec<Pulley>,
+    /// Direction in which it moves.
+    pub direction: Vec2,
+}
+
+/// Computes all profiles and closes the loop. `loaded_pitch_m`: pitch under the preload.
+pub fn place(drive: &Drive) -> Result<Placed, Report> {
+    let mut diags = Vec::new();
+    let mut sprockets = Vec::new();
+    for s in &drive.sprockets {
+        let spec = SprocketSpec {
+            teeth: s.teeth,
+            pitch_m: drive.chain.pitch_m,
+            roller_diameter_m: drive.chain.bush_diameter_m,
+            form: s.form,
+            tip_diameter_m: s.tip_diameter_m,
+        };
+        match Sprocket::new(spec) {
+            Ok(sprocket) => sprockets.push(sprocket),
+            Err(e) => {
+                let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
+                let path = format!("sprockets.{}.{key}", s.name);
+                diags.push(drive.places.error(&path, format!("sprocket `{}` cannot be made: {e}", s.name), None));
+            }
+        }
+    }
+    let rows = drive.chain.rows();
+    let rows = match rows {
+        Ok(rows) if rows.iter().all(|r| r.mass_kg > 0.0 && r.inertia_kg_m2 > 0.0) => rows.to_vec(),
+        Ok(_) => {
+            let help = Some("make the bores smaller, or give the rows their `mass_g` and `inertia_g_mm2`".into());
+            diags.push(drive.places.error("chain.bush", "the links have no mass left beside their bores", help));
+            Vec::new()
+        }
+        Err(e) => {
+            diags.push(drive.places.error("chain.bush", format!("the link plates cannot be made: {e}"), None));
+            Vec::new()
+        }
+    };
+    if !diags.is_empty() {
+        return Err(drive.places.report(diags));
+    }
+    let mut pulleys: Vec<Pulley> = drive
+        .sprockets
+        .iter()
+        .zip(&sprockets)
+        .map(|(s, g)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: g.pitch_radius_m, wrap: s.wrap })
+        .collect();
+    let moved = drive.preload.moves;
+    let before = (moved + pulleys.len() - 1) % pulleys.len();
+    let direction = match drive.preload.direction_rad {
+        Some(angle) => crate::geometry::unit(angle),
+        None => {
+            let d = pulleys[moved].centre - pulleys[before].centre;
+            if d.norm() > 0.0 { d / d.norm() } else { Vec2::new(1.0, 0.0) }
+        }
+    };
+    let pitch = rows.iter().map(|r| r.pitch_m).sum::<f64>() / rows.len() as f64;
+    let loaded = pitch + drive.preload.tension_n / drive.joint.stiffness_n_per_m + 2.0 * drive.joint.clearance_m;
+    let (shift, _) = close_loop(&pulleys, moved, direction, drive.links, loaded)
+        .map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
+    pulleys[moved].centre += direction * shift;
+    Ok(Placed { sprockets, rows, pulleys, direction })
+}
+
+fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
+    let name = |i: usize| drive.sprockets[i].name.clone();
+    match e {
+        RouteError::Overlap { first, second, needed_m } => drive.places.error(
+            &format!("sprockets.{}.x_mm", name(*second)),
+            format!("sprockets `{}` and `{}` overlap", name(*first), name(*second)),
+            Some(format!("their axes must be more than {:.3} mm apart", needed_m * 1e3)),
+        ),
+        RouteError::Unwrapped { pulley } => drive.places.error(
+            &format!("sprockets.{}", name(*pulley)),
+            format!("the chain does not wrap sprocket `{}`", name(*pulley)),
+            Some("check `route` (counterclockwise order), its position, and `wrap` (inside or outside the loop)".into()),
+        ),
+        RouteError::Open { links, fits } => drive.places.error(
+            "chain.bush.links",
+            format!("a loop of {links} links does not close round these sprockets"),
+            Some(match fits.as_slice() {
+                [] => "change the number of links or the positions".into(),
+                fits => format!("near the positions given, {fits:?} links would fit"),
+            }),
+        ),
+    }
+}
+
+fn build_guides(drive: &Drive, route: &Route) -> Vec<GuideModel> {
+    let contact = &drive.guide_contact;
+    let plate_radius_m = 0.5 * drive.chain.plate_height_m;
+    drive
+        .guides
+        .iter()
+        .map(|g| {
+            let span = &route.spans[g.span];
+            let geometry = StraightGuide::along_span(
+                span,
+                g.side,
+                g.start_m,
+                span.length_m - g.end_m,
+                plate_radius_m + g.clearance_m,
+                g.end_radius_m,
+            );
+            let body = GuideBody {
+                origin: geometry.origin,
+                along: geometry.along,
+                length_m: geometry.length_m,
+                end_radius_m: geometry.end_radius_m,
+                plate_radius_m,
+                side: if g.side == GuideSide::Inside { 0 } else { 1 },
+                law: contact.law,
+                friction: contact.friction,
+                stick_speed_m_s: contact.stick_speed_m_s,
+            };
+            GuideModel { name: g.name.clone(), geometry, body }
+        })
+        .collect()
+}
+
+/// Bodies that stand in each other's way, by parry's shape queries (in mm: its tolerances are absolute).
+fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideModel], diags: &mut Vec<Diag>) {
+    let mm = |v: Vec2| Vector::new(v.x * 1e3, v.y * 1e3);
+    let at = |v: Vec2| Pose::new(mm(v), 0.0);
+    let ball = |s: &SprocketModel| Ball::new(s.geometry.tip_radius_m * 1e3);
+    for (i, a) in sprockets.iter().enumerate() {
+        for b in &sprockets[i + 1..] {
+            let needed = drive.chain.bush_diameter_m * 1e3;
+            if let Ok(gap) = query::distance(&at(a.body.centre), &ball(a), &at(b.body.centre), &ball(b))
+                && gap.distance < needed
+            {
+                diags.push(drive.places.error(
+                    &format!("sprockets.{}", b.name),
+                    format!("sprockets `{}` and `{}` are {:.3} mm apart at their tips", a.name, b.name, gap.distance),
+                    Some(format!("a bush must pass between them: at least {needed:.3} mm")),
+                ));
+            }
+        }
+    }
+    for g in guides {
+        let path = format!("guides.fixed.{}", g.name);
+        if g.geometry.length_m <= 0.0 || g.geometry.length_m.is_nan() {
+            diags.push(drive.places.error(
+                &path,
+                format!("guide `{}` has no length left on its span", g.name),
+                Some("make `start_mm` and `end_mm` smaller".into()),
+            ));
+            continue;
+        }
+        let face = Segment::new(mm(g.geometry.origin), mm(g.geometry.origin + g.geometry.along * g.geometry.length_m));
+        for s in sprockets {
+            if let Ok(gap) = query::distance(&Pose::IDENTITY, &face, &at(s.body.centre), &ball(s))
+                && gap.distance <= 0.0
+            {
+                diags.push(drive.places.error(
+                    &path,
+                    format!("guide `{}` runs through sprocket `{}`", g.name, s.name),
+                    Some("make it shorter at that end (`start_mm`, `end_mm`) or move it away (`clearance_um`)".into()),
+                ));
+            }
+        }
+    }
+}
+
+/// Radii of the flank contact, for laws that depend on them.
+pub fn flank_radii(s: &SprocketModel) -> PairRadii {
+    PairRadii { bush_m: s.body.bush_radius_m, body_m: s.body.flank_radius_m }
+}

@@ -1,0 +1,395 @@
+//! What a recording holds: one [`Header`] and many [`Frame`]s.
+//!
+//! Both are protobuf messages (`assets/pitchline.proto` is their stable schema; a test holds the two together). All values
+//! are SI and f64; columns run in chain order, so that `links.x_m[i]` belongs to link `i`. A Frame is complete: nobody who
+//! reads it has to ask the model.
+
+/// Version of the recording's layout. A reader refuses a newer one and says so.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// `Contacts::body` of frames index into [`Header::bodies`].
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Header {
+    /// [`FORMAT_VERSION`] of the writer.
+    #[prost(uint32, tag = "1")]
+    pub format_version: u32,
+    /// Program and version that wrote the recording.
+    #[prost(string, tag = "2")]
+    pub program: String,
+    /// Name of the drive: bundled name or file name.
+    #[prost(string, tag = "3")]
+    pub drive_name: String,
+    /// The drive file, as read.
+    #[prost(string, tag = "4")]
+    pub drive_text: String,
+    /// `path=value` overrides, in the order given.
+    #[prost(string, repeated, tag = "5")]
+    pub overrides: Vec<String>,
+    /// Integration step [s].
+    #[prost(double, tag = "6")]
+    pub step_s: f64,
+    /// Steps between two frames.
+    #[prost(uint64, tag = "7")]
+    pub steps_per_frame: u64,
+    /// Links of the chain in chain order.
+    #[prost(message, repeated, tag = "8")]
+    pub links: Vec<LinkInfo>,
+    /// Outlines that links refer to: inner, outer.
+    #[prost(message, repeated, tag = "9")]
+    pub link_outlines: Vec<Outline>,
+    /// Sprockets first (in the order of `Rotors`), then guides.
+    #[prost(message, repeated, tag = "10")]
+    pub bodies: Vec<BodyInfo>,
+    /// Unit and meaning of every column.
+    #[prost(message, repeated, tag = "11")]
+    pub channels: Vec<Channel>,
+    /// Nominal chain speed z p n [m/s] and mean static tension [N], for scaling of pictures and reports.
+    #[prost(double, tag = "12")]
+    pub chain_speed_m_s: f64,
+    /// Mean tension of the assembled loop at rest [N].
+    #[prost(double, tag = "13")]
+    pub static_tension_n: f64,
+    /// How the drive was assembled, as `key = value unit` lines.
+    #[prost(string, repeated, tag = "14")]
+    pub assembly: Vec<String>,
+}
+
+/// One link: its row and rigid-body data.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct LinkInfo {
+    /// Index into [`Header::link_outlines`].
+    #[prost(uint32, tag = "1")]
+    pub outline: u32,
+    /// Pin-to-pin distance, unloaded [m].
+    #[prost(double, tag = "2")]
+    pub pitch_m: f64,
+    /// Mass [kg].
+    #[prost(double, tag = "3")]
+    pub mass_kg: f64,
+    /// Moment of inertia about the centre of mass [kg m2].
+    #[prost(double, tag = "4")]
+    pub inertia_kg_m2: f64,
+}
+
+/// A contour of arcs and lines in its body's own frame, and the circles that are drawn with it.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Outline {
+    /// `inner`, `outer`, or the path of the body.
+    #[prost(string, tag = "1")]
+    pub name: String,
+    /// Exact elements in order.
+    #[prost(message, repeated, tag = "2")]
+    pub elements: Vec<OutlineElement>,
+    /// Whether the last element ends where the first begins.
+    #[prost(bool, tag = "3")]
+    pub closed: bool,
+    /// Extra circles (bushes, pins, bores): x, y, radius [m].
+    #[prost(message, repeated, tag = "4")]
+    pub circles: Vec<OutlineCircle>,
+}
+
+/// A line from start to end, or an arc round `centre` when `radius_m` > 0.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct OutlineElement {
+    #[prost(double, tag = "1")]
+    pub start_x_m: f64,
+    #[prost(double, tag = "2")]
+    pub start_y_m: f64,
+    #[prost(double, tag = "3")]
+    pub end_x_m: f64,
+    #[prost(double, tag = "4")]
+    pub end_y_m: f64,
+    #[prost(double, tag = "5")]
+    pub centre_x_m: f64,
+    #[prost(double, tag = "6")]
+    pub centre_y_m: f64,
+    #[prost(double, tag = "7")]
+    pub radius_m: f64,
+    /// Signed sweep of the arc [rad], counterclockwise positive.
+    #[prost(double, tag = "8")]
+    pub sweep_rad: f64,
+}
+
+/// A circle of an outline.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct OutlineCircle {
+    #[prost(double, tag = "1")]
+    pub x_m: f64,
+    #[prost(double, tag = "2")]
+    pub y_m: f64,
+    #[prost(double, tag = "3")]
+    pub radius_m: f64,
+}
+
+/// A sprocket or a guide.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BodyInfo {
+    /// Path in the drive file, e.g. `sprockets.driver`.
+    #[prost(string, tag = "1")]
+    pub path: String,
+    /// True: turns, and has a row in `Rotors`.
+    #[prost(bool, tag = "2")]
+    pub rotor: bool,
+    /// Origin of the body's frame [m]; a sprocket's axis.
+    #[prost(double, tag = "3")]
+    pub x_m: f64,
+    #[prost(double, tag = "4")]
+    pub y_m: f64,
+    /// Rotation of a guide's frame [rad]; of a sprocket at rotor angle zero.
+    #[prost(double, tag = "5")]
+    pub angle_rad: f64,
+    /// Number of teeth; 0 for a guide.
+    #[prost(uint32, tag = "6")]
+    pub teeth: u32,
+    /// Its whole contour.
+    #[prost(message, optional, tag = "7")]
+    pub outline: Option<Outline>,
+}
+
+/// Name, unit and meaning of one column.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Channel {
+    /// e.g. `links.x_m`.
+    #[prost(string, tag = "1")]
+    pub name: String,
+    /// e.g. `m`.
+    #[prost(string, tag = "2")]
+    pub unit: String,
+    /// One sentence.
+    #[prost(string, tag = "3")]
+    pub meaning: String,
+}
+
+/// Everything at one instant. Velocities and forces belong to the same instant as the poses.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Frame {
+    /// Step number; `t_s` = step x `Header::step_s`.
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    /// Simulated time since the start of the recording [s].
+    #[prost(double, tag = "2")]
+    pub t_s: f64,
+    /// XXH3-64 of the whole State.
+    #[prost(fixed64, tag = "3")]
+    pub state_hash: u64,
+    /// Angle turned by the driver since step 0 [rad].
+    #[prost(double, tag = "4")]
+    pub crank_angle_rad: f64,
+    #[prost(message, required, tag = "5")]
+    pub links: Links,
+    #[prost(message, required, tag = "6")]
+    pub joints: Joints,
+    #[prost(message, required, tag = "7")]
+    pub contacts: Contacts,
+    #[prost(message, required, tag = "8")]
+    pub rotors: Rotors,
+    #[prost(message, required, tag = "9")]
+    pub energy: Energy,
+}
+
+/// Pose and velocity of every link at its centre of mass.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Links {
+    #[prost(double, repeated, tag = "1")]
+    pub x_m: Vec<f64>,
+    #[prost(double, repeated, tag = "2")]
+    pub y_m: Vec<f64>,
+    /// Heading of the link, rear pin to front pin [rad], in (-pi, pi].
+    #[prost(double, repeated, tag = "3")]
+    pub angle_rad: Vec<f64>,
+    #[prost(double, repeated, tag = "4")]
+    pub vx_m_s: Vec<f64>,
+    #[prost(double, repeated, tag = "5")]
+    pub vy_m_s: Vec<f64>,
+    #[prost(double, repeated, tag = "6")]
+    pub omega_rad_s: Vec<f64>,
+}
+
+/// Joint `j` joins the front end of link `j` to the rear end of link `j + 1`; the last closes the loop.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Joints {
+    /// Force on link `j + 1` at joint `j` [N]; link `j` feels the opposite.
+    #[prost(double, repeated, tag = "1")]
+    pub force_x_n: Vec<f64>,
+    #[prost(double, repeated, tag = "2")]
+    pub force_y_n: Vec<f64>,
+    /// Friction torque on link `j + 1` [N m].
+    #[prost(double, repeated, tag = "3")]
+    pub friction_torque_nm: Vec<f64>,
+}
+
+/// All contacts with positive penetration, sorted by link, feature, body.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Contacts {
+    #[prost(uint32, repeated, tag = "1")]
+    pub link: Vec<u32>,
+    /// What of the link touches: see [`Feature`].
+    #[prost(uint32, repeated, tag = "2")]
+    pub feature: Vec<u32>,
+    /// Index into `Header::bodies`.
+    #[prost(uint32, repeated, tag = "3")]
+    pub body: Vec<u32>,
+    /// Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.
+    #[prost(uint32, repeated, tag = "4")]
+    pub tooth: Vec<u32>,
+    /// Element of the body: see [`Segment`].
+    #[prost(uint32, repeated, tag = "5")]
+    pub segment: Vec<u32>,
+    /// Foot of the contact on the body's contour [m].
+    #[prost(double, repeated, tag = "6")]
+    pub point_body_x_m: Vec<f64>,
+    #[prost(double, repeated, tag = "7")]
+    pub point_body_y_m: Vec<f64>,
+    /// Deepest point of the link's contour [m].
+    #[prost(double, repeated, tag = "8")]
+    pub point_link_x_m: Vec<f64>,
+    #[prost(double, repeated, tag = "9")]
+    pub point_link_y_m: Vec<f64>,
+    /// Unit normal out of the body, towards the link.
+    #[prost(double, repeated, tag = "10")]
+    pub normal_x: Vec<f64>,
+    #[prost(double, repeated, tag = "11")]
+    pub normal_y: Vec<f64>,
+    #[prost(double, repeated, tag = "12")]
+    pub penetration_m: Vec<f64>,
+    /// Closing speed along the normal when the contact was first touched [m/s].
+    #[prost(double, repeated, tag = "13")]
+    pub approach_speed_m_s: Vec<f64>,
+    /// Rate of penetration [m/s].
+    #[prost(double, repeated, tag = "14")]
+    pub normal_speed_m_s: Vec<f64>,
+    /// Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) [m/s].
+    #[prost(double, repeated, tag = "15")]
+    pub tangential_speed_m_s: Vec<f64>,
+    /// Force on the link along the normal [N], never negative.
+    #[prost(double, repeated, tag = "16")]
+    pub normal_force_n: Vec<f64>,
+    /// Friction force on the link along the tangent [N].
+    #[prost(double, repeated, tag = "17")]
+    pub tangential_force_n: Vec<f64>,
+    /// True while the friction is below its limit.
+    #[prost(bool, repeated, tag = "18")]
+    pub stick: Vec<bool>,
+    /// Time since first touch [s].
+    #[prost(double, repeated, tag = "19")]
+    pub age_s: Vec<f64>,
+}
+
+/// One row per sprocket, in the order of `Header::bodies`.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Rotors {
+    /// Angle turned since step 0 plus the angle at assembly [rad].
+    #[prost(double, repeated, tag = "1")]
+    pub angle_rad: Vec<f64>,
+    #[prost(double, repeated, tag = "2")]
+    pub speed_rad_s: Vec<f64>,
+    /// Torque of the chain on the sprocket [N m].
+    #[prost(double, repeated, tag = "3")]
+    pub chain_torque_nm: Vec<f64>,
+    /// Torque of the drive or load on the sprocket [N m].
+    #[prost(double, repeated, tag = "4")]
+    pub outer_torque_nm: Vec<f64>,
+}
+
+/// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct Energy {
+    #[prost(double, tag = "1")]
+    pub kinetic_j: f64,
+    /// Stored in the pin joints.
+    #[prost(double, tag = "2")]
+    pub elastic_joint_j: f64,
+    /// Stored in contacts with sprockets and guides.
+    #[prost(double, tag = "3")]
+    pub elastic_contact_j: f64,
+    /// Work of the drives.
+    #[prost(double, tag = "4")]
+    pub work_in_j: f64,
+    /// Work done on the loads.
+    #[prost(double, tag = "5")]
+    pub work_out_j: f64,
+    #[prost(double, tag = "6")]
+    pub lost_pin_damping_j: f64,
+    #[prost(double, tag = "7")]
+    pub lost_pin_friction_j: f64,
+    #[prost(double, tag = "8")]
+    pub lost_contact_damping_j: f64,
+    #[prost(double, tag = "9")]
+    pub lost_contact_friction_j: f64,
+    #[prost(double, tag = "10")]
+    pub lost_guide_damping_j: f64,
+    #[prost(double, tag = "11")]
+    pub lost_guide_friction_j: f64,
+    /// work in - work out - lost - change of stored energy.
+    #[prost(double, tag = "12")]
+    pub error_j: f64,
+}
+
+/// A snapshot of the State from which a run goes on to the bit.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Keyframe {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(fixed64, tag = "2")]
+    pub state_hash: u64,
+    /// Every column of the State by name.
+    #[prost(message, repeated, tag = "3")]
+    pub columns: Vec<StateColumn>,
+}
+
+/// One named column of the State.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct StateColumn {
+    #[prost(string, tag = "1")]
+    pub name: String,
+    #[prost(double, repeated, tag = "2")]
+    pub values: Vec<f64>,
+}
+
+/// Something that happened between frames.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Event {
+    #[prost(uint64, tag = "1")]
+    pub step: u64,
+    #[prost(double, tag = "2")]
+    pub t_s: f64,
+    /// `first_touch`, ...
+    #[prost(string, tag = "3")]
+    pub kind: String,
+    /// One sentence, with numbers and units.
+    #[prost(string, tag = "4")]
+    pub text: String,
+    #[prost(uint32, tag = "5")]
+    pub link: u32,
+    #[prost(uint32, tag = "6")]
+    pub body: u32,
+    /// Quantity the event is about, e.g. the approach speed [m/s].
+    #[prost(double, tag = "7")]
+    pub value: f64,
+}
+
+/// What of a link touches something (`Contacts::feature`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Feature {
+    RearBush = 0,
+    FrontBush = 1,
+    RearPlateEnd = 2,
+    FrontPlateEnd = 3,
+}
+
+/// Which part of a body is touched (`Contacts::segment`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Segment {
+    Seat = 0,
+    /// Flank on the clockwise side of the gap.
+    FlankClockwise = 1,
+    /// Flank on the counterclockwise side of the gap.
+    FlankCounterclockwise = 2,
+    TipCorner = 3,
+    TipLand = 4,
+    GuideFace = 5,
+    GuideLeadIn = 6,
+    GuideLeadOut = 7,
+}

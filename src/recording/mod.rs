@@ -1,0 +1,84 @@
+//! Recordings: what is recorded ([`frame`]) and where it goes ([`Sink`]). Sinks see a Header and Frames; they never ask the
+//! model. A new kind of file is one new module and one arm in [`create`].
+
+pub mod frame;
+pub mod mcap;
+#[cfg(feature = "rerunx")]
+//pub mod rerun;
+pub mod view_geometry;
+
+use frame::{Event, Frame, Header, Keyframe};
+use std::path::{Path, PathBuf};
+
+/// A place where a recording goes. Calls come in order of time; `finish` comes last and once.
+pub trait Sink {
+    fn frame(&mut self, frame: &Frame) -> anyhow::Result<()>;
+    fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()>;
+    fn event(&mut self, event: &Event) -> anyhow::Result<()>;
+    /// Writes what is buffered and closes the file; returns its size [bytes].
+    fn finish(&mut self) -> anyhow::Result<u64>;
+    fn path(&self) -> &Path;
+}
+
+/// How densely the sinks draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewOptions {
+    /// Smallest time between two pictures (Foxglove scene and transforms, Rerun link poses) [s]. Numbers are recorded
+    /// with every frame regardless.
+    pub picture_interval_s: f64,
+}
+
+impl Default for ViewOptions {
+    fn default() -> ViewOptions {
+        ViewOptions { picture_interval_s: 200e-6 }
+    }
+}
+
+/// Kinds of recording that can be written, by file extension.
+pub fn extensions() -> &'static [&'static str] {
+    if cfg!(feature = "rerun") { &["mcap", "rrd"] } else { &["mcap"] }
+}
+
+/// Opens `path` for writing; the extension says what kind of recording.
+pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<Box<dyn Sink>> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    match extension {
+        "mcap" => Ok(Box::new(mcap::McapSink::create(path, header, view)?)),
+        #[cfg(feature = "rerunx")]
+        "rrd" => Ok(Box::new(rerun::RerunSink::create(path, header, view)?)),
+        _ => anyhow::bail!(
+            "{}: recordings end in {}",
+            path.display(),
+            extensions().iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(" or ")
+        ),
+    }
+}
+
+/// Takes a picture only every so often: true when `t_s` has reached the next picture's time.
+#[derive(Clone, Copy, Debug)]
+pub struct PictureClock {
+    interval_s: f64,
+    next_s: f64,
+}
+
+impl PictureClock {
+    pub fn new(view: ViewOptions) -> PictureClock {
+        PictureClock { interval_s: view.picture_interval_s, next_s: f64::NEG_INFINITY }
+    }
+
+    pub fn due(&mut self, t_s: f64) -> bool {
+        // Half a nanosecond of slack: frame times are multiples of a step, not of the interval.
+        if t_s + 0.5e-9 < self.next_s {
+            return false;
+        }
+        self.next_s = if self.next_s.is_finite() { self.next_s.max(t_s - self.interval_s) + self.interval_s } else { t_s + self.interval_s };
+        true
+    }
+}
+
+/// A sink's file, for messages.
+#[derive(Clone, Debug)]
+pub struct Output {
+    pub path: PathBuf,
+    pub bytes: u64,
+}

@@ -1,0 +1,210 @@
+//! How a viewer shows an `.rrd` when it is opened: the whole drive seen from the front, a close-up of every sprocket where the
+//! chain runs onto it, curves, tables and events. Written message by message: the crate's builder (0.36) cannot set cameras,
+//! and draws its ids at random.
+
+use anyhow::{Context, Result};
+use rerun::blueprint::components::{ContainerKind, LinkAxis, PanelState, PlayState};
+use rerun::external::re_log_types::BlueprintActivationCommand;
+use rerun::external::re_sdk_types::blueprint::archetypes::{
+    Background, ContainerBlueprint, DataframeQuery, EyeControls3D, LineGrid3D, PanelBlueprint, TimeAxis, TimePanelBlueprint,
+    ViewBlueprint, ViewContents, ViewportBlueprint,
+};
+use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, Eye3DKind};
+use rerun::external::re_sdk_types::components::{Plane3D, Position3D, Vector3D, Visible};
+use rerun::external::re_sdk_types::blueprint::datatypes::{ComponentColumnSelector, SelectedColumns};
+use rerun::external::re_sdk_types::datatypes::{Utf8, Uuid};
+use rerun::log::LogMsg;
+use rerun::{AsComponents, Color, RecordingStream, RecordingStreamBuilder};
+
+/// Simulated seconds per second of play-back.
+const PLAYBACK_SPEED: f64 = 0.005;
+
+/// Half of the viewer's vertical field of view: 55 degrees in all.
+const HALF_FIELD_OF_VIEW_RAD: f64 = 0.48;
+
+/// A rectangle to look at [mm].
+#[derive(Clone, Debug)]
+pub struct Look {
+    pub name: String,
+    pub centre: [f64; 2],
+    pub width: f64,
+    pub height: f64,
+}
+
+/// Adds the layout to the recording and makes it the one that is shown.
+pub fn send(stream: &RecordingStream, recording: &str, drive: &Look, close_ups: &[Look]) -> Result<()> {
+    let (layout, storage) = RecordingStreamBuilder::new(super::APPLICATION)
+        .recording_id(format!("{recording}-layout"))
+        .enabled(true)
+        .blueprint()
+        .memory()?;
+    layout.disable_timeline("log_time");
+    layout.disable_timeline("log_tick");
+    layout.set_time_sequence("blueprint", 0);
+    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups)?;
+    let messages = storage.take();
+    let blueprint_id = messages.iter().find_map(|message| match message {
+        LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
+        LogMsg::ArrowMsg(..) | LogMsg::BlueprintActivationCommand(_) => None,
+    });
+    let blueprint_id = blueprint_id.context("the layout has no store")?;
+    stream.send_blueprint(messages, BlueprintActivationCommand { blueprint_id, make_active: true, make_default: true });
+    Ok(())
+}
+
+fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look]) -> Result<()> {
+    // Panes are about twice as wide as high, or square where there is nothing beside them.
+    let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
+    let mut near = Vec::new();
+    for look in close_ups {
+        near.push((layout.camera(look, 1.0)?, 1.0));
+    }
+    let left = if near.is_empty() {
+        whole
+    } else {
+        let near = layout.container(ContainerKind::Horizontal, "close-ups", &near)?;
+        layout.container(ContainerKind::Vertical, "drive", &[(whole, 1.0), (near, 1.0)])?
+    };
+    let force = layout.curves("largest contact force", "/plots/largest_contact_force")?;
+    let tension = layout.curves("tension of joints", "/plots/joint_tension")?;
+    let speed = layout.curves("speed of sprockets", "/plots/speed")?;
+    let count = layout.curves("number of contacts", "/plots/contacts")?;
+    let lost = layout.curves("energy lost", "/plots/energy_lost")?;
+    let energy = layout.curves("energy and work", "/plots/energy")?;
+    let error = layout.curves("energy error", "/plots/energy_error")?;
+    let readme = layout.view("TextDocument", "read me", "/readme")?;
+    let drive_file = layout.view("TextDocument", "drive file", "/drive_file")?;
+    let table = layout.view("Dataframe", "contacts", "/state/contacts")?;
+    layout.property(&table, "DataframeQuery", &contact_columns())?;
+    let events = layout.view("TextLog", "events", "/events")?;
+    let first = tabs(layout, "forces", &[force, count])?;
+    let second = tabs(layout, "tensions", &[tension, speed, lost, energy, error])?;
+    let third = tabs(layout, "tables", &[table, readme, drive_file])?;
+    let right =
+        layout.container(ContainerKind::Vertical, "numbers", &[(first, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)])?;
+    let root = layout.container(ContainerKind::Horizontal, "all", &[(left, 1.9), (right, 1.0)])?;
+    layout.panels(&root)
+}
+
+/// The columns of the table of contacts, what one asks first on the left.
+fn contact_columns() -> DataframeQuery {
+    let names = [
+        "normal_force_n", "penetration_m", "link", "feature", "body", "tooth", "segment", "approach_speed_m_s",
+        "normal_speed_m_s", "tangential_speed_m_s", "tangential_force_n", "stick", "age_s",
+    ];
+    let column = |name: &str| ComponentColumnSelector::new(&"/state/contacts".into(), format!("contact:{name}"));
+    let selected = SelectedColumns {
+        time_columns: ["sim_time", "step"].map(Utf8::from).to_vec(),
+        component_columns: names.map(column).to_vec(),
+    };
+    DataframeQuery::new().with_timeline("sim_time").with_auto_scroll(true).with_select(selected)
+}
+
+fn tabs(layout: &mut Layout, name: &str, views: &[Placed]) -> Result<Placed> {
+    let views: Vec<(Placed, f32)> = views.iter().map(|view| (view.clone(), 1.0)).collect();
+    layout.container(ContainerKind::Tabs, name, &views)
+}
+
+/// A view or a container in the layout's store.
+#[derive(Clone)]
+struct Placed {
+    path: String,
+    id: [u8; 16],
+}
+
+struct Layout {
+    stream: RecordingStream,
+    /// Number of ids given.
+    ids: u8,
+}
+
+impl Layout {
+    fn place(&mut self, kind: &str) -> Placed {
+        self.ids += 1;
+        let mut id = *b"pitchline\0\0\0\0\0\0\0";
+        // Version 4, variant 1, as readers of UUIDs expect.
+        (id[6], id[8], id[15]) = (0x40 | (id[6] & 0x0f), 0x80 | (id[8] & 0x3f), self.ids);
+        let hex: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
+        let text = [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..]].join("-");
+        Placed { path: format!("{kind}/{text}"), id }
+    }
+
+    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Placed> {
+        self.view_of(class, name, origin, &["$origin/**"])
+    }
+
+    fn view_of(&mut self, class: &str, name: &str, origin: &str, contents: &[&str]) -> Result<Placed> {
+        let placed = self.place("view");
+        self.property(&placed, "ViewContents", &ViewContents::new(contents.iter().copied()))?;
+        let view = ViewBlueprint::new(class).with_display_name(name).with_space_origin(origin);
+        self.stream.log(placed.path.as_str(), &view)?;
+        Ok(placed)
+    }
+
+    fn property(&self, view: &Placed, name: &str, property: &dyn AsComponents) -> Result<()> {
+        Ok(self.stream.log(format!("{}/{name}", view.path), property)?)
+    }
+
+    /// A view from the front; `aspect` is about the width of its pane over the height.
+    fn camera(&mut self, look: &Look, aspect: f64) -> Result<Placed> {
+        let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**"];
+        let view = self.view_of("3D", &look.name, "/", &shown)?;
+        let half_height = 0.5 * look.height.max(look.width / aspect);
+        let distance = half_height / libm::tan(HALF_FIELD_OF_VIEW_RAD);
+        let [x, y] = look.centre.map(|v| v as f32);
+        let eye = EyeControls3D::new()
+            .with_kind(Eye3DKind::Orbital)
+            .with_position(Position3D::new(x, y, distance as f32))
+            .with_look_target(Position3D::new(x, y, 0.0))
+            .with_eye_up(Vector3D::from([0.0, 1.0, 0.0]));
+        self.property(&view, "EyeControls3D", &eye)?;
+        let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 26, 30));
+        self.property(&view, "Background", &background)?;
+        let grid = LineGrid3D::new()
+            .with_visible(Visible::from(true))
+            .with_plane(Plane3D::new([0.0, 0.0, 1.0], -1.0))
+            .with_spacing(10.0)
+            .with_stroke_width(1.0)
+            .with_color(Color::from_rgb(44, 48, 56));
+        self.property(&view, "LineGrid3D", &grid)?;
+        Ok(view)
+    }
+
+    fn curves(&mut self, name: &str, origin: &str) -> Result<Placed> {
+        let view = self.view("TimeSeries", name, origin)?;
+        self.property(&view, "TimeAxis", &TimeAxis::new().with_link(LinkAxis::LinkToGlobal))?;
+        Ok(view)
+    }
+
+    /// Parts and their shares of the space, along the container's direction.
+    fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(Placed, f32)]) -> Result<Placed> {
+        let placed = self.place("container");
+        let mut container =
+            ContainerBlueprint::new(kind).with_display_name(name).with_contents(parts.iter().map(|(p, _)| p.path.as_str()));
+        let shares = parts.iter().map(|(_, share)| *share);
+        match kind {
+            ContainerKind::Horizontal => container = container.with_col_shares(shares),
+            ContainerKind::Vertical => container = container.with_row_shares(shares),
+            ContainerKind::Tabs => container = container.with_active_tab(parts[0].0.path.as_str()),
+            ContainerKind::Grid => {}
+        }
+        self.stream.log(placed.path.as_str(), &container)?;
+        Ok(placed)
+    }
+
+    fn panels(&self, root: &Placed) -> Result<()> {
+        let viewport =
+            ViewportBlueprint::new().with_root_container(Uuid { bytes: root.id }).with_auto_layout(false).with_auto_views(false);
+        self.stream.log("viewport", &viewport)?;
+        let time = TimePanelBlueprint::new()
+            .with_timeline("sim_time")
+            .with_playback_speed(PLAYBACK_SPEED)
+            .with_play_state(PlayState::Paused)
+            .with_state(PanelState::Collapsed);
+        self.stream.log("time_panel", &time)?;
+        for panel in ["selection_panel", "blueprint_panel"] {
+            self.stream.log(panel, &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
+        }
+        Ok(())
+    }
+}

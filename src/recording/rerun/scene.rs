@@ -1,0 +1,311 @@
+//! What stands still in an `.rrd`: shapes of links, sprockets and guides, colours, names of curves, and a page that says what
+//! is what. Drawn in millimetres, because the viewer's camera and near plane suit numbers of that size; x to the right, y up,
+//! looked at from +z. Things lie in thin layers along z, so that a camera off their axis still sees them in place.
+
+use crate::recording::frame::{BodyInfo, Header, Outline};
+use crate::recording::view_geometry::{circle, polyline};
+use anyhow::Result;
+use rerun::external::re_sdk_types::components::PointShading;
+use rerun::{
+    AnnotationContext, Arrows3D, Color, EntityPath, LineStrips3D, Mesh3D, Points3D, RecordingStream, Rgba32, SeriesLines,
+    TextDocument, Transform3D, ViewCoordinates,
+};
+
+pub const MM_PER_M: f64 = 1e3;
+
+/// Layers [pitches]: where each kind of thing lies along z. Points and lines face the camera, so they need room to tilt.
+const Z_BODY: f64 = -0.012;
+const Z_INNER: f64 = 0.0;
+const Z_OUTER: f64 = 0.008;
+const Z_OUTLINE: f64 = 0.018;
+const Z_POINTS: f64 = 0.04;
+/// Within a link's mesh: face and discs over the rim [pitches].
+const Z_FACE: f64 = 0.002;
+const Z_DISC: f64 = 0.004;
+
+/// Steps of the colour scale of forces.
+const FORCE_CLASSES: u16 = 32;
+
+/// Forces as lengths and colours.
+#[derive(Clone, Copy, Debug)]
+pub struct ForceScale {
+    /// Length of arrows [mm/N].
+    pub mm_per_n: f32,
+    /// Force in the middle of the colour scale [N].
+    middle_n: f64,
+    /// Where pins and contacts are drawn [mm].
+    pub z_mm: f32,
+}
+
+impl ForceScale {
+    /// The mean static tension is drawn 1.5 pitches long and in the middle colour.
+    pub fn new(header: &Header) -> ForceScale {
+        // assumed: a drive assembled without tension gets a scale all the same.
+        let middle_n = if header.static_tension_n > 0.0 { header.static_tension_n } else { 100.0 };
+        let pitch = pitch_mm(header);
+        ForceScale { mm_per_n: (1.5 * pitch / middle_n) as f32, middle_n, z_mm: (Z_POINTS * pitch) as f32 }
+    }
+
+    /// Colour class of a force: even steps of f / (f + middle), which never saturates.
+    pub fn class(&self, force_n: f64) -> u16 {
+        let share = force_n / (force_n + self.middle_n);
+        (share * f64::from(FORCE_CLASSES)).clamp(0.0, f64::from(FORCE_CLASSES - 1)) as u16
+    }
+
+    /// Largest force of a class [N].
+    fn class_limit_n(&self, class: u16) -> f64 {
+        let share = f64::from(class + 1) / f64::from(FORCE_CLASSES);
+        if share < 1.0 { self.middle_n * share / (1.0 - share) } else { f64::INFINITY }
+    }
+}
+
+/// Mean pitch of the chain [mm].
+pub fn pitch_mm(header: &Header) -> f64 {
+    let sum_m: f64 = header.links.iter().map(|link| link.pitch_m).sum();
+    if header.links.is_empty() { 8.0 } else { MM_PER_M * sum_m / header.links.len() as f64 }
+}
+
+/// Entity of a body: `sprockets.driver` is `bodies/sprockets/driver`.
+pub fn body_entity(body: &BodyInfo) -> EntityPath {
+    std::iter::once("bodies").chain(body.path.split('.')).map(rerun::external::re_log_types::EntityPathPart::new).collect()
+}
+
+/// Entity of a kind of link.
+pub fn outline_entity(outline: &Outline) -> EntityPath {
+    ["chain", &outline.name].into_iter().map(rerun::external::re_log_types::EntityPathPart::new).collect()
+}
+
+/// Last part of a body's path.
+pub fn short_name(body: &BodyInfo) -> &str {
+    body.path.rsplit('.').next().unwrap_or(&body.path)
+}
+
+/// Logs everything that stands still.
+pub fn log(stream: &RecordingStream, header: &Header, scale: ForceScale) -> Result<()> {
+    stream.log_static("/", &ViewCoordinates::RIGHT_HAND_Y_UP())?;
+    for (i, outline) in header.link_outlines.iter().enumerate() {
+        stream.log_static(outline_entity(outline), &link_mesh(outline, i, pitch_mm(header)))?;
+    }
+    for body in &header.bodies {
+        log_body(stream, body, pitch_mm(header))?;
+    }
+    log_styles(stream, header, scale)?;
+    log_curve_names(stream, header)?;
+    stream.log_static("readme", &TextDocument::from_markdown(readme(header, scale)))?;
+    stream.log_static("drive_file", &TextDocument::new(header.drive_text.as_str()))?;
+    Ok(())
+}
+
+fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
+    let (z, rim, face, disc) = match row {
+        0 => (Z_INNER, [52, 74, 110], [104, 142, 196], [60, 84, 124]),
+        1 => (Z_OUTER, [112, 78, 30], [214, 164, 84], [128, 92, 40]),
+        _ => (Z_INNER, [60, 90, 60], [120, 170, 120], [66, 96, 66]),
+    };
+    let points = polyline(outline);
+    let centre = centroid(&points);
+    let inset: Vec<[f64; 2]> = points.iter().map(|p| [0, 1].map(|k| centre[k] + 0.94 * (p[k] - centre[k]))).collect();
+    let mut mesh = MeshParts { pitch_mm, ..MeshParts::default() };
+    mesh.push_fan(centre, &points, z, rim);
+    mesh.push_fan(centre, &inset, z + Z_FACE, face);
+    for c in &outline.circles {
+        mesh.push_fan([c.x_m, c.y_m], &circle(c.x_m, c.y_m, c.radius_m), z + Z_DISC, disc);
+    }
+    mesh.build()
+}
+
+/// Contour, spokes that show the rotation, and a filled face where the contour can be seen whole from the body's centre.
+fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<()> {
+    let entity = body_entity(body);
+    if !body.rotor {
+        stream.log_static(entity.clone(), &standing_transform(body))?;
+    }
+    let Some(outline) = &body.outline else { return Ok(()) };
+    let points = polyline(outline);
+    let z_mm = (Z_OUTLINE * pitch_mm) as f32;
+    let mut strips = vec![strip(&points, outline.closed, z_mm)];
+    strips.extend(outline.circles.iter().map(|c| strip(&circle(c.x_m, c.y_m, c.radius_m), true, z_mm)));
+    if body.rotor {
+        let hub = points.iter().map(|p| libm::hypot(p[0], p[1])).fold(f64::INFINITY, f64::min);
+        strips.push(strip(&[[0.25 * hub, 0.0], [0.9 * hub, 0.0]], false, z_mm));
+    }
+    let line_mm = (0.02 * pitch_mm) as f32;
+    let colour = if body.rotor { Color::from_rgb(235, 235, 235) } else { Color::from_rgb(120, 200, 140) };
+    stream.log_static(entity.clone(), &LineStrips3D::new(strips).with_radii([line_mm]).with_colors([colour]))?;
+    let centre = if body.rotor { [0.0, 0.0] } else { centroid(&points) };
+    if outline.closed && star_shaped(centre, &points) {
+        let mut mesh = MeshParts { pitch_mm, ..MeshParts::default() };
+        mesh.push_fan(centre, &points, Z_BODY, if body.rotor { [96, 100, 108] } else { [58, 92, 66] });
+        stream.log_static(entity, &mesh.build())?;
+    }
+    Ok(())
+}
+
+fn standing_transform(body: &BodyInfo) -> Transform3D {
+    let (s, c) = libm::sincos(0.5 * body.angle_rad);
+    let [x, y] = [body.x_m, body.y_m].map(|v| (MM_PER_M * v) as f32);
+    Transform3D::new()
+        .with_translation([x, y, 0.0])
+        .with_quaternion(rerun::Quaternion::from_xyzw([0.0, 0.0, s as f32, c as f32]))
+}
+
+fn strip(points: &[[f64; 2]], closed: bool, z_mm: f32) -> Vec<[f32; 3]> {
+    let ends = if closed { points.first() } else { None };
+    points.iter().chain(ends).map(|p| position_mm(*p, z_mm)).collect()
+}
+
+/// A point [m] in the drawing [mm].
+pub fn position_mm(point_m: [f64; 2], z_mm: f32) -> [f32; 3] {
+    [(MM_PER_M * point_m[0]) as f32, (MM_PER_M * point_m[1]) as f32, z_mm]
+}
+
+/// Area centroid of a polygon.
+fn centroid(points: &[[f64; 2]]) -> [f64; 2] {
+    let (mut area, mut x, mut y) = (0.0, 0.0, 0.0);
+    for (a, b) in edges(points) {
+        let cross = a[0] * b[1] - b[0] * a[1];
+        area += cross;
+        x += cross * (a[0] + b[0]);
+        y += cross * (a[1] + b[1]);
+    }
+    if area == 0.0 { points.first().copied().unwrap_or_default() } else { [x / (3.0 * area), y / (3.0 * area)] }
+}
+
+/// Whether a fan of triangles round `centre` covers the polygon and nothing else.
+fn star_shaped(centre: [f64; 2], points: &[[f64; 2]]) -> bool {
+    let cross = |(a, b): ([f64; 2], [f64; 2])| {
+        (a[0] - centre[0]) * (b[1] - centre[1]) - (b[0] - centre[0]) * (a[1] - centre[1])
+    };
+    edges(points).all(|e| cross(e) >= 0.0) || edges(points).all(|e| cross(e) <= 0.0)
+}
+
+fn edges(points: &[[f64; 2]]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
+    points.iter().copied().zip(points.iter().copied().cycle().skip(1))
+}
+
+/// A mesh being made: flat faces that look at +z, each of one colour.
+#[derive(Default)]
+struct MeshParts {
+    pitch_mm: f64,
+    positions: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    colours: Vec<Color>,
+}
+
+impl MeshParts {
+    fn push_fan(&mut self, centre: [f64; 2], points: &[[f64; 2]], z_pitches: f64, rgb: [u8; 3]) {
+        let z_mm = (z_pitches * self.pitch_mm) as f32;
+        let first = self.positions.len() as u32;
+        let n = points.len() as u32;
+        self.positions.push(position_mm(centre, z_mm));
+        self.positions.extend(points.iter().map(|p| position_mm(*p, z_mm)));
+        self.triangles.extend((0..n).map(|k| [first, first + 1 + k, first + 1 + (k + 1) % n]));
+        self.colours.resize(self.positions.len(), Color::from_rgb(rgb[0], rgb[1], rgb[2]));
+    }
+
+    fn build(self) -> Mesh3D {
+        let normals = vec![[0.0_f32, 0.0, 1.0]; self.positions.len()];
+        Mesh3D::new(self.positions)
+            .with_triangle_indices(self.triangles)
+            .with_vertex_normals(normals)
+            .with_vertex_colors(self.colours)
+    }
+}
+
+/// Sizes and colours of points and arrows, once for all rows.
+fn log_styles(stream: &RecordingStream, header: &Header, scale: ForceScale) -> Result<()> {
+    let classes = |colour: fn(f64) -> [u8; 3]| {
+        let describe = |class: u16| {
+            let [r, g, b] = colour((f64::from(class) + 0.5) / f64::from(FORCE_CLASSES));
+            let limit_n = scale.class_limit_n(class);
+            (class, format!("up to {limit_n:.0} N"), Rgba32::from_rgb(r, g, b))
+        };
+        let all: Vec<_> = (0..FORCE_CLASSES).map(describe).collect();
+        AnnotationContext::new(all.iter().map(|(class, label, colour)| (*class, label.as_str(), *colour)))
+    };
+    let pitch = pitch_mm(header) as f32;
+    let points = |radius: f32| {
+        Points3D::update_fields().with_radii([radius]).with_show_labels(false).with_point_shading(PointShading::Flat)
+    };
+    stream.log_static("contacts/points", &classes(contact_colour))?;
+    stream.log_static("contacts/points", &points(0.035 * pitch))?;
+    stream.log_static("joints/tension", &classes(tension_colour))?;
+    stream.log_static("joints/tension", &points(0.07 * pitch))?;
+    let arrows = Arrows3D::update_fields().with_radii([0.018 * pitch]).with_colors([Color::from_rgb(255, 64, 96)]);
+    stream.log_static("contacts/forces", &arrows)?;
+    Ok(())
+}
+
+/// Yellow to red with the force.
+fn contact_colour(share: f64) -> [u8; 3] {
+    blend(share, &[[255, 250, 170], [255, 190, 40], [240, 60, 30], [190, 0, 90]])
+}
+
+/// White (slack) over green and yellow to red (tight).
+fn tension_colour(share: f64) -> [u8; 3] {
+    blend(share, &[[245, 245, 255], [120, 220, 160], [250, 220, 40], [230, 30, 30]])
+}
+
+fn blend(share: f64, colours: &[[u8; 3]]) -> [u8; 3] {
+    let place = share.clamp(0.0, 1.0) * (colours.len() - 1) as f64;
+    let k = (place as usize).min(colours.len() - 2);
+    let part = place - k as f64;
+    [0, 1, 2].map(|c| (f64::from(colours[k][c]) * (1.0 - part) + f64::from(colours[k + 1][c]) * part) as u8)
+}
+
+/// Names of the curves, in the order in which the sink writes them.
+fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
+    let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
+    let forces = rotors().chain(["guides"]).map(|name| format!("{name} [N]"));
+    let named = |names: Vec<String>| SeriesLines::new().with_names(names);
+    stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
+    stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
+    stream.log_static("plots/speed", &named(rotors().map(|name| format!("{name} [1/min]")).collect()))?;
+    stream.log_static("plots/contacts", &named(vec!["contacts".to_owned()]))?;
+    stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
+    let energies = ["kinetic [J]", "elastic, joints [J]", "elastic, contacts [J]", "work in [J]", "work out [J]"];
+    stream.log_static("plots/energy", &named(energies.map(str::to_owned).to_vec()))?;
+    let losses = ["pin damping", "pin friction", "contact damping", "contact friction", "guide damping", "guide friction"];
+    stream.log_static("plots/energy_lost", &named(losses.map(|name| format!("{name} [J]")).to_vec()))?;
+    Ok(())
+}
+
+fn readme(header: &Header, scale: ForceScale) -> String {
+    let Header { program, drive_name, overrides, step_s, steps_per_frame, assembly, .. } = header;
+    let frame_s = step_s * *steps_per_frame as f64;
+    let mut text = format!(
+        "# {drive_name}\n\nWritten by {program}. Step {:.3} us, one frame every {:.1} us.\n\n\
+         Numbers are SI (m, N, rad, s) in f64; the drawing is in millimetres.\n\n\
+         | where | what |\n|---|---|\n\
+         | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides |\n\
+         | `joints/tension` | pins, coloured by tension: white slack, green, yellow, red tight |\n\
+         | `contacts/points` | where links touch sprockets and guides, yellow to red with the force |\n\
+         | `contacts/forces` | force on the link, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
+         | `state/contacts` | all numbers of all contacts, one row a frame |\n\
+         | `state/links`, `state/joints`, `state/rotors` | poses, speeds, forces and torques, one row a frame |\n\
+         | `plots` | curves |\n| `events` | what happened when |\n\n\
+         Timelines: `sim_time`, `step`, `crank_angle` (driver's turn in micro-degrees). \
+         Numbers are there for every frame; the drawing is held from one picture to the next.\n",
+        step_s * 1e6,
+        frame_s * 1e6,
+        scale.mm_per_n,
+        header.static_tension_n,
+    );
+    push_list(&mut text, "Overrides", overrides);
+    push_list(&mut text, "Assembly", assembly);
+    text.push_str("\n## Columns\n\n| column | unit | meaning |\n|---|---|---|\n");
+    for channel in &header.channels {
+        text.push_str(&format!("| `{}` | {} | {} |\n", channel.name, channel.unit, channel.meaning));
+    }
+    text
+}
+
+fn push_list(text: &mut String, title: &str, lines: &[String]) {
+    if lines.is_empty() {
+        return;
+    }
+    text.push_str(&format!("\n## {title}\n\n"));
+    for line in lines {
+        text.push_str(&format!("- `{line}`\n"));
+    }
+}

@@ -1,0 +1,178 @@
+//! Columns of one entity, gathered over a block of rows and sent in one go. Rows are ragged: a row of `contacts` has as many
+//! values as there are contacts. The arrays are made here, not by the crate's archetype builders: those copy value by value.
+
+use anyhow::Result;
+use rerun::external::arrow::array::{
+    ArrayRef, BooleanArray, FixedSizeListArray, Float32Array, Float64Array, StringArray, UInt16Array, UInt64Array,
+};
+use rerun::external::arrow::datatypes::{DataType, Field};
+use rerun::{ComponentDescriptor, ComponentIdentifier, EntityPath, RecordingStream, SerializedComponentBatch, TimeColumn};
+use std::sync::Arc;
+
+/// Values of a column, all rows one after the other.
+pub enum Values {
+    F64(Vec<f64>),
+    /// Points and vectors, three numbers each.
+    Vec3(Vec<f32>),
+    /// Quaternions x, y, z, w.
+    Quaternion(Vec<f32>),
+    U16(Vec<u16>),
+    U64(Vec<u64>),
+    Bool(Vec<bool>),
+    Text(Vec<String>),
+}
+
+/// Name and values of one component.
+pub struct Column {
+    descriptor: ComponentDescriptor,
+    values: Values,
+}
+
+/// All components of one entity.
+pub struct Table {
+    entity: EntityPath,
+    /// Values per row.
+    lengths: Vec<usize>,
+    columns: Vec<Column>,
+}
+
+/// Row times of a block.
+#[derive(Default)]
+pub struct Times {
+    sim_time_ns: Vec<i64>,
+    step: Vec<i64>,
+    crank_angle_udeg: Vec<i64>,
+}
+
+impl Times {
+    pub fn push(&mut self, t_s: f64, step: u64, crank_angle_udeg: i64) {
+        self.sim_time_ns.push((t_s * 1e9).round() as i64);
+        self.step.push(i64::try_from(step).unwrap_or(i64::MAX));
+        self.crank_angle_udeg.push(crank_angle_udeg);
+    }
+
+    pub fn len(&self) -> usize {
+        self.step.len()
+    }
+
+    fn take(&mut self) -> [TimeColumn; 3] {
+        let n = self.len();
+        let taken = |v: &mut Vec<i64>| std::mem::replace(v, Vec::with_capacity(n));
+        [
+            TimeColumn::new_duration_nanos("sim_time", taken(&mut self.sim_time_ns)),
+            TimeColumn::new_sequence("step", taken(&mut self.step)),
+            TimeColumn::new_sequence("crank_angle", taken(&mut self.crank_angle_udeg)),
+        ]
+    }
+}
+
+impl Table {
+    /// A table of components that a viewer knows how to draw.
+    pub fn drawn(entity: EntityPath, columns: Vec<(ComponentDescriptor, Values)>) -> Table {
+        let columns = columns.into_iter().map(|(descriptor, values)| Column { descriptor, values }).collect();
+        Table { entity, lengths: Vec::new(), columns }
+    }
+
+    /// A table of plain numbers: components `group:name`.
+    pub fn numbers(entity: &str, group: &'static str, columns: Vec<(&'static str, Values)>) -> Table {
+        let describe = |name: &'static str| ComponentDescriptor {
+            archetype: Some(group.into()),
+            component: ComponentIdentifier::from_archetype_field(group.into(), name),
+            component_type: None,
+        };
+        Table::drawn(entity.into(), columns.into_iter().map(|(name, values)| (describe(name), values)).collect())
+    }
+
+    /// Ends a row: every column has got `n` values since the last.
+    pub fn end_row(&mut self, n: usize) {
+        self.lengths.push(n);
+    }
+
+    pub fn f64(&mut self, column: usize) -> &mut Vec<f64> {
+        match &mut self.columns[column].values {
+            Values::F64(values) => values,
+            _ => panic!("{} column {column} is not f64", self.entity),
+        }
+    }
+
+    pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
+        match &mut self.columns[column].values {
+            Values::Vec3(values) | Values::Quaternion(values) => values,
+            _ => panic!("{} column {column} is not f32", self.entity),
+        }
+    }
+
+    pub fn u16(&mut self, column: usize) -> &mut Vec<u16> {
+        match &mut self.columns[column].values {
+            Values::U16(values) => values,
+            _ => panic!("{} column {column} is not u16", self.entity),
+        }
+    }
+
+    pub fn u64(&mut self, column: usize) -> &mut Vec<u64> {
+        match &mut self.columns[column].values {
+            Values::U64(values) => values,
+            _ => panic!("{} column {column} is not u64", self.entity),
+        }
+    }
+
+    pub fn bool(&mut self, column: usize) -> &mut Vec<bool> {
+        match &mut self.columns[column].values {
+            Values::Bool(values) => values,
+            _ => panic!("{} column {column} is not bool", self.entity),
+        }
+    }
+
+    pub fn text(&mut self, column: usize) -> &mut Vec<String> {
+        match &mut self.columns[column].values {
+            Values::Text(values) => values,
+            _ => panic!("{} column {column} is not text", self.entity),
+        }
+    }
+
+    fn send(&mut self, stream: &RecordingStream, times: &[TimeColumn; 3]) -> Result<()> {
+        let mut columns = Vec::with_capacity(self.columns.len());
+        for column in &mut self.columns {
+            let batch = SerializedComponentBatch::new(column.values.take(), column.descriptor.clone());
+            columns.push(batch.partitioned(self.lengths.iter().copied())?);
+        }
+        self.lengths.clear();
+        stream.send_columns(self.entity.clone(), times.clone(), columns)?;
+        Ok(())
+    }
+}
+
+/// Sends a block: the rows of all `tables`, at `times`; empties both.
+pub fn send<'a>(
+    stream: &RecordingStream,
+    times: &mut Times,
+    tables: impl IntoIterator<Item = &'a mut Table>,
+) -> Result<()> {
+    let times = times.take();
+    tables.into_iter().try_for_each(|table| table.send(stream, &times))
+}
+
+impl Values {
+    fn take(&mut self) -> ArrayRef {
+        match self {
+            Values::F64(values) => Arc::new(Float64Array::from(taken(values))),
+            Values::Vec3(values) => small_vectors(taken(values), 3),
+            Values::Quaternion(values) => small_vectors(taken(values), 4),
+            Values::U16(values) => Arc::new(UInt16Array::from(taken(values))),
+            Values::U64(values) => Arc::new(UInt64Array::from(taken(values))),
+            Values::Bool(values) => Arc::new(BooleanArray::from(taken(values))),
+            Values::Text(values) => Arc::new(StringArray::from(taken(values))),
+        }
+    }
+}
+
+/// The next block is about as long as this one.
+fn taken<T>(values: &mut Vec<T>) -> Vec<T> {
+    let n = values.len() + values.len() / 8;
+    std::mem::replace(values, Vec::with_capacity(n))
+}
+
+fn small_vectors(values: Vec<f32>, width: i32) -> ArrayRef {
+    let item = Arc::new(Field::new("item", DataType::Float32, false));
+    Arc::new(FixedSizeListArray::new(item, width, Arc::new(Float32Array::from(values)), None))
+}

@@ -1,0 +1,64 @@
+//! Outlines as polylines and triangles, for sinks that draw.
+
+use super::frame::{Header, Outline, OutlineElement};
+
+/// Largest distance between an arc and the chords it is drawn with [m].
+pub const DRAWING_TOLERANCE_M: f64 = 5e-6;
+
+/// Points along an outline [m], in its own frame; a closed one does not repeat its first point.
+pub fn polyline(outline: &Outline) -> Vec<[f64; 2]> {
+    let mut points = Vec::new();
+    for (i, element) in outline.elements.iter().enumerate() {
+        if i == 0 {
+            points.push([element.start_x_m, element.start_y_m]);
+        }
+        push_element(element, &mut points);
+    }
+    if outline.closed {
+        points.pop();
+    }
+    points
+}
+
+fn push_element(e: &OutlineElement, points: &mut Vec<[f64; 2]>) {
+    if e.radius_m > 0.0 && e.sweep_rad != 0.0 {
+        let start = libm::atan2(e.start_y_m - e.centre_y_m, e.start_x_m - e.centre_x_m);
+        let cos = (1.0 - DRAWING_TOLERANCE_M / e.radius_m).clamp(-1.0, 1.0);
+        let piece = (2.0 * libm::acos(cos)).max(0.02);
+        let pieces = (e.sweep_rad.abs() / piece).ceil().clamp(1.0, 1000.0) as usize;
+        for k in 1..pieces {
+            let (s, c) = libm::sincos(start + e.sweep_rad * k as f64 / pieces as f64);
+            points.push([e.centre_x_m + e.radius_m * c, e.centre_y_m + e.radius_m * s]);
+        }
+    }
+    points.push([e.end_x_m, e.end_y_m]);
+}
+
+/// A circle as a closed polyline.
+pub fn circle(x_m: f64, y_m: f64, radius_m: f64) -> Vec<[f64; 2]> {
+    const PIECES: usize = 32;
+    (0..PIECES)
+        .map(|k| {
+            let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / PIECES as f64);
+            [x_m + radius_m * c, y_m + radius_m * s]
+        })
+        .collect()
+}
+
+/// Box round everything that stands still: (lower, upper) corner [m]; the chain lies inside it up to a few pitches.
+pub fn scene_bounds(header: &Header) -> ([f64; 2], [f64; 2]) {
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for body in &header.bodies {
+        let Some(outline) = &body.outline else { continue };
+        let (s, c) = libm::sincos(body.angle_rad);
+        for [x, y] in polyline(outline) {
+            let p = [body.x_m + c * x - s * y, body.y_m + s * x + c * y];
+            for k in 0..2 {
+                low[k] = low[k].min(p[k]);
+                high[k] = high[k].max(p[k]);
+            }
+        }
+    }
+    (low, high)
+}

@@ -1,0 +1,293 @@
+//! State: what a step changes, and nothing else.
+//!
+//! All columns are f64 arrays in chain order, so that a step runs over them without gather, and so that hash, keyframe and
+//! resume share one list. The scheme is a leapfrog: positions belong to step `step`, velocities to half a step before it,
+//! accelerations to the step before; together they give the velocity at the step itself.
+//!
+//! Arrays are padded with inert links to a multiple of the lane width; padding is neither hashed nor saved.
+
+use crate::recording::frame::{Keyframe, StateColumn};
+
+/// Name of a column: `set.name`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ColumnName {
+    pub set: &'static str,
+    pub name: &'static str,
+}
+
+impl std::fmt::Display for ColumnName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}.{}", self.set, self.name)
+    }
+}
+
+/// Columns with one value per link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinkState {
+    /// Centre of mass [m].
+    pub x: Vec<f64>,
+    pub y: Vec<f64>,
+    /// Heading, rear joint to front joint, as cosine and sine.
+    pub cos: Vec<f64>,
+    pub sin: Vec<f64>,
+    /// Half a step back [m/s, rad/s].
+    pub vx: Vec<f64>,
+    pub vy: Vec<f64>,
+    pub omega: Vec<f64>,
+    /// One step back [m/s2, rad/s2].
+    pub ax: Vec<f64>,
+    pub ay: Vec<f64>,
+    pub alpha: Vec<f64>,
+}
+
+/// What a set of contact lanes remembers from one step to the next, and what it has lost so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContactMemory {
+    /// Mean normal force over the last step [N].
+    pub normal_force: Vec<f64>,
+    /// Mean friction force over the last step [N].
+    pub tangential_force: Vec<f64>,
+    /// Steps since first touch; 0 = open.
+    pub age: Vec<f64>,
+    /// Closing speed at first touch [m/s].
+    pub approach: Vec<f64>,
+    /// Energy lost to contact damping and to friction since the ledger was opened [J].
+    pub lost_damping: Vec<f64>,
+    pub lost_friction: Vec<f64>,
+}
+
+/// One value per sprocket.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RotorState {
+    /// Angle [rad], counted on over turns, and its cosine and sine.
+    pub angle: Vec<f64>,
+    pub cos: Vec<f64>,
+    pub sin: Vec<f64>,
+    /// Half a step back [rad/s]; one step back [rad/s2].
+    pub omega: Vec<f64>,
+    pub alpha: Vec<f64>,
+    /// Work of the drive on the sprocket, and of the sprocket on its load, since the ledger was opened [J].
+    pub work_in: Vec<f64>,
+    pub work_out: Vec<f64>,
+}
+
+/// Where inert links are put [m]: out of reach of everything.
+pub const FAR_AWAY_M: f64 = 1e3;
+
+/// Everything that a step changes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// Steps since the recording began.
+    pub step: u64,
+    /// Links without padding.
+    pub n_links: usize,
+    pub links: LinkState,
+    /// Lost in the pin joints since the ledger was opened, per joint [J].
+    pub lost_pin_damping: Vec<f64>,
+    pub lost_pin_friction: Vec<f64>,
+    /// Bush of joint j against the sprockets.
+    pub bushes: ContactMemory,
+    /// Plate ends against guides: inside front, inside rear, outside front, outside rear. Empty where a drive has none.
+    pub guide_ends: [ContactMemory; 4],
+    pub rotors: RotorState,
+}
+
+impl ContactMemory {
+    pub fn new(len: usize) -> ContactMemory {
+        let zeros = || vec![0.0; len];
+        ContactMemory {
+            normal_force: zeros(),
+            tangential_force: zeros(),
+            age: zeros(),
+            approach: zeros(),
+            lost_damping: zeros(),
+            lost_friction: zeros(),
+        }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.age.is_empty()
+    }
+}
+
+impl State {
+    /// All links at the origin, at rest, padded to `padded_len` with inert links.
+    pub fn at_rest(n_links: usize, padded_len: usize, n_rotors: usize, guide_sides: [bool; 2]) -> State {
+        let zeros = || vec![0.0; padded_len];
+        let rotor_zeros = || vec![0.0; n_rotors];
+        let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
+        let mut x = zeros();
+        x[n_links..].fill(FAR_AWAY_M);
+        State {
+            step: 0,
+            n_links,
+            links: LinkState {
+                x,
+                y: zeros(),
+                cos: vec![1.0; padded_len],
+                sin: zeros(),
+                vx: zeros(),
+                vy: zeros(),
+                omega: zeros(),
+                ax: zeros(),
+                ay: zeros(),
+                alpha: zeros(),
+            },
+            lost_pin_damping: zeros(),
+            lost_pin_friction: zeros(),
+            bushes: ContactMemory::new(padded_len),
+            guide_ends: [ends(guide_sides[0]), ends(guide_sides[0]), ends(guide_sides[1]), ends(guide_sides[1])],
+            rotors: RotorState {
+                angle: rotor_zeros(),
+                cos: vec![1.0; n_rotors],
+                sin: rotor_zeros(),
+                omega: rotor_zeros(),
+                alpha: rotor_zeros(),
+                work_in: rotor_zeros(),
+                work_out: rotor_zeros(),
+            },
+        }
+    }
+
+    /// Every column with its name, the padding cut off. Taken apart without `..`: a new column cannot be forgotten here,
+    /// and with it neither in the hash nor in keyframes.
+    pub fn for_each_column<'a>(&'a self, mut f: impl FnMut(ColumnName, &'a [f64])) {
+        let State { step: _, n_links, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } = self;
+        let n = *n_links;
+        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
+        let named = [
+            ("x", x),
+            ("y", y),
+            ("cos", cos),
+            ("sin", sin),
+            ("vx", vx),
+            ("vy", vy),
+            ("omega", omega),
+            ("ax", ax),
+            ("ay", ay),
+            ("alpha", alpha),
+        ];
+        for (name, column) in named {
+            f(ColumnName { set: "links", name }, &column[..n]);
+        }
+        f(ColumnName { set: "joints", name: "lost_pin_damping" }, &lost_pin_damping[..n]);
+        f(ColumnName { set: "joints", name: "lost_pin_friction" }, &lost_pin_friction[..n]);
+        let sets = ["bushes", "guide_inside_front", "guide_inside_rear", "guide_outside_front", "guide_outside_rear"];
+        for (set, memory) in sets.into_iter().zip(std::iter::once(bushes).chain(guide_ends)) {
+            let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
+            let named = [
+                ("normal_force", normal_force),
+                ("tangential_force", tangential_force),
+                ("age", age),
+                ("approach", approach),
+                ("lost_damping", lost_damping),
+                ("lost_friction", lost_friction),
+            ];
+            for (name, column) in named {
+                f(ColumnName { set, name }, &column[..n.min(column.len())]);
+            }
+        }
+        let RotorState { angle, cos, sin, omega, alpha, work_in, work_out } = rotors;
+        let named = [
+            ("angle", angle),
+            ("cos", cos),
+            ("sin", sin),
+            ("omega", omega),
+            ("alpha", alpha),
+            ("work_in", work_in),
+            ("work_out", work_out),
+        ];
+        for (name, column) in named {
+            f(ColumnName { set: "rotors", name }, column);
+        }
+    }
+
+    /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`].
+    pub fn hash(&self) -> u64 {
+        let mut hasher = xxhash_rust::xxh3::Xxh3Default::new();
+        hasher.update(&self.step.to_le_bytes());
+        self.for_each_column(|_, column| hasher.update(bytemuck::cast_slice(column)));
+        hasher.digest()
+    }
+
+    /// The whole State as a message.
+    pub fn keyframe(&self) -> Keyframe {
+        let mut columns = Vec::new();
+        self.for_each_column(|name, values| columns.push(StateColumn { name: name.to_string(), values: values.to_vec() }));
+        Keyframe { step: self.step, state_hash: self.hash(), columns }
+    }
+
+    /// Puts a keyframe back into a State of the same drive. Fails when columns differ in name, number or length, or when
+    /// the hash does not match.
+    pub fn restore(&mut self, keyframe: &Keyframe) -> Result<(), String> {
+        let mut given = keyframe.columns.iter();
+        let mut problem = None;
+        self.for_each_column_mut(|name, column| match given.next() {
+            Some(c) if c.name == name.to_string() && c.values.len() == column.len() => column.copy_from_slice(&c.values),
+            Some(c) => {
+                problem.get_or_insert(format!(
+                    "column `{}` with {} values stands where `{name}` with {} is expected",
+                    c.name,
+                    c.values.len(),
+                    column.len()
+                ));
+            }
+            None => {
+                problem.get_or_insert(format!("column `{name}` is missing"));
+            }
+        });
+        if let Some(problem) = problem {
+            return Err(problem);
+        }
+        self.step = keyframe.step;
+        let hash = self.hash();
+        if hash != keyframe.state_hash {
+            return Err(format!("the state hashes to {hash:016x}, the keyframe says {:016x}", keyframe.state_hash));
+        }
+        Ok(())
+    }
+
+    /// Mutable twin of [`State::for_each_column`]; a test holds their order together.
+    fn for_each_column_mut(&mut self, mut f: impl FnMut(ColumnName, &mut [f64])) {
+        let mut names = Vec::new();
+        self.for_each_column(|name, _| names.push(name));
+        let n = self.n_links;
+        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } = self;
+        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
+        let mut columns: Vec<&mut Vec<f64>> =
+            vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, lost_pin_damping, lost_pin_friction];
+        for memory in std::iter::once(bushes).chain(guide_ends) {
+            let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
+            columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
+        }
+        let per_link = columns.len();
+        let RotorState { angle, cos, sin, omega, alpha, work_in, work_out } = rotors;
+        columns.extend([angle, cos, sin, omega, alpha, work_in, work_out]);
+        for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {
+            let len = if i < per_link { n.min(column.len()) } else { column.len() };
+            f(name, &mut column[..len]);
+        }
+    }
+
+    /// Opens a new ledger: losses and work start from zero.
+    pub fn clear_ledger(&mut self) {
+        self.for_each_column_mut(|name, column| {
+            if name.name.starts_with("lost_") || name.name.starts_with("work_") {
+                column.fill(0.0);
+            }
+        });
+    }
+
+    /// First link, rotor or lane whose value is no finite number.
+    pub fn first_not_finite(&self) -> Option<String> {
+        let mut found = None;
+        self.for_each_column(|name, column| {
+            if found.is_none()
+                && let Some(i) = column.iter().position(|v| !v.is_finite())
+            {
+                found = Some(format!("{name}[{i}]"));
+            }
+        });
+        found
+    }
+}

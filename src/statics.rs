@@ -1,0 +1,464 @@
+//! Static equilibrium of the loop: the minimum of its potential energy.
+//!
+//! Unknowns are the pose of every link and the angle of every free sprocket. The energy is that of joints, tooth and guide
+//! contacts (without friction) and the loads. Newton's method with line search; the Hessian, curvature of contacts and
+//! rotation of links included, is block-tridiagonal with a border (the link that closes the loop and the sprockets), so an
+//! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
+
+use crate::contact;
+use crate::elements::contact_law::{Elastic, PairRadii};
+use crate::geometry::{Vec2, perp, rotated, unit};
+use crate::model::Model;
+use crate::units::sin_cos;
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
+
+/// Poses of links (centre, heading) and angles of all sprockets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Configuration {
+    pub links: Vec<(Vec2, f64)>,
+    pub rotors: Vec<f64>,
+}
+
+/// What stands still, and how well.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Equilibrium {
+    pub configuration: Configuration,
+    /// Largest unbalanced force, moments divided by their lever [N].
+    pub residual_n: f64,
+    pub iterations: usize,
+    /// Tension of every joint [N].
+    pub tensions_n: Vec<f64>,
+}
+
+/// Why no equilibrium was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NotConverged {
+    pub residual_n: f64,
+    pub iterations: usize,
+}
+
+/// Residual at which the search ends [N]: rounding of positions times the contact stiffness is some 1e-8 N.
+pub const RESIDUAL_N: f64 = 1e-6;
+const MOST_ITERATIONS: usize = 400;
+
+/// Gradient and Hessian over link blocks and free sprockets.
+struct System {
+    gradient: Vec<Vector3<f64>>,
+    diagonal: Vec<Matrix3<f64>>,
+    /// Block (i, i + 1), cyclic.
+    next: Vec<Matrix3<f64>>,
+    /// Per free sprocket: its column over the links.
+    columns: Vec<Vec<Vector3<f64>>>,
+    rotor_gradient: DVector<f64>,
+    rotor_diagonal: DVector<f64>,
+    energy: f64,
+}
+
+/// Indices of the sprockets that are free to turn.
+fn free_rotors(model: &Model) -> Vec<usize> {
+    (0..model.sprockets.len()).filter(|k| model.sprockets[*k].rotor.inverse_inertia() > 0.0).collect()
+}
+
+/// Finds the equilibrium near `start`, loads scaled by `load_factor`.
+pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Result<Equilibrium, NotConverged> {
+    let free = free_rotors(model);
+    let mut q = start;
+    let mut system = assemble(model, &q, &free, load_factor);
+    let mut shift = 0.0_f64;
+    for iterations in 0..MOST_ITERATIONS {
+        let residual_n = system.residual(model);
+        if residual_n < RESIDUAL_N {
+            let tensions_n = tensions(model, &q);
+            return Ok(Equilibrium { configuration: q, residual_n, iterations, tensions_n });
+        }
+        if residual_n.is_nan() {
+            return Err(NotConverged { residual_n, iterations });
+        }
+        let negative: Vec<Vector3<f64>> = system.gradient.iter().map(|g| -g).collect();
+        let direction = system.solve(&negative, &(-&system.rotor_gradient), shift);
+        let accepted = direction.and_then(|(dq, dr)| line_search(model, &q, &free, load_factor, &system, &dq, &dr));
+        match accepted {
+            Some((next, next_system, full)) => {
+                (q, system) = (next, next_system);
+                shift = if full { shift * 0.1 } else { shift };
+                if shift < 1e2 {
+                    shift = 0.0;
+                }
+            }
+            None if shift > 1e13 => return Err(NotConverged { residual_n, iterations }),
+            None => shift = (10.0 * shift).max(1e4),
+        }
+    }
+    Err(NotConverged { residual_n: system.residual(model), iterations: MOST_ITERATIONS })
+}
+
+type Step = (Configuration, System, bool);
+
+/// Halves the step until energy or residual falls; None where nothing does.
+fn line_search(
+    model: &Model,
+    q: &Configuration,
+    free: &[usize],
+    load_factor: f64,
+    system: &System,
+    dq: &[Vector3<f64>],
+    dr: &DVector<f64>,
+) -> Option<Step> {
+    let slope: f64 = system.gradient.iter().zip(dq).map(|(g, d)| g.dot(d)).sum::<f64>() + system.rotor_gradient.dot(dr);
+    let residual = system.residual(model);
+    // Not longer than half a millimetre a step: contacts are found within one tooth gap.
+    let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * 4e-3)).fold(0.0, f64::max);
+    let mut factor = if longest > 5e-4 { 5e-4 / longest } else { 1.0 };
+    let full = factor == 1.0;
+    for halving in 0..30 {
+        let next = moved(q, free, dq, dr, factor);
+        let next_system = assemble(model, &next, free, load_factor);
+        let lower = slope < 0.0 && next_system.energy <= system.energy + 1e-4 * factor * slope;
+        if lower || next_system.residual(model) < 0.9 * residual {
+            return Some((next, next_system, full && halving == 0));
+        }
+        factor *= 0.5;
+    }
+    None
+}
+
+fn moved(q: &Configuration, free: &[usize], dq: &[Vector3<f64>], dr: &DVector<f64>, factor: f64) -> Configuration {
+    let links = q
+        .links
+        .iter()
+        .zip(dq)
+        .map(|((p, a), d)| (p + Vec2::new(d.x, d.y) * factor, a + d.z * factor))
+        .collect();
+    let mut rotors = q.rotors.clone();
+    for (k, rotor) in free.iter().enumerate() {
+        rotors[*rotor] += dr[k] * factor;
+    }
+    Configuration { links, rotors }
+}
+
+/// How the equilibrium moves when the driver turns: d(links)/d(angle), d(rotors)/d(angle).
+pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<Vector3<f64>>, Vec<f64>)> {
+    const TURN_RAD: f64 = 1e-7;
+    let free = free_rotors(model);
+    let system = assemble(model, at, &free, 1.0);
+    let turned = |by: f64| {
+        let mut q = at.clone();
+        q.rotors[model.driver] += by;
+        assemble(model, &q, &free, 1.0)
+    };
+    let (plus, minus) = (turned(TURN_RAD), turned(-TURN_RAD));
+    let rhs: Vec<Vector3<f64>> =
+        plus.gradient.iter().zip(&minus.gradient).map(|(a, b)| (b - a) / (2.0 * TURN_RAD)).collect();
+    let rotor_rhs = (&minus.rotor_gradient - &plus.rotor_gradient) / (2.0 * TURN_RAD);
+    let (links, free_rates) = system.solve(&rhs, &rotor_rhs, 0.0)?;
+    let mut rotors = vec![0.0; model.sprockets.len()];
+    rotors[model.driver] = 1.0;
+    for (k, rotor) in free.iter().enumerate() {
+        rotors[*rotor] = free_rates[k];
+    }
+    Some((links, rotors))
+}
+
+/// Tension of every joint [N].
+pub fn tensions(model: &Model, q: &Configuration) -> Vec<f64> {
+    let n = model.chain.n_links;
+    (0..n)
+        .map(|j| {
+            let u = joint_offset(model, q, j);
+            let f = model.chain.joint.force(u.x, u.y, 0.0, 0.0);
+            f.x.hypot(f.y)
+        })
+        .collect()
+}
+
+fn joint_offset(model: &Model, q: &Configuration, j: usize) -> Vec2 {
+    let k = (j + 1) % model.chain.n_links;
+    let ((pa, fa), (pb, fb)) = (q.links[j], q.links[k]);
+    pa + unit(fa) * model.chain.lever[j] - pb + unit(fb) * model.chain.lever[k]
+}
+
+fn assemble(model: &Model, q: &Configuration, free: &[usize], load_factor: f64) -> System {
+    let n = model.chain.n_links;
+    let mut s = System {
+        gradient: vec![Vector3::zeros(); n],
+        diagonal: vec![Matrix3::zeros(); n],
+        next: vec![Matrix3::zeros(); n],
+        columns: vec![vec![Vector3::zeros(); n]; free.len()],
+        rotor_gradient: DVector::zeros(free.len()),
+        rotor_diagonal: DVector::zeros(free.len()),
+        energy: 0.0,
+    };
+    for j in 0..n {
+        add_joint(model, q, j, &mut s);
+    }
+    for (index, sprocket) in model.sprockets.iter().enumerate() {
+        let column = free.iter().position(|k| *k == index);
+        if let Some(c) = column {
+            let torque = sprocket.rotor.outer_torque_nm() * load_factor;
+            s.energy -= torque * q.rotors[index];
+            s.rotor_gradient[c] -= torque;
+        }
+        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m;
+        for j in 0..n {
+            let (link, front) = model.chain.bush_carrier(j);
+            let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+            let (p, heading) = q.links[link];
+            let offset = p + unit(heading) * lever - sprocket.body.centre;
+            if offset.norm() > reach {
+                continue;
+            }
+            let angle = q.rotors[index];
+            let hit = contact::gap_contact(&sprocket.geometry, rotated(offset, -angle), sprocket.body.bush_radius_m);
+            let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
+            let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
+            if elastic.force_n > 0.0 {
+                let normal = rotated(hit.touch.normal, angle);
+                // Distance to the centre of curvature decides how the normal turns: convex bodies weaken, concave stiffen.
+                let bend = if hit.body_radius_m < 0.0 {
+                    1.0 / (-hit.body_radius_m - radii.bush_m + hit.touch.penetration_m)
+                } else {
+                    -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
+                };
+                add_contact(&mut s, link, lever, heading, normal, elastic, bend, column.map(|c| (c, offset)));
+            }
+        }
+    }
+    for guide in &model.guides {
+        add_guide(model, q, guide, &mut s);
+    }
+    s
+}
+
+fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
+    let n = model.chain.n_links;
+    let k = (j + 1) % n;
+    let (la, lb) = (model.chain.lever[j], model.chain.lever[k]);
+    let (ea, eb) = (unit(q.links[j].1), unit(q.links[k].1));
+    let u = joint_offset(model, q, j);
+    let joint = &model.chain.joint;
+    let force = joint.force(u.x, u.y, 0.0, 0.0);
+    s.energy += force.stored;
+    let f = Vec2::new(force.x, force.y);
+    let stiffness = joint.stiffness_n_per_m;
+    // Stiffness in the direction of u and across it.
+    let (along, across, direction) = if joint.clearance_m == 0.0 {
+        (stiffness, stiffness, Vec2::new(1.0, 0.0))
+    } else if f.norm() > 0.0 {
+        (stiffness, f.norm() / u.norm(), u.normalize())
+    } else {
+        return;
+    };
+    let side = perp(direction);
+    // Rows of du / d(x, y, heading) for both links, in the frame (direction, side).
+    let (ta, tb) = (perp(ea) * la, perp(eb) * lb);
+    let rows = |sign: f64, t: Vec2, v: Vec2| Vector3::new(sign * v.x, sign * v.y, t.dot(&v));
+    let (a0, a1) = (rows(1.0, ta, direction), rows(1.0, ta, side));
+    let (b0, b1) = (rows(-1.0, tb, direction), rows(-1.0, tb, side));
+    s.gradient[j] += Vector3::new(f.x, f.y, ta.dot(&f));
+    s.gradient[k] += Vector3::new(-f.x, -f.y, tb.dot(&f));
+    s.diagonal[j] += along * a0 * a0.transpose() + across * a1 * a1.transpose();
+    s.diagonal[k] += along * b0 * b0.transpose() + across * b1 * b1.transpose();
+    s.diagonal[j][(2, 2)] -= la * ea.dot(&f);
+    s.diagonal[k][(2, 2)] -= lb * eb.dot(&f);
+    s.next[j] += along * a0 * b0.transpose() + across * a1 * b1.transpose();
+}
+
+#[allow(clippy::too_many_arguments)] // one contact: who, where, how strong, how curved
+fn add_contact(
+    s: &mut System,
+    link: usize,
+    lever: f64,
+    heading: f64,
+    normal: Vec2,
+    elastic: Elastic,
+    bend_per_m: f64,
+    rotor: Option<(usize, Vec2)>,
+) {
+    let (force, stiffness) = (elastic.force_n, elastic.stiffness_n_per_m);
+    s.energy += elastic.energy_j;
+    let e = unit(heading);
+    let (t, tangent) = (perp(e) * lever, perp(normal));
+    // d(penetration) and tangential displacement per (x, y, heading).
+    let g = Vector3::new(-normal.x, -normal.y, -normal.dot(&t));
+    let h = Vector3::new(tangent.x, tangent.y, tangent.dot(&t));
+    s.gradient[link] += force * g;
+    s.diagonal[link] += stiffness * g * g.transpose() + force * bend_per_m * h * h.transpose();
+    s.diagonal[link][(2, 2)] += force * lever * normal.dot(&e);
+    let Some((column, offset)) = rotor else { return };
+    let swing = perp(offset);
+    let (g_r, h_r) = (normal.dot(&swing), -tangent.dot(&swing));
+    s.rotor_gradient[column] += force * g_r;
+    s.rotor_diagonal[column] += stiffness * g_r * g_r + force * (bend_per_m * h_r * h_r + normal.dot(&offset));
+    let turn = Vec2::new(normal.y, -normal.x);
+    let mixed = Vector3::new(turn.x, turn.y, turn.dot(&t));
+    s.columns[column][link] += stiffness * g_r * g + force * (bend_per_m * h_r * h + mixed);
+}
+
+fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel, s: &mut System) {
+    let b = &guide.body;
+    let normal = perp(b.along);
+    for link in 0..model.chain.n_links {
+        for sign in [1.0, -1.0] {
+            let lever = sign * model.chain.lever[link];
+            let (p, heading) = q.links[link];
+            let d = p + unit(heading) * lever - b.origin;
+            let (along, above) = (d.dot(&b.along), d.dot(&normal));
+            if above > b.plate_radius_m || above < -b.plate_radius_m || along < -b.end_radius_m || along > b.length_m + b.end_radius_m {
+                continue;
+            }
+            let foot = along.clamp(0.0, b.length_m);
+            let from = Vec2::new(along - foot, above + b.end_radius_m);
+            let distance = from.norm();
+            let penetration = b.end_radius_m + b.plate_radius_m - distance;
+            let radii = PairRadii { bush_m: b.plate_radius_m, body_m: b.end_radius_m };
+            let elastic = b.law.elastic(penetration, radii);
+            if elastic.force_n > 0.0 {
+                let n = (b.along * from.x + normal * from.y) / distance;
+                let bend = if foot == along { 0.0 } else { -1.0 / distance };
+                add_contact(s, link, lever, heading, n, elastic, bend, None);
+            }
+        }
+    }
+}
+
+impl System {
+    /// Largest unbalanced force [N].
+    fn residual(&self, model: &Model) -> f64 {
+        let mut largest = 0.0_f64;
+        for (g, lever) in self.gradient.iter().zip(&model.chain.lever) {
+            let here = g.x.abs().max(g.y.abs()).max(g.z.abs() / lever);
+            largest = if here.is_nan() { f64::NAN } else { largest.max(here) };
+            if largest.is_nan() {
+                return largest;
+            }
+        }
+        for (k, rotor) in free_rotors(model).into_iter().enumerate() {
+            largest = largest.max(self.rotor_gradient[k].abs() / model.sprockets[rotor].geometry.pitch_radius_m);
+        }
+        largest
+    }
+
+    /// Solves (H + shift) x = rhs. The last link and the sprockets form the border. None when singular.
+    fn solve(&self, rhs: &[Vector3<f64>], rotor_rhs: &DVector<f64>, shift: f64) -> Option<(Vec<Vector3<f64>>, DVector<f64>)> {
+        let n = self.diagonal.len();
+        let (m, border) = (n - 1, 3 + self.columns.len());
+        let damp = Matrix3::from_diagonal(&Vector3::new(shift, shift, shift * 1.6e-5));
+        // Right-hand sides of the chain part: border columns, then rhs.
+        let mut sides: Vec<Matrix3xX<f64>> = vec![Matrix3xX::zeros(border + 1); m];
+        let mut add = |i: usize, column: usize, block: &Matrix3<f64>| {
+            for c in 0..3 {
+                for r in 0..3 {
+                    sides[i][(r, column + c)] += block[(r, c)];
+                }
+            }
+        };
+        add(0, 0, &self.next[n - 1].transpose());
+        add(m - 1, 0, &self.next[m - 1]);
+        for (i, side) in sides.iter_mut().enumerate() {
+            for (k, column) in self.columns.iter().enumerate() {
+                side.column_mut(3 + k).copy_from(&column[i]);
+            }
+            side.column_mut(border).copy_from(&rhs[i]);
+        }
+        let coupling: Vec<Matrix3xX<f64>> = sides.iter().map(|s| s.columns(0, border).into_owned()).collect();
+        // Block elimination.
+        let mut inverses = Vec::with_capacity(m);
+        for i in 0..m {
+            let mut d = self.diagonal[i] + damp;
+            if i > 0 {
+                let lower = self.next[i - 1].transpose() * inverses[i - 1];
+                d -= lower * self.next[i - 1];
+                let change = lower * &sides[i - 1];
+                sides[i] -= change;
+            }
+            inverses.push(d.try_inverse()?);
+        }
+        for i in (0..m).rev() {
+            if i + 1 < m {
+                let change = self.next[i] * &sides[i + 1];
+                sides[i] -= change;
+            }
+            sides[i] = inverses[i] * &sides[i];
+        }
+        // Border.
+        let mut small = DMatrix::zeros(border, border);
+        let mut small_rhs = DVector::zeros(border);
+        let last = self.diagonal[n - 1] + damp;
+        small.view_mut((0, 0), (3, 3)).copy_from(&last);
+        small_rhs.rows_mut(0, 3).copy_from(&rhs[n - 1]);
+        for (k, column) in self.columns.iter().enumerate() {
+            for r in 0..3 {
+                small[(r, 3 + k)] = column[n - 1][r];
+                small[(3 + k, r)] = column[n - 1][r];
+            }
+            small[(3 + k, 3 + k)] = self.rotor_diagonal[k] + shift * 1e-3;
+            small_rhs[3 + k] = rotor_rhs[k];
+        }
+        for i in 0..m {
+            small -= coupling[i].transpose() * sides[i].columns(0, border);
+            small_rhs -= coupling[i].transpose() * sides[i].column(border);
+        }
+        let y = small.lu().solve(&small_rhs)?;
+        let mut links: Vec<Vector3<f64>> = sides
+            .iter()
+            .map(|s| {
+                let x = s.column(border) - s.columns(0, border) * &y;
+                Vector3::new(x[0], x[1], x[2])
+            })
+            .collect();
+        links.push(Vector3::new(y[0], y[1], y[2]));
+        Some((links, y.rows(3, border - 3).into_owned()))
+    }
+}
+
+/// Cosine and sine of a heading, for filling a State.
+pub fn heading(angle_rad: f64) -> (f64, f64) {
+    let (s, c) = sin_cos(angle_rad);
+    (c, s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::{BUNDLED, Drive};
+
+    #[test]
+    fn gradient_is_the_slope_of_the_energy_and_the_hessian_that_of_the_gradient() {
+        let drive = Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &[]).expect("bundled drive");
+        let placed = crate::model::place(&drive).expect("closes");
+        let model = Model::build(&drive, &placed, 1e-4).expect("builds");
+        let q = crate::assemble::tests_rest(&model, &drive);
+        let free = free_rotors(&model);
+        let at = |q: &Configuration| assemble(&model, q, &free, 1.0);
+        let s = at(&q);
+        let h = 1e-9;
+        let mut worst = (0.0_f64, 0.0_f64);
+        for i in (0..90).step_by(1) {
+            for c in 0..3 {
+                let shifted = |by: f64| {
+                    let mut p = q.clone();
+                    match c { 0 => p.links[i].0.x += by, 1 => p.links[i].0.y += by, _ => p.links[i].1 += by }
+                    at(&p)
+                };
+                let (a, b) = (shifted(h), shifted(-h));
+                let slope = (a.energy - b.energy) / (2.0 * h);
+                let e = (slope - s.gradient[i][c]).abs();
+                if e > 1e-2 * (1.0 + slope.abs()) { println!("grad {i} {c} num {slope} ana {}", s.gradient[i][c]); }
+                worst.0 = worst.0.max(e);
+                for r in 0..3 {
+                    let num = (a.gradient[i][r] - b.gradient[i][r]) / (2.0 * h);
+                    let d = (num - s.diagonal[i][(r, c)]).abs();
+                    if d > 1e-3 * (1e3 + num.abs()) { println!("diag {i} {r} {c} num {num} ana {}", s.diagonal[i][(r, c)]); }
+                    let k = (i + 89) % 90;
+                    let num = (a.gradient[k][r] - b.gradient[k][r]) / (2.0 * h);
+                    let d = (num - s.next[k][(r, c)]).abs();
+                    if d > 1e-3 * (1e3 + num.abs()) { println!("next {k} {r} {c} num {num} ana {}", s.next[k][(r, c)]); }
+                }
+                let num = (a.rotor_gradient[0] - b.rotor_gradient[0]) / (2.0 * h);
+                if (num - s.columns[0][i][c]).abs() > 1e-3 * (1e2 + num.abs()) { println!("col {i} {c} num {num} ana {}", s.columns[0][i][c]); }
+            }
+        }
+        println!("residual {}", s.residual(&model));
+        panic!("{worst:?}");
+    }
+}
