@@ -56,6 +56,40 @@ pub struct AssemblyReport {
     pub tension_drift: f64,
 }
 
+impl AssemblyReport {
+    /// `key = value unit`, for people and for the header of recordings.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines = vec![
+            format!(
+                "axis of {} = ({:.4}, {:.4}) mm",
+                self.moved_sprocket,
+                self.moved_to_x_m * 1e3,
+                self.moved_to_y_m * 1e3
+            ),
+            format!(
+                "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
+                self.preload_n, self.preload_low_n, self.preload_high_n
+            ),
+            format!(
+                "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
+                self.static_mean_tension_n, self.static_min_tension_n, self.static_max_tension_n
+            ),
+            format!("static residual = {:.1e} N after {} iterations", self.residual_n, self.iterations),
+            format!(
+                "step = {:.3} us (bound {:.3} us: {})",
+                self.step_s * 1e6,
+                self.step_bound_s * 1e6,
+                self.step_bound_cause
+            ),
+        ];
+        for still in &self.stillness {
+            lines.push(format!("stillness after run-in = {:.4} % of the free sprocket's speed, peak to peak", still * 100.0));
+        }
+        lines.push(format!("drift of the mean tension while settling = {:.2} %", self.tension_drift * 100.0));
+        lines
+    }
+}
+
 /// Why a drive could not be assembled.
 #[derive(Debug)]
 pub enum AssemblyError {

@@ -4,6 +4,7 @@
 //! ([`assemble`]), stepped ([`integrate`]), captured into frames and written to sinks ([`recording`], [`simulate`]).
 
 pub mod assemble;
+pub mod cli;
 pub mod contact;
 pub mod diag;
 pub mod drive;
@@ -12,6 +13,8 @@ pub mod geometry;
 pub mod integrate;
 pub mod model;
 pub mod recording;
+pub mod render;
+pub mod simulate;
 pub mod state;
 pub mod statics;
 pub mod units;

@@ -1,16 +1,22 @@
-fn main() {
-    let d = pitchline::drive::BUNDLED[0];
-    let over: Vec<String> = std::env::args().skip(1).collect();
-    let drive = match pitchline::drive::Drive::parse(d.0, d.1, &over) { Ok(d) => d, Err(e) => { eprintln!("{e}"); std::process::exit(2) } };
-    let t = std::time::Instant::now();
-    let a = match pitchline::assemble::assemble(&drive) { Ok(a) => a, Err(e) => { eprintln!("{e}"); std::process::exit(1) } };
-    println!("{:#?} {:?}", a.report, t.elapsed());
-    let (model, mut state) = (a.model, a.state);
-    let mut sc = pitchline::integrate::explicit::Scratch::new(&model);
-    let t = std::time::Instant::now();
-    let n = (0.5 / model.step_s) as u64;
-    for _ in 0..n { if let Err(e) = pitchline::integrate::explicit::step(&model, &mut state, &mut sc) { println!("{e}"); break } }
-    let el = t.elapsed().as_secs_f64();
-    println!("isa {:?} steps {} wall {:.3} s: {:.2} ns/link/step; per sim s {:.3}", sc.isa, n, el, el*1e9/n as f64/90., el/0.5);
-    println!("w {:?} work {:?} {:?} hash {:x}", state.rotors.omega, state.rotors.work_in, state.rotors.work_out, state.hash());
+//! The `pitchline` program: parses the command line, runs a verb, turns its end into an exit code.
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = match pitchline::cli::Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) => {
+            // Help and version go to stdout and are no failure. A closed pipe is nobody's mistake.
+            let _printed = e.print();
+            return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
+        }
+    };
+    match pitchline::cli::run(cli) {
+        Ok(outcome) => ExitCode::from(outcome.code()),
+        Err(failure) => {
+            eprintln!("{failure}");
+            ExitCode::from(failure.code())
+        }
+    }
 }

@@ -20,8 +20,8 @@ use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
 use parry2d_f64::shape::{Ball, Segment};
 
-/// Lanes of the widest vector unit (AVX-512, f64).
-pub const LANE_WIDTH: usize = 8;
+/// Columns are padded to a multiple of this.
+pub const LANE_WIDTH: usize = crate::elements::tooth_contact::LANES;
 
 /// The chain: one value per link, padded.
 #[derive(Clone, Debug, PartialEq)]

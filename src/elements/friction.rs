@@ -19,5 +19,5 @@ pub fn solved_force(coefficient: f64, normal_force: f64, free_speed: f64, stick_
     let ratio = free_speed / (stick_speed + half_step_mobility * limit);
     let ratio = if ratio > 1.0 { 1.0 } else { ratio };
     let ratio = if ratio < -1.0 { -1.0 } else { ratio };
-    -limit * ratio
+    0.0 - limit * ratio
 }

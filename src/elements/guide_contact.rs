@@ -7,7 +7,7 @@
 //! Forces as in [`super::tooth_contact`], the guide at rest.
 
 use super::contact_law::ContactLaw;
-use super::tooth_contact::{CHUNK, Lanes};
+use super::tooth_contact::{Column, LANES, Lanes};
 use crate::geometry::Vec2;
 
 /// A guide as the contact sees it.
@@ -26,14 +26,27 @@ pub struct GuideBody {
     pub stick_speed_m_s: f64,
 }
 
-/// Geometry of all lanes, coordinates relative to `origin` in the world's directions. Returns whether any lane is nearer
-/// to the guide than `reach_m`.
+/// Whether any joint is nearer to the face than `reach_m`: a look that errs on the safe side, since the relief arcs lie
+/// below the face.
 #[inline(always)]
-pub fn penetrations(body: &GuideBody, reach_m: f64, lanes: &mut Lanes) -> bool {
+pub fn any_near(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool {
+    let (tx, ty) = (body.along.x, body.along.y);
+    let base = body.origin.y * tx - body.origin.x * ty;
+    let (low, high) = (base - body.plate_radius_m, base + body.plate_radius_m + reach_m);
+    let mut near = 0_u64;
+    for i in 0..LANES {
+        let above = y[i] * tx - x[i] * ty;
+        near |= u64::from((above > low) & (above < high));
+    }
+    near != 0
+}
+
+/// Geometry of all lanes, coordinates relative to `origin` in the world's directions.
+#[inline(always)]
+pub fn penetrations(body: &GuideBody, lanes: &mut Lanes) {
     let (tx, ty) = (body.along.x, body.along.y);
     let total = body.end_radius_m + body.plate_radius_m;
-    let mut near = 0_u64;
-    for i in 0..lanes.len.min(CHUNK) {
+    for i in 0..LANES {
         let along = lanes.x[i] * tx + lanes.y[i] * ty;
         let above = lanes.y[i] * tx - lanes.x[i] * ty;
         let foot = if along > body.length_m { body.length_m } else { along };
@@ -43,12 +56,9 @@ pub fn penetrations(body: &GuideBody, reach_m: f64, lanes: &mut Lanes) -> bool {
         let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
         let (nx, ny) = (dx / distance, dy / distance);
         // A joint further behind the face than a plate's radius belongs to the other side of the loop.
-        let depth = if above > -body.plate_radius_m { total - distance } else { -body.plate_radius_m };
-        lanes.penetration[i] = depth;
+        lanes.penetration[i] = if above > -body.plate_radius_m { total - distance } else { -body.plate_radius_m };
         lanes.normal_x[i] = nx * tx - ny * ty;
         lanes.normal_y[i] = nx * ty + ny * tx;
         lanes.body_radius[i] = body.end_radius_m;
-        near |= u64::from(depth > -reach_m);
     }
-    near != 0
 }

@@ -16,8 +16,11 @@ use crate::geometry::Vec2;
 use crate::geometry::sprocket::Sprocket;
 use crate::units::sin_cos;
 
-/// Lanes that are computed together: arrays on the stack of a fixed size.
-pub const CHUNK: usize = 64;
+/// Lanes that are computed together: arrays of a fixed size, so that they live in vector registers.
+pub const LANES: usize = 8;
+
+/// One value per lane.
+pub type Column = [f64; LANES];
 
 /// A sprocket as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,99 +82,79 @@ pub struct Turning {
     pub omega: f64,
 }
 
-/// Columns of up to [`CHUNK`] contact lanes. Inputs are filled by the caller up to `len`, a multiple of 8.
+/// Columns of [`LANES`] contact lanes. Inputs are filled by the caller.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lanes {
-    pub len: usize,
     /// Joint centre from the sprocket axis [m], its velocity, and that of the link [m/s, rad/s].
-    pub x: [f64; CHUNK],
-    pub y: [f64; CHUNK],
-    pub vx: [f64; CHUNK],
-    pub vy: [f64; CHUNK],
-    pub omega: [f64; CHUNK],
+    pub x: Column,
+    pub y: Column,
+    pub vx: Column,
+    pub vy: Column,
+    pub omega: Column,
     /// Acceleration of the joint centre one step back [m/s2].
-    pub ax: [f64; CHUNK],
-    pub ay: [f64; CHUNK],
+    pub ax: Column,
+    pub ay: Column,
     /// Heading of the link and signed lever of the joint.
-    pub cos: [f64; CHUNK],
-    pub sin: [f64; CHUNK],
-    pub lever: [f64; CHUNK],
-    pub inverse_mass: [f64; CHUNK],
-    pub inverse_inertia: [f64; CHUNK],
+    pub cos: Column,
+    pub sin: Column,
+    pub lever: Column,
+    pub inverse_mass: Column,
+    pub inverse_inertia: Column,
     /// Direction of the gap axis in the sprocket's frame.
-    pub seat_cos: [f64; CHUNK],
-    pub seat_sin: [f64; CHUNK],
+    pub seat_cos: Column,
+    pub seat_sin: Column,
     /// Memory of the contact: mean forces of the last step, age, approach speed.
-    pub normal_force: [f64; CHUNK],
-    pub tangential_force: [f64; CHUNK],
-    pub age: [f64; CHUNK],
-    pub approach: [f64; CHUNK],
+    pub normal_force: Column,
+    pub tangential_force: Column,
+    pub age: Column,
+    pub approach: Column,
     /// Results.
-    pub penetration: [f64; CHUNK],
-    pub normal_x: [f64; CHUNK],
-    pub normal_y: [f64; CHUNK],
-    pub free_rate: [f64; CHUNK],
-    pub free_acceleration: [f64; CHUNK],
-    pub mobility: [f64; CHUNK],
-    pub body_radius: [f64; CHUNK],
-    pub lost_damping: [f64; CHUNK],
-    pub lost_friction: [f64; CHUNK],
+    pub penetration: Column,
+    pub normal_x: Column,
+    pub normal_y: Column,
+    pub free_rate: Column,
+    pub free_acceleration: Column,
+    pub mobility: Column,
+    pub body_radius: Column,
+    pub lost_damping: Column,
+    pub lost_friction: Column,
     /// Force on the link [N], moment about the joint centre [N m], torque on the sprocket [N m].
-    pub force_x: [f64; CHUNK],
-    pub force_y: [f64; CHUNK],
-    pub moment: [f64; CHUNK],
-    pub torque: [f64; CHUNK],
+    pub force_x: Column,
+    pub force_y: Column,
+    pub moment: Column,
+    pub torque: Column,
 }
 
-impl Default for Lanes {
-    fn default() -> Lanes {
-        let z = [0.0; CHUNK];
-        Lanes {
-            len: 0,
-            x: z,
-            y: z,
-            vx: z,
-            vy: z,
-            omega: z,
-            ax: z,
-            ay: z,
-            cos: z,
-            sin: z,
-            lever: z,
-            inverse_mass: z,
-            inverse_inertia: z,
-            seat_cos: z,
-            seat_sin: z,
-            normal_force: z,
-            tangential_force: z,
-            age: z,
-            approach: z,
-            penetration: z,
-            normal_x: z,
-            normal_y: z,
-            free_rate: z,
-            free_acceleration: z,
-            mobility: z,
-            body_radius: z,
-            lost_damping: z,
-            lost_friction: z,
-            force_x: z,
-            force_y: z,
-            moment: z,
-            torque: z,
-        }
+impl Lanes {
+    /// No contact in any lane.
+    #[inline(always)]
+    pub fn let_go(&mut self) {
+        let zero = [0.0; LANES];
+        (self.normal_force, self.tangential_force, self.age, self.approach) = (zero, zero, zero, zero);
+        (self.lost_damping, self.lost_friction) = (zero, zero);
+        (self.force_x, self.force_y, self.moment, self.torque) = (zero, zero, zero, zero);
     }
+}
+
+/// Whether any lane penetrates or is nearer than `reach_m`.
+#[inline(always)]
+pub fn any_within(reach_m: f64, lanes: &Lanes) -> bool {
+    let mut near = 0_u64;
+    for i in 0..LANES {
+        near |= u64::from(lanes.penetration[i] > -reach_m);
+    }
+    near != 0
 }
 
 /// Geometry of all lanes: penetration and normal. Returns false when a lane has left its tooth gap; the caller then gives
 /// it its new one and calls again.
 #[inline(always)]
 pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> bool {
-    let n = lanes.len.min(CHUNK);
     let b = body;
     let (tip_b, flank_b) = (b.tip_radius_m + b.bush_radius_m, b.flank_radius_m + b.bush_radius_m);
     let (corner_x, corner_y) = (b.corner.x - b.flank_centre.x, b.corner.y - b.flank_centre.y);
     let mut strayed = 0_u64;
-    for i in 0..n {
+    for i in 0..LANES {
         let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
         let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
         let radial = lanes.x[i] * gx + lanes.y[i] * gy;
@@ -205,7 +188,7 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
 /// Rates and effective masses of all lanes.
 #[inline(always)]
 fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
-    for i in 0..lanes.len.min(CHUNK) {
+    for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
         let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
@@ -225,27 +208,19 @@ fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
 /// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
-    let n = lanes.len.min(CHUNK);
     let half = 0.5 * step;
     rates(half, omega, lanes);
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
-        for i in 0..n {
+        for i in 0..LANES {
             let out = contact_law::linear_step(stiffness_n_per_m, damping_n_s_per_m, step_input(lanes, i, step));
             lanes.normal_force[i] = out.mean_force;
             lanes.lost_damping[i] = if out.mean_force > 0.0 { out.lost } else { 0.0 };
         }
     } else {
-        for i in 0..n {
-            let input = step_input(lanes, i, step);
-            let idle = lanes.age[i] == 0.0;
-            let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
-            let out = (!idle).then(|| contact_law::quadrature_step(law, radii, input));
-            lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
-            lanes.lost_damping[i] = out.map_or(0.0, |o| o.lost);
-        }
+        quadrature(law, radius, step, lanes);
     }
-    for i in 0..n {
+    for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
@@ -264,6 +239,17 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
         lanes.force_y[i] = fy;
         lanes.moment[i] = -radius * ft;
         lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy + radius * ft;
+    }
+}
+
+/// Normal forces of the laws that have no closed form, lane by lane.
+#[inline(never)]
+fn quadrature(law: &ContactLaw, radius: f64, step: f64, lanes: &mut Lanes) {
+    for i in 0..LANES {
+        let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
+        let out = (lanes.age[i] != 0.0).then(|| contact_law::quadrature_step(law, radii, step_input(lanes, i, step)));
+        lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
+        lanes.lost_damping[i] = out.map_or(0.0, |o| o.lost);
     }
 }
 

@@ -8,14 +8,14 @@
 //! ```
 //! Second order without contact. With contact the error is set by where in a step first touch falls; the mean force makes it
 //! small (tests/convergence.rs). [`evaluate`] computes a_n and changes nothing but Scratch, so that a frame can be taken
-//! between it and [`advance`]; a step is one after the other. Sums run in chain order or in eight fixed partial sums, so that
+//! between it and [`advance`]; a step is one after the other. Sums run in chain order or in fixed partial sums, so that
 //! no vector width, window or reporting interval changes a bit.
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::guide_contact::{self, GuideBody};
 use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
-use crate::elements::tooth_contact::{self, CHUNK, Lanes, Turning};
+use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
 use crate::model::Model;
 use crate::state::{ContactMemory, State};
 
@@ -32,7 +32,7 @@ impl RunIn {
     pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0 };
 }
 
-/// A run of joints or links near a body, aligned to eight.
+/// A run of joints or links near a body, aligned to [`LANES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Window {
     start: usize,
@@ -48,6 +48,8 @@ pub struct Scratch {
     pub refresh_steps: u64,
     pub run_in: RunIn,
     next_refresh: u64,
+    /// Fastest joint at the last look [m/s]; nothing that is further off than this times the step touches within half a step.
+    fastest_m_s: f64,
     front: Ends,
     rear: Ends,
     heading_cos: Vec<f64>,
@@ -79,8 +81,6 @@ pub struct Scratch {
     guide_windows: Vec<Vec<Window>>,
     bushes: ContactMemory,
     guide_ends: [ContactMemory; 4],
-    /// One chunk; in a Vec so that it can be taken out while columns are borrowed.
-    lanes: Vec<Lanes>,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -106,8 +106,8 @@ impl Ends {
 
 /// Steps between two looks for who is near whom.
 const REFRESH_STEPS: u64 = 64;
-/// Room around a body inside which joints are looked at [m]; twice what they move between two looks at 60 m/s and 3 us.
-const WINDOW_MARGIN_M: f64 = 12e-3;
+/// Room around a body inside which joints are looked at [m]: more than twice what they move between two looks.
+const WINDOW_MARGIN_M: f64 = 5e-3;
 
 impl Scratch {
     pub fn new(model: &Model) -> Scratch {
@@ -125,6 +125,7 @@ impl Scratch {
             refresh_steps: REFRESH_STEPS,
             run_in: RunIn::OFF,
             next_refresh: 0,
+            fastest_m_s: 0.0,
             front: Ends::new(n + 1),
             rear: Ends::new(n + 1),
             heading_cos: longer(),
@@ -152,7 +153,6 @@ impl Scratch {
             guide_windows: vec![Vec::new(); model.guides.len()],
             bushes: ContactMemory::new(n),
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
-            lanes: vec![Lanes::default()],
             ax: column(),
             ay: column(),
             alpha: column(),
@@ -203,9 +203,11 @@ pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(
 pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     if state.step >= scratch.next_refresh || scratch.next_refresh == 0 {
         link_ends(model, state, scratch);
-        check(model, state, scratch)?;
+        let fastest_m_s = check(model, state, scratch)?;
+        scratch.fastest_m_s = fastest_m_s;
         refresh(model, state, scratch);
-        scratch.next_refresh = state.step + scratch.refresh_steps;
+        let bearable = (0.4 * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
+        scratch.next_refresh = state.step + scratch.refresh_steps.min(bearable).max(1);
     }
     match scratch.isa {
         Isa::Baseline => evaluate_body(model, state, scratch),
@@ -264,8 +266,6 @@ fn advance_avx512(model: &Model, state: &mut State, scratch: &mut Scratch) {
 fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
     link_ends(model, state, scratch);
     joints(model, scratch);
-    let mut chunk = std::mem::take(&mut scratch.lanes);
-    let lanes = &mut chunk[0];
     for windows in &scratch.tooth_windows {
         for w in windows.iter().filter(|w| w.shared) {
             scratch.bush_x[w.start + 1..=w.end].fill(0.0);
@@ -274,7 +274,7 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     for k in 0..model.sprockets.len() {
-        teeth(model, state, scratch, k, lanes);
+        teeth(model, state, scratch, k);
     }
     close_loop(model.chain.n_links, [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment]);
     if !model.guides.is_empty() {
@@ -286,11 +286,10 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
             }
         }
         for k in 0..model.guides.len() {
-            guide(model, state, scratch, k, 1.0, lanes);
-            guide(model, state, scratch, k, -1.0, lanes);
+            guide(model, state, scratch, k, 1.0);
+            guide(model, state, scratch, k, -1.0);
         }
     }
-    scratch.lanes = chunk;
     accelerations(model, state, scratch);
 }
 
@@ -384,50 +383,87 @@ fn close_loop(n_links: usize, columns: [&mut Vec<f64>; 3]) {
     }
 }
 
+/// Everything that the bushes near a sprocket are loaded from and stored to; all slices of one length, so that one bounds
+/// check does for a block. Rear columns and outputs begin at the next joint.
+struct BushColumns<'a> {
+    on_front: &'a [f64],
+    front: [&'a [f64]; 10],
+    rear: [&'a [f64]; 10],
+    constants: [&'a [f64]; 5],
+    memory: [&'a [f64]; 4],
+}
+
 /// Contacts of all bushes near sprocket `k`.
 #[inline(always)]
-fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize, lanes: &mut Lanes) {
+fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.sprockets[k].body;
+    let n = model.chain.padded;
     let r = &state.rotors;
     let omega = r.omega[k] + 0.5 * model.step_s * r.alpha[k];
     let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
-    let mut partial = [0.0; 8];
+    let reach_m = scratch.fastest_m_s * model.step_s;
+    let mut partial = [0.0; LANES];
+    let mut block = Lanes::default();
+    let lanes = &mut block;
     for w in 0..scratch.tooth_windows[k].len() {
         let Window { start, end, shared } = scratch.tooth_windows[k][w];
-        for at in (start..end).step_by(CHUNK) {
-            let len = (end - at).min(CHUNK);
-            load_bushes(model, state, scratch, k, at, len, lanes);
+        for at in (start..end).step_by(LANES) {
+            load_bushes(&bush_columns(model, state, scratch, k), n, at, body.centre, lanes);
             if shared {
-                send_away(&scratch.nearest_sprocket[at..at + len], k, lanes);
+                send_away(&scratch.nearest_sprocket[at..at + LANES], k, lanes);
             }
             if !tooth_contact::penetrations(body, turning, lanes) {
                 reseat(model, scratch, k, turning, at, lanes);
                 tooth_contact::penetrations(body, turning, lanes);
             }
-            let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
-            tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
-            for i in (0..len).step_by(8) {
-                for (lane, sum) in partial.iter_mut().enumerate() {
-                    *sum += lanes.torque[i + lane];
+            if tooth_contact::any_within(reach_m, lanes) {
+                let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
+                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+                for (sum, torque) in partial.iter_mut().zip(lanes.torque) {
+                    *sum += torque;
                 }
+            } else {
+                lanes.let_go();
             }
             if shared {
-                keep_own(&scratch.nearest_sprocket[at..at + len], k, lanes, &mut scratch.bushes, at);
-                for i in 0..len {
+                keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &mut scratch.bushes, at);
+                for i in 0..LANES {
                     scratch.bush_x[at + 1 + i] += lanes.force_x[i];
                     scratch.bush_y[at + 1 + i] += lanes.force_y[i];
                     scratch.bush_moment[at + 1 + i] += lanes.moment[i];
                 }
             } else {
-                scratch.bush_x[at + 1..at + 1 + len].copy_from_slice(&lanes.force_x[..len]);
-                scratch.bush_y[at + 1..at + 1 + len].copy_from_slice(&lanes.force_y[..len]);
-                scratch.bush_moment[at + 1..at + 1 + len].copy_from_slice(&lanes.moment[..len]);
-                keep(lanes, &mut scratch.bushes, at);
+                put(&mut scratch.bush_x[1..=n], at, lanes.force_x);
+                put(&mut scratch.bush_y[1..=n], at, lanes.force_y);
+                put(&mut scratch.bush_moment[1..=n], at, lanes.moment);
+                keep(lanes, &mut scratch.bushes, n, at);
             }
         }
     }
-    let [a, b, c, d, e, f, g, h] = partial;
-    scratch.chain_torque[k] = ((a + b) + (c + d)) + ((e + f) + (g + h));
+    scratch.chain_torque[k] = partial.iter().sum();
+}
+
+#[inline(always)]
+fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k: usize) -> BushColumns<'a> {
+    let n = model.chain.padded;
+    let (c, s, m) = (&model.chain, scratch, &state.bushes);
+    let (f, r) = (&s.front, &s.rear);
+    let shared = [&s.omega, &s.heading_cos, &s.heading_sin, &s.wrapped_ax, &s.wrapped_ay, &s.wrapped_alpha];
+    let [omega, cos, sin, ax, ay, alpha] = shared.map(|v| &v[..n]);
+    let [omega1, cos1, sin1, ax1, ay1, alpha1] = shared.map(|v| &v[1..=n]);
+    BushColumns {
+        on_front: &c.bush_on_front[1..=n],
+        front: [&f.x[..n], &f.y[..n], &f.vx[..n], &f.vy[..n], omega, cos, sin, ax, ay, alpha],
+        rear: [&r.x[1..=n], &r.y[1..=n], &r.vx[1..=n], &r.vy[1..=n], omega1, cos1, sin1, ax1, ay1, alpha1],
+        constants: [
+            &c.bush_lever[..n],
+            &c.bush_inverse_mass[..n],
+            &c.bush_inverse_inertia[..n],
+            &s.seat_cos[k][..n],
+            &s.seat_sin[k][..n],
+        ],
+        memory: [&m.normal_force[..n], &m.tangential_force[..n], &m.age[..n], &m.approach[..n]],
+    }
 }
 
 /// Puts lanes that are nearer to another body out of reach.
@@ -455,65 +491,79 @@ fn keep_own(nearest: &[usize], own: usize, lanes: &Lanes, memory: &mut ContactMe
     }
 }
 
-/// Gives the contact memory of a chunk back to its columns.
+/// One block of values from `at`.
 #[inline(always)]
-fn keep(lanes: &Lanes, memory: &mut ContactMemory, at: usize) {
-    let len = lanes.len;
-    memory.normal_force[at..at + len].copy_from_slice(&lanes.normal_force[..len]);
-    memory.tangential_force[at..at + len].copy_from_slice(&lanes.tangential_force[..len]);
-    memory.age[at..at + len].copy_from_slice(&lanes.age[..len]);
-    memory.approach[at..at + len].copy_from_slice(&lanes.approach[..len]);
-    memory.lost_damping[at..at + len].copy_from_slice(&lanes.lost_damping[..len]);
-    memory.lost_friction[at..at + len].copy_from_slice(&lanes.lost_friction[..len]);
+fn take(column: &[f64], at: usize) -> Column {
+    let mut out = [0.0; LANES];
+    out.copy_from_slice(&column[at..at + LANES]);
+    out
 }
 
-/// Fills a chunk with the bushes of joints `at` .. `at + len`.
 #[inline(always)]
-fn load_bushes(model: &Model, state: &State, scratch: &Scratch, k: usize, at: usize, len: usize, lanes: &mut Lanes) {
-    lanes.len = len;
-    let (c, now, next) = (&model.chain, at..at + len, at + 1..at + 1 + len);
-    let on_front = &c.bush_on_front[next.clone()];
-    let choose = |front: &[f64], rear: &[f64], out: &mut [f64; CHUNK]| {
-        let (front, rear, out) = (&front[now.clone()], &rear[next.clone()], &mut out[..len]);
-        for i in 0..len {
-            out[i] = if on_front[i] != 0.0 { front[i] } else { rear[i] };
-        }
-    };
-    let (f, r) = (&scratch.front, &scratch.rear);
-    choose(&f.x, &r.x, &mut lanes.x);
-    choose(&f.y, &r.y, &mut lanes.y);
-    choose(&f.vx, &r.vx, &mut lanes.vx);
-    choose(&f.vy, &r.vy, &mut lanes.vy);
-    choose(&scratch.omega, &scratch.omega, &mut lanes.omega);
-    choose(&scratch.heading_cos, &scratch.heading_cos, &mut lanes.cos);
-    choose(&scratch.heading_sin, &scratch.heading_sin, &mut lanes.sin);
-    choose(&scratch.wrapped_ax, &scratch.wrapped_ax, &mut lanes.ax);
-    choose(&scratch.wrapped_ay, &scratch.wrapped_ay, &mut lanes.ay);
-    let mut alpha = [0.0; CHUNK];
-    choose(&scratch.wrapped_alpha, &scratch.wrapped_alpha, &mut alpha);
-    lanes.lever[..len].copy_from_slice(&c.bush_lever[now.clone()]);
-    lanes.inverse_mass[..len].copy_from_slice(&c.bush_inverse_mass[now.clone()]);
-    lanes.inverse_inertia[..len].copy_from_slice(&c.bush_inverse_inertia[now.clone()]);
-    lanes.seat_cos[..len].copy_from_slice(&scratch.seat_cos[k][now.clone()]);
-    lanes.seat_sin[..len].copy_from_slice(&scratch.seat_sin[k][now.clone()]);
-    recall(&state.bushes, at, lanes);
-    let centre = model.sprockets[k].body.centre;
-    shift_and_lever(lanes, &alpha, centre.x, centre.y);
+fn put(column: &mut [f64], at: usize, values: Column) {
+    column[at..at + LANES].copy_from_slice(&values);
+}
+
+/// Gives the contact memory of a block back to its columns.
+#[inline(always)]
+fn keep(lanes: &Lanes, memory: &mut ContactMemory, n: usize, at: usize) {
+    put(&mut memory.normal_force[..n], at, lanes.normal_force);
+    put(&mut memory.tangential_force[..n], at, lanes.tangential_force);
+    put(&mut memory.age[..n], at, lanes.age);
+    put(&mut memory.approach[..n], at, lanes.approach);
+    put(&mut memory.lost_damping[..n], at, lanes.lost_damping);
+    put(&mut memory.lost_friction[..n], at, lanes.lost_friction);
 }
 
 #[inline(always)]
 fn recall(memory: &ContactMemory, at: usize, lanes: &mut Lanes) {
-    let (len, now) = (lanes.len, at..at + lanes.len);
-    lanes.normal_force[..len].copy_from_slice(&memory.normal_force[now.clone()]);
-    lanes.tangential_force[..len].copy_from_slice(&memory.tangential_force[now.clone()]);
-    lanes.age[..len].copy_from_slice(&memory.age[now.clone()]);
-    lanes.approach[..len].copy_from_slice(&memory.approach[now]);
+    lanes.normal_force = take(&memory.normal_force, at);
+    lanes.tangential_force = take(&memory.tangential_force, at);
+    lanes.age = take(&memory.age, at);
+    lanes.approach = take(&memory.approach, at);
+}
+
+/// The bushes of joints `at` .. `at + LANES` as seen from `centre`.
+#[inline(always)]
+fn load_bushes(c: &BushColumns<'_>, n: usize, at: usize, centre: crate::geometry::Vec2, lanes: &mut Lanes) {
+    assert!(at + LANES <= n, "block {at} of {n} lanes");
+    let on_front = take(c.on_front, at);
+    let pick = |i: usize| chosen(on_front, take(c.front[i], at), take(c.rear[i], at));
+    lanes.x = pick(0);
+    lanes.y = pick(1);
+    lanes.vx = pick(2);
+    lanes.vy = pick(3);
+    lanes.omega = pick(4);
+    lanes.cos = pick(5);
+    lanes.sin = pick(6);
+    lanes.ax = pick(7);
+    lanes.ay = pick(8);
+    let alpha = pick(9);
+    lanes.lever = take(c.constants[0], at);
+    lanes.inverse_mass = take(c.constants[1], at);
+    lanes.inverse_inertia = take(c.constants[2], at);
+    lanes.seat_cos = take(c.constants[3], at);
+    lanes.seat_sin = take(c.constants[4], at);
+    lanes.normal_force = take(c.memory[0], at);
+    lanes.tangential_force = take(c.memory[1], at);
+    lanes.age = take(c.memory[2], at);
+    lanes.approach = take(c.memory[3], at);
+    shift_and_lever(lanes, &alpha, centre.x, centre.y);
+}
+
+#[inline(always)]
+fn chosen(on_front: Column, front: Column, rear: Column) -> Column {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = if on_front[i] != 0.0 { front[i] } else { rear[i] };
+    }
+    out
 }
 
 /// Coordinates from the body's origin; acceleration of the end from that of the link.
 #[inline(always)]
-fn shift_and_lever(lanes: &mut Lanes, alpha: &[f64; CHUNK], origin_x: f64, origin_y: f64) {
-    for i in 0..lanes.len.min(CHUNK) {
+fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f64) {
+    for i in 0..LANES {
         lanes.x[i] -= origin_x;
         lanes.y[i] -= origin_y;
         lanes.ax[i] -= alpha[i] * lanes.lever[i] * lanes.sin[i];
@@ -521,12 +571,12 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &[f64; CHUNK], origin_x: f64, origi
     }
 }
 
-/// Gives every lane of a chunk that has left its tooth gap the one it is in.
+/// Gives every lane of a block that has left its tooth gap the one it is in.
 #[cold]
 #[inline(never)]
 fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
     let body = &model.sprockets[k].body;
-    for i in 0..lanes.len {
+    for i in 0..LANES {
         let j = at + i;
         let seat = seat_of(model, k, turning.cos, turning.sin, lanes.x[i], lanes.y[i]);
         scratch.seat_cos[k][j] = body.seat_cos[seat];
@@ -543,89 +593,90 @@ fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize
 
 /// Contacts of one end (`sign` +1 front, -1 rear) of all links near guide `k`.
 #[inline(always)]
-fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize, sign: f64, lanes: &mut Lanes) {
+fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize, sign: f64) {
     let body = &model.guides[k].body;
     let set = 2 * body.side + usize::from(sign < 0.0);
+    let reach_m = scratch.fastest_m_s * model.step_s;
+    let mut block = Lanes::default();
+    let lanes = &mut block;
     for w in 0..scratch.guide_windows[k].len() {
         let Window { start, end, shared } = scratch.guide_windows[k][w];
-        for at in (start..end).step_by(CHUNK) {
-            let len = (end - at).min(CHUNK);
-            load_ends(model, state, scratch, at, len, sign, body, lanes);
-            let nearest = &scratch.nearest_guide[body.side][at..at + len];
+        for at in (start..end).step_by(LANES) {
+            let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
+            if !guide_contact::any_near(body, reach_m, take(&ends.x, at), take(&ends.y, at)) {
+                if !shared {
+                    forget_block(&mut scratch.guide_ends[set], at);
+                }
+                continue;
+            }
+            load_ends(model, state, scratch, at, sign, body, lanes);
+            let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
             if shared {
                 send_away(nearest, k, lanes);
             }
-            if guide_contact::penetrations(body, GUIDE_REACH_M, lanes) {
-                recall(&state.guide_ends[set], at, lanes);
-                let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
-                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
-                let (gx, gy) = (&mut scratch.guide_x[at..at + len], &mut scratch.guide_y[at..at + len]);
-                let gm = &mut scratch.guide_moment[at..at + len];
-                for i in 0..len {
-                    gx[i] += lanes.force_x[i];
-                    gy[i] += lanes.force_y[i];
-                    let arm = lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
-                    gm[i] += arm + lanes.moment[i];
-                }
-            } else {
-                clear_memory(lanes);
+            guide_contact::penetrations(body, lanes);
+            recall(&state.guide_ends[set], at, lanes);
+            let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
+            tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+            let mut gx = take(&scratch.guide_x, at);
+            let mut gy = take(&scratch.guide_y, at);
+            let mut gm = take(&scratch.guide_moment, at);
+            for i in 0..LANES {
+                gx[i] += lanes.force_x[i];
+                gy[i] += lanes.force_y[i];
+                let arm = lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
+                gm[i] += arm + lanes.moment[i];
             }
+            put(&mut scratch.guide_x, at, gx);
+            put(&mut scratch.guide_y, at, gy);
+            put(&mut scratch.guide_moment, at, gm);
             if shared {
                 keep_own(nearest, k, lanes, &mut scratch.guide_ends[set], at);
             } else {
-                keep(lanes, &mut scratch.guide_ends[set], at);
+                keep(lanes, &mut scratch.guide_ends[set], model.chain.padded, at);
             }
         }
     }
 }
 
+/// A block that nothing touches.
 #[inline(always)]
-fn clear_memory(lanes: &mut Lanes) {
-    let len = lanes.len;
-    lanes.normal_force[..len].fill(0.0);
-    lanes.tangential_force[..len].fill(0.0);
-    lanes.age[..len].fill(0.0);
-    lanes.approach[..len].fill(0.0);
-    lanes.lost_damping[..len].fill(0.0);
-    lanes.lost_friction[..len].fill(0.0);
+fn forget_block(memory: &mut ContactMemory, at: usize) {
+    let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
+    for column in [normal_force, tangential_force, age, approach, lost_damping, lost_friction] {
+        put(column, at, [0.0; LANES]);
+    }
 }
 
-/// Ends further than this from a guide cannot touch it within a step, below 30 m/s across it and steps of 10 us.
-const GUIDE_REACH_M: f64 = 0.3e-3;
-
+/// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // a range, an end and where they come from
 fn load_ends(
     model: &Model,
     state: &State,
     scratch: &Scratch,
     at: usize,
-    len: usize,
     sign: f64,
     body: &GuideBody,
     lanes: &mut Lanes,
 ) {
-    lanes.len = len;
-    let (c, now) = (&model.chain, at..at + len);
+    let c = &model.chain;
     let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
-    // The rear of link 0 also stands after the last link, where an inert one may be; link columns themselves are whole.
-    lanes.x[..len].copy_from_slice(&ends.x[now.clone()]);
-    lanes.y[..len].copy_from_slice(&ends.y[now.clone()]);
-    lanes.vx[..len].copy_from_slice(&ends.vx[now.clone()]);
-    lanes.vy[..len].copy_from_slice(&ends.vy[now.clone()]);
-    lanes.omega[..len].copy_from_slice(&scratch.omega[now.clone()]);
-    lanes.cos[..len].copy_from_slice(&scratch.heading_cos[now.clone()]);
-    lanes.sin[..len].copy_from_slice(&scratch.heading_sin[now.clone()]);
-    lanes.ax[..len].copy_from_slice(&state.links.ax[now.clone()]);
-    lanes.ay[..len].copy_from_slice(&state.links.ay[now.clone()]);
-    lanes.inverse_mass[..len].copy_from_slice(&c.inverse_mass[now.clone()]);
-    lanes.inverse_inertia[..len].copy_from_slice(&c.inverse_inertia[now.clone()]);
-    let mut alpha = [0.0; CHUNK];
-    alpha[..len].copy_from_slice(&state.links.alpha[now.clone()]);
-    let lever = &c.lever[now];
-    for i in 0..len {
-        lanes.lever[i] = sign * lever[i];
+    lanes.x = take(&ends.x, at);
+    lanes.y = take(&ends.y, at);
+    lanes.vx = take(&ends.vx, at);
+    lanes.vy = take(&ends.vy, at);
+    lanes.omega = take(&scratch.omega, at);
+    lanes.cos = take(&scratch.heading_cos, at);
+    lanes.sin = take(&scratch.heading_sin, at);
+    lanes.ax = take(&state.links.ax, at);
+    lanes.ay = take(&state.links.ay, at);
+    lanes.lever = take(&c.lever, at);
+    lanes.inverse_mass = take(&c.inverse_mass, at);
+    lanes.inverse_inertia = take(&c.inverse_inertia, at);
+    for lever in &mut lanes.lever {
+        *lever *= sign;
     }
+    let alpha = take(&state.links.alpha, at);
     shift_and_lever(lanes, &alpha, body.origin.x, body.origin.y);
 }
 
@@ -767,12 +818,15 @@ fn rotors(model: &Model, state: &mut State, scratch: &Scratch) {
     }
 }
 
-/// Looks whether the chain still holds together.
-fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<(), StepError> {
+/// Looks whether the chain still holds together; returns the speed of its fastest joint [m/s].
+fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepError> {
     let t_s = state.step as f64 * model.step_s;
+    let mut fastest2 = 0.0_f64;
     for j in 0..model.chain.n_links {
+        let (vx, vy) = (scratch.front.vx[j], scratch.front.vy[j]);
+        fastest2 = fastest2.max(vx * vx + vy * vy);
         let (dx, dy) = (scratch.front.x[j] - scratch.rear.x[j + 1], scratch.front.y[j] - scratch.rear.y[j + 1]);
-        let stretch_m = dx.hypot(dy);
+        let stretch_m = libm::sqrt(dx * dx + dy * dy);
         if !stretch_m.is_finite() {
             return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::NotFinite });
         }
@@ -782,7 +836,7 @@ fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<(), StepErro
     }
     match state.first_not_finite() {
         Some(element) => Err(StepError { t_s, element, kind: StepErrorKind::NotFinite }),
-        None => Ok(()),
+        None => Ok(libm::sqrt(fastest2)),
     }
 }
 
@@ -819,7 +873,7 @@ fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
             let along = dx * b.along.x + dy * b.along.y;
             let above = dy * b.along.x - dx * b.along.y;
-            above.abs() < reach && along > -2.0 * reach && along < b.length_m + 2.0 * reach
+            above.abs() < reach && along > -reach && along < b.length_m + reach
         };
         scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
     }
@@ -880,15 +934,14 @@ fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bo
     any
 }
 
-/// Runs of indices below `n` that are near, widened to multiples of eight and joined.
+/// Runs of indices below `n` that are near, widened to multiples of [`LANES`] and joined.
 fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
     let mut windows: Vec<Window> = Vec::new();
-    for block in 0..padded / 8 {
-        let range = 8 * block..(8 * block + 8).min(n);
-        if range.clone().any(&near) {
+    for start in (0..padded).step_by(LANES) {
+        if (start..(start + LANES).min(n)).any(&near) {
             match windows.last_mut() {
-                Some(last) if last.end == 8 * block => last.end += 8,
-                _ => windows.push(Window { start: 8 * block, end: 8 * block + 8, shared: false }),
+                Some(last) if last.end == start => last.end += LANES,
+                _ => windows.push(Window { start, end: start + LANES, shared: false }),
             }
         }
     }

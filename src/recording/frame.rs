@@ -393,3 +393,50 @@ pub enum Segment {
     GuideLeadIn = 6,
     GuideLeadOut = 7,
 }
+
+/// A few scalars per frame, for plot panels.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Signals {
+    #[prost(double, tag = "1")]
+    pub t_s: f64,
+    #[prost(double, tag = "2")]
+    pub crank_angle_deg: f64,
+    /// Largest and smallest force in any joint [N].
+    #[prost(double, tag = "3")]
+    pub joint_force_max_n: f64,
+    #[prost(double, tag = "4")]
+    pub joint_force_min_n: f64,
+    /// Largest normal force of any contact, per body of the header [N].
+    #[prost(double, repeated, tag = "5")]
+    pub contact_force_max_n: Vec<f64>,
+    /// Per rotor [rpm].
+    #[prost(double, repeated, tag = "6")]
+    pub rotor_speed_rpm: Vec<f64>,
+    #[prost(uint32, tag = "7")]
+    pub contacts: u32,
+    #[prost(double, tag = "8")]
+    pub energy_error_j: f64,
+}
+
+impl Signals {
+    /// The scalars of a frame of a recording with `n_bodies` bodies.
+    pub fn of(frame: &Frame, n_bodies: usize) -> Signals {
+        let mut contact_force_max_n = vec![0.0_f64; n_bodies];
+        for (body, force) in frame.contacts.body.iter().zip(&frame.contacts.normal_force_n) {
+            if let Some(largest) = contact_force_max_n.get_mut(*body as usize) {
+                *largest = largest.max(*force);
+            }
+        }
+        let forces = || frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n).map(|(x, y)| x.hypot(*y));
+        Signals {
+            t_s: frame.t_s,
+            crank_angle_deg: frame.crank_angle_rad.to_degrees(),
+            joint_force_max_n: forces().fold(0.0, f64::max),
+            joint_force_min_n: forces().fold(f64::INFINITY, f64::min),
+            contact_force_max_n,
+            rotor_speed_rpm: frame.rotors.speed_rad_s.iter().map(|w| w / crate::units::RPM).collect(),
+            contacts: frame.contacts.link.len() as u32,
+            energy_error_j: frame.energy.error_j,
+        }
+    }
+}

@@ -1,13 +1,272 @@
-//! placeholder
-use super::frame::*;
-use super::{Sink, ViewOptions};
-use std::path::Path;
-pub struct McapSink;
-impl McapSink { pub fn create(_: &Path, _: &Header, _: ViewOptions) -> anyhow::Result<McapSink> { Ok(McapSink) } }
+//! MCAP: the archive. Lossless f64, zstd, chunk-indexed; own protobuf topics, and beside them Foxglove's, so that Foxglove
+//! draws a recording untaught.
+//!
+//! ```text
+//! /pitchline/header    Header, once          /tf        foxglove.FrameTransforms at the picture rate
+//! /pitchline/frame     Frame, every frame    /scene     foxglove.SceneUpdate: outlines once, force arrows at the picture rate
+//! /pitchline/signals   Signals, every frame  /events    foxglove.Log
+//! /pitchline/keyframe  Keyframe              /pitchline/event  Event
+//! ```
+//! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole, so that a killed run leaves a file that is complete
+//! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file.
+
+use super::frame::{Event, Frame, Header, Keyframe, Signals};
+use super::foxglove_scene as scene;
+use super::{PictureClock, Sink, ViewOptions};
+use anyhow::Context;
+use mcap::records::{MessageHeader, Metadata};
+use prost::Message;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// Compiled `assets/pitchline.proto` (a FileDescriptorSet); a test holds the two together.
+pub const DESCRIPTOR: &[u8] = include_bytes!("../../assets/pitchline.desc");
+
+/// Frames after which a chunk is closed and handed to the system.
+pub const FRAMES_PER_CHUNK: u64 = 128;
+
+/// Topics in the order in which they are registered.
+pub const TOPICS: [(&str, &str); 8] = [
+    ("/pitchline/header", "pitchline.Header"),
+    ("/pitchline/frame", "pitchline.Frame"),
+    ("/pitchline/signals", "pitchline.Signals"),
+    ("/pitchline/keyframe", "pitchline.Keyframe"),
+    ("/pitchline/event", "pitchline.Event"),
+    ("/tf", "foxglove.FrameTransforms"),
+    ("/scene", "foxglove.SceneUpdate"),
+    ("/events", "foxglove.Log"),
+];
+const HEADER: usize = 0;
+const FRAME: usize = 1;
+const SIGNALS: usize = 2;
+const KEYFRAME: usize = 3;
+const EVENT: usize = 4;
+const TRANSFORMS: usize = 5;
+const SCENE: usize = 6;
+const LOG: usize = 7;
+
+/// Writes an MCAP file.
+pub struct McapSink {
+    path: PathBuf,
+    /// None after an error: nothing more is written, what was written stays.
+    writer: Option<mcap::Writer<BufWriter<File>>>,
+    channels: [u16; TOPICS.len()],
+    header: Header,
+    clock: PictureClock,
+    buffer: Vec<u8>,
+    sequence: u32,
+    frames: u64,
+    last_ns: u64,
+}
+
+impl McapSink {
+    /// Opens the file and writes everything that does not change.
+    pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<McapSink> {
+        let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let options = mcap::WriteOptions::new()
+            .profile("pitchline")
+            .library(header.program.clone())
+            .compression(Some(mcap::Compression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(None)
+            .disable_seeking(true);
+        let writer = mcap::Writer::with_options(BufWriter::new(file), options);
+        let mut sink = McapSink {
+            path: path.to_path_buf(),
+            writer: Some(writer.with_context(|| format!("cannot write {}", path.display()))?),
+            channels: [0; TOPICS.len()],
+            header: header.clone(),
+            clock: PictureClock::new(view),
+            buffer: Vec::new(),
+            sequence: 0,
+            frames: 0,
+            last_ns: 0,
+        };
+        sink.guarded(|sink| sink.write_head())?;
+        Ok(sink)
+    }
+
+    fn write_head(&mut self) -> mcap::McapResult<()> {
+        let Some(writer) = &mut self.writer else { return Err(mcap::McapError::AttemptedWriteAfterFailure) };
+        let metadata = BTreeMap::from([
+            ("drive".to_string(), self.header.drive_name.clone()),
+            ("program".to_string(), self.header.program.clone()),
+            ("format_version".to_string(), self.header.format_version.to_string()),
+            ("step_s".to_string(), format!("{:e}", self.header.step_s)),
+            ("steps_per_frame".to_string(), self.header.steps_per_frame.to_string()),
+            ("overrides".to_string(), self.header.overrides.join("\n")),
+            ("assembly".to_string(), self.header.assembly.join("\n")),
+        ]);
+        writer.write_metadata(&Metadata { name: "pitchline".into(), metadata })?;
+        writer.attach(&mcap::Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: format!("{}.toml", self.header.drive_name),
+            media_type: "application/toml".into(),
+            data: Cow::Borrowed(self.header.drive_text.as_bytes()),
+        })?;
+        for (i, (topic, schema)) in TOPICS.iter().enumerate() {
+            let data = scene::schema(schema).unwrap_or(Cow::Borrowed(DESCRIPTOR));
+            let schema_id = writer.add_schema(schema, "protobuf", &data)?;
+            self.channels[i] = writer.add_channel(schema_id, topic, "protobuf", &BTreeMap::new())?;
+        }
+        let header = self.header.clone();
+        self.write(HEADER, 0, &header)?;
+        let outlines = scene::outlines(&self.header);
+        self.write(SCENE, 0, &outlines)?;
+        self.flush()
+    }
+
+    fn write(&mut self, channel: usize, t_ns: u64, message: &impl Message) -> mcap::McapResult<()> {
+        self.buffer.clear();
+        message.encode_raw(&mut self.buffer);
+        let Some(writer) = &mut self.writer else { return Err(mcap::McapError::AttemptedWriteAfterFailure) };
+        let header = MessageHeader {
+            channel_id: self.channels[channel],
+            sequence: self.sequence,
+            log_time: t_ns,
+            publish_time: t_ns,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.last_ns = t_ns;
+        writer.write_to_known_channel(&header, &self.buffer)
+    }
+
+    fn flush(&mut self) -> mcap::McapResult<()> {
+        match &mut self.writer {
+            Some(writer) => writer.flush(),
+            None => Err(mcap::McapError::AttemptedWriteAfterFailure),
+        }
+    }
+
+    /// Runs `f`; after an error the writer is taken away, so that nothing is written behind a hole.
+    fn guarded(&mut self, f: impl FnOnce(&mut Self) -> mcap::McapResult<()>) -> anyhow::Result<()> {
+        let result = f(self);
+        if result.is_err()
+            && let Some(writer) = self.writer.take()
+        {
+            // Not dropped as a writer: that would write an index over what is missing. Nor as a buffer: its rest cannot
+            // be written either.
+            let (_file, _unwritten) = writer.into_inner().into_parts();
+        }
+        result.with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn write_frame(&mut self, frame: &Frame) -> mcap::McapResult<()> {
+        let t_ns = nanoseconds(frame.t_s);
+        self.write(FRAME, t_ns, frame)?;
+        self.write(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()))?;
+        if self.clock.due(frame.t_s) {
+            self.write(TRANSFORMS, t_ns, &scene::transforms(&self.header, frame, t_ns))?;
+            self.write(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns))?;
+        }
+        self.frames += 1;
+        if self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
+    }
+}
+
+/// Simulated time as a log time.
+pub fn nanoseconds(t_s: f64) -> u64 {
+    (t_s * 1e9).round() as u64
+}
+
 impl Sink for McapSink {
-    fn frame(&mut self, _: &Frame) -> anyhow::Result<()> { Ok(()) }
-    fn keyframe(&mut self, _: &Keyframe) -> anyhow::Result<()> { Ok(()) }
-    fn event(&mut self, _: &Event) -> anyhow::Result<()> { Ok(()) }
-    fn finish(&mut self) -> anyhow::Result<u64> { Ok(0) }
-    fn path(&self) -> &Path { Path::new("") }
+    fn frame(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        self.guarded(|sink| sink.write_frame(frame))
+    }
+
+    fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()> {
+        let t_ns = nanoseconds(keyframe.step as f64 * self.header.step_s);
+        self.guarded(|sink| sink.write(KEYFRAME, t_ns, keyframe))
+    }
+
+    fn event(&mut self, event: &Event) -> anyhow::Result<()> {
+        // Events are found at the frame after them; log times may run backwards within a chunk, the index bears that.
+        let t_ns = nanoseconds(event.t_s);
+        self.guarded(|sink| {
+            sink.write(EVENT, t_ns, event)?;
+            sink.write(LOG, t_ns, &scene::log(event, t_ns))
+        })
+    }
+
+    fn finish(&mut self) -> anyhow::Result<u64> {
+        self.guarded(|sink| match &mut sink.writer {
+            Some(writer) => writer.finish().map(|_| ()),
+            None => Err(mcap::McapError::AttemptedWriteAfterFailure),
+        })?;
+        let Some(writer) = self.writer.take() else { anyhow::bail!("cannot write {}", self.path.display()) };
+        let file = writer.into_inner().into_inner().with_context(|| format!("cannot write {}", self.path.display()))?;
+        file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))?;
+        Ok(file.metadata().map(|m| m.len()).unwrap_or(0))
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for McapSink {
+    fn drop(&mut self) {
+        // Given up without `finish`: close the open chunk, write no index.
+        if let Some(mut writer) = self.writer.take() {
+            let _closed = writer.flush();
+            let (_file, _unwritten) = writer.into_inner().into_parts();
+        }
+    }
+}
+
+/// A recording read back.
+#[derive(Clone, Debug, Default)]
+pub struct Recording {
+    pub header: Header,
+    pub frames: Vec<Frame>,
+    pub keyframes: Vec<Keyframe>,
+    pub events: Vec<Event>,
+    /// True when the file ends as a finished recording does.
+    pub complete: bool,
+}
+
+/// Reads a recording, also one that was cut off: then `complete` is false and the frames go up to the last whole chunk.
+pub fn read(path: &Path) -> anyhow::Result<Recording> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let named = |what: &str| format!("{}: {what}", path.display());
+    let mut recording = Recording { complete: bytes.ends_with(mcap::MAGIC), ..Recording::default() };
+    let stream = mcap::MessageStream::new_with_options(&bytes, mcap::read::Options::IgnoreEndMagic.into())
+        .with_context(|| named("is no MCAP file"))?;
+    let mut has_header = false;
+    for message in stream {
+        let message = match message {
+            Ok(message) => message,
+            // The end of a file that was cut off: what came before is whole.
+            Err(_) if !recording.complete && has_header => break,
+            Err(e) => return Err(e).with_context(|| named("is damaged")),
+        };
+        let topic = message.channel.topic.as_str();
+        let data = message.data.as_ref();
+        let damaged = || named(&format!("a message of {topic} cannot be read"));
+        match topic {
+            "/pitchline/header" => {
+                recording.header = Header::decode(data).with_context(damaged)?;
+                let version = recording.header.format_version;
+                anyhow::ensure!(
+                    version <= super::frame::FORMAT_VERSION,
+                    "{}: recorded by {} in format {version}; this program reads up to {}: use a newer one",
+                    path.display(),
+                    recording.header.program,
+                    super::frame::FORMAT_VERSION
+                );
+                has_header = true;
+            }
+            "/pitchline/frame" => recording.frames.push(Frame::decode(data).with_context(damaged)?),
+            "/pitchline/keyframe" => recording.keyframes.push(Keyframe::decode(data).with_context(damaged)?),
+            "/pitchline/event" => recording.events.push(Event::decode(data).with_context(damaged)?),
+            _ => {}
+        }
+    }
+    anyhow::ensure!(has_header, "{}", named("holds no pitchline recording"));
+    Ok(recording)
 }

@@ -1,10 +1,13 @@
 //! Recordings: what is recorded ([`frame`]) and where it goes ([`Sink`]). Sinks see a Header and Frames; they never ask the
 //! model. A new kind of file is one new module and one arm in [`create`].
 
+pub mod capture;
+pub mod channels;
+pub mod foxglove_scene;
 pub mod frame;
 pub mod mcap;
-#[cfg(feature = "rerunx")]
-//pub mod rerun;
+#[cfg(feature = "rerun")]
+pub mod rerun;
 pub mod view_geometry;
 
 use frame::{Event, Frame, Header, Keyframe};
@@ -44,7 +47,7 @@ pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     match extension {
         "mcap" => Ok(Box::new(mcap::McapSink::create(path, header, view)?)),
-        #[cfg(feature = "rerunx")]
+        #[cfg(feature = "rerun")]
         "rrd" => Ok(Box::new(rerun::RerunSink::create(path, header, view)?)),
         _ => anyhow::bail!(
             "{}: recordings end in {}",

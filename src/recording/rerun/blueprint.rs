@@ -6,12 +6,12 @@ use anyhow::{Context, Result};
 use rerun::blueprint::components::{ContainerKind, LinkAxis, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
-    Background, ContainerBlueprint, DataframeQuery, EyeControls3D, LineGrid3D, PanelBlueprint, TimeAxis, TimePanelBlueprint,
-    ViewBlueprint, ViewContents, ViewportBlueprint,
+    Background, ContainerBlueprint, DataframeQuery, EyeControls3D, LineGrid3D, PanelBlueprint, TimeAxis,
+    TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
 };
 use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, Eye3DKind};
-use rerun::external::re_sdk_types::components::{Plane3D, Position3D, Vector3D, Visible};
 use rerun::external::re_sdk_types::blueprint::datatypes::{ComponentColumnSelector, SelectedColumns};
+use rerun::external::re_sdk_types::components::{Plane3D, Position3D, Vector3D, Visible};
 use rerun::external::re_sdk_types::datatypes::{Utf8, Uuid};
 use rerun::log::LogMsg;
 use rerun::{AsComponents, Color, RecordingStream, RecordingStreamBuilder};
@@ -80,8 +80,11 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look]) -> Result<(
     let first = tabs(layout, "forces", &[force, count])?;
     let second = tabs(layout, "tensions", &[tension, speed, lost, energy, error])?;
     let third = tabs(layout, "tables", &[table, readme, drive_file])?;
-    let right =
-        layout.container(ContainerKind::Vertical, "numbers", &[(first, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)])?;
+    let right = layout.container(
+        ContainerKind::Vertical,
+        "numbers",
+        &[(first, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)],
+    )?;
     let root = layout.container(ContainerKind::Horizontal, "all", &[(left, 1.9), (right, 1.0)])?;
     layout.panels(&root)
 }
@@ -89,8 +92,19 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look]) -> Result<(
 /// The columns of the table of contacts, what one asks first on the left.
 fn contact_columns() -> DataframeQuery {
     let names = [
-        "normal_force_n", "penetration_m", "link", "feature", "body", "tooth", "segment", "approach_speed_m_s",
-        "normal_speed_m_s", "tangential_speed_m_s", "tangential_force_n", "stick", "age_s",
+        "normal_force_n",
+        "penetration_m",
+        "link",
+        "feature",
+        "body",
+        "tooth",
+        "segment",
+        "approach_speed_m_s",
+        "normal_speed_m_s",
+        "tangential_speed_m_s",
+        "tangential_force_n",
+        "stick",
+        "age_s",
     ];
     let column = |name: &str| ComponentColumnSelector::new(&"/state/contacts".into(), format!("contact:{name}"));
     let selected = SelectedColumns {
@@ -179,8 +193,9 @@ impl Layout {
     /// Parts and their shares of the space, along the container's direction.
     fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(Placed, f32)]) -> Result<Placed> {
         let placed = self.place("container");
-        let mut container =
-            ContainerBlueprint::new(kind).with_display_name(name).with_contents(parts.iter().map(|(p, _)| p.path.as_str()));
+        let mut container = ContainerBlueprint::new(kind)
+            .with_display_name(name)
+            .with_contents(parts.iter().map(|(p, _)| p.path.as_str()));
         let shares = parts.iter().map(|(_, share)| *share);
         match kind {
             ContainerKind::Horizontal => container = container.with_col_shares(shares),
@@ -193,8 +208,10 @@ impl Layout {
     }
 
     fn panels(&self, root: &Placed) -> Result<()> {
-        let viewport =
-            ViewportBlueprint::new().with_root_container(Uuid { bytes: root.id }).with_auto_layout(false).with_auto_views(false);
+        let viewport = ViewportBlueprint::new()
+            .with_root_container(Uuid { bytes: root.id })
+            .with_auto_layout(false)
+            .with_auto_views(false);
         self.stream.log("viewport", &viewport)?;
         let time = TimePanelBlueprint::new()
             .with_timeline("sim_time")

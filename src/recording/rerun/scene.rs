@@ -7,8 +7,8 @@ use crate::recording::view_geometry::{circle, polyline};
 use anyhow::Result;
 use rerun::external::re_sdk_types::components::PointShading;
 use rerun::{
-    AnnotationContext, Arrows3D, Color, EntityPath, LineStrips3D, Mesh3D, Points3D, RecordingStream, Rgba32, SeriesLines,
-    TextDocument, Transform3D, ViewCoordinates,
+    AnnotationContext, Arrows3D, Color, EntityPath, LineStrips3D, Mesh3D, Points3D, RecordingStream, Rgba32,
+    SeriesLines, TextDocument, Transform3D, ViewCoordinates,
 };
 
 pub const MM_PER_M: f64 = 1e3;
@@ -67,7 +67,10 @@ pub fn pitch_mm(header: &Header) -> f64 {
 
 /// Entity of a body: `sprockets.driver` is `bodies/sprockets/driver`.
 pub fn body_entity(body: &BodyInfo) -> EntityPath {
-    std::iter::once("bodies").chain(body.path.split('.')).map(rerun::external::re_log_types::EntityPathPart::new).collect()
+    std::iter::once("bodies")
+        .chain(body.path.split('.'))
+        .map(rerun::external::re_log_types::EntityPathPart::new)
+        .collect()
 }
 
 /// Entity of a kind of link.
@@ -265,7 +268,8 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
     let energies = ["kinetic [J]", "elastic, joints [J]", "elastic, contacts [J]", "work in [J]", "work out [J]"];
     stream.log_static("plots/energy", &named(energies.map(str::to_owned).to_vec()))?;
-    let losses = ["pin damping", "pin friction", "contact damping", "contact friction", "guide damping", "guide friction"];
+    let losses =
+        ["pin damping", "pin friction", "contact damping", "contact friction", "guide damping", "guide friction"];
     stream.log_static("plots/energy_lost", &named(losses.map(|name| format!("{name} [J]")).to_vec()))?;
     Ok(())
 }
@@ -307,5 +311,28 @@ fn push_list(text: &mut String, title: &str, lines: &[String]) {
     text.push_str(&format!("\n## {title}\n\n"));
     for line in lines {
         text.push_str(&format!("- `{line}`\n"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SQUARE: [[f64; 2]; 4] = [[1.0, 1.0], [3.0, 1.0], [3.0, 3.0], [1.0, 3.0]];
+
+    #[test]
+    fn fans_are_drawn_only_where_they_cover_the_shape() {
+        assert_eq!(centroid(&SQUARE), [2.0, 2.0]);
+        assert!(star_shaped([2.0, 2.0], &SQUARE));
+        assert!(!star_shaped([4.0, 2.0], &SQUARE));
+    }
+
+    #[test]
+    fn the_static_tension_has_the_middle_colour() {
+        let scale = ForceScale::new(&Header { static_tension_n: 50.0, ..Header::default() });
+        assert_eq!(scale.class(50.0), FORCE_CLASSES / 2);
+        assert_eq!(scale.class(0.0), 0);
+        assert_eq!(scale.class(1e12), FORCE_CLASSES - 1);
+        assert_eq!(scale.class_limit_n(FORCE_CLASSES / 2 - 1), 50.0);
     }
 }

@@ -6,7 +6,9 @@ use rerun::external::arrow::array::{
     ArrayRef, BooleanArray, FixedSizeListArray, Float32Array, Float64Array, StringArray, UInt16Array, UInt64Array,
 };
 use rerun::external::arrow::datatypes::{DataType, Field};
-use rerun::{ComponentDescriptor, ComponentIdentifier, EntityPath, RecordingStream, SerializedComponentBatch, TimeColumn};
+use rerun::{
+    ComponentDescriptor, ComponentIdentifier, EntityPath, RecordingStream, SerializedComponentBatch, TimeColumn,
+};
 use std::sync::Arc;
 
 /// Values of a column, all rows one after the other.
@@ -67,20 +69,14 @@ impl Times {
 }
 
 impl Table {
-    /// A table of components that a viewer knows how to draw.
-    pub fn drawn(entity: EntityPath, columns: Vec<(ComponentDescriptor, Values)>) -> Table {
+    pub fn new(entity: EntityPath, columns: Vec<(ComponentDescriptor, Values)>) -> Table {
         let columns = columns.into_iter().map(|(descriptor, values)| Column { descriptor, values }).collect();
         Table { entity, lengths: Vec::new(), columns }
     }
 
     /// A table of plain numbers: components `group:name`.
     pub fn numbers(entity: &str, group: &'static str, columns: Vec<(&'static str, Values)>) -> Table {
-        let describe = |name: &'static str| ComponentDescriptor {
-            archetype: Some(group.into()),
-            component: ComponentIdentifier::from_archetype_field(group.into(), name),
-            component_type: None,
-        };
-        Table::drawn(entity.into(), columns.into_iter().map(|(name, values)| (describe(name), values)).collect())
+        Table::new(entity.into(), columns.into_iter().map(|(name, values)| (number(group, name), values)).collect())
     }
 
     /// Ends a row: every column has got `n` values since the last.
@@ -139,6 +135,15 @@ impl Table {
         self.lengths.clear();
         stream.send_columns(self.entity.clone(), times.clone(), columns)?;
         Ok(())
+    }
+}
+
+/// A component that no viewer draws by itself: `group:name`.
+pub fn number(group: &'static str, name: &'static str) -> ComponentDescriptor {
+    ComponentDescriptor {
+        archetype: Some(group.into()),
+        component: ComponentIdentifier::from_archetype_field(group.into(), name),
+        component_type: None,
     }
 }
 

@@ -1,0 +1,102 @@
+//! `pitchline check`: reads a drive, assembles it, says what follows from it.
+
+use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
+use crate::model::Model;
+use std::f64::consts::PI;
+use std::fmt::Write;
+
+#[derive(clap::Args, Debug)]
+pub struct CheckArgs {
+    /// Drive file or bundled name
+    drive: String,
+    /// Replace a value of the drive
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
+    let drive = load_drive(&args.drive, &args.set)?;
+    let assembly = assemble(&drive)?;
+    let (model, report) = (&assembly.model, &assembly.report);
+    let rows: Vec<_> = model
+        .rows
+        .iter()
+        .map(|r| {
+            serde_json::json!({
+                "name": r.name,
+                "pitch_mm": r.pitch_m * 1e3,
+                "mass_g": r.mass_kg * 1e3,
+                "inertia_g_mm2": r.inertia_kg_m2 * 1e9,
+            })
+        })
+        .collect();
+    let bounds = centre_distances(model);
+    if args.json {
+        return print_json(&serde_json::json!({
+            "drive": drive.name,
+            "title": drive.title,
+            "links": model.chain.n_links,
+            "rows": rows,
+            "mass_per_length_kg_m": mass_per_length(model),
+            "chain_speed_m_s": model.chain_speed_m_s,
+            "centre_distances_mm": bounds.iter().map(|(n, d)| serde_json::json!({ "between": n, "mm": d * 1e3 })).collect::<Vec<_>>(),
+            "joint_damping_ratio_at_1_khz": joint_damping_ratio(model),
+            "assembly": report,
+            "values": drive.places.paths().collect::<Vec<_>>(),
+        }));
+    }
+    let mut text = String::new();
+    let _infallible = writeln!(text, "{}: {}", drive.name, drive.title)
+        .and_then(|()| {
+            writeln!(
+                text,
+                "  chain                {} links, {:.3} kg/m, {:.3} m/s",
+                model.chain.n_links,
+                mass_per_length(model),
+                model.chain_speed_m_s
+            )
+        })
+        .and_then(|()| {
+            model.rows.iter().try_for_each(|r| {
+                writeln!(
+                    text,
+                    "  {:<5} link           pitch {:.4} mm, {:.3} g, {:.2} g mm2",
+                    r.name,
+                    r.pitch_m * 1e3,
+                    r.mass_kg * 1e3,
+                    r.inertia_kg_m2 * 1e9
+                )
+            })
+        })
+        .and_then(|()| bounds.iter().try_for_each(|(n, d)| writeln!(text, "  centre distance      {n}: {:.4} mm", d * 1e3)))
+        .and_then(|()| {
+            writeln!(text, "  joint damping        ratio {:.3} % of a mode at 1 kHz", joint_damping_ratio(model) * 100.0)
+        })
+        .and_then(|()| report.lines().iter().try_for_each(|line| writeln!(text, "  {}", line.replacen(" = ", ": ", 1))));
+    print_out(&text)
+}
+
+fn mass_per_length(model: &Model) -> f64 {
+    let n = model.chain.n_links;
+    model.chain.mass[..n].iter().sum::<f64>() / (2.0 * model.chain.lever[..n].iter().sum::<f64>())
+}
+
+/// zeta = c omega / (2 k): joints are springs in series, each with its damper.
+fn joint_damping_ratio(model: &Model) -> f64 {
+    let joint = &model.chain.joint;
+    joint.damping_n_s_per_m * 2.0 * PI * 1000.0 / (2.0 * joint.stiffness_n_per_m)
+}
+
+fn centre_distances(model: &Model) -> Vec<(String, f64)> {
+    let n = model.sprockets.len();
+    (0..n)
+        .take(if n == 2 { 1 } else { n })
+        .map(|i| {
+            let (a, b) = (&model.sprockets[i], &model.sprockets[(i + 1) % n]);
+            (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())
+        })
+        .collect()
+}

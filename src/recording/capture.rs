@@ -1,0 +1,455 @@
+//! Takes a Frame: everything at the node of a State, computed from State and Scratch and changing neither.
+//!
+//! Contacts are found again here by the exact detection of [`crate::contact`], not copied from the kernels, and their forces
+//! are those of the node (k d + c d'), while the step works with means over the step. Velocities at the node are
+//! v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half of this step's.
+
+use super::frame::{
+    BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, Joints, LinkInfo, Links, Outline,
+    OutlineCircle, OutlineElement, Rotors, Segment,
+};
+use crate::assemble::AssemblyReport;
+use crate::contact;
+use crate::drive::Drive;
+use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::rotor::Rotor;
+use crate::geometry::profile::{Element, Profile};
+use crate::geometry::{Vec2, perp};
+use crate::integrate::explicit::Scratch;
+use crate::model::Model;
+use crate::state::{ContactMemory, State};
+use crate::units::atan2;
+
+/// Takes frames of one run; remembers where its ledger began.
+#[derive(Clone, Debug, Default)]
+pub struct Camera {
+    origin: Option<Energy>,
+}
+
+/// One contact before it is put into columns.
+struct Row {
+    link: usize,
+    feature: Feature,
+    body: usize,
+    tooth: u32,
+    segment: Segment,
+    on_body: Vec2,
+    on_link: Vec2,
+    normal: Vec2,
+    penetration: f64,
+    approach: f64,
+    normal_speed: f64,
+    slide: f64,
+    normal_force: f64,
+    friction_force: f64,
+    stick: bool,
+    age_s: f64,
+    stored_j: f64,
+}
+
+/// What touches: a circle at a joint of a link, and the law between it and the body.
+struct Pair<'a> {
+    link: usize,
+    feature: Feature,
+    body: usize,
+    centre: Vec2,
+    radius: f64,
+    law: &'a ContactLaw,
+    friction: f64,
+    stick_speed: f64,
+    memory: &'a ContactMemory,
+    lane: usize,
+}
+
+impl Camera {
+    /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
+    pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
+        let n = state.n_links;
+        let half = 0.5 * model.step_s;
+        let s = &state.links;
+        let at_node = |v: &[f64], a: &[f64]| -> Vec<f64> { (0..n).map(|i| v[i] + half * a[i]).collect() };
+        let links = Links {
+            x_m: s.x[..n].to_vec(),
+            y_m: s.y[..n].to_vec(),
+            angle_rad: (0..n).map(|i| atan2(s.sin[i], s.cos[i])).collect(),
+            vx_m_s: at_node(&s.vx, &scratch.ax),
+            vy_m_s: at_node(&s.vy, &scratch.ay),
+            omega_rad_s: at_node(&s.omega, &scratch.alpha),
+        };
+        let mut joints = Joints::default();
+        for j in 0..n {
+            let (x, y, torque) = scratch.joint_force(j);
+            joints.force_x_n.push(x);
+            joints.force_y_n.push(y);
+            joints.friction_torque_nm.push(torque);
+        }
+        let speeds: Vec<f64> =
+            (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect();
+        let mut rows = Vec::new();
+        sprocket_contacts(model, state, scratch, &links, &speeds, &mut rows);
+        guide_contacts(model, state, scratch, &links, &mut rows);
+        rows.sort_by_key(|r| (r.link, r.feature as u32, r.body));
+        let rotors = rotor_rows(model, state, &speeds, &rows);
+        let total = ledger(model, state, scratch, &links, &speeds, &rows);
+        let origin = *self.origin.get_or_insert(total);
+        Frame {
+            step: state.step,
+            t_s: state.step as f64 * model.step_s,
+            state_hash: state.hash(),
+            crank_angle_rad: model.sprockets.get(model.driver).map_or(0.0, |d| {
+                d.nominal_speed_rad_s * state.step as f64 * model.step_s
+            }),
+            links,
+            joints,
+            contacts: columns(&rows),
+            rotors,
+            energy: since(&total, &origin),
+        }
+    }
+}
+
+/// Position and velocity of one end of link `i`.
+fn end_of(model: &Model, state: &State, links: &Links, i: usize, front: bool) -> (Vec2, Vec2) {
+    let lever = model.chain.lever[i] * if front { 1.0 } else { -1.0 };
+    let arm = Vec2::new(state.links.cos[i], state.links.sin[i]) * lever;
+    let p = Vec2::new(state.links.x[i], state.links.y[i]) + arm;
+    (p, Vec2::new(links.vx_m_s[i], links.vy_m_s[i]) + perp(arm) * links.omega_rad_s[i])
+}
+
+fn sprocket_contacts(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    links: &Links,
+    speeds: &[f64],
+    rows: &mut Vec<Row>,
+) {
+    let memory = scratch.memories().0;
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
+        let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
+        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m;
+        for j in scratch.joints_near(k).filter(|j| *j < model.chain.n_links) {
+            let (link, front) = model.chain.bush_carrier(j);
+            let (p, v) = end_of(model, state, links, link, front);
+            let d = p - sprocket.body.centre;
+            if d.norm_squared() > reach * reach {
+                continue;
+            }
+            let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
+            let hit = contact::gap_contact(&sprocket.geometry, in_frame, sprocket.body.bush_radius_m);
+            if hit.touch.penetration_m <= 0.0 {
+                continue;
+            }
+            let pair = Pair {
+                link,
+                feature: if front { Feature::FrontBush } else { Feature::RearBush },
+                body: k,
+                centre: p,
+                radius: sprocket.body.bush_radius_m,
+                law: &sprocket.body.law,
+                friction: sprocket.body.friction,
+                stick_speed: sprocket.body.stick_speed_m_s,
+                memory,
+                lane: j,
+            };
+            let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
+            let normal = to_world(hit.touch.normal);
+            // Both bodies at the deepest point of the bush, where the force acts.
+            let surface = perp(p - normal * pair.radius - sprocket.body.centre) * speeds[k];
+            let shape = (hit.tooth, hit.segment, hit.body_radius_m);
+            rows.push(row(model, &pair, shape, on_body, normal, hit.touch.penetration_m, v, surface, links));
+        }
+    }
+}
+
+fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, rows: &mut Vec<Row>) {
+    let memories = scratch.memories().1;
+    for (k, guide) in model.guides.iter().enumerate() {
+        let b = &guide.body;
+        let up = perp(b.along);
+        for link in scratch.links_near(k).filter(|i| *i < model.chain.n_links) {
+            for front in [false, true] {
+                let (p, v) = end_of(model, state, links, link, front);
+                let d = p - b.origin;
+                let (along, above) = (d.dot(&b.along), d.dot(&up));
+                if above <= -b.plate_radius_m {
+                    continue;
+                }
+                let foot = along.clamp(0.0, b.length_m);
+                let from = Vec2::new(along - foot, above + b.end_radius_m);
+                let distance = from.norm();
+                let penetration = b.end_radius_m + b.plate_radius_m - distance;
+                if penetration <= 0.0 {
+                    continue;
+                }
+                let normal = (b.along * from.x + up * from.y) / distance;
+                let pair = Pair {
+                    link,
+                    feature: if front { Feature::FrontPlateEnd } else { Feature::RearPlateEnd },
+                    body: model.sprockets.len() + k,
+                    centre: p,
+                    radius: b.plate_radius_m,
+                    law: &b.law,
+                    friction: b.friction,
+                    stick_speed: b.stick_speed_m_s,
+                    memory: &memories[2 * b.side + usize::from(!front)],
+                    lane: link,
+                };
+                let on_body = p - normal * (distance - b.end_radius_m);
+                let segment = match (along < 0.0, along > b.length_m, b.length_m > 0.0 && guide.geometry.travel > 0.0) {
+                    (false, false, _) => Segment::GuideFace,
+                    (true, _, true) | (false, true, false) => Segment::GuideLeadIn,
+                    _ => Segment::GuideLeadOut,
+                };
+                let shape = (0, segment, b.end_radius_m);
+                rows.push(row(model, &pair, shape, on_body, normal, penetration, v, Vec2::zeros(), links));
+            }
+        }
+    }
+}
+
+#[allow(clippy::too_many_arguments)] // one contact: who, what shape, where, how deep, how fast
+fn row(
+    model: &Model,
+    pair: &Pair<'_>,
+    (tooth, segment, body_radius): (u32, Segment, f64),
+    on_body: Vec2,
+    normal: Vec2,
+    penetration: f64,
+    velocity: Vec2,
+    surface_velocity: Vec2,
+    links: &Links,
+) -> Row {
+    let on_link = pair.centre - normal * pair.radius;
+    let v = velocity + perp(on_link - pair.centre) * links.omega_rad_s[pair.link] - surface_velocity;
+    let rate = -v.dot(&normal);
+    let slide = v.dot(&perp(normal));
+    let radii = PairRadii { bush_m: pair.radius, body_m: body_radius };
+    let approach = pair.memory.approach[pair.lane];
+    let normal_force = pair.law.force(penetration, rate, approach, radii);
+    Row {
+        link: pair.link,
+        feature: pair.feature,
+        body: pair.body,
+        tooth,
+        segment,
+        on_body,
+        on_link,
+        normal,
+        penetration,
+        approach,
+        normal_speed: rate,
+        slide,
+        normal_force,
+        friction_force: -pair.friction * normal_force * (slide / pair.stick_speed).clamp(-1.0, 1.0),
+        stick: slide.abs() < pair.stick_speed,
+        age_s: pair.memory.age[pair.lane] * model.step_s,
+        stored_j: pair.law.elastic(penetration, radii).energy_j,
+    }
+}
+
+fn columns(rows: &[Row]) -> Contacts {
+    let column = |f: &dyn Fn(&Row) -> f64| -> Vec<f64> { rows.iter().map(f).collect() };
+    let index = |f: &dyn Fn(&Row) -> u32| -> Vec<u32> { rows.iter().map(f).collect() };
+    Contacts {
+        link: index(&|r| r.link as u32),
+        feature: index(&|r| r.feature as u32),
+        body: index(&|r| r.body as u32),
+        tooth: index(&|r| r.tooth),
+        segment: index(&|r| r.segment as u32),
+        point_body_x_m: column(&|r| r.on_body.x),
+        point_body_y_m: column(&|r| r.on_body.y),
+        point_link_x_m: column(&|r| r.on_link.x),
+        point_link_y_m: column(&|r| r.on_link.y),
+        normal_x: column(&|r| r.normal.x),
+        normal_y: column(&|r| r.normal.y),
+        penetration_m: column(&|r| r.penetration),
+        approach_speed_m_s: column(&|r| r.approach),
+        normal_speed_m_s: column(&|r| r.normal_speed),
+        tangential_speed_m_s: column(&|r| r.slide),
+        normal_force_n: column(&|r| r.normal_force),
+        tangential_force_n: column(&|r| r.friction_force),
+        stick: rows.iter().map(|r| r.stick).collect(),
+        age_s: column(&|r| r.age_s),
+    }
+}
+
+fn rotor_rows(model: &Model, state: &State, speeds: &[f64], rows: &[Row]) -> Rotors {
+    let mut rotors = Rotors::default();
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let chain_torque: f64 = rows
+            .iter()
+            .filter(|r| r.body == k)
+            .map(|r| {
+                let force = r.normal * r.normal_force + perp(r.normal) * r.friction_force;
+                -crate::geometry::cross(r.on_link - sprocket.body.centre, force)
+            })
+            .sum();
+        rotors.angle_rad.push(state.rotors.angle[k]);
+        rotors.speed_rad_s.push(speeds[k]);
+        rotors.chain_torque_nm.push(chain_torque);
+        rotors.outer_torque_nm.push(match sprocket.rotor {
+            Rotor::Driven { .. } => -chain_torque,
+            Rotor::Free { torque_nm, .. } => torque_nm,
+        });
+    }
+    rotors
+}
+
+/// All energies at the node; losses and work since the State's ledger was opened.
+fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &[Row]) -> Energy {
+    let (n, h) = (state.n_links, model.step_s);
+    let c = &model.chain;
+    let mut e = Energy::default();
+    for i in 0..n {
+        let v2 = links.vx_m_s[i].powi(2) + links.vy_m_s[i].powi(2);
+        let held = c.inverse_mass[i] == 0.0;
+        e.kinetic_j += if held { 0.0 } else { 0.5 * (c.mass[i] * v2 + c.inertia[i] * links.omega_rad_s[i].powi(2)) };
+        let (front, rear) = (end_of(model, state, links, i, true).0, end_of(model, state, links, (i + 1) % n, false).0);
+        e.elastic_joint_j += c.joint.force(front.x - rear.x, front.y - rear.y, 0.0, 0.0).stored;
+    }
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let half_step_turn = 0.5 * h * speeds[k];
+        e.work_in_j += state.rotors.work_in[k];
+        e.work_out_j += state.rotors.work_out[k];
+        match sprocket.rotor {
+            Rotor::Driven { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
+            Rotor::Free { inertia_kg_m2, torque_nm } => {
+                e.kinetic_j += 0.5 * inertia_kg_m2 * speeds[k].powi(2);
+                e.work_out_j -= torque_nm * half_step_turn;
+            }
+        }
+    }
+    e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();
+    let (pin_damping, pin_friction) = scratch.joint_power();
+    e.lost_pin_damping_j = state.lost_pin_damping[..n].iter().sum::<f64>() + 0.5 * h * pin_damping;
+    e.lost_pin_friction_j = state.lost_pin_friction[..n].iter().sum::<f64>() + 0.5 * h * pin_friction;
+    let (bushes, ends) = scratch.memories();
+    let lost = |past: &[f64], now: &[f64]| past.iter().sum::<f64>() + 0.5 * now.iter().sum::<f64>();
+    e.lost_contact_damping_j = lost(&state.bushes.lost_damping, &bushes.lost_damping);
+    e.lost_contact_friction_j = lost(&state.bushes.lost_friction, &bushes.lost_friction);
+    for (past, now) in state.guide_ends.iter().zip(ends) {
+        e.lost_guide_damping_j += lost(&past.lost_damping, &now.lost_damping);
+        e.lost_guide_friction_j += lost(&past.lost_friction, &now.lost_friction);
+    }
+    e
+}
+
+/// The ledger since `origin`; stored energies stay absolute.
+fn since(now: &Energy, origin: &Energy) -> Energy {
+    let mut e = Energy {
+        work_in_j: now.work_in_j - origin.work_in_j,
+        work_out_j: now.work_out_j - origin.work_out_j,
+        lost_pin_damping_j: now.lost_pin_damping_j - origin.lost_pin_damping_j,
+        lost_pin_friction_j: now.lost_pin_friction_j - origin.lost_pin_friction_j,
+        lost_contact_damping_j: now.lost_contact_damping_j - origin.lost_contact_damping_j,
+        lost_contact_friction_j: now.lost_contact_friction_j - origin.lost_contact_friction_j,
+        lost_guide_damping_j: now.lost_guide_damping_j - origin.lost_guide_damping_j,
+        lost_guide_friction_j: now.lost_guide_friction_j - origin.lost_guide_friction_j,
+        ..*now
+    };
+    e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
+    e
+}
+
+impl Energy {
+    /// Kinetic and elastic [J].
+    pub fn stored_j(&self) -> f64 {
+        self.kinetic_j + self.elastic_joint_j + self.elastic_contact_j
+    }
+
+    /// All losses [J].
+    pub fn lost_j(&self) -> f64 {
+        self.lost_pin_damping_j
+            + self.lost_pin_friction_j
+            + self.lost_contact_damping_j
+            + self.lost_contact_friction_j
+            + self.lost_guide_damping_j
+            + self.lost_guide_friction_j
+    }
+}
+
+/// The header of a run.
+pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_frame: u64) -> Header {
+    let n = model.chain.n_links;
+    let rows = model.rows.len();
+    let mut bodies: Vec<BodyInfo> = model
+        .sprockets
+        .iter()
+        .map(|s| BodyInfo {
+            path: format!("sprockets.{}", s.name),
+            rotor: true,
+            x_m: s.body.centre.x,
+            y_m: s.body.centre.y,
+            angle_rad: 0.0,
+            teeth: s.geometry.spec.teeth,
+            outline: s.geometry.profile().ok().map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m)])),
+        })
+        .collect();
+    bodies.extend(model.guides.iter().map(|g| BodyInfo {
+        path: format!("guides.fixed.{}", g.name),
+        rotor: false,
+        x_m: g.geometry.origin.x,
+        y_m: g.geometry.origin.y,
+        angle_rad: g.geometry.angle_rad(),
+        teeth: 0,
+        outline: g.geometry.profile().ok().map(|p| outline(&g.name, &p, &[])),
+    }));
+    Header {
+        format_version: FORMAT_VERSION,
+        program: concat!("pitchline ", env!("CARGO_PKG_VERSION")).to_string(),
+        drive_name: drive.name.clone(),
+        drive_text: drive.text.clone(),
+        overrides: drive.overrides.clone(),
+        step_s: model.step_s,
+        steps_per_frame,
+        links: (0..n)
+            .map(|i| LinkInfo {
+                outline: (i % rows) as u32,
+                pitch_m: 2.0 * model.chain.lever[i],
+                mass_kg: model.chain.mass[i],
+                inertia_kg_m2: model.chain.inertia[i],
+            })
+            .collect(),
+        link_outlines: model.rows.iter().map(|r| outline(r.name, &r.plate, &r.circles)).collect(),
+        bodies,
+        channels: super::channels::CHANNELS
+            .iter()
+            .map(|(name, unit, meaning)| Channel { name: (*name).into(), unit: (*unit).into(), meaning: (*meaning).into() })
+            .collect(),
+        chain_speed_m_s: model.chain_speed_m_s,
+        static_tension_n: report.static_mean_tension_n,
+        assembly: report.lines(),
+    }
+}
+
+fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
+    let elements = profile
+        .elements()
+        .iter()
+        .map(|e| {
+            let (start, end) = (e.start(), e.end());
+            let (centre, radius_m, sweep_rad) = match *e {
+                Element::Line { .. } => (Vec2::zeros(), 0.0, 0.0),
+                Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m, sweep_rad),
+            };
+            OutlineElement {
+                start_x_m: start.x,
+                start_y_m: start.y,
+                end_x_m: end.x,
+                end_y_m: end.y,
+                centre_x_m: centre.x,
+                centre_y_m: centre.y,
+                radius_m,
+                sweep_rad,
+            }
+        })
+        .collect();
+    Outline {
+        name: name.to_string(),
+        elements,
+        closed: profile.is_closed(),
+        circles: circles.iter().map(|(c, radius_m)| OutlineCircle { x_m: c.x, y_m: c.y, radius_m: *radius_m }).collect(),
+    }
+}

@@ -1,0 +1,147 @@
+//! A recording in Foxglove's own messages: outlines fixed to moving frames, forces as arrows, events as log.
+
+use super::frame::{Event, Frame, Header, Outline};
+use super::view_geometry::{circle, polyline};
+use foxglove::Encode;
+use foxglove::messages::{
+    ArrowPrimitive, Color, FrameTransform, FrameTransforms, LinePrimitive, Log, Point3, Pose, Quaternion, SceneEntity,
+    SceneUpdate, Timestamp, Vector3, line_primitive,
+};
+use std::borrow::Cow;
+
+/// Name of the frame that stands still.
+const WORLD: &str = "world";
+/// Length of an arrow per newton, as a share of the mean static tension drawn this long [m].
+const ARROW_AT_TENSION_M: f64 = 12e-3;
+
+/// Schema of one of Foxglove's messages that recordings use; None for any other name.
+pub fn schema(name: &str) -> Option<Cow<'static, [u8]>> {
+    let schema = match name {
+        "foxglove.SceneUpdate" => SceneUpdate::get_schema(),
+        "foxglove.FrameTransforms" => FrameTransforms::get_schema(),
+        "foxglove.Log" => Log::get_schema(),
+        _ => None,
+    };
+    schema.map(|s| s.data)
+}
+
+fn timestamp(t_ns: u64) -> Option<Timestamp> {
+    let seconds = u32::try_from(t_ns / 1_000_000_000).ok()?;
+    Some(Timestamp::new(seconds, (t_ns % 1_000_000_000) as u32))
+}
+
+/// All outlines, each locked to the frame of its body.
+pub fn outlines(header: &Header) -> SceneUpdate {
+    let mut entities = Vec::new();
+    for (i, link) in header.links.iter().enumerate() {
+        if let Some(outline) = header.link_outlines.get(link.outline as usize) {
+            let color = if link.outline == 0 { rgb(0.35, 0.55, 0.85) } else { rgb(0.85, 0.55, 0.25) };
+            entities.push(entity(&format!("link/{i}"), outline, color));
+        }
+    }
+    for body in &header.bodies {
+        if let Some(outline) = &body.outline {
+            entities.push(entity(&body.path, outline, rgb(0.55, 0.55, 0.58)));
+        }
+    }
+    SceneUpdate { deletions: Vec::new(), entities }
+}
+
+fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
+    let mut lines = vec![line(&polyline(outline), outline.closed, color.clone())];
+    lines.extend(outline.circles.iter().map(|c| line(&circle(c.x_m, c.y_m, c.radius_m), true, color.clone())));
+    SceneEntity {
+        timestamp: timestamp(0),
+        frame_id: frame_id.to_string(),
+        id: format!("outline/{frame_id}"),
+        frame_locked: true,
+        lines,
+        ..SceneEntity::default()
+    }
+}
+
+fn line(points: &[[f64; 2]], closed: bool, color: Color) -> LinePrimitive {
+    let kind = if closed { line_primitive::Type::LineLoop } else { line_primitive::Type::LineStrip };
+    LinePrimitive {
+        r#type: kind as i32,
+        pose: Some(pose(0.0, 0.0, 0.0)),
+        thickness: 1.5,
+        scale_invariant: true,
+        points: points.iter().map(|[x, y]| Point3 { x: *x, y: *y, z: 0.0 }).collect(),
+        color: Some(color),
+        ..LinePrimitive::default()
+    }
+}
+
+fn rgb(r: f64, g: f64, b: f64) -> Color {
+    Color { r, g, b, a: 1.0 }
+}
+
+fn pose(x: f64, y: f64, angle_rad: f64) -> Pose {
+    Pose { position: Some(Vector3 { x, y, z: 0.0 }), orientation: Some(about_z(angle_rad)) }
+}
+
+fn about_z(angle_rad: f64) -> Quaternion {
+    let (z, w) = libm::sincos(0.5 * angle_rad);
+    Quaternion { x: 0.0, y: 0.0, z, w }
+}
+
+/// Where every link, sprocket and guide stands.
+pub fn transforms(header: &Header, frame: &Frame, t_ns: u64) -> FrameTransforms {
+    let at = |child: String, x: f64, y: f64, angle: f64| FrameTransform {
+        timestamp: timestamp(t_ns),
+        parent_frame_id: WORLD.to_string(),
+        child_frame_id: child,
+        translation: Some(Vector3 { x, y, z: 0.0 }),
+        rotation: Some(about_z(angle)),
+    };
+    let l = &frame.links;
+    let mut transforms: Vec<FrameTransform> =
+        (0..l.x_m.len()).map(|i| at(format!("link/{i}"), l.x_m[i], l.y_m[i], l.angle_rad[i])).collect();
+    for (k, body) in header.bodies.iter().enumerate() {
+        let turned = if body.rotor { frame.rotors.angle_rad.get(k).copied().unwrap_or(0.0) } else { 0.0 };
+        transforms.push(at(body.path.clone(), body.x_m, body.y_m, body.angle_rad + turned));
+    }
+    FrameTransforms { transforms }
+}
+
+/// Contact forces on the links as arrows.
+pub fn forces(header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
+    let c = &frame.contacts;
+    let metres_per_newton = ARROW_AT_TENSION_M / header.static_tension_n.max(1.0);
+    let arrows = (0..c.link.len())
+        .map(|i| {
+            let (nx, ny) = (c.normal_x[i], c.normal_y[i]);
+            let (n, t) = (c.normal_force_n[i], c.tangential_force_n[i]);
+            let (fx, fy) = (n * nx - t * ny, n * ny + t * nx);
+            let size = fx.hypot(fy) * metres_per_newton;
+            ArrowPrimitive {
+                pose: Some(pose(c.point_body_x_m[i], c.point_body_y_m[i], fy.atan2(fx))),
+                shaft_length: 0.8 * size,
+                shaft_diameter: 0.25e-3,
+                head_length: 0.2 * size,
+                head_diameter: 0.6e-3,
+                color: Some(rgb(0.9, 0.15, 0.2)),
+            }
+        })
+        .collect();
+    let entity = SceneEntity {
+        timestamp: timestamp(t_ns),
+        frame_id: WORLD.to_string(),
+        id: "contact_forces".to_string(),
+        arrows,
+        ..SceneEntity::default()
+    };
+    SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
+}
+
+/// An event as a log line.
+pub fn log(event: &Event, t_ns: u64) -> Log {
+    Log {
+        timestamp: timestamp(t_ns),
+        level: foxglove::messages::log::Level::Info as i32,
+        message: event.text.clone(),
+        name: event.kind.clone(),
+        ..Log::default()
+    }
+}

@@ -1,0 +1,321 @@
+//! What of a frame goes where: numbers, curves, pictures.
+
+use super::scene::{ForceScale, body_entity, outline_entity, position_mm};
+use super::table::{Table, Values};
+use crate::recording::frame::{Contacts, Frame, Header, Links, Rotors};
+use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
+
+/// Every number of every frame, in f64.
+pub struct Numbers {
+    frame: Table,
+    links: Table,
+    joints: Table,
+    rotors: Table,
+    contacts: Table,
+}
+
+impl Numbers {
+    pub fn new() -> Numbers {
+        let f64s =
+            |names: &[&'static str]| names.iter().map(|name| (*name, Values::F64(Vec::new()))).collect::<Vec<_>>();
+        let mut contacts: Vec<_> =
+            ["link", "body", "tooth", "segment", "feature"].map(|name| (name, Values::U16(Vec::new()))).into();
+        contacts.push(("stick", Values::Bool(Vec::new())));
+        contacts.extend(f64s(&[
+            "penetration_m",
+            "normal_force_n",
+            "tangential_force_n",
+            "approach_speed_m_s",
+            "normal_speed_m_s",
+            "tangential_speed_m_s",
+            "age_s",
+            "normal_x",
+            "normal_y",
+            "point_body_x_m",
+            "point_body_y_m",
+            "point_link_x_m",
+            "point_link_y_m",
+        ]));
+        let links = f64s(&["x_m", "y_m", "angle_rad", "vx_m_s", "vy_m_s", "omega_rad_s"]);
+        let joints = f64s(&["force_x_n", "force_y_n", "friction_torque_nm"]);
+        let rotors = f64s(&["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"]);
+        Numbers {
+            frame: Table::numbers("state/frame", "frame", vec![("state_hash", Values::U64(Vec::new()))]),
+            links: Table::numbers("state/links", "link", links),
+            joints: Table::numbers("state/joints", "joint", joints),
+            rotors: Table::numbers("state/rotors", "rotor", rotors),
+            contacts: Table::numbers("state/contacts", "contact", contacts),
+        }
+    }
+
+    pub fn push(&mut self, frame: &Frame) {
+        let Frame { links, joints, contacts, rotors, .. } = frame;
+        self.frame.u64(0).push(frame.state_hash);
+        self.frame.end_row(1);
+        let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s } = links;
+        push_row(&mut self.links, 0, &[x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s]);
+        push_row(&mut self.joints, 0, &[&joints.force_x_n, &joints.force_y_n, &joints.friction_torque_nm]);
+        let Rotors { angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm } = rotors;
+        push_row(&mut self.rotors, 0, &[angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm]);
+        push_contacts(&mut self.contacts, contacts);
+    }
+
+    pub fn tables(&mut self) -> [&mut Table; 5] {
+        [&mut self.frame, &mut self.links, &mut self.joints, &mut self.rotors, &mut self.contacts]
+    }
+}
+
+/// Adds a row to the f64 columns from `first` on.
+fn push_row(table: &mut Table, first: usize, columns: &[&Vec<f64>]) {
+    for (k, values) in columns.iter().enumerate() {
+        table.f64(first + k).extend_from_slice(values);
+    }
+    table.end_row(columns[0].len());
+}
+
+fn push_contacts(table: &mut Table, contacts: &Contacts) {
+    let Contacts {
+        link,
+        feature,
+        body,
+        tooth,
+        segment,
+        point_body_x_m,
+        point_body_y_m,
+        point_link_x_m,
+        point_link_y_m,
+        normal_x,
+        normal_y,
+        penetration_m,
+        approach_speed_m_s,
+        normal_speed_m_s,
+        tangential_speed_m_s,
+        normal_force_n,
+        tangential_force_n,
+        stick,
+        age_s,
+    } = contacts;
+    for (k, values) in [link, body, tooth, segment, feature].into_iter().enumerate() {
+        // No chain has as many links or teeth as would not fit.
+        table.u16(k).extend(values.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
+    }
+    table.bool(5).extend_from_slice(stick);
+    let columns = [
+        penetration_m,
+        normal_force_n,
+        tangential_force_n,
+        approach_speed_m_s,
+        normal_speed_m_s,
+        tangential_speed_m_s,
+        age_s,
+        normal_x,
+        normal_y,
+        point_body_x_m,
+        point_body_y_m,
+        point_link_x_m,
+        point_link_y_m,
+    ];
+    push_row(table, 6, &columns);
+}
+
+/// A few numbers per frame that a viewer draws over time, several curves to an entity.
+pub struct Curves {
+    contact_force: Table,
+    contacts: Table,
+    tension: Table,
+    speed: Table,
+    energy: Table,
+    lost: Table,
+    error: Table,
+    /// Curve of each body: a sprocket's own, or the one of all guides.
+    curve_of_body: Vec<usize>,
+    /// Largest contact force of each curve in this frame.
+    largest_n: Vec<f64>,
+}
+
+impl Curves {
+    pub fn new(header: &Header) -> Curves {
+        let curves =
+            |entity: &str| Table::new(entity.into(), vec![(Scalars::descriptor_scalars(), Values::F64(Vec::new()))]);
+        let n_rotors = header.bodies.iter().filter(|body| body.rotor).count();
+        let curve_of_body = header.bodies.iter().enumerate().map(|(i, body)| if body.rotor { i } else { n_rotors });
+        Curves {
+            contact_force: curves("plots/largest_contact_force"),
+            contacts: curves("plots/contacts"),
+            tension: curves("plots/joint_tension"),
+            speed: curves("plots/speed"),
+            energy: curves("plots/energy"),
+            lost: curves("plots/energy_lost"),
+            error: curves("plots/energy_error"),
+            curve_of_body: curve_of_body.collect(),
+            largest_n: vec![0.0; n_rotors + 1],
+        }
+    }
+
+    pub fn push(&mut self, frame: &Frame, header: &Header) {
+        let has_guides = self.largest_n.len() <= header.bodies.len();
+        self.largest_n.fill(0.0);
+        for (body, force_n) in frame.contacts.body.iter().zip(&frame.contacts.normal_force_n) {
+            if let Some(curve) = self.curve_of_body.get(*body as usize) {
+                self.largest_n[*curve] = self.largest_n[*curve].max(*force_n);
+            }
+        }
+        let n_curves = if has_guides { self.largest_n.len() } else { self.largest_n.len() - 1 };
+        push_curves(&mut self.contact_force, self.largest_n[..n_curves].iter().copied());
+        push_curves(&mut self.contacts, [frame.contacts.body.len() as f64]);
+        let (mut high, mut low) = (0.0_f64, f64::INFINITY);
+        for (x, y) in frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n) {
+            let squared = x * x + y * y;
+            (high, low) = (high.max(squared), low.min(squared));
+        }
+        push_curves(&mut self.tension, [high.sqrt(), low.sqrt()]);
+        const RPM_PER_RAD_S: f64 = 30.0 / std::f64::consts::PI;
+        push_curves(&mut self.speed, frame.rotors.speed_rad_s.iter().map(|w| RPM_PER_RAD_S * w));
+        let e = &frame.energy;
+        let stored_and_work = [e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j];
+        push_curves(&mut self.energy, stored_and_work);
+        let lost = [
+            e.lost_pin_damping_j,
+            e.lost_pin_friction_j,
+            e.lost_contact_damping_j,
+            e.lost_contact_friction_j,
+            e.lost_guide_damping_j,
+            e.lost_guide_friction_j,
+        ];
+        push_curves(&mut self.lost, lost);
+        push_curves(&mut self.error, [e.error_j]);
+    }
+
+    pub fn tables(&mut self) -> [&mut Table; 7] {
+        [
+            &mut self.contact_force,
+            &mut self.contacts,
+            &mut self.tension,
+            &mut self.speed,
+            &mut self.energy,
+            &mut self.lost,
+            &mut self.error,
+        ]
+    }
+}
+
+fn push_curves(table: &mut Table, values: impl IntoIterator<Item = f64>) {
+    let column = table.f64(0);
+    let before = column.len();
+    column.extend(values);
+    let n = column.len() - before;
+    table.end_row(n);
+}
+
+/// The drawing: what moves of it.
+pub struct Pictures {
+    /// One for each outline of links.
+    chain: Vec<Table>,
+    links_of_outline: Vec<usize>,
+    /// One for each sprocket.
+    rotors: Vec<Table>,
+    pins: Table,
+    contacts: Table,
+    forces: Table,
+}
+
+impl Pictures {
+    pub fn new(header: &Header) -> Pictures {
+        let vec3 = || Values::Vec3(Vec::new());
+        let quaternion = || Values::Quaternion(Vec::new());
+        let chain = header.link_outlines.iter().map(|outline| {
+            let columns = vec![
+                (InstancePoses3D::descriptor_translations(), vec3()),
+                (InstancePoses3D::descriptor_quaternions(), quaternion()),
+            ];
+            Table::new(outline_entity(outline), columns)
+        });
+        let rotors = header.bodies.iter().filter(|body| body.rotor).map(|body| {
+            let columns = vec![
+                (Transform3D::descriptor_translation(), vec3()),
+                (Transform3D::descriptor_quaternion(), quaternion()),
+            ];
+            Table::new(body_entity(body), columns)
+        });
+        let points = || {
+            vec![
+                (Points3D::descriptor_positions(), vec3()),
+                (Points3D::descriptor_class_ids(), Values::U16(Vec::new())),
+            ]
+        };
+        let arrows = vec![(Arrows3D::descriptor_origins(), vec3()), (Arrows3D::descriptor_vectors(), vec3())];
+        Pictures {
+            chain: chain.collect(),
+            links_of_outline: vec![0; header.link_outlines.len()],
+            rotors: rotors.collect(),
+            pins: Table::new("joints/tension".into(), points()),
+            contacts: Table::new("contacts/points".into(), points()),
+            forces: Table::new("contacts/forces".into(), arrows),
+        }
+    }
+
+    pub fn push(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
+        self.push_chain(frame, header, scale);
+        self.push_rotors(frame, header);
+        self.push_contacts(&frame.contacts, scale);
+    }
+
+    fn push_chain(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
+        let Links { x_m, y_m, angle_rad, .. } = &frame.links;
+        self.links_of_outline.fill(0);
+        for (i, link) in header.links.iter().enumerate().take(x_m.len()) {
+            let (s, c) = libm::sincos(0.5 * angle_rad[i]);
+            if let Some(table) = self.chain.get_mut(link.outline as usize) {
+                table.f32(0).extend_from_slice(&position_mm([x_m[i], y_m[i]], 0.0));
+                table.f32(1).extend_from_slice(&[0.0, 0.0, s as f32, c as f32]);
+                self.links_of_outline[link.outline as usize] += 1;
+            }
+            // Front pin: half a pitch ahead of the centre; (c2, s2) is the heading.
+            let (c2, s2) = (c * c - s * s, 2.0 * s * c);
+            let pin = [x_m[i] + 0.5 * link.pitch_m * c2, y_m[i] + 0.5 * link.pitch_m * s2];
+            let (fx, fy) = (frame.joints.force_x_n[i], frame.joints.force_y_n[i]);
+            self.pins.f32(0).extend_from_slice(&position_mm(pin, scale.z_mm));
+            self.pins.u16(1).push(scale.class((fx * fx + fy * fy).sqrt()));
+        }
+        for (table, n) in self.chain.iter_mut().zip(&self.links_of_outline) {
+            table.end_row(*n);
+        }
+        self.pins.end_row(header.links.len().min(x_m.len()));
+    }
+
+    fn push_rotors(&mut self, frame: &Frame, header: &Header) {
+        let bodies = header.bodies.iter().filter(|body| body.rotor);
+        for ((table, body), turned_rad) in self.rotors.iter_mut().zip(bodies).zip(&frame.rotors.angle_rad) {
+            let (s, c) = libm::sincos(0.5 * (body.angle_rad + turned_rad));
+            table.f32(0).extend_from_slice(&position_mm([body.x_m, body.y_m], 0.0));
+            table.f32(1).extend_from_slice(&[0.0, 0.0, s as f32, c as f32]);
+            table.end_row(1);
+        }
+    }
+
+    fn push_contacts(&mut self, contacts: &Contacts, scale: ForceScale) {
+        let n = contacts.link.len();
+        for i in 0..n {
+            let (normal_n, friction_n) = (contacts.normal_force_n[i], contacts.tangential_force_n[i]);
+            let (nx, ny) = (contacts.normal_x[i], contacts.normal_y[i]);
+            // The tangent is the normal turned by +90 degrees.
+            let force_n = [normal_n * nx - friction_n * ny, normal_n * ny + friction_n * nx];
+            let point = position_mm([contacts.point_body_x_m[i], contacts.point_body_y_m[i]], scale.z_mm);
+            self.contacts.f32(0).extend_from_slice(&point);
+            self.contacts.u16(1).push(scale.class(normal_n));
+            self.forces.f32(0).extend_from_slice(&point);
+            self.forces.f32(1).extend_from_slice(&[
+                scale.mm_per_n * force_n[0] as f32,
+                scale.mm_per_n * force_n[1] as f32,
+                0.0,
+            ]);
+        }
+        self.contacts.end_row(n);
+        self.forces.end_row(n);
+    }
+
+    pub fn tables(&mut self) -> impl Iterator<Item = &mut Table> {
+        let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
+        self.chain.iter_mut().chain(&mut self.rotors).chain(others)
+    }
+}
