@@ -26,17 +26,27 @@ pub struct GuideBody {
     pub stick_speed_m_s: f64,
 }
 
-/// Whether any joint is nearer to the face than `reach_m`: a look that errs on the safe side, since the relief arcs lie
-/// below the face.
+/// Whether any joint touches the guide, touched it (`held`: its force then), or may within half a step. Errs on the safe
+/// side: over the face twice the actual closing speed is reckoned with, and over the relief arcs `reach_m`. `motion`: x, y, vx, vy of the joints.
 #[inline(always)]
-pub fn any_near(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool {
+pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motion: [Column; 4]) -> bool {
     let (tx, ty) = (body.along.x, body.along.y);
     let base = body.origin.y * tx - body.origin.x * ty;
-    let (low, high) = (base - body.plate_radius_m, base + body.plate_radius_m + reach_m);
+    let start = body.origin.x * tx + body.origin.y * ty;
+    let total = body.end_radius_m + body.plate_radius_m;
+    let [x, y, vx, vy] = motion;
     let mut near = 0_u64;
     for i in 0..LANES {
-        let above = y[i] * tx - x[i] * ty;
-        near |= u64::from((above > low) & (above < high));
+        let height = y[i] * tx - x[i] * ty - base;
+        let along = x[i] * tx + y[i] * ty - start;
+        let speed = vy[i] * tx - vx[i] * ty;
+        let speed = if speed < 0.0 { -speed } else { speed };
+        let foot = if along > body.length_m { body.length_m } else { along };
+        let foot = if foot < 0.0 { 0.0 } else { foot };
+        let (dx, dy) = (along - foot, height + body.end_radius_m);
+        let reach = total + if dx == 0.0 { step_s * speed } else { reach_m };
+        let within = (dx * dx + dy * dy < reach * reach) & (height > -body.plate_radius_m);
+        near |= u64::from(within | (held[i] != 0.0));
     }
     near != 0
 }

@@ -17,7 +17,7 @@ use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
 use crate::model::Model;
-use crate::state::{ContactMemory, State};
+use crate::state::{ContactMemory, LinkState, State};
 
 /// Extra damping while a drive is run in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,12 +52,8 @@ pub struct Scratch {
     fastest_m_s: f64,
     front: Ends,
     rear: Ends,
-    heading_cos: Vec<f64>,
-    heading_sin: Vec<f64>,
     omega: Vec<f64>,
-    wrapped_ax: Vec<f64>,
-    wrapped_ay: Vec<f64>,
-    wrapped_alpha: Vec<f64>,
+    wrapped: Wrapped,
     joint_x: Vec<f64>,
     joint_y: Vec<f64>,
     joint_torque: Vec<f64>,
@@ -67,7 +63,8 @@ pub struct Scratch {
     bush_x: Vec<f64>,
     bush_y: Vec<f64>,
     bush_moment: Vec<f64>,
-    /// Guide forces per link.
+    /// Guide forces per link, and the blocks in which they are not zero.
+    guide_blocks: Vec<usize>,
     guide_x: Vec<f64>,
     guide_y: Vec<f64>,
     guide_moment: Vec<f64>,
@@ -81,6 +78,8 @@ pub struct Scratch {
     guide_windows: Vec<Vec<Window>>,
     bushes: ContactMemory,
     guide_ends: [ContactMemory; 4],
+    /// Per set of guide ends and block: how many of the two memories still hold an old contact.
+    stale_blocks: [Vec<u8>; 4],
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -98,7 +97,24 @@ struct Ends {
     vy: Vec<f64>,
 }
 
+/// Columns of the State, one value longer.
+struct Wrapped {
+    cos: Vec<f64>,
+    sin: Vec<f64>,
+    ax: Vec<f64>,
+    ay: Vec<f64>,
+    alpha: Vec<f64>,
+}
+
 impl Ends {
+    #[inline(always)]
+    fn put(&mut self, at: usize, x: Column, y: Column, vx: Column, vy: Column) {
+        put(&mut self.x, at, x);
+        put(&mut self.y, at, y);
+        put(&mut self.vx, at, vx);
+        put(&mut self.vy, at, vy);
+    }
+
     fn new(len: usize) -> Ends {
         Ends { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
     }
@@ -128,12 +144,8 @@ impl Scratch {
             fastest_m_s: 0.0,
             front: Ends::new(n + 1),
             rear: Ends::new(n + 1),
-            heading_cos: longer(),
-            heading_sin: longer(),
             omega: longer(),
-            wrapped_ax: longer(),
-            wrapped_ay: longer(),
-            wrapped_alpha: longer(),
+            wrapped: Wrapped { cos: longer(), sin: longer(), ax: longer(), ay: longer(), alpha: longer() },
             joint_x: longer(),
             joint_y: longer(),
             joint_torque: longer(),
@@ -142,6 +154,7 @@ impl Scratch {
             bush_x: longer(),
             bush_y: longer(),
             bush_moment: longer(),
+            guide_blocks: Vec::new(),
             guide_x: column(),
             guide_y: column(),
             guide_moment: column(),
@@ -153,6 +166,7 @@ impl Scratch {
             guide_windows: vec![Vec::new(); model.guides.len()],
             bushes: ContactMemory::new(n),
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
+            stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
             ax: column(),
             ay: column(),
             alpha: column(),
@@ -277,74 +291,72 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         teeth(model, state, scratch, k);
     }
     close_loop(model.chain.n_links, [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment]);
-    if !model.guides.is_empty() {
-        for k in 0..model.guides.len() {
-            for window in &scratch.guide_windows[k] {
-                scratch.guide_x[window.start..window.end].fill(0.0);
-                scratch.guide_y[window.start..window.end].fill(0.0);
-                scratch.guide_moment[window.start..window.end].fill(0.0);
-            }
-        }
-        for k in 0..model.guides.len() {
-            guide(model, state, scratch, k, 1.0);
-            guide(model, state, scratch, k, -1.0);
-        }
+    while let Some(at) = scratch.guide_blocks.pop() {
+        put(&mut scratch.guide_x, at, [0.0; LANES]);
+        put(&mut scratch.guide_y, at, [0.0; LANES]);
+        put(&mut scratch.guide_moment, at, [0.0; LANES]);
+    }
+    for k in 0..model.guides.len() {
+        guide(model, state, scratch, k);
     }
     accelerations(model, state, scratch);
 }
 
-/// Positions and predicted velocities of both ends of every link at the node.
+/// Positions and predicted velocities of both ends of every link at the node; headings and accelerations with the first
+/// link again after the last, where joint n - 1 closes the loop.
 #[inline(always)]
 fn link_ends(model: &Model, state: &State, scratch: &mut Scratch) {
-    let half = 0.5 * model.step_s;
-    let s = &state.links;
-    ends_kernel(
-        half,
-        &model.chain.lever,
-        [&s.x, &s.y, &s.cos, &s.sin, &s.vx, &s.vy, &s.omega, &s.ax, &s.ay, &s.alpha],
-        &mut scratch.front,
-        &mut scratch.rear,
-        &mut scratch.omega,
-    );
-    let n = model.chain.padded;
-    for (to, from) in [
-        (&mut scratch.heading_cos, &s.cos),
-        (&mut scratch.heading_sin, &s.sin),
-        (&mut scratch.wrapped_ax, &s.ax),
-        (&mut scratch.wrapped_ay, &s.ay),
-        (&mut scratch.wrapped_alpha, &s.alpha),
-    ] {
-        to[..n].copy_from_slice(&from[..n]);
-    }
-    // The first link again after the last: joint n - 1 closes the loop.
+    let Scratch { front, rear, omega, wrapped, .. } = scratch;
+    ends_kernel(0.5 * model.step_s, &model.chain.lever, &state.links, front, rear, omega, wrapped);
     let last = model.chain.n_links;
-    let Ends { x, y, vx, vy } = &mut scratch.rear;
-    let Scratch { omega, heading_cos, heading_sin, wrapped_ax, wrapped_ay, wrapped_alpha, .. } = scratch;
-    for column in [x, y, vx, vy, omega, heading_cos, heading_sin, wrapped_ax, wrapped_ay, wrapped_alpha] {
+    let Wrapped { cos, sin, ax, ay, alpha } = wrapped;
+    let Ends { x, y, vx, vy } = rear;
+    for column in [x, y, vx, vy, omega, cos, sin, ax, ay, alpha] {
         column[last] = column[0];
     }
 }
 
 #[inline(always)]
-fn ends_kernel(half: f64, lever: &[f64], s: [&Vec<f64>; 10], front: &mut Ends, rear: &mut Ends, omega: &mut [f64]) {
+fn ends_kernel(
+    half: f64,
+    lever: &[f64],
+    s: &LinkState,
+    front: &mut Ends,
+    rear: &mut Ends,
+    omega: &mut [f64],
+    wrapped: &mut Wrapped,
+) {
     let n = lever.len();
-    let [x, y, cos, sin, vx, vy, w, ax, ay, alpha] = s.map(|c| &c[..n]);
-    let (fx, fy, fvx, fvy) = (&mut front.x[..n], &mut front.y[..n], &mut front.vx[..n], &mut front.vy[..n]);
-    let (rx, ry, rvx, rvy) = (&mut rear.x[..n], &mut rear.y[..n], &mut rear.vx[..n], &mut rear.vy[..n]);
-    let omega = &mut omega[..n];
-    for i in 0..n {
-        let (lc, ls) = (lever[i] * cos[i], lever[i] * sin[i]);
-        let (u, v, o) = (vx[i] + half * ax[i], vy[i] + half * ay[i], w[i] + half * alpha[i]);
-        let (oc, os) = (o * lc, o * ls);
-        omega[i] = o;
-        fx[i] = x[i] + lc;
-        fy[i] = y[i] + ls;
-        rx[i] = x[i] - lc;
-        ry[i] = y[i] - ls;
-        fvx[i] = u - os;
-        fvy[i] = v + oc;
-        rvx[i] = u + os;
-        rvy[i] = v - oc;
+    let (x, y, cos, sin) = (&s.x[..n], &s.y[..n], &s.cos[..n], &s.sin[..n]);
+    let (vx, vy, w) = (&s.vx[..n], &s.vy[..n], &s.omega[..n]);
+    let (ax, ay, alpha) = (&s.ax[..n], &s.ay[..n], &s.alpha[..n]);
+    for at in (0..n).step_by(LANES) {
+        let (l, c, s) = (take(lever, at), take(cos, at), take(sin, at));
+        let (a, b, e) = (take(ax, at), take(ay, at), take(alpha, at));
+        let (px, py) = (take(x, at), take(y, at));
+        let (mut u, mut v, mut o) = (take(vx, at), take(vy, at), take(w, at));
+        let zero = [0.0; LANES];
+        let (mut fx, mut fy, mut fvx, mut fvy) = (zero, zero, zero, zero);
+        let (mut rx, mut ry, mut rvx, mut rvy) = (zero, zero, zero, zero);
+        for i in 0..LANES {
+            u[i] += half * a[i];
+            v[i] += half * b[i];
+            o[i] += half * e[i];
+            let (lc, ls) = (l[i] * c[i], l[i] * s[i]);
+            let (oc, os) = (o[i] * lc, o[i] * ls);
+            (fx[i], fy[i]) = (px[i] + lc, py[i] + ls);
+            (rx[i], ry[i]) = (px[i] - lc, py[i] - ls);
+            (fvx[i], fvy[i]) = (u[i] - os, v[i] + oc);
+            (rvx[i], rvy[i]) = (u[i] + os, v[i] - oc);
+        }
+        front.put(at, fx, fy, fvx, fvy);
+        rear.put(at, rx, ry, rvx, rvy);
+        put(omega, at, o);
+        put(&mut wrapped.cos, at, c);
+        put(&mut wrapped.sin, at, s);
+        put(&mut wrapped.ax, at, a);
+        put(&mut wrapped.ay, at, b);
+        put(&mut wrapped.alpha, at, e);
     }
 }
 
@@ -426,7 +438,7 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                 lanes.let_go();
             }
             if shared {
-                keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &mut scratch.bushes, at);
+                keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &state.bushes, &mut scratch.bushes, at);
                 for i in 0..LANES {
                     scratch.bush_x[at + 1 + i] += lanes.force_x[i];
                     scratch.bush_y[at + 1 + i] += lanes.force_y[i];
@@ -436,7 +448,7 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                 put(&mut scratch.bush_x[1..=n], at, lanes.force_x);
                 put(&mut scratch.bush_y[1..=n], at, lanes.force_y);
                 put(&mut scratch.bush_moment[1..=n], at, lanes.moment);
-                keep(lanes, &mut scratch.bushes, n, at);
+                keep(lanes, &state.bushes, &mut scratch.bushes, n, at);
             }
         }
     }
@@ -448,13 +460,33 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
     let n = model.chain.padded;
     let (c, s, m) = (&model.chain, scratch, &state.bushes);
     let (f, r) = (&s.front, &s.rear);
-    let shared = [&s.omega, &s.heading_cos, &s.heading_sin, &s.wrapped_ax, &s.wrapped_ay, &s.wrapped_alpha];
-    let [omega, cos, sin, ax, ay, alpha] = shared.map(|v| &v[..n]);
-    let [omega1, cos1, sin1, ax1, ay1, alpha1] = shared.map(|v| &v[1..=n]);
+    let w = &s.wrapped;
     BushColumns {
         on_front: &c.bush_on_front[1..=n],
-        front: [&f.x[..n], &f.y[..n], &f.vx[..n], &f.vy[..n], omega, cos, sin, ax, ay, alpha],
-        rear: [&r.x[1..=n], &r.y[1..=n], &r.vx[1..=n], &r.vy[1..=n], omega1, cos1, sin1, ax1, ay1, alpha1],
+        front: [
+            &f.x[..n],
+            &f.y[..n],
+            &f.vx[..n],
+            &f.vy[..n],
+            &s.omega[..n],
+            &w.cos[..n],
+            &w.sin[..n],
+            &w.ax[..n],
+            &w.ay[..n],
+            &w.alpha[..n],
+        ],
+        rear: [
+            &r.x[1..=n],
+            &r.y[1..=n],
+            &r.vx[1..=n],
+            &r.vy[1..=n],
+            &s.omega[1..=n],
+            &w.cos[1..=n],
+            &w.sin[1..=n],
+            &w.ax[1..=n],
+            &w.ay[1..=n],
+            &w.alpha[1..=n],
+        ],
         constants: [
             &c.bush_lever[..n],
             &c.bush_inverse_mass[..n],
@@ -478,15 +510,15 @@ fn send_away(nearest: &[usize], own: usize, lanes: &mut Lanes) {
 
 /// As [`keep`], for the lanes that are nearest to this body.
 #[cold]
-fn keep_own(nearest: &[usize], own: usize, lanes: &Lanes, memory: &mut ContactMemory, at: usize) {
+fn keep_own(nearest: &[usize], own: usize, lanes: &Lanes, past: &ContactMemory, memory: &mut ContactMemory, at: usize) {
     for (i, body) in nearest.iter().enumerate() {
         if *body == own {
             memory.normal_force[at + i] = lanes.normal_force[i];
             memory.tangential_force[at + i] = lanes.tangential_force[i];
             memory.age[at + i] = lanes.age[i];
             memory.approach[at + i] = lanes.approach[i];
-            memory.lost_damping[at + i] = lanes.lost_damping[i];
-            memory.lost_friction[at + i] = lanes.lost_friction[i];
+            memory.lost_damping[at + i] = past.lost_damping[at + i] + lanes.lost_damping[i];
+            memory.lost_friction[at + i] = past.lost_friction[at + i] + lanes.lost_friction[i];
         }
     }
 }
@@ -506,13 +538,22 @@ fn put(column: &mut [f64], at: usize, values: Column) {
 
 /// Gives the contact memory of a block back to its columns.
 #[inline(always)]
-fn keep(lanes: &Lanes, memory: &mut ContactMemory, n: usize, at: usize) {
+fn keep(lanes: &Lanes, past: &ContactMemory, memory: &mut ContactMemory, n: usize, at: usize) {
     put(&mut memory.normal_force[..n], at, lanes.normal_force);
     put(&mut memory.tangential_force[..n], at, lanes.tangential_force);
     put(&mut memory.age[..n], at, lanes.age);
     put(&mut memory.approach[..n], at, lanes.approach);
-    put(&mut memory.lost_damping[..n], at, lanes.lost_damping);
-    put(&mut memory.lost_friction[..n], at, lanes.lost_friction);
+    put(&mut memory.lost_damping[..n], at, sum(take(&past.lost_damping[..n], at), lanes.lost_damping));
+    put(&mut memory.lost_friction[..n], at, sum(take(&past.lost_friction[..n], at), lanes.lost_friction));
+}
+
+#[inline(always)]
+fn sum(a: Column, b: Column) -> Column {
+    let mut out = a;
+    for i in 0..LANES {
+        out[i] += b[i];
+    }
+    out
 }
 
 #[inline(always)]
@@ -591,61 +632,81 @@ fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize
     crate::contact::seat_index(&model.sprockets[k].geometry, in_frame) as usize
 }
 
-/// Contacts of one end (`sign` +1 front, -1 rear) of all links near guide `k`.
+/// Contacts of both ends of all links near guide `k`.
 #[inline(always)]
-fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize, sign: f64) {
+fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.guides[k].body;
-    let set = 2 * body.side + usize::from(sign < 0.0);
+    let n = model.chain.padded;
     let reach_m = scratch.fastest_m_s * model.step_s;
     let mut block = Lanes::default();
     let lanes = &mut block;
     for w in 0..scratch.guide_windows[k].len() {
         let Window { start, end, shared } = scratch.guide_windows[k][w];
         for at in (start..end).step_by(LANES) {
-            let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
-            if !guide_contact::any_near(body, reach_m, take(&ends.x, at), take(&ends.y, at)) {
-                if !shared {
-                    forget_block(&mut scratch.guide_ends[set], at);
+            for (rear, sign) in [(0, 1.0), (1, -1.0)] {
+                let set = 2 * body.side + rear;
+                let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
+                let held = take(&state.guide_ends[set].normal_force, at);
+                let motion = [&ends.x, &ends.y, &ends.vx, &ends.vy].map(|c| take(c, at));
+                if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion) {
+                    clear_block(state, scratch, set, at);
+                    continue;
                 }
-                continue;
-            }
-            load_ends(model, state, scratch, at, sign, body, lanes);
-            let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
-            if shared {
-                send_away(nearest, k, lanes);
-            }
-            guide_contact::penetrations(body, lanes);
-            recall(&state.guide_ends[set], at, lanes);
-            let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
-            tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
-            let mut gx = take(&scratch.guide_x, at);
-            let mut gy = take(&scratch.guide_y, at);
-            let mut gm = take(&scratch.guide_moment, at);
-            for i in 0..LANES {
-                gx[i] += lanes.force_x[i];
-                gy[i] += lanes.force_y[i];
-                let arm = lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
-                gm[i] += arm + lanes.moment[i];
-            }
-            put(&mut scratch.guide_x, at, gx);
-            put(&mut scratch.guide_y, at, gy);
-            put(&mut scratch.guide_moment, at, gm);
-            if shared {
-                keep_own(nearest, k, lanes, &mut scratch.guide_ends[set], at);
-            } else {
-                keep(lanes, &mut scratch.guide_ends[set], model.chain.padded, at);
+                load_ends(model, state, scratch, at, sign, body, lanes);
+                if shared {
+                    send_away(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
+                }
+                guide_contact::penetrations(body, lanes);
+                recall(&state.guide_ends[set], at, lanes);
+                let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
+                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+                add_guide_forces(scratch, at, lanes);
+                if shared {
+                    let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
+                    keep_own(nearest, k, lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], at);
+                } else {
+                    keep(lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], n, at);
+                }
+                scratch.stale_blocks[set][at / LANES] = 2;
             }
         }
     }
 }
 
-/// A block that nothing touches.
 #[inline(always)]
-fn forget_block(memory: &mut ContactMemory, at: usize) {
-    let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
-    for column in [normal_force, tangential_force, age, approach, lost_damping, lost_friction] {
-        put(column, at, [0.0; LANES]);
+fn add_guide_forces(scratch: &mut Scratch, at: usize, lanes: &Lanes) {
+    let mut arms = lanes.moment;
+    for i in 0..LANES {
+        arms[i] += lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
     }
+    for (column, values) in [
+        (&mut scratch.guide_x, lanes.force_x),
+        (&mut scratch.guide_y, lanes.force_y),
+        (&mut scratch.guide_moment, arms),
+    ] {
+        let total = sum(take(column, at), values);
+        put(column, at, total);
+    }
+    scratch.guide_blocks.push(at);
+}
+
+/// A block of guide ends that nothing touches: forgets old contacts in the memory of this step, once for each of the two
+/// memories that change hands.
+#[inline(always)]
+fn clear_block(state: &State, scratch: &mut Scratch, set: usize, at: usize) {
+    let stale = &mut scratch.stale_blocks[set][at / LANES];
+    if *stale == 0 {
+        return;
+    }
+    *stale -= 1;
+    let (past, memory) = (&state.guide_ends[set], &mut scratch.guide_ends[set]);
+    let nothing = [0.0; LANES];
+    put(&mut memory.normal_force, at, nothing);
+    put(&mut memory.tangential_force, at, nothing);
+    put(&mut memory.age, at, nothing);
+    put(&mut memory.approach, at, nothing);
+    put(&mut memory.lost_damping, at, take(&past.lost_damping, at));
+    put(&mut memory.lost_friction, at, take(&past.lost_friction, at));
 }
 
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
@@ -666,8 +727,8 @@ fn load_ends(
     lanes.vx = take(&ends.vx, at);
     lanes.vy = take(&ends.vy, at);
     lanes.omega = take(&scratch.omega, at);
-    lanes.cos = take(&scratch.heading_cos, at);
-    lanes.sin = take(&scratch.heading_sin, at);
+    lanes.cos = take(&scratch.wrapped.cos, at);
+    lanes.sin = take(&scratch.wrapped.sin, at);
     lanes.ax = take(&state.links.ax, at);
     lanes.ay = take(&state.links.ay, at);
     lanes.lever = take(&c.lever, at);
@@ -727,12 +788,7 @@ fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
 fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     let (n, h) = (model.chain.padded, model.step_s);
     let s = &mut state.links;
-    advance_kernel(
-        h,
-        [&mut s.x, &mut s.y, &mut s.cos, &mut s.sin],
-        [&mut s.vx, &mut s.vy, &mut s.omega],
-        [&scratch.ax[..n], &scratch.ay[..n], &scratch.alpha[..n]],
-    );
+    advance_kernel(h, s, &scratch.ax[..n], &scratch.ay[..n], &scratch.alpha[..n]);
     std::mem::swap(&mut s.ax, &mut scratch.ax);
     std::mem::swap(&mut s.ay, &mut scratch.ay);
     std::mem::swap(&mut s.alpha, &mut scratch.alpha);
@@ -742,57 +798,33 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
         ld[j] += h * pd[j];
         lf[j] += h * pf[j];
     }
-    for windows in &scratch.tooth_windows {
-        for w in windows {
-            commit(&mut state.bushes, &scratch.bushes, *w);
-        }
-    }
-    for (guide, windows) in model.guides.iter().zip(&scratch.guide_windows) {
-        for end in 0..2 {
-            let set = 2 * guide.body.side + end;
-            for w in windows {
-                commit(&mut state.guide_ends[set], &scratch.guide_ends[set], *w);
-            }
-        }
-    }
+    std::mem::swap(&mut state.bushes, &mut scratch.bushes);
+    std::mem::swap(&mut state.guide_ends, &mut scratch.guide_ends);
     rotors(model, state, scratch);
     state.step += 1;
 }
 
 #[inline(always)]
-fn advance_kernel(h: f64, pose: [&mut Vec<f64>; 4], speed: [&mut Vec<f64>; 3], acceleration: [&[f64]; 3]) {
-    let [ax, ay, al] = acceleration;
-    let n = ax.len();
-    let [x, y, cos, sin] = pose.map(|c| &mut c[..n]);
-    let [vx, vy, w] = speed.map(|c| &mut c[..n]);
-    let (ay, al) = (&ay[..n], &al[..n]);
-    for i in 0..n {
-        let (u, v, o) = (vx[i] + h * ax[i], vy[i] + h * ay[i], w[i] + h * al[i]);
-        vx[i] = u;
-        vy[i] = v;
-        w[i] = o;
-        x[i] += h * u;
-        y[i] += h * v;
-        let (c, s) = turned(cos[i], sin[i], h * o);
-        cos[i] = c;
-        sin[i] = s;
-    }
-}
-
-#[inline(always)]
-fn commit(to: &mut ContactMemory, from: &ContactMemory, w: Window) {
-    let r = w.start..w.end;
-    to.normal_force[r.clone()].copy_from_slice(&from.normal_force[r.clone()]);
-    to.tangential_force[r.clone()].copy_from_slice(&from.tangential_force[r.clone()]);
-    to.age[r.clone()].copy_from_slice(&from.age[r.clone()]);
-    to.approach[r.clone()].copy_from_slice(&from.approach[r.clone()]);
-    let (d, df) = (&mut to.lost_damping[r.clone()], &from.lost_damping[r.clone()]);
-    for i in 0..d.len() {
-        d[i] += df[i];
-    }
-    let (f, ff) = (&mut to.lost_friction[r.clone()], &from.lost_friction[r]);
-    for i in 0..f.len() {
-        f[i] += ff[i];
+fn advance_kernel(h: f64, s: &mut LinkState, ax: &[f64], ay: &[f64], alpha: &[f64]) {
+    for at in (0..ax.len()).step_by(LANES) {
+        let (a, b, e) = (take(ax, at), take(ay, at), take(alpha, at));
+        let (mut x, mut y, mut c, mut n) = (take(&s.x, at), take(&s.y, at), take(&s.cos, at), take(&s.sin, at));
+        let (mut u, mut v, mut o) = (take(&s.vx, at), take(&s.vy, at), take(&s.omega, at));
+        for i in 0..LANES {
+            u[i] += h * a[i];
+            v[i] += h * b[i];
+            o[i] += h * e[i];
+            x[i] += h * u[i];
+            y[i] += h * v[i];
+            (c[i], n[i]) = turned(c[i], n[i], h * o[i]);
+        }
+        put(&mut s.x, at, x);
+        put(&mut s.y, at, y);
+        put(&mut s.cos, at, c);
+        put(&mut s.sin, at, n);
+        put(&mut s.vx, at, u);
+        put(&mut s.vy, at, v);
+        put(&mut s.omega, at, o);
     }
 }
 
@@ -843,6 +875,10 @@ fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepErr
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
 fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     let n = model.chain.n_links;
+    // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
+    scratch.bushes.clone_from(&state.bushes);
+    scratch.guide_ends.clone_from(&state.guide_ends);
+    scratch.stale_blocks.iter_mut().for_each(|blocks| blocks.fill(2));
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.fill(0.0);
     }

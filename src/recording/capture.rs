@@ -326,7 +326,8 @@ fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds
     e.lost_pin_damping_j = state.lost_pin_damping[..n].iter().sum::<f64>() + 0.5 * h * pin_damping;
     e.lost_pin_friction_j = state.lost_pin_friction[..n].iter().sum::<f64>() + 0.5 * h * pin_friction;
     let (bushes, ends) = scratch.memories();
-    let lost = |past: &[f64], now: &[f64]| past.iter().sum::<f64>() + 0.5 * now.iter().sum::<f64>();
+    // Totals before and after this step: at the node in its middle, their mean.
+    let lost = |past: &[f64], now: &[f64]| 0.5 * (past.iter().sum::<f64>() + now.iter().sum::<f64>());
     e.lost_contact_damping_j = lost(&state.bushes.lost_damping, &bushes.lost_damping);
     e.lost_contact_friction_j = lost(&state.bushes.lost_friction, &bushes.lost_friction);
     for (past, now) in state.guide_ends.iter().zip(ends) {
