@@ -247,10 +247,10 @@ pub fn linear_step(k: f64, c: f64, s: StepInput) -> StepForce {
     let half = 0.5 * s.step;
     let d = s.penetration;
     // Velocity at the node with this contact's own force over the closed part of the half step before it.
-    let node = k * d + c * s.free_rate;
     let closed = d > 0.0;
-    let node_force = node / (1.0 + c * s.mobility * half);
-    let own = if closed & (node_force > 0.0) { half * s.mobility * node_force } else { 0.0 };
+    let since_touch = if closed & (s.free_rate * half > d) { d / s.free_rate } else { half };
+    let node_force = (k * d + c * s.free_rate) / (1.0 + c * s.mobility * since_touch);
+    let own = if closed & (node_force > 0.0) { since_touch * s.mobility * node_force } else { 0.0 };
     let rate = s.free_rate - own;
     // F(tau) = a + b tau on the part of [-half, half] where the gap is closed and the force does not pull.
     let a = k * d + c * rate;
@@ -266,11 +266,20 @@ pub fn linear_step(k: f64, c: f64, s: StepInput) -> StepForce {
     let span = high - low;
     let mean = (a * span + 0.5 * b * (high - low) * (high + low)) / s.step;
     // While closed throughout: curvature of the force from the local oscillator, (h^2/24) F''.
-    let acceleration = s.free_acceleration - s.mobility * a;
-    let jerk_force = k * rate + c * acceleration;
-    let second = k * acceleration - c * s.mobility * jerk_force;
+    let w = s.mobility;
+    let acceleration = s.free_acceleration - w * a;
+    let slope = k * rate + c * acceleration;
+    let bend = k * acceleration - c * w * slope;
     let full = span >= s.step;
-    let mean = if full { mean + s.step * s.step * second / 24.0 } else { mean };
+    let through = mean + s.step * s.step * bend / 24.0;
+    // Touched within this step: series of the same oscillator from the touch, where d = 0 and the rate is still free.
+    let force0 = c * s.free_rate;
+    let acceleration0 = s.free_acceleration - w * force0;
+    let slope0 = k * s.free_rate + c * acceleration0;
+    let bend0 = k * acceleration0 - c * w * slope0;
+    let entry = span * (force0 + span * (0.5 * slope0 + span * (bend0 / 6.0))) / s.step;
+    let mean = if closing & (span > 0.0) { entry } else { mean };
+    let mean = if full { through } else { mean };
     let mean = if mean > 0.0 { mean } else { 0.0 };
     StepForce { mean_force: mean, rate, lost: c * rate * rate * span }
 }
@@ -284,8 +293,9 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     let d = s.penetration;
     let elastic = law.elastic(d, radii);
     let g = law.rate_coefficient(elastic.force_n, s.approach);
-    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * half);
-    let own = if d > 0.0 && node_force > 0.0 { half * s.mobility * node_force } else { 0.0 };
+    let since_touch = if d > 0.0 && s.free_rate * half > d { d / s.free_rate } else { half };
+    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * since_touch);
+    let own = if d > 0.0 && node_force > 0.0 { since_touch * s.mobility * node_force } else { 0.0 };
     let rate = s.free_rate - own;
     let root = if rate.abs() < 1e-12 { if d > 0.0 { -half } else { half } } else { (-d / rate).clamp(-half, half) };
     let (low, high) = if rate >= 0.0 { (root, half) } else { (-half, root) };

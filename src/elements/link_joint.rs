@@ -117,7 +117,7 @@ pub fn forces(
         let size = (fx[j] * fx[j] + fy[j] * fy[j]).sqrt();
         let relative = w1[j] - w0[j];
         let mobility = half_step * (j0[j] + j1[j]);
-        m[j] = friction::solved_force(joint.friction_arm_m, size, relative, joint.stick_speed_rad_s, mobility);
+        m[j] = friction::explicit_force(joint.friction_arm_m, size, relative, joint.stick_speed_rad_s, mobility);
         pf[j] = -m[j] * relative;
     }
 }

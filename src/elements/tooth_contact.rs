@@ -116,6 +116,8 @@ pub struct Lanes {
     pub free_acceleration: Column,
     pub mobility: Column,
     pub body_radius: Column,
+    /// Closing speed at the node.
+    pub rate: Column,
     pub lost_damping: Column,
     pub lost_friction: Column,
     /// Force on the link [N], moment about the joint centre [N m], torque on the sprocket [N m].
@@ -215,6 +217,7 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
         for i in 0..LANES {
             let out = contact_law::linear_step(stiffness_n_per_m, damping_n_s_per_m, step_input(lanes, i, step));
             lanes.normal_force[i] = out.mean_force;
+            lanes.rate[i] = out.rate;
             lanes.lost_damping[i] = if out.mean_force > 0.0 { out.lost } else { 0.0 };
         }
     } else {
@@ -249,6 +252,7 @@ fn quadrature(law: &ContactLaw, radius: f64, step: f64, lanes: &mut Lanes) {
         let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
         let out = (lanes.age[i] != 0.0).then(|| contact_law::quadrature_step(law, radii, step_input(lanes, i, step)));
         lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
+        lanes.rate[i] = out.map_or(lanes.free_rate[i], |o| o.rate);
         lanes.lost_damping[i] = out.map_or(0.0, |o| o.lost);
     }
 }

@@ -2,11 +2,13 @@
 //!
 //! ```text
 //! v_n     ~ v(n-1/2) + h/2 a(n-1)            velocity at the node, for damping and friction
-//! a_n     = (joints + contacts + guides) / m   contact forces: mean over [t_n - h/2, t_n + h/2], see elements::contact_law
+//! a_n     = (joints + contacts + guides) / m   contact forces: mean over [t_n - h/2, t_n + h/2], see elements::contact_law;
+//!                                            joints a second time, with v_n from the first a_n
 //! v(n+1/2) = v(n-1/2) + h a_n
 //! x_(n+1)  = x_n + h v(n+1/2)                 headings by Taylor composition, see elements::rotor
 //! ```
-//! Second order without contact. With contact the error is set by where in a step first touch falls; the mean force makes it
+//! The second look at the joints is worth its tenth of the time: without it their damping lags by half a step behind an
+//! impact, and the engagement peaks at 2.2 us are 2.7 % low instead of 0.9 %. Second order without contact. With contact the error is set by where in a step first touch falls; the mean force makes it
 //! small (tests/convergence.rs). [`evaluate`] computes a_n and changes nothing but Scratch, so that a frame can be taken
 //! between it and [`advance`]; a step is one after the other. Sums run in chain order or in fixed partial sums, so that
 //! no vector width, window or reporting interval changes a bit.
@@ -63,6 +65,9 @@ pub struct Scratch {
     bush_x: Vec<f64>,
     bush_y: Vec<f64>,
     bush_moment: Vec<f64>,
+    /// Closing speed of every bush at the node, per joint, and of every guide end [m/s].
+    bush_rate: Vec<f64>,
+    guide_rate: [Vec<f64>; 4],
     /// Guide forces per link, and the blocks in which they are not zero.
     guide_blocks: Vec<usize>,
     guide_x: Vec<f64>,
@@ -154,6 +159,8 @@ impl Scratch {
             bush_x: longer(),
             bush_y: longer(),
             bush_moment: longer(),
+            bush_rate: column(),
+            guide_rate: std::array::from_fn(|_| column()),
             guide_blocks: Vec::new(),
             guide_x: column(),
             guide_y: column(),
@@ -193,6 +200,16 @@ impl Scratch {
     /// Memory of the bushes and of the guide ends after this step.
     pub fn memories(&self) -> (&ContactMemory, &[ContactMemory; 4]) {
         (&self.bushes, &self.guide_ends)
+    }
+
+    /// Closing speed at this node of the bush of joint `j` [m/s], where it touches.
+    pub fn bush_rate(&self, j: usize) -> f64 {
+        self.bush_rate[j]
+    }
+
+    /// Closing speed at this node of an end of link `i` in a set of guide ends [m/s], where it touches.
+    pub fn guide_rate(&self, set: usize, i: usize) -> f64 {
+        self.guide_rate[set][i]
     }
 
     /// Joints that are near sprocket `k`.
@@ -300,6 +317,43 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         guide(model, state, scratch, k);
     }
     accelerations(model, state, scratch);
+    // Joints once more, with the velocities that these accelerations give at the node.
+    corrected_speeds(model, state, scratch);
+    joints(model, scratch);
+    accelerations(model, state, scratch);
+}
+
+/// Velocities of the link ends at the node with the accelerations of this node.
+#[inline(always)]
+fn corrected_speeds(model: &Model, state: &State, scratch: &mut Scratch) {
+    let half = 0.5 * model.step_s;
+    let s = &state.links;
+    let n = model.chain.padded;
+    for at in (0..n).step_by(LANES) {
+        let (l, c, sn) = (take(&model.chain.lever, at), take(&s.cos, at), take(&s.sin, at));
+        let (a, b, e) = (take(&scratch.ax, at), take(&scratch.ay, at), take(&scratch.alpha, at));
+        let (mut u, mut v, mut o) = (take(&s.vx, at), take(&s.vy, at), take(&s.omega, at));
+        let zero = [0.0; LANES];
+        let (mut fvx, mut fvy, mut rvx, mut rvy) = (zero, zero, zero, zero);
+        for i in 0..LANES {
+            u[i] += half * a[i];
+            v[i] += half * b[i];
+            o[i] += half * e[i];
+            let (oc, os) = (o[i] * l[i] * c[i], o[i] * l[i] * sn[i]);
+            (fvx[i], fvy[i]) = (u[i] - os, v[i] + oc);
+            (rvx[i], rvy[i]) = (u[i] + os, v[i] - oc);
+        }
+        put(&mut scratch.front.vx, at, fvx);
+        put(&mut scratch.front.vy, at, fvy);
+        put(&mut scratch.rear.vx, at, rvx);
+        put(&mut scratch.rear.vy, at, rvy);
+        put(&mut scratch.omega, at, o);
+    }
+    let last = model.chain.n_links;
+    let Ends { vx, vy, .. } = &mut scratch.rear;
+    for column in [vx, vy, &mut scratch.omega] {
+        column[last] = column[0];
+    }
 }
 
 /// Positions and predicted velocities of both ends of every link at the node; headings and accelerations with the first
@@ -436,6 +490,11 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                 }
             } else {
                 lanes.let_go();
+            }
+            for i in 0..LANES {
+                if !shared || scratch.nearest_sprocket[at + i] == k {
+                    scratch.bush_rate[at + i] = lanes.rate[i];
+                }
             }
             if shared {
                 keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &state.bushes, &mut scratch.bushes, at);
@@ -661,6 +720,11 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 add_guide_forces(scratch, at, lanes);
+                for i in 0..LANES {
+                    if !shared || scratch.nearest_guide[body.side][at + i] == k {
+                        scratch.guide_rate[set][at + i] = lanes.rate[i];
+                    }
+                }
                 if shared {
                     let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
                     keep_own(nearest, k, lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], at);

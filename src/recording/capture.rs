@@ -59,23 +59,16 @@ struct Pair<'a> {
     stick_speed: f64,
     memory: &'a ContactMemory,
     lane: usize,
+    /// Closing speed as the step solved it: with the contact's force since its touch, which the link's velocity spreads over
+    /// the whole step.
+    rate: f64,
 }
 
 impl Camera {
     /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
     pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
         let n = state.n_links;
-        let half = 0.5 * model.step_s;
-        let s = &state.links;
-        let at_node = |v: &[f64], a: &[f64]| -> Vec<f64> { (0..n).map(|i| v[i] + half * a[i]).collect() };
-        let links = Links {
-            x_m: s.x[..n].to_vec(),
-            y_m: s.y[..n].to_vec(),
-            angle_rad: (0..n).map(|i| atan2(s.sin[i], s.cos[i])).collect(),
-            vx_m_s: at_node(&s.vx, &scratch.ax),
-            vy_m_s: at_node(&s.vy, &scratch.ay),
-            omega_rad_s: at_node(&s.omega, &scratch.alpha),
-        };
+        let links = links_at(model, state, scratch);
         let mut joints = Joints::default();
         for j in 0..n {
             let (x, y, torque) = scratch.joint_force(j);
@@ -83,12 +76,8 @@ impl Camera {
             joints.force_y_n.push(y);
             joints.friction_torque_nm.push(torque);
         }
-        let speeds: Vec<f64> =
-            (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect();
-        let mut rows = Vec::new();
-        sprocket_contacts(model, state, scratch, &links, &speeds, &mut rows);
-        guide_contacts(model, state, scratch, &links, &mut rows);
-        rows.sort_by_key(|r| (r.link, r.feature as u32, r.body));
+        let speeds = speeds_at(model, state, scratch);
+        let rows = rows_at(model, state, scratch, &links, &speeds);
         let rotors = rotor_rows(model, state, &speeds, &rows);
         let total = ledger(model, state, scratch, &links, &speeds, &rows);
         let origin = *self.origin.get_or_insert(total);
@@ -106,6 +95,39 @@ impl Camera {
             energy: since(&total, &origin),
         }
     }
+}
+
+/// The contacts alone, for looking at every step.
+pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts {
+    let links = links_at(model, state, scratch);
+    columns(&rows_at(model, state, scratch, &links, &speeds_at(model, state, scratch)))
+}
+
+fn links_at(model: &Model, state: &State, scratch: &Scratch) -> Links {
+    let (n, half) = (state.n_links, 0.5 * model.step_s);
+    let s = &state.links;
+    let at_node = |v: &[f64], a: &[f64]| -> Vec<f64> { (0..n).map(|i| v[i] + half * a[i]).collect() };
+    Links {
+        x_m: s.x[..n].to_vec(),
+        y_m: s.y[..n].to_vec(),
+        angle_rad: (0..n).map(|i| atan2(s.sin[i], s.cos[i])).collect(),
+        vx_m_s: at_node(&s.vx, &scratch.ax),
+        vy_m_s: at_node(&s.vy, &scratch.ay),
+        omega_rad_s: at_node(&s.omega, &scratch.alpha),
+    }
+}
+
+fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
+    let half = 0.5 * model.step_s;
+    (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect()
+}
+
+fn rows_at(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64]) -> Vec<Row> {
+    let mut rows = Vec::new();
+    sprocket_contacts(model, state, scratch, links, speeds, &mut rows);
+    guide_contacts(model, state, scratch, links, &mut rows);
+    rows.sort_by_key(|r| (r.link, r.feature as u32, r.body));
+    rows
 }
 
 /// Position and velocity of one end of link `i`.
@@ -152,6 +174,7 @@ fn sprocket_contacts(
                 stick_speed: sprocket.body.stick_speed_m_s,
                 memory,
                 lane: j,
+                rate: scratch.bush_rate(j),
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
             let normal = to_world(hit.touch.normal);
@@ -195,6 +218,7 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                     stick_speed: b.stick_speed_m_s,
                     memory: &memories[2 * b.side + usize::from(!front)],
                     lane: link,
+                    rate: scratch.guide_rate(2 * b.side + usize::from(!front), link),
                 };
                 let on_body = p - normal * (distance - b.end_radius_m);
                 let segment = match (along < 0.0, along > b.length_m, b.length_m > 0.0 && guide.geometry.travel > 0.0) {
@@ -223,7 +247,7 @@ fn row(
 ) -> Row {
     let on_link = pair.centre - normal * pair.radius;
     let v = velocity + perp(on_link - pair.centre) * links.omega_rad_s[pair.link] - surface_velocity;
-    let rate = -v.dot(&normal);
+    let rate = pair.rate;
     let slide = v.dot(&perp(normal));
     let radii = PairRadii { bush_m: pair.radius, body_m: body_radius };
     let approach = pair.memory.approach[pair.lane];

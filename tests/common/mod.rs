@@ -1,0 +1,146 @@
+//! What several tests share: assembling the bundled drive with overrides, watching a run step by step, engagements.
+#![allow(dead_code)] // each test file uses its own part
+
+use pitchline::assemble::{Assembly, assemble};
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::model::Model;
+use pitchline::recording::capture::contacts_at;
+use pitchline::recording::frame::{Contacts, Feature};
+use pitchline::state::State;
+use std::collections::BTreeMap;
+
+/// The bundled 20/40 drive, `path=value` overrides applied.
+pub fn drive(overrides: &[&str]) -> Drive {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
+    match Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &overrides) {
+        Ok(drive) => drive,
+        Err(report) => panic!("{report}"),
+    }
+}
+
+/// The same without its guides.
+pub fn drive_without_guides(overrides: &[&str]) -> Drive {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
+    let text = BUNDLED[0].1;
+    let cut = text.find("# Straight guides").expect("the guides come last");
+    match Drive::parse("bush-20-40", &text[..cut], &overrides) {
+        Ok(drive) => drive,
+        Err(report) => panic!("{report}"),
+    }
+}
+
+pub const NO_FRICTION: [&str; 3] =
+    ["contact.sprocket.friction=0", "contact.guide.friction=0", "chain.joint.friction=0"];
+
+pub fn assembled(drive: &Drive) -> Assembly {
+    match assemble(drive) {
+        Ok(assembly) => assembly,
+        Err(e) => panic!("{e}"),
+    }
+}
+
+/// Runs `steps` steps and shows every node to `look`.
+pub fn watch(model: &Model, state: &mut State, steps: u64, mut look: impl FnMut(&State, &Scratch)) {
+    let mut scratch = Scratch::new(model);
+    for _ in 0..steps {
+        explicit::evaluate(model, state, &mut scratch).expect("the run holds");
+        look(state, &scratch);
+        explicit::advance(model, state, &mut scratch);
+    }
+}
+
+/// The same State for another step size: velocities belong to half a step before the positions.
+pub fn for_step(state: &State, old_step_s: f64, new_step_s: f64) -> State {
+    let mut state = state.clone();
+    let shift = 0.5 * (old_step_s - new_step_s);
+    for i in 0..state.links.x.len() {
+        state.links.vx[i] += shift * state.links.ax[i];
+        state.links.vy[i] += shift * state.links.ay[i];
+        state.links.omega[i] += shift * state.links.alpha[i];
+    }
+    for k in 0..state.rotors.omega.len() {
+        state.rotors.omega[k] += shift * state.rotors.alpha[k];
+    }
+    state
+}
+
+/// One engagement of a bush with a sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Engagement {
+    pub link: u32,
+    pub front: bool,
+    pub start_s: f64,
+    /// Approach speed at first touch [m/s].
+    pub approach: f64,
+    /// Pressure direction there: angle between the normal and the link's chord, as |cos| of it with the chord's normal.
+    pub normal: (f64, f64),
+    /// Largest normal force within two tooth periods [N]: by a parabola through three nodes, or at the touch itself.
+    pub peak: f64,
+}
+
+/// Collects engagements on one body from the contacts of every step.
+pub struct EngagementWatch {
+    body: u32,
+    window_s: f64,
+    /// Damping of the linear law [N s/m]: its force at the touch itself is this times the approach speed.
+    damping: f64,
+    open: BTreeMap<(u32, u32), Follow>,
+    last_seen: BTreeMap<(u32, u32), f64>,
+    pub done: Vec<Engagement>,
+}
+
+/// An engagement being watched, with its force at the two nodes before.
+struct Follow {
+    engagement: Engagement,
+    before: [f64; 2],
+    now: f64,
+}
+
+impl EngagementWatch {
+    pub fn new(body: u32, tooth_period_s: f64, damping: f64) -> EngagementWatch {
+        let (open, last_seen) = (BTreeMap::new(), BTreeMap::new());
+        EngagementWatch { body, window_s: 2.0 * tooth_period_s, damping, open, last_seen, done: Vec::new() }
+    }
+
+    pub fn look(&mut self, t_s: f64, c: &Contacts) {
+        for follow in self.open.values_mut() {
+            follow.now = 0.0;
+        }
+        for i in 0..c.link.len() {
+            if c.body[i] != self.body || c.feature[i] > Feature::FrontBush as u32 {
+                continue;
+            }
+            let key = (c.link[i], c.feature[i]);
+            // New when the bush was out of this sprocket for two tooth periods.
+            let fresh = self.last_seen.get(&key).is_none_or(|last| t_s - last > self.window_s);
+            self.last_seen.insert(key, t_s);
+            if fresh {
+                let engagement = Engagement {
+                    link: c.link[i],
+                    front: c.feature[i] == Feature::FrontBush as u32,
+                    start_s: t_s,
+                    approach: c.approach_speed_m_s[i],
+                    normal: (c.normal_x[i], c.normal_y[i]),
+                    peak: self.damping * c.approach_speed_m_s[i],
+                };
+                self.open.insert(key, Follow { engagement, before: [0.0; 2], now: 0.0 });
+            }
+            if let Some(follow) = self.open.get_mut(&key) {
+                follow.now = c.normal_force_n[i];
+            }
+        }
+        let window = self.window_s;
+        for follow in self.open.values_mut() {
+            let ([a, b], c) = (follow.before, follow.now);
+            // Vertex of the parabola through three nodes, where the middle one is the highest.
+            let bend = a - 2.0 * b + c;
+            let top = if b >= a && b >= c && a > 0.0 && bend < 0.0 { b - (a - c) * (a - c) / (8.0 * bend) } else { c };
+            follow.engagement.peak = follow.engagement.peak.max(top);
+            follow.before = [b, c];
+        }
+        let ended = |f: &Follow| t_s - f.engagement.start_s > window;
+        self.done.extend(self.open.values().filter(|f| ended(f)).map(|f| f.engagement));
+        self.open.retain(|_, f| !ended(f));
+    }
+}
