@@ -280,6 +280,7 @@ fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError>
         iterations: at.iterations,
     })?;
     let mut state = resting_state(model, &at.configuration);
+    remember_contacts(model, &mut state);
     let omega = model.sprockets[model.driver].nominal_speed_rad_s;
     for (i, rate) in link_rates.iter().enumerate() {
         state.links.vx[i] = rate.x * omega;
@@ -305,6 +306,31 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
         (state.rotors.angle[k], state.rotors.cos[k], state.rotors.sin[k]) = (wrap_angle(*angle), c, s);
     }
     state
+}
+
+/// Puts the static contact forces into the memory of the contacts, as if they had been there the step before: a step removes
+/// its own force of the step before from the velocities it finds.
+fn remember_contacts(model: &Model, state: &mut State) {
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let angle = state.rotors.angle[k];
+        for j in 0..model.chain.n_links {
+            let (link, front) = model.chain.bush_carrier(j);
+            let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+            let l = &state.links;
+            let bush = Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
+            let in_frame = crate::geometry::rotated(bush - sprocket.body.centre, -angle);
+            if in_frame.norm() > sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m {
+                continue;
+            }
+            let hit = crate::contact::gap_contact(&sprocket.geometry, in_frame, sprocket.body.bush_radius_m);
+            let radii = crate::elements::contact_law::PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
+            let force = sprocket.body.law.elastic(hit.touch.penetration_m, radii).force_n;
+            if force > 0.0 {
+                state.bushes.normal_force[j] = force;
+                state.bushes.age[j] = 1.0;
+            }
+        }
+    }
 }
 
 /// Rate at which links are drawn to the chain speed [1/s]: half critical for transverse modes of some 100 Hz.

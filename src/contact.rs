@@ -172,7 +172,7 @@ impl Contour {
         self.near(centre - Vec2::repeat(radius_m), centre + Vec2::repeat(radius_m))
             .into_iter()
             .flat_map(|i| self.circle_touches(centre, radius_m, i))
-            .filter(|t| t.penetration_m > 0.0)
+            .filter(|t| cuts(t, radius_m))
             .collect()
     }
 
@@ -180,7 +180,7 @@ impl Contour {
     pub fn circle_brute_force(&self, centre: Vec2, radius_m: f64) -> Vec<Touch> {
         (0..self.profile.elements().len())
             .flat_map(|i| self.circle_touches(centre, radius_m, i))
-            .filter(|t| t.penetration_m > 0.0)
+            .filter(|t| cuts(t, radius_m))
             .collect()
     }
 
@@ -191,7 +191,8 @@ impl Contour {
         let other_kinks = other.kinks_rad();
         for (k, theirs) in others.iter().enumerate() {
             let (low, high) = theirs.bounds();
-            for i in self.near(low, high) {
+            let margin = Vec2::repeat(DEEPEST_OVERLAP_M);
+            for i in self.near(low - margin, high + margin) {
                 let mine = &self.profile.elements()[i];
                 touches.extend(arc_element(mine, theirs, i));
                 touches.extend(line_line(mine, theirs, i, parallel_tolerance_rad).into_iter().flatten());
@@ -203,7 +204,7 @@ impl Contour {
                 }
             }
         }
-        touches.retain(|t| t.penetration_m > 0.0);
+        touches.retain(|t| t.penetration_m > 0.0 && t.penetration_m < DEEPEST_OVERLAP_M);
         touches
     }
 
@@ -230,6 +231,14 @@ impl Contour {
         face.into_iter().chain(corner)
     }
 }
+
+/// Whether the contour cuts the circle at this touch: deeper than its diameter the circle lies behind it.
+fn cuts(touch: &Touch, radius_m: f64) -> bool {
+    touch.penetration_m > 0.0 && touch.penetration_m < 2.0 * radius_m
+}
+
+/// Deepest overlap of two profiles that is looked for [m]: far beyond any that contact forces allow.
+const DEEPEST_OVERLAP_M: f64 = 0.2e-3;
 
 /// A convex corner of the other contour inside an element of the body: a circle of radius zero whose normal cone holds the
 /// direction into the body.

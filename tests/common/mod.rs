@@ -5,7 +5,6 @@ use pitchline::assemble::{Assembly, assemble};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::Model;
-use pitchline::recording::capture::contacts_at;
 use pitchline::recording::frame::{Contacts, Feature};
 use pitchline::state::State;
 use std::collections::BTreeMap;
