@@ -328,6 +328,7 @@ fn build_guides(drive: &Drive, route: &Route) -> Vec<GuideModel> {
                 along: geometry.along,
                 length_m: geometry.length_m,
                 end_radius_m: geometry.end_radius_m,
+                relief_m: geometry.relief_m(),
                 plate_radius_m,
                 side: if g.side == GuideSide::Inside { 0 } else { 1 },
                 law: contact.law,

@@ -9,7 +9,6 @@ use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::model::Model;
-use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 
 /// Poses of links (centre, heading) and angles of all sprockets.
@@ -303,7 +302,7 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
             let (p, heading) = q.links[link];
             let d = p + unit(heading) * lever - b.origin;
             let (along, above) = (d.dot(&b.along), d.dot(&normal));
-            if above > b.plate_radius_m || above < -b.plate_radius_m || along < -b.end_radius_m || along > b.length_m + b.end_radius_m {
+            if above.abs() > b.plate_radius_m || along < -b.relief_m || along > b.length_m + b.relief_m {
                 continue;
             }
             let foot = along.clamp(0.0, b.length_m);
@@ -408,57 +407,5 @@ impl System {
             .collect();
         links.push(Vector3::new(y[0], y[1], y[2]));
         Some((links, y.rows(3, border - 3).into_owned()))
-    }
-}
-
-/// Cosine and sine of a heading, for filling a State.
-pub fn heading(angle_rad: f64) -> (f64, f64) {
-    let (s, c) = sin_cos(angle_rad);
-    (c, s)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::drive::{BUNDLED, Drive};
-
-    #[test]
-    fn gradient_is_the_slope_of_the_energy_and_the_hessian_that_of_the_gradient() {
-        let drive = Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &[]).expect("bundled drive");
-        let placed = crate::model::place(&drive).expect("closes");
-        let model = Model::build(&drive, &placed, 1e-4).expect("builds");
-        let q = crate::assemble::tests_rest(&model, &drive);
-        let free = free_rotors(&model);
-        let at = |q: &Configuration| assemble(&model, q, &free, 1.0);
-        let s = at(&q);
-        let h = 1e-9;
-        let mut worst = (0.0_f64, 0.0_f64);
-        for i in (0..90).step_by(1) {
-            for c in 0..3 {
-                let shifted = |by: f64| {
-                    let mut p = q.clone();
-                    match c { 0 => p.links[i].0.x += by, 1 => p.links[i].0.y += by, _ => p.links[i].1 += by }
-                    at(&p)
-                };
-                let (a, b) = (shifted(h), shifted(-h));
-                let slope = (a.energy - b.energy) / (2.0 * h);
-                let e = (slope - s.gradient[i][c]).abs();
-                if e > 1e-2 * (1.0 + slope.abs()) { println!("grad {i} {c} num {slope} ana {}", s.gradient[i][c]); }
-                worst.0 = worst.0.max(e);
-                for r in 0..3 {
-                    let num = (a.gradient[i][r] - b.gradient[i][r]) / (2.0 * h);
-                    let d = (num - s.diagonal[i][(r, c)]).abs();
-                    if d > 1e-3 * (1e3 + num.abs()) { println!("diag {i} {r} {c} num {num} ana {}", s.diagonal[i][(r, c)]); }
-                    let k = (i + 89) % 90;
-                    let num = (a.gradient[k][r] - b.gradient[k][r]) / (2.0 * h);
-                    let d = (num - s.next[k][(r, c)]).abs();
-                    if d > 1e-3 * (1e3 + num.abs()) { println!("next {k} {r} {c} num {num} ana {}", s.next[k][(r, c)]); }
-                }
-                let num = (a.rotor_gradient[0] - b.rotor_gradient[0]) / (2.0 * h);
-                if (num - s.columns[0][i][c]).abs() > 1e-3 * (1e2 + num.abs()) { println!("col {i} {c} num {num} ana {}", s.columns[0][i][c]); }
-            }
-        }
-        println!("residual {}", s.residual(&model));
-        panic!("{worst:?}");
     }
 }

@@ -17,6 +17,8 @@ pub struct GuideBody {
     pub along: Vec2,
     pub length_m: f64,
     pub end_radius_m: f64,
+    /// How far the relief arcs reach beyond the face [m].
+    pub relief_m: f64,
     /// Radius of the plate ends [m].
     pub plate_radius_m: f64,
     /// 0: inside the loop, 1: outside.
@@ -66,7 +68,9 @@ pub fn penetrations(body: &GuideBody, lanes: &mut Lanes) {
         let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
         let (nx, ny) = (dx / distance, dy / distance);
         // A joint further behind the face than a plate's radius belongs to the other side of the loop.
-        lanes.penetration[i] = if above > -body.plate_radius_m { total - distance } else { -body.plate_radius_m };
+        let beyond = (dx > body.relief_m) | (dx < -body.relief_m);
+        let here = (above > -body.plate_radius_m) & !beyond;
+        lanes.penetration[i] = if here { total - distance } else { -body.plate_radius_m };
         lanes.normal_x[i] = nx * tx - ny * ty;
         lanes.normal_y[i] = nx * ty + ny * tx;
         lanes.body_radius[i] = body.end_radius_m;

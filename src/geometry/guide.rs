@@ -57,6 +57,11 @@ impl StraightGuide {
         perp(self.along)
     }
 
+    /// How far the relief arcs reach beyond the face, along it [m].
+    pub fn relief_m(&self) -> f64 {
+        self.end_radius_m * sin_cos(END_SWEEP_RAD).0
+    }
+
     /// Angle of the guide frame [rad].
     pub fn angle_rad(&self) -> f64 {
         atan2(self.along.y, self.along.x)
@@ -65,8 +70,6 @@ impl StraightGuide {
     /// Contour in the guide frame, from x = length to x = 0 (material on the left, below the face): relief arc, face, relief arc.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         let r = self.end_radius_m;
-        let (_, cos_end) = sin_cos(END_SWEEP_RAD);
-        debug_assert!(cos_end > 0.0);
         let (l, below) = (self.length_m, -r);
         Profile::new(
             vec![

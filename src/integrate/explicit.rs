@@ -968,12 +968,15 @@ fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     for (k, guide) in model.guides.iter().enumerate() {
         let b = &guide.body;
-        let reach = b.plate_radius_m + WINDOW_MARGIN_M;
+        // Link centres lie up to a lever from the ends that touch.
+        let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
+        let reach = b.plate_radius_m + lever + WINDOW_MARGIN_M;
+        let beyond = b.relief_m + reach;
         let near = |i: usize| {
             let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
             let along = dx * b.along.x + dy * b.along.y;
             let above = dy * b.along.x - dx * b.along.y;
-            above.abs() < reach && along > -reach && along < b.length_m + reach
+            above.abs() < reach && along > -beyond && along < b.length_m + beyond
         };
         scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
     }

@@ -196,7 +196,7 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                 let (p, v) = end_of(model, state, links, link, front);
                 let d = p - b.origin;
                 let (along, above) = (d.dot(&b.along), d.dot(&up));
-                if above <= -b.plate_radius_m {
+                if above <= -b.plate_radius_m || along < -b.relief_m || along > b.length_m + b.relief_m {
                     continue;
                 }
                 let foot = along.clamp(0.0, b.length_m);

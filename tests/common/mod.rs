@@ -72,8 +72,10 @@ pub struct Engagement {
     pub start_s: f64,
     /// Approach speed at first touch [m/s].
     pub approach: f64,
-    /// Pressure direction there: angle between the normal and the link's chord, as |cos| of it with the chord's normal.
+    /// Normal of the tooth there.
     pub normal: (f64, f64),
+    /// Sliding speed along the tooth at first touch [m/s].
+    pub slide: f64,
     /// Largest normal force within two tooth periods [N]: by a parabola through three nodes, or at the touch itself.
     pub peak: f64,
 }
@@ -121,6 +123,7 @@ impl EngagementWatch {
                     start_s: t_s,
                     approach: c.approach_speed_m_s[i],
                     normal: (c.normal_x[i], c.normal_y[i]),
+                    slide: c.tangential_speed_m_s[i],
                     peak: self.damping * c.approach_speed_m_s[i],
                 };
                 self.open.insert(key, Follow { engagement, before: [0.0; 2], now: 0.0 });

@@ -1,0 +1,178 @@
+//! The program as its user meets it: results, errors, exit codes.
+
+use std::process::{Command, Output};
+
+fn pitchline(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_pitchline")).args(args).output().expect("the program starts")
+}
+
+fn stdout(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+fn stderr(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).into_owned()
+}
+
+fn json(out: &Output) -> serde_json::Value {
+    assert!(out.status.success(), "{}", stderr(out));
+    serde_json::from_slice(&out.stdout).expect("stdout is one JSON document")
+}
+
+#[test]
+fn run_prints_its_results_and_writes_its_recordings() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mcap = folder.path().join("a.mcap");
+    let path = mcap.to_str().expect("text");
+    let out = json(&pitchline(&["run", "bush-20-40", "--duration", "5ms", "-o", path, "--json"]));
+    for key in ["drive", "simulated_s", "step_s", "steps", "frames", "wall_s", "state_hash", "outputs"] {
+        assert!(!out[key].is_null(), "{key}");
+    }
+    for key in ["work_in_j", "work_out_j", "dissipated_j", "stored_change_j", "error_j", "error_fraction"] {
+        assert!(out["energy"][key].is_number(), "energy.{key}");
+    }
+    assert!((out["simulated_s"].as_f64().expect("a number") - 5e-3).abs() < 5e-6);
+    assert_eq!(out["outputs"][0]["path"], path);
+    let again = json(&pitchline(&["run", "bush-20-40", "--duration", "5ms", "--no-output", "--json"]));
+    assert_eq!(out["state_hash"], again["state_hash"]);
+}
+
+#[test]
+fn geometry_prints_the_worked_numbers_and_draws() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let svg = folder.path().join("s.svg");
+    let args = ["geometry", "sprocket", "--teeth", "20", "--pitch-mm", "8", "--roller-mm", "5", "--form", "min", "--json", "-o"];
+    let mut all = args.to_vec();
+    all.push(svg.to_str().expect("text"));
+    let out = json(&pitchline(&all));
+    let near = |key: &str, value: f64| {
+        let found = out[key].as_f64().unwrap_or(f64::NAN);
+        assert!((found - value).abs() < 5e-4, "{key} = {found}, expected {value}");
+    };
+    near("pitch_diameter_mm", 51.1396);
+    near("root_diameter_mm", 46.1396);
+    near("tip_diameter_min_mm", 53.4996);
+    near("tip_diameter_max_mm", 56.1396);
+    near("seat_radius_mm", 2.525);
+    near("seat_angle_deg", 135.5);
+    near("flank_radius_mm", 13.2);
+    near("pointed_radius_mm", 28.494);
+    assert!((out["flank_centre_mm"][0].as_f64().expect("x") - 14.55412).abs() < 1e-5);
+    let drawing = std::fs::read_to_string(&svg).expect("drawn");
+    assert!(drawing.contains("<svg") && drawing.matches('A').count() > 80, "arcs are arcs");
+}
+
+#[test]
+fn drives_check_and_completions_answer() {
+    assert!(stdout(&pitchline(&["drives"])).contains("bush-20-40"));
+    let text = stdout(&pitchline(&["drives", "bush-20-40"]));
+    assert!(text.contains("[chain.bush]"));
+    let check = json(&pitchline(&["check", "bush-20-40", "--json"]));
+    assert_eq!(check["links"], 90);
+    assert!(check["assembly"]["residual_n"].as_f64().expect("a number") < 1e-6);
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(stdout(&pitchline(&["completions", shell])).contains("pitchline"));
+    }
+}
+
+/// Bad input: arguments, exit code, what the message must say.
+#[test]
+fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = stdout(&pitchline(&["drives", "bush-20-40"]));
+    let file = |name: &str, content: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).expect("writable");
+        path.to_str().expect("text").to_string()
+    };
+    let changed = |name: &str, from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        file(name, text.replacen(from, to, 1).as_bytes())
+    };
+    let noise: Vec<u8> = (0..10_000_000_u64).map(|i| (i.wrapping_mul(6_364_136_223_846_793_005) >> 56) as u8).collect();
+    let directory = folder.path().to_str().expect("text").to_string();
+    let cases: Vec<(Vec<String>, i32, Vec<&str>)> = vec![
+        (vec![changed("key.toml", "pitch_mm = 8.0", "pich_mm = 8.0")], 2, vec!["unknown key `chain.bush.pich_mm`", "did you mean `pitch_mm`?", "key.toml:11:1", "^"]),
+        (vec![changed("unit.toml", "pitch_mm = 8.0", "pitch_in = 0.315")], 2, vec!["pitch_in", "write `pitch_mm`"]),
+        (vec![changed("mass.toml", "density_kg_per_m3 = 7850", "density_kg_per_m3 = -7850")], 2, vec!["density_kg_per_m3", "outside"]),
+        (vec![changed("nan.toml", "tension_n = 300", "tension_n = nan")], 2, vec!["preload.tension_n", "NaN"]),
+        (vec![changed("teeth.toml", "teeth = 20", "teeth = 3")], 2, vec!["sprockets.driver.teeth", "outside 9 ..= 150", "^"]),
+        (vec![changed("syntax.toml", "[chain.joint]", "[chain.joint")], 2, vec!["not valid TOML", "syntax.toml:"]),
+        (vec![changed("text.toml", "teeth = 20", "teeth = \"many\"")], 2, vec!["sprockets.driver.teeth", "a text", "whole number"]),
+        (vec!["bush-20-40".into(), "--set".into(), "sprockets.driver.tip_diameter_mm=55.5".into()], 2, vec!["pointed", "54.8"]),
+        (vec!["bush-20-40".into(), "--set".into(), "chain.bush.links=30".into()], 2, vec!["links", "would fit"]),
+        (vec!["bush-20-40".into(), "--set".into(), "chain.bush.links=91".into()], 2, vec!["odd"]),
+        (vec!["bush-20-40".into(), "--set".into(), "guides.fixed.tight.end_mm=2".into()], 2, vec!["guide `tight` runs through sprocket `driver`"]),
+        (vec!["bush-20-40".into(), "--set".into(), "run.step_us=20".into()], 2, vec!["too large", "would do"]),
+        (vec!["bush-20-40".into(), "--set".into(), "sprockets.drver.teeth=21".into()], 2, vec!["no value `sprockets.drver.teeth`", "`sprockets.driver.teeth`"]),
+        (vec!["bush-20-40".into(), "--set".into(), "nonsense".into()], 2, vec!["has no `=`"]),
+        (vec!["no-such-drive.toml".into()], 2, vec!["cannot read drive", "bundled drives"]),
+        (vec!["bush-20-4".into()], 2, vec!["did you mean the bundled drive `bush-20-40`"]),
+        (vec![file("noise.toml", &noise)], 2, vec!["noise.toml", "at most"]),
+        (vec![file("binary.toml", &noise[..1000])], 2, vec!["not UTF-8"]),
+        (vec!["bush-20-40".into(), "-o".into(), directory.clone()], 2, vec!["is a directory"]),
+        (vec!["bush-20-40".into(), "-o".into(), format!("{directory}/a.avi")], 2, vec!["recordings end in"]),
+        (vec!["bush-20-40".into(), "-o".into(), format!("{directory}/missing/a.mcap")], 1, vec!["cannot write", "a.mcap"]),
+        (vec!["bush-20-40".into(), "--duration".into(), "3".into()], 2, vec!["unit"]),
+    ];
+    for (rest, code, messages) in cases {
+        let mut args = vec!["run", "--duration", "1ms"];
+        if rest.iter().any(|r| r == "--duration") {
+            args.truncate(1);
+        }
+        if !rest.iter().any(|r| r == "-o") {
+            args.push("--no-output");
+        }
+        args.extend(rest.iter().map(String::as_str));
+        let out = pitchline(&args);
+        let said = stderr(&out);
+        assert_eq!(out.status.code(), Some(code), "{rest:?}: {said}");
+        for message in messages {
+            assert!(said.contains(message), "{rest:?} should say {message:?}:\n{said}");
+        }
+        assert!(out.stdout.is_empty() && !said.contains("panicked"), "{rest:?}");
+    }
+}
+
+#[test]
+fn all_mistakes_of_a_file_come_at_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = stdout(&pitchline(&["drives", "bush-20-40"]));
+    let broken = text.replacen("teeth = 20", "teeth = 2", 1).replacen("friction = 0.1", "fricton = 0.1", 1).replacen("tension_n = 300", "tension_n = \"x\"", 1);
+    let path = folder.path().join("three.toml");
+    std::fs::write(&path, broken).expect("writable");
+    let said = stderr(&pitchline(&["check", path.to_str().expect("text")]));
+    assert_eq!(said.matches("error: ").count(), 3, "{said}");
+}
+
+#[test]
+fn a_full_disk_ends_with_one_and_names_the_file() {
+    if !std::path::Path::new("/dev/full").exists() {
+        println!("skipped: this system has no /dev/full");
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("full.mcap");
+    std::os::unix::fs::symlink("/dev/full", &path).expect("a link");
+    let out = pitchline(&["run", "bush-20-40", "--duration", "5ms", "-o", path.to_str().expect("text")]);
+    assert_eq!(out.status.code(), Some(1));
+    assert!(stderr(&out).contains("full.mcap") && stderr(&out).contains("No space left"), "{}", stderr(&out));
+}
+
+#[test]
+fn the_commands_of_the_readme_exist() {
+    let readme = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/README.md")).expect("README.md");
+    let mut seen = 0;
+    for line in readme.lines().filter_map(|l| l.trim().strip_prefix("$ pitchline ")) {
+        // Checked as far as the command line goes; outputs go nowhere.
+        let words: Vec<&str> = line.split('#').next().unwrap_or("").split_whitespace().collect();
+        let mut args = vec![words[0]];
+        if words[0] == "geometry" {
+            args.push(words[1]);
+        }
+        args.push("--help");
+        assert!(pitchline(&args).status.success(), "{line}");
+        seen += 1;
+    }
+    assert!(seen >= 4, "{seen} commands");
+}

@@ -1,0 +1,241 @@
+//! The 20/40 drive as a whole: ratio, tensions, approach speeds, energy, order of convergence.
+
+mod common;
+
+use common::{EngagementWatch, NO_FRICTION, assembled, drive, drive_without_guides, watch};
+use pitchline::elements::contact_law::ContactLaw;
+use pitchline::geometry::Vec2;
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::model::Model;
+use pitchline::recording::capture::{Camera, contacts_at};
+use pitchline::recording::frame::{Energy, Segment};
+use pitchline::state::State;
+use std::f64::consts::PI;
+
+/// Steps of `loops` turns of the chain round the loop.
+fn loop_steps(model: &Model, loops: f64) -> u64 {
+    (loops * model.chain.n_links as f64 * 8e-3 / model.chain_speed_m_s / model.step_s).round() as u64
+}
+
+#[test]
+fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
+    let a = assembled(&drive(&[]));
+    let model = a.model.clone();
+    let mut state = a.state;
+    let steps = loop_steps(&model, 2.0);
+    let start = state.rotors.angle.clone();
+    // After whole loops every link is back where it was, up to what the mean speed is off: its advance is a whole number of
+    // loops of N nominal pitches, plus the displacement along the span it is in.
+    let before = state.links.clone();
+    watch(&a.model, &mut state, steps, |_, _| {});
+    let l = &state.links;
+    let advance: f64 = (0..state.n_links)
+        .map(|i| (l.x[i] - before.x[i]) * before.cos[i] + (l.y[i] - before.y[i]) * before.sin[i])
+        .sum::<f64>()
+        / state.n_links as f64;
+    let time = steps as f64 * model.step_s;
+    let speed = (2.0 * 90.0 * 8e-3 + advance) / time;
+    let turned = [state.rotors.angle[0] - start[0], state.rotors.angle[1] - start[1]];
+    let ratio = turned[1] / turned[0];
+    println!("ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)", model.chain_speed_m_s);
+    // A skipped tooth in two loops (nine turns of the driver) would show as 1/180 in both.
+    assert!((ratio / 0.5 - 1.0).abs() < 1e-4, "ratio {ratio}");
+    assert!((speed / model.chain_speed_m_s - 1.0).abs() < 1e-4, "span speed {speed}");
+}
+
+#[test]
+fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that_of_the_assembly() {
+    let a = assembled(&drive(&NO_FRICTION));
+    let model = a.model.clone();
+    let mut state = a.state;
+    let route = model.route.as_ref().expect("a route");
+    let mut sums = [(0.0, 0.0); 2];
+    let (mut mean, mut n) = (0.0, 0.0);
+    watch(&a.model, &mut state, loop_steps(&model, 2.0), |state, scratch| {
+        let l = &state.links;
+        for j in 0..state.n_links {
+            let (x, y, _) = scratch.joint_force(j);
+            let p = Vec2::new(l.x[j] + model.chain.lever[j] * l.cos[j], l.y[j] + model.chain.lever[j] * l.sin[j]);
+            mean += x.hypot(y);
+            n += 1.0;
+            for (k, span) in route.spans.iter().enumerate() {
+                let d = p - span.start;
+                let along = d.dot(&span.direction);
+                if along > 20e-3 && along < span.length_m - 20e-3 && d.perp(&span.direction).abs() < 5e-3 {
+                    sums[k].0 -= x * span.direction.x + y * span.direction.y;
+                    sums[k].1 += 1.0;
+                }
+            }
+        }
+    });
+    let [slack, tight] = sums.map(|(sum, count)| sum / count);
+    let expected = 20.0 / model.sprockets[1].geometry.rolling_radius_m();
+    let (mean, assembled_mean) = (mean / n, a.report.static_mean_tension_n);
+    println!("tight {tight:.2} N - slack {slack:.2} N = {:.2} N, load / rolling radius {expected:.2} N", tight - slack);
+    println!("without friction: mean tension {mean:.2} N, static {assembled_mean:.2} N: transverse waves take up chain length");
+    assert!(((tight - slack) / expected - 1.0).abs() < 5e-3);
+}
+
+#[test]
+fn mean_tension_stays_that_of_the_static_assembly() {
+    let a = assembled(&drive(&[]));
+    let model = a.model.clone();
+    let mut state = a.state;
+    let (mut sum, mut n) = (0.0, 0.0);
+    watch(&a.model, &mut state, loop_steps(&model, 2.0), |state, scratch| {
+        for j in 0..state.n_links {
+            let (x, y, _) = scratch.joint_force(j);
+            sum += x.hypot(y);
+            n += 1.0;
+        }
+    });
+    let (mean, at_rest) = (sum / n, a.report.static_mean_tension_n);
+    println!("mean tension {mean:.2} N, static assembly {at_rest:.2} N ({:+.2} %)", 100.0 * (mean / at_rest - 1.0));
+    assert!((mean / at_rest - 1.0).abs() < 0.03);
+}
+
+/// Approach speeds on the driver and what they should be with the normal at the touch.
+fn approach(form: &str) -> (f64, f64, Vec<u32>) {
+    let overrides = [format!("sprockets.driver.gap_form={form}"), format!("sprockets.driven.gap_form={form}")];
+    let overrides: Vec<&str> = overrides.iter().map(String::as_str).collect();
+    let a = assembled(&drive(&overrides));
+    let model = a.model.clone();
+    let ContactLaw::Linear { damping_n_s_per_m, .. } = model.sprockets[0].body.law else { panic!("linear") };
+    let mut state = a.state;
+    let mut engagements = EngagementWatch::new(0, 8e-3 / model.chain_speed_m_s, damping_n_s_per_m);
+    let mut segments = Vec::new();
+    watch(&a.model, &mut state, loop_steps(&model, 1.0), |state, scratch| {
+        let c = contacts_at(&model, state, scratch);
+        let t = state.step as f64 * model.step_s;
+        for i in 0..c.link.len() {
+            if c.body[i] == 0 && t > 3e-3 && c.age_s[i] < 1.5 * model.step_s && c.approach_speed_m_s[i] > 0.5 {
+                segments.push(c.segment[i]);
+            }
+        }
+        engagements.look(t, &c);
+    });
+    // The arriving joint moves against the sprocket at p (omega - w), w the rate at which its link turns already.
+    let omega = model.sprockets[0].nominal_speed_rad_s;
+    let done: Vec<_> = engagements.done.iter().filter(|e| e.start_s > 3e-3).collect();
+    let mut deviations: Vec<f64> = done.iter().map(|e| e.approach.hypot(e.slide) / (8e-3 * omega)).collect();
+    let mut speeds: Vec<f64> = done.iter().map(|e| e.approach).collect();
+    let median = |v: &mut Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        v[v.len() / 2]
+    };
+    (median(&mut speeds), median(&mut deviations), segments)
+}
+
+#[test]
+fn bushes_strike_with_the_seating_speed_along_the_actual_normal() {
+    let p_omega = 8e-3 * 3000.0 * PI / 30.0;
+    for (form, low, high, why) in [("max", 1.657 * 0.93, 2.482, "flank 1.657, root 2.482; |v_rel| is 4 % below p omega, since the arriving link turns already"), ("min", 1.304 * 0.85, 1.304 * 1.20, "near its flank value 1.304")] {
+        let (speed, ratio, segments) = approach(form);
+        let count = |s: Segment| segments.iter().filter(|x| **x == s as u32).count();
+        println!(
+            "{form}-gap: median approach {speed:.3} m/s ({why}; p omega = {p_omega:.3} m/s), |v_rel| / (p omega) = {ratio:.3}; \
+             first touches: seat {}, flanks {}, tip {}",
+            count(Segment::Seat),
+            count(Segment::FlankClockwise) + count(Segment::FlankCounterclockwise),
+            count(Segment::TipCorner) + count(Segment::TipLand)
+        );
+        assert!((ratio - 1.0).abs() < 0.05, "{form}: {ratio}");
+        assert!(speed > low && speed < high, "{form}: {speed}");
+    }
+}
+
+/// Ledger at the end of 0.2 s with a step.
+fn energy_after(step_us: Option<f64>) -> (f64, Energy) {
+    let set = step_us.map(|s| format!("run.step_us={s}"));
+    let overrides: Vec<&str> = set.iter().map(String::as_str).collect();
+    let a = assembled(&drive(&overrides));
+    let mut camera = Camera::default();
+    let mut state = a.state;
+    let mut scratch = Scratch::new(&a.model);
+    let steps = (0.2 / a.model.step_s) as u64;
+    for step in 0..=steps {
+        explicit::evaluate(&a.model, &state, &mut scratch).expect("holds");
+        if step == 0 || step == steps {
+            let frame = camera.take(&a.model, &state, &scratch);
+            if step == steps {
+                return (a.model.step_s, frame.energy);
+            }
+        }
+        explicit::advance(&a.model, &mut state, &mut scratch);
+    }
+    unreachable!("the last step returns")
+}
+
+#[test]
+fn joules_add_up_and_the_error_falls_with_the_step() {
+    let (h, coarse) = energy_after(None);
+    let fraction = |e: &Energy| (e.error_j / e.work_in_j).abs();
+    let (half, fine) = energy_after(Some(h * 0.5e6));
+    println!(
+        "energy error {:.2e} of the work at {:.2} us ({:.2e} of the losses), {:.2e} at {:.2} us",
+        fraction(&coarse),
+        h * 1e6,
+        (coarse.error_j / coarse.lost_j()).abs(),
+        fraction(&fine),
+        half * 1e6
+    );
+    assert!(fraction(&coarse) < 1e-4);
+    // Second order: a quarter, with room for the impacts' random part.
+    assert!(fraction(&fine) < 0.5 * fraction(&coarse));
+    for lost in [fine.lost_pin_damping_j, fine.lost_pin_friction_j, fine.lost_contact_damping_j, fine.lost_contact_friction_j] {
+        assert!(lost > 0.0, "{fine:?}");
+    }
+}
+
+#[test]
+fn positions_without_contact_converge_with_the_second_order() {
+    // A ring of chain that turns and wobbles: joints only, with damping.
+    let model_at = |h: f64| {
+        let a = assembled(&drive_without_guides(&[]));
+        let mut joint = a.model.chain.joint;
+        joint.friction_arm_m = 0.0;
+        Model::chain_only(24, a.model.rows.clone(), joint, h)
+    };
+    let run = |h: f64| -> State {
+        let model = model_at(h);
+        let n = 24;
+        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false]);
+        let half = PI / n as f64;
+        let r = 4e-3 / half.tan() * 1.0002;
+        let mut energy_shape = |i: usize| {
+            let e = pitchline::geometry::unit(2.0 * half * i as f64);
+            let l = &mut state.links;
+            (l.x[i], l.y[i], l.cos[i], l.sin[i]) = (r * e.x, r * e.y, -e.y, e.x);
+            let wobble = 0.3 * (3.0 * 2.0 * half * i as f64).cos();
+            (l.vx[i], l.vy[i]) = (-150.0 * r * e.y + wobble * e.x, 150.0 * r * e.x + wobble * e.y);
+            l.omega[i] = 150.0;
+        };
+        (0..n).for_each(&mut energy_shape);
+        // v(-h/2) = v_0 - h/2 a_0: the leapfrog's own start.
+        let mut scratch = Scratch::new(&model);
+        for _ in 0..3 {
+            explicit::evaluate(&model, &state, &mut scratch).expect("holds");
+            state.links.ax.clone_from(&scratch.ax);
+            state.links.ay.clone_from(&scratch.ay);
+            state.links.alpha.clone_from(&scratch.alpha);
+            let velocity = state.clone();
+            let _ = velocity;
+        }
+        for i in 0..n {
+            state.links.vx[i] -= 0.5 * h * state.links.ax[i];
+            state.links.vy[i] -= 0.5 * h * state.links.ay[i];
+            state.links.omega[i] -= 0.5 * h * state.links.alpha[i];
+        }
+        watch(&model, &mut state, (2e-4 / h).round() as u64, |_, _| {});
+        state
+    };
+    let reference = run(0.0625e-6);
+    let error = |h: f64| {
+        let s = run(h);
+        (0..24).map(|i| (s.links.x[i] - reference.links.x[i]).hypot(s.links.y[i] - reference.links.y[i])).fold(0.0, f64::max)
+    };
+    let (e2, e1) = (error(1e-6), error(0.5e-6));
+    let order = (e2 / e1).log2();
+    println!("position error {e2:.2e} m at 1 us, {e1:.2e} m at 0.5 us: order {order:.2}");
+    assert!(order > 1.8 && order < 2.4, "order {order}");
+}

@@ -1,0 +1,191 @@
+//! Recordings: what is written is what is read, by our reader and by others'; damage and full disks are said.
+
+mod common;
+
+use common::{assembled, drive};
+use pitchline::assemble::Assembly;
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::recording::capture::{self, Camera};
+use pitchline::recording::frame::{Frame, Header};
+use pitchline::recording::{ViewOptions, create, mcap};
+use pitchline::simulate::{Span, run};
+use prost::Message;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+/// Records `duration_s` of the bundled drive and returns the header and every tenth frame as it was taken.
+fn record(paths: &[&Path], duration_s: f64) -> (Header, Vec<Frame>) {
+    let drive = drive(&[]);
+    let Assembly { model, mut state, report } = assembled(&drive);
+    let span = Span::new(duration_s, 50e-6, model.step_s);
+    let header = capture::header(&drive, &model, &report, span.steps_per_frame);
+    let mut sinks: Vec<_> =
+        paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+    // The same run once more, frames kept.
+    let mut twin = state.clone();
+    let mut scratch = Scratch::new(&model);
+    run(&model, &mut state, &mut scratch, &header, span, &mut sinks, &AtomicBool::new(false), |_| {}).expect("runs");
+    for sink in &mut sinks {
+        sink.finish().expect("finishes");
+    }
+    let (mut camera, mut scratch, mut frames) = (Camera::default(), Scratch::new(&model), Vec::new());
+    for step in 0..=span.steps {
+        explicit::evaluate(&model, &twin, &mut scratch).expect("holds");
+        if step % span.steps_per_frame == 0 || step == span.steps {
+            frames.push(camera.take(&model, &twin, &scratch));
+        }
+        explicit::advance(&model, &mut twin, &mut scratch);
+    }
+    (header, frames)
+}
+
+#[test]
+fn mcap_gives_back_every_value_to_the_bit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (header, frames) = record(&[&path], 12e-3);
+    let read = mcap::read(&path).expect("readable");
+    assert!(read.complete);
+    assert_eq!(read.header, header);
+    assert!(read.frames == frames, "{} frames written, {} read", frames.len(), read.frames.len());
+    assert!(!read.keyframes.is_empty() && !read.events.is_empty());
+    let bytes = std::fs::metadata(&path).expect("there").len() as f64;
+    let (n, last) = (frames.len() as f64, &frames[frames.len() - 1]);
+    println!(
+        "{:.0} bytes a frame: {} links x 6 + {} joints x 3 values, {} contacts; raw message {} bytes",
+        bytes / n,
+        last.links.x_m.len(),
+        last.joints.force_x_n.len(),
+        last.contacts.link.len(),
+        last.encoded_len()
+    );
+    assert!(bytes / n < 15_000.0, "measured 10800; a frame has 9.6 kB of values");
+}
+
+#[test]
+fn a_recording_that_was_cut_off_opens_up_to_its_last_whole_chunk() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (_, frames) = record(&[&path], 20e-3);
+    let bytes = std::fs::read(&path).expect("readable");
+    for share in [0.45, 0.7, 0.95] {
+        let cut = folder.path().join("cut.mcap");
+        std::fs::write(&cut, &bytes[..(bytes.len() as f64 * share) as usize]).expect("writable");
+        let read = mcap::read(&cut).expect("opens");
+        assert!(!read.complete);
+        println!("cut at {share}: {} of {} frames", read.frames.len(), frames.len());
+        assert!(read.frames.len() as f64 > share * frames.len() as f64 - 1.5 * mcap::FRAMES_PER_CHUNK as f64);
+        assert!(frames.starts_with(&read.frames));
+    }
+    // Not a recording at all, and a flipped bit inside.
+    let other = folder.path().join("other.mcap");
+    std::fs::write(&other, b"no such thing").expect("writable");
+    assert!(mcap::read(&other).expect_err("refused").to_string().contains("other.mcap"));
+    let mut flipped = bytes.clone();
+    let middle = flipped.len() / 2;
+    flipped[middle] ^= 0x40;
+    std::fs::write(&other, &flipped).expect("writable");
+    assert!(mcap::read(&other).is_err(), "a damaged chunk is no good data");
+}
+
+#[test]
+fn a_full_disk_is_an_error_that_names_the_file() {
+    if !Path::new("/dev/full").exists() {
+        println!("skipped: this system has no /dev/full");
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("full.mcap");
+    std::os::unix::fs::symlink("/dev/full", &path).expect("a link");
+    let drive = drive(&[]);
+    let Assembly { model, report, .. } = assembled(&drive);
+    let header = capture::header(&drive, &model, &report, 20);
+    let error = create(&path, &header, ViewOptions::default()).err().expect("nothing can be written");
+    assert!(format!("{error:#}").contains("full.mcap") && format!("{error:#}").contains("No space left"), "{error:#}");
+}
+
+#[test]
+fn python_reads_every_value() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (_, frames) = record(&[&path], 3e-3);
+    let script = format!("{}/tests/read_mcap.py", env!("CARGO_MANIFEST_DIR"));
+    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
+    let has = Command::new(&python).args(["-c", "import mcap, mcap_protobuf"]).output();
+    if !has.is_ok_and(|o| o.status.success()) {
+        println!("skipped: {python} has no mcap and mcap-protobuf-support");
+        return;
+    }
+    let expected = folder.path().join("expected.txt");
+    // Every value as its bits, in the order of the schema.
+    let mut lines = String::new();
+    for frame in &frames {
+        for value in values(frame) {
+            lines.push_str(&format!("{:016x}\n", value.to_bits()));
+        }
+    }
+    std::fs::write(&expected, lines).expect("writable");
+    let out = Command::new(&python).arg(script).arg(&path).arg(&expected).output().expect("runs");
+    println!("{}", String::from_utf8_lossy(&out.stdout));
+    assert!(out.status.success(), "{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+}
+
+/// All numbers of a frame in the order of its schema.
+fn values(f: &Frame) -> Vec<f64> {
+    let mut v = vec![f.step as f64, f.t_s, f.crank_angle_rad];
+    let l = &f.links;
+    for column in [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s] {
+        v.extend(column);
+    }
+    for column in [&f.joints.force_x_n, &f.joints.force_y_n, &f.joints.friction_torque_nm] {
+        v.extend(column);
+    }
+    let c = &f.contacts;
+    for column in [&c.link, &c.feature, &c.body, &c.tooth, &c.segment] {
+        v.extend(column.iter().map(|x| f64::from(*x)));
+    }
+    let floats = [
+        &c.point_body_x_m,
+        &c.point_body_y_m,
+        &c.point_link_x_m,
+        &c.point_link_y_m,
+        &c.normal_x,
+        &c.normal_y,
+        &c.penetration_m,
+        &c.approach_speed_m_s,
+        &c.normal_speed_m_s,
+        &c.tangential_speed_m_s,
+        &c.normal_force_n,
+        &c.tangential_force_n,
+    ];
+    for column in floats {
+        v.extend(column);
+    }
+    v.extend(c.stick.iter().map(|s| f64::from(u8::from(*s))));
+    v.extend(&c.age_s);
+    let r = &f.rotors;
+    for column in [&r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm] {
+        v.extend(column);
+    }
+    let e = &f.energy;
+    v.extend([e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j]);
+    v.extend([e.lost_pin_damping_j, e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j]);
+    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.error_j]);
+    v
+}
+
+#[cfg(feature = "rerun")]
+#[test]
+fn rerun_verifies_the_view() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.rrd");
+    record(&[&path], 3e-3);
+    let program = std::env::var("PITCHLINE_RERUN").unwrap_or_else(|_| "rerun".into());
+    let Ok(out) = Command::new(&program).args(["rrd", "verify"]).arg(&path).output() else {
+        println!("skipped: no program `{program}` (pip install rerun-sdk)");
+        return;
+    };
+    println!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+    assert!(out.status.success());
+}
