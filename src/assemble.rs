@@ -83,7 +83,10 @@ impl AssemblyReport {
             ),
         ];
         for still in &self.stillness {
-            lines.push(format!("stillness after run-in = {:.4} % of the free sprocket's speed, peak to peak", still * 100.0));
+            lines.push(format!(
+                "stillness after run-in = {:.4} % of the free sprocket's speed, peak to peak",
+                still * 100.0
+            ));
         }
         lines.push(format!("drift of the mean tension while settling = {:.2} %", self.tension_drift * 100.0));
         lines
@@ -302,8 +305,7 @@ fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError>
 
 /// A State with the poses of `q`, at rest.
 pub fn resting_state(model: &Model, q: &Configuration) -> State {
-    let mut state =
-        State::at_rest(model.chain.n_links, model.chain.padded, model.sprockets.len(), model.guide_sides());
+    let mut state = State::at_rest(model.chain.n_links, model.chain.padded, model.sprockets.len(), model.guide_sides());
     for (i, (p, angle)) in q.links.iter().enumerate() {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
@@ -330,7 +332,10 @@ fn remember_contacts(model: &Model, state: &mut State) {
                 continue;
             }
             let hit = crate::contact::gap_contact(&sprocket.geometry, in_frame, sprocket.body.bush_radius_m);
-            let radii = crate::elements::contact_law::PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
+            let radii = crate::elements::contact_law::PairRadii {
+                bush_m: sprocket.body.bush_radius_m,
+                body_m: hit.body_radius_m,
+            };
             let force = sprocket.body.law.elastic(hit.touch.penetration_m, radii).force_n;
             if force > 0.0 {
                 state.bushes.normal_force[j] = force;

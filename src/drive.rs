@@ -125,13 +125,8 @@ impl Drive {
         drop(root);
         let places = reader.finish()?;
         let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
-        let drive = Drive {
-            name: stem.to_string(),
-            text: text.to_string(),
-            overrides: overrides.to_vec(),
-            places,
-            ..drive
-        };
+        let drive =
+            Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), places, ..drive };
         drive.check()?;
         Ok(drive)
     }
@@ -165,10 +160,18 @@ impl Drive {
             );
         }
         if c.pin_diameter_m >= c.bush_diameter_m {
-            error("chain.bush.pin_diameter_mm", "the pin does not fit into the bush".into(), "make it smaller than `bush_diameter_mm`");
+            error(
+                "chain.bush.pin_diameter_mm",
+                "the pin does not fit into the bush".into(),
+                "make it smaller than `bush_diameter_mm`",
+            );
         }
         if c.bush_diameter_m >= c.plate_height_m {
-            error("chain.bush.plate_height_mm", "the plate is no higher than the bush".into(), "make it larger than `bush_diameter_mm`");
+            error(
+                "chain.bush.plate_height_mm",
+                "the plate is no higher than the bush".into(),
+                "make it larger than `bush_diameter_mm`",
+            );
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();
         if drivers != 1 {
@@ -219,7 +222,22 @@ fn read(root: &Table<'_>) -> Drive {
     root.finish();
     let places = Places::empty();
     let (name, text, overrides) = (String::new(), String::new(), Vec::new());
-    Drive { name, text, overrides, title, chain, links, joint, tooth_contact, guide_contact, sprockets, guides, preload, run, places }
+    Drive {
+        name,
+        text,
+        overrides,
+        title,
+        chain,
+        links,
+        joint,
+        tooth_contact,
+        guide_contact,
+        sprockets,
+        guides,
+        preload,
+        run,
+        places,
+    }
 }
 
 fn read_bush_chain(t: &Table<'_>) -> BushChain {
@@ -258,7 +276,10 @@ fn read_joint(t: &Table<'_>, _pin_diameter_m: f64) -> JointSpec {
         _ => {
             t.error(
                 format!("the damping of `{}` is not stated in one way", t.path()),
-                Some("write `damping_n_s_per_m`, or `damping_ratio` together with the `damping_mode_hz` it refers to".into()),
+                Some(
+                    "write `damping_n_s_per_m`, or `damping_ratio` together with the `damping_mode_hz` it refers to"
+                        .into(),
+                ),
             );
             f64::NAN
         }
@@ -315,7 +336,10 @@ fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
         }
     }
     let spec = ContactSpec {
-        law: laws.first().copied().unwrap_or(ContactLaw::Linear { stiffness_n_per_m: f64::NAN, damping_n_s_per_m: 0.0 }),
+        law: laws
+            .first()
+            .copied()
+            .unwrap_or(ContactLaw::Linear { stiffness_n_per_m: f64::NAN, damping_n_s_per_m: 0.0 }),
         friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
         stick_speed_m_s: t.number("stick_speed_m_s", 1.0, 1e-6..=100.0).unwrap_or(0.05),
     };
@@ -383,17 +407,26 @@ fn order_by_route(root: &Table<'_>, all: Vec<SprocketDrive>) -> (Vec<SprocketDri
     for name in &route {
         match all.iter().find(|s| s.name == *name) {
             Some(s) => sorted.push(s.clone()),
-            None => root.error(format!("`route` names `{name}`, which is no sprocket"), Some(format!("sprockets here: {}", names.join(", ")))),
+            None => root.error(
+                format!("`route` names `{name}`, which is no sprocket"),
+                Some(format!("sprockets here: {}", names.join(", "))),
+            ),
         }
     }
     if sorted.len() < 2 {
-        root.error("a drive needs at least two sprockets in its route".into(), Some("add `[sprockets.NAME]` tables and `route = [...]`".into()));
+        root.error(
+            "a drive needs at least two sprockets in its route".into(),
+            Some("add `[sprockets.NAME]` tables and `route = [...]`".into()),
+        );
     }
     let mut seen = route.clone();
     seen.sort();
     seen.dedup();
     if seen.len() != route.len() || route.len() != names.len() {
-        root.error("`route` must name every sprocket once".into(), Some(format!("sprockets here: {}", names.join(", "))));
+        root.error(
+            "`route` must name every sprocket once".into(),
+            Some(format!("sprockets here: {}", names.join(", "))),
+        );
     }
     let names = sorted.iter().map(|s| s.name.clone()).collect();
     (sorted, names)
@@ -413,13 +446,18 @@ fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
                 let spans: Vec<String> = (0..names.len())
                     .map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()]))
                     .collect();
-                t.error(format!("`{}.span` is no span of the route", t.path()), Some(format!("spans here: {}", spans.join(", "))));
+                t.error(
+                    format!("`{}.span` is no span of the route", t.path()),
+                    Some(format!("spans here: {}", spans.join(", "))),
+                );
                 0
             }
         };
         all.push(GuideSpec {
             span,
-            side: t.choice("side", &[("inside", GuideSide::Inside), ("outside", GuideSide::Outside)]).unwrap_or(GuideSide::Inside),
+            side: t
+                .choice("side", &[("inside", GuideSide::Inside), ("outside", GuideSide::Outside)])
+                .unwrap_or(GuideSide::Inside),
             start_m: t.required("start_mm", MM, -1000.0..=1e5),
             end_m: t.required("end_mm", MM, -1000.0..=1e5),
             clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
@@ -439,7 +477,10 @@ fn read_preload(t: &Table<'_>, names: &[String]) -> PreloadSpec {
     let index = match &moves {
         None => names.len().saturating_sub(1),
         Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
-            t.error(format!("`preload.moves` = \"{name}\" is no sprocket"), Some(format!("sprockets here: {}", names.join(", "))));
+            t.error(
+                format!("`preload.moves` = \"{name}\" is no sprocket"),
+                Some(format!("sprockets here: {}", names.join(", "))),
+            );
             0
         }),
     };

@@ -294,7 +294,9 @@ fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
         RouteError::Unwrapped { pulley } => drive.places.error(
             &format!("sprockets.{}", name(*pulley)),
             format!("the chain does not wrap sprocket `{}`", name(*pulley)),
-            Some("check `route` (counterclockwise order), its position, and `wrap` (inside or outside the loop)".into()),
+            Some(
+                "check `route` (counterclockwise order), its position, and `wrap` (inside or outside the loop)".into(),
+            ),
         ),
         RouteError::Open { links, fits } => drive.places.error(
             "chain.bush.links",

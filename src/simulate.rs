@@ -71,28 +71,29 @@ pub fn run(
     let mut camera = Camera::default();
     let mut frames = 0;
     let mut energies: Option<(f64, Energy)> = None;
-    let mut take = |state: &State, scratch: &Scratch, sinks: &mut [Box<dyn Sink>], frames: &mut u64| -> anyhow::Result<()> {
-        let frame = camera.take(model, state, scratch);
-        for sink in sinks.iter_mut() {
-            sink.frame(&frame)?;
-        }
-        if frames.is_multiple_of(FRAMES_PER_KEYFRAME) && !sinks.is_empty() {
-            let keyframe = state.keyframe();
+    let mut take =
+        |state: &State, scratch: &Scratch, sinks: &mut [Box<dyn Sink>], frames: &mut u64| -> anyhow::Result<()> {
+            let frame = camera.take(model, state, scratch);
             for sink in sinks.iter_mut() {
-                sink.keyframe(&keyframe)?;
+                sink.frame(&frame)?;
             }
-        }
-        for event in first_touches(&frame, header, span.steps_per_frame) {
-            for sink in sinks.iter_mut() {
-                sink.event(&event)?;
+            if frames.is_multiple_of(FRAMES_PER_KEYFRAME) && !sinks.is_empty() {
+                let keyframe = state.keyframe();
+                for sink in sinks.iter_mut() {
+                    sink.keyframe(&keyframe)?;
+                }
             }
-        }
-        let stored_first = energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
-        energies = Some((stored_first, frame.energy));
-        *frames += 1;
-        progress(frame.step);
-        Ok(())
-    };
+            for event in first_touches(&frame, header, span.steps_per_frame) {
+                for sink in sinks.iter_mut() {
+                    sink.event(&event)?;
+                }
+            }
+            let stored_first = energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
+            energies = Some((stored_first, frame.energy));
+            *frames += 1;
+            progress(frame.step);
+            Ok(())
+        };
     let mut ending = Ending::Done;
     loop {
         let due = (state.step - first).is_multiple_of(span.steps_per_frame) || state.step == last;

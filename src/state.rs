@@ -213,7 +213,9 @@ impl State {
     /// The whole State as a message.
     pub fn keyframe(&self) -> Keyframe {
         let mut columns = Vec::new();
-        self.for_each_column(|name, values| columns.push(StateColumn { name: name.to_string(), values: values.to_vec() }));
+        self.for_each_column(|name, values| {
+            columns.push(StateColumn { name: name.to_string(), values: values.to_vec() })
+        });
         Keyframe { step: self.step, state_hash: self.hash(), columns }
     }
 
@@ -223,7 +225,9 @@ impl State {
         let mut given = keyframe.columns.iter();
         let mut problem = None;
         self.for_each_column_mut(|name, column| match given.next() {
-            Some(c) if c.name == name.to_string() && c.values.len() == column.len() => column.copy_from_slice(&c.values),
+            Some(c) if c.name == name.to_string() && c.values.len() == column.len() => {
+                column.copy_from_slice(&c.values)
+            }
             Some(c) => {
                 problem.get_or_insert(format!(
                     "column `{}` with {} values stands where `{name}` with {} is expected",
@@ -252,7 +256,8 @@ impl State {
         let mut names = Vec::new();
         self.for_each_column(|name, _| names.push(name));
         let n = self.n_links;
-        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } = self;
+        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } =
+            self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, lost_pin_damping, lost_pin_friction];

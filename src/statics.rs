@@ -122,12 +122,8 @@ fn line_search(
 }
 
 fn moved(q: &Configuration, free: &[usize], dq: &[Vector3<f64>], dr: &DVector<f64>, factor: f64) -> Configuration {
-    let links = q
-        .links
-        .iter()
-        .zip(dq)
-        .map(|((p, a), d)| (p + Vec2::new(d.x, d.y) * factor, a + d.z * factor))
-        .collect();
+    let links =
+        q.links.iter().zip(dq).map(|((p, a), d)| (p + Vec2::new(d.x, d.y) * factor, a + d.z * factor)).collect();
     let mut rotors = q.rotors.clone();
     for (k, rotor) in free.iter().enumerate() {
         rotors[*rotor] += dr[k] * factor;
@@ -262,7 +258,6 @@ fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
     s.next[j] += along * a0 * b0.transpose() + across * a1 * b1.transpose();
 }
 
-#[allow(clippy::too_many_arguments)] // one contact: who, where, how strong, how curved
 fn add_contact(
     s: &mut System,
     link: usize,
@@ -338,7 +333,12 @@ impl System {
     }
 
     /// Solves (H + shift) x = rhs. The last link and the sprockets form the border. None when singular.
-    fn solve(&self, rhs: &[Vector3<f64>], rotor_rhs: &DVector<f64>, shift: f64) -> Option<(Vec<Vector3<f64>>, DVector<f64>)> {
+    fn solve(
+        &self,
+        rhs: &[Vector3<f64>],
+        rotor_rhs: &DVector<f64>,
+        shift: f64,
+    ) -> Option<(Vec<Vector3<f64>>, DVector<f64>)> {
         let n = self.diagonal.len();
         let (m, border) = (n - 1, 3 + self.columns.len());
         let damp = Matrix3::from_diagonal(&Vector3::new(shift, shift, shift * 1.6e-5));

@@ -86,7 +86,9 @@ fn every_sprocket_from_9_to_150_teeth_is_closed_smooth_and_inside_its_tip_circle
         }
     }
     let pointed = SprocketSpec { tip_diameter_m: Some(55.2e-3), ..spec(20, 8.0, 5.0, GapForm::Max) };
-    assert!(matches!(Sprocket::new(pointed), Err(SprocketError::Pointed { largest_tip_diameter_m }) if largest_tip_diameter_m < 54.83e-3));
+    assert!(
+        matches!(Sprocket::new(pointed), Err(SprocketError::Pointed { largest_tip_diameter_m }) if largest_tip_diameter_m < 54.83e-3)
+    );
     assert!(matches!(Sprocket::new(spec(3, 8.0, 5.0, GapForm::Max)), Err(SprocketError::Teeth(3))));
 }
 
@@ -149,7 +151,8 @@ fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_p
                 several => {
                     touching += 1;
                     let same = several.iter().any(|t| {
-                        (t.penetration_m - local.touch.penetration_m).abs() < 1e-12 && (t.normal - local.touch.normal).norm() < 1e-6
+                        (t.penetration_m - local.touch.penetration_m).abs() < 1e-12
+                            && (t.normal - local.touch.normal).norm() < 1e-6
                     });
                     assert!(same, "{several:?} against {local:?} at {centre}");
                 }
@@ -164,8 +167,10 @@ fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_p
 fn profile_contacts_find_lines_face_to_face_and_corners() {
     let square = |side: f64, at: Vec2, angle: f64| {
         let h = 0.5 * side;
-        let p = [Vec2::new(-h, -h), Vec2::new(h, -h), Vec2::new(h, h), Vec2::new(-h, h)].map(|p| rotated(p, angle) + at);
-        Profile::new((0..4).map(|i| Element::Line { start: p[i], end: p[(i + 1) % 4] }).collect(), true).expect("closed")
+        let p =
+            [Vec2::new(-h, -h), Vec2::new(h, -h), Vec2::new(h, h), Vec2::new(-h, h)].map(|p| rotated(p, angle) + at);
+        Profile::new((0..4).map(|i| Element::Line { start: p[i], end: p[(i + 1) % 4] }).collect(), true)
+            .expect("closed")
     };
     let body = Contour::new(square(10e-3, Vec2::zeros(), 0.0));
     // Flat on the upper side, 3 um deep: the overlap's two ends.
@@ -179,7 +184,12 @@ fn profile_contacts_find_lines_face_to_face_and_corners() {
     assert!((corner[0].penetration_m - 5e-6).abs() < 1e-12);
     // A disc on the body's own corner.
     let disc = Profile::new(
-        vec![Element::Arc { centre: Vec2::new(6e-3, 6e-3), radius_m: 2.0_f64.sqrt() * 1e-3 + 2e-6, start_rad: 0.0, sweep_rad: 2.0 * PI }],
+        vec![Element::Arc {
+            centre: Vec2::new(6e-3, 6e-3),
+            radius_m: 2.0_f64.sqrt() * 1e-3 + 2e-6,
+            start_rad: 0.0,
+            sweep_rad: 2.0 * PI,
+        }],
         true,
     );
     let hit = body.profile_touches(&disc.expect("closed"), 1e-6);
@@ -200,7 +210,8 @@ fn impact(law: &ContactLaw, mass: f64, speed: f64, steps_in_contact: f64) -> (f6
         let (k2v, k2d) = (a(d + 0.5 * h * k1d, v + 0.5 * h * k1v), v + 0.5 * h * k1v);
         let (k3v, k3d) = (a(d + 0.5 * h * k2d, v + 0.5 * h * k2v), v + 0.5 * h * k2v);
         let (k4v, k4d) = (a(d + h * k3d, v + h * k3v), v + h * k3v);
-        let (next_d, next_v) = (d + h / 6.0 * (k1d + 2.0 * k2d + 2.0 * k3d + k4d), v + h / 6.0 * (k1v + 2.0 * k2v + 2.0 * k3v + k4v));
+        let (next_d, next_v) =
+            (d + h / 6.0 * (k1d + 2.0 * k2d + 2.0 * k3d + k4d), v + h / 6.0 * (k1v + 2.0 * k2v + 2.0 * k3v + k4v));
         if v > 0.0 && next_v <= 0.0 {
             // Deepest point: d + v^2 / (2 |a|) from the step's start, curvature constant over a fraction of a step.
             deepest = d - v * v / (2.0 * a(d, 0.5 * v));
@@ -240,15 +251,24 @@ fn undamped_impacts_have_the_closed_form_depth_and_duration() {
         let q = 1.0 / (n + 1.0);
         let duration = 2.0 * depth / v * PI.sqrt() * libm::tgamma(1.0 + q) / libm::tgamma(0.5 + q);
         let (rebound, d, t) = impact(&law, m, v, 20_000.0);
-        println!("n = {n}: depth {:.4e} (error {:.1e}), duration {:.4e} (error {:.1e})", depth, d / depth - 1.0, duration, t / duration - 1.0);
-        assert!((d / depth - 1.0).abs() < 1e-6 && (t / duration - 1.0).abs() < 1e-6 && (rebound / v - 1.0).abs() < 1e-6);
+        println!(
+            "n = {n}: depth {:.4e} (error {:.1e}), duration {:.4e} (error {:.1e})",
+            depth,
+            d / depth - 1.0,
+            duration,
+            t / duration - 1.0
+        );
+        assert!(
+            (d / depth - 1.0).abs() < 1e-6 && (t / duration - 1.0).abs() < 1e-6 && (rebound / v - 1.0).abs() < 1e-6
+        );
     }
 }
 
 #[test]
 fn hertz_line_contact_inverts_its_approach_and_its_energy_is_the_integral_of_its_force() {
     let c = (1.0 - 0.09) / 2.07e11;
-    let hertz = HertzLine { length_m: 5e-3, compliance_body_per_pa: c, compliance_bush_per_pa: c, damping_n_s_per_m: 0.0 };
+    let hertz =
+        HertzLine { length_m: 5e-3, compliance_body_per_pa: c, compliance_bush_per_pa: c, damping_n_s_per_m: 0.0 };
     let (r1, r2) = (2.5e-3, 13.2e-3);
     let mut last = 0.0;
     for i in 1..=400 {
@@ -299,12 +319,18 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
         let span = &model.route.as_ref().expect("a route").spans[1];
         let along = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&span.direction);
         let across = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&normal).abs();
-        let inside: Vec<usize> =
-            (0..state.n_links).filter(|i| across(*i) < 5e-3 && along(*i) > 16e-3 && along(*i) < span.length_m - 16e-3).collect();
-        speeds.push(inside.iter().map(|i| l.vx[*i] * direction.x + l.vy[*i] * direction.y).sum::<f64>() / inside.len() as f64);
+        let inside: Vec<usize> = (0..state.n_links)
+            .filter(|i| across(*i) < 5e-3 && along(*i) > 16e-3 && along(*i) < span.length_m - 16e-3)
+            .collect();
+        speeds.push(
+            inside.iter().map(|i| l.vx[*i] * direction.x + l.vy[*i] * direction.y).sum::<f64>() / inside.len() as f64,
+        );
         // Joints on the wrap near the run-on point: the highest one.
         let highest = (0..state.n_links)
-            .map(|i| Vec2::new(l.x[i] + model.chain.lever[i] * l.cos[i], l.y[i] + model.chain.lever[i] * l.sin[i]) - s.body.centre)
+            .map(|i| {
+                Vec2::new(l.x[i] + model.chain.lever[i] * l.cos[i], l.y[i] + model.chain.lever[i] * l.sin[i])
+                    - s.body.centre
+            })
             .filter(|p| p.norm() < radius * 1.02)
             .map(|p| p.dot(&normal))
             .fold(0.0, f64::max);
@@ -318,7 +344,13 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     let ripple = (high - low) / high;
     let rise = heights.iter().fold(f64::MIN, |m, v| m.max(*v)) - heights.iter().fold(f64::MAX, |m, v| m.min(*v));
     let closed = (1.0 - (PI / 20.0).cos(), radius * (1.0 - (PI / 20.0).cos()));
-    println!("span speed ripple {:.4} % (closed form {:.4} %), joint rise {:.4} mm (closed form {:.4} mm)", ripple * 100.0, closed.0 * 100.0, rise * 1e3, closed.1 * 1e3);
+    println!(
+        "span speed ripple {:.4} % (closed form {:.4} %), joint rise {:.4} mm (closed form {:.4} mm)",
+        ripple * 100.0,
+        closed.0 * 100.0,
+        rise * 1e3,
+        closed.1 * 1e3
+    );
     assert!((ripple / closed.0 - 1.0).abs() < 0.02, "ripple");
     assert!((rise / closed.1 - 1.0).abs() < 0.02, "rise");
 }
@@ -343,7 +375,13 @@ fn uniform_rows(mass_kg: f64, inertia_kg_m2: f64) -> Vec<pitchline::geometry::ch
 }
 
 fn plain_joint(stiffness_n_per_m: f64) -> LinkJoint {
-    LinkJoint { stiffness_n_per_m, damping_n_s_per_m: 0.0, clearance_m: 0.0, friction_arm_m: 0.0, stick_speed_rad_s: 10.0 }
+    LinkJoint {
+        stiffness_n_per_m,
+        damping_n_s_per_m: 0.0,
+        clearance_m: 0.0,
+        friction_arm_m: 0.0,
+        stick_speed_rad_s: 10.0,
+    }
 }
 
 #[test]
@@ -432,7 +470,12 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
         });
         let periods = crossings.len() - 1;
         let measured = 2.0 * PI * periods as f64 / (crossings[periods] - crossings[0]);
-        println!("mode {mode}: {:.3} Hz, closed form {:.3} Hz ({:+.2e})", measured / (2.0 * PI), expected / (2.0 * PI), measured / expected - 1.0);
+        println!(
+            "mode {mode}: {:.3} Hz, closed form {:.3} Hz ({:+.2e})",
+            measured / (2.0 * PI),
+            expected / (2.0 * PI),
+            measured / expected - 1.0
+        );
         assert!((measured / expected - 1.0).abs() < 1e-3, "mode {mode}");
     }
 }
@@ -441,7 +484,8 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
 fn tension_falls_along_the_wrap_as_binder_says() {
     // Static, frictionless, at each seated joint: T_(k+1)/T_k = sin(gamma)/sin(gamma + 2 pi/z) with gamma the angle between
     // the tooth's normal and the link's chord (Binder 1956). At rest, no centrifugal tension.
-    let mut overrides = vec!["preload.tension_n=600", "loads.constant.driven.torque_nm=40", "run.run_in_ms=0", "run.settle_ms=0"];
+    let mut overrides =
+        vec!["preload.tension_n=600", "loads.constant.driven.torque_nm=40", "run.run_in_ms=0", "run.settle_ms=0"];
     overrides.extend(NO_FRICTION);
     overrides.push("speeds.constant.driver.speed_rpm=0.001");
     let a = assembled(&drive(&overrides));

@@ -41,7 +41,20 @@ fn run_prints_its_results_and_writes_its_recordings() {
 fn geometry_prints_the_worked_numbers_and_draws() {
     let folder = tempfile::tempdir().expect("a folder");
     let svg = folder.path().join("s.svg");
-    let args = ["geometry", "sprocket", "--teeth", "20", "--pitch-mm", "8", "--roller-mm", "5", "--form", "min", "--json", "-o"];
+    let args = [
+        "geometry",
+        "sprocket",
+        "--teeth",
+        "20",
+        "--pitch-mm",
+        "8",
+        "--roller-mm",
+        "5",
+        "--form",
+        "min",
+        "--json",
+        "-o",
+    ];
     let mut all = args.to_vec();
     all.push(svg.to_str().expect("text"));
     let out = json(&pitchline(&all));
@@ -92,19 +105,47 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
     let noise: Vec<u8> = (0..10_000_000_u64).map(|i| (i.wrapping_mul(6_364_136_223_846_793_005) >> 56) as u8).collect();
     let directory = folder.path().to_str().expect("text").to_string();
     let cases: Vec<(Vec<String>, i32, Vec<&str>)> = vec![
-        (vec![changed("key.toml", "pitch_mm = 8.0", "pich_mm = 8.0")], 2, vec!["unknown key `chain.bush.pich_mm`", "did you mean `pitch_mm`?", "key.toml:11:1", "^"]),
+        (
+            vec![changed("key.toml", "pitch_mm = 8.0", "pich_mm = 8.0")],
+            2,
+            vec!["unknown key `chain.bush.pich_mm`", "did you mean `pitch_mm`?", "key.toml:11:1", "^"],
+        ),
         (vec![changed("unit.toml", "pitch_mm = 8.0", "pitch_in = 0.315")], 2, vec!["pitch_in", "write `pitch_mm`"]),
-        (vec![changed("mass.toml", "density_kg_per_m3 = 7850", "density_kg_per_m3 = -7850")], 2, vec!["density_kg_per_m3", "outside"]),
+        (
+            vec![changed("mass.toml", "density_kg_per_m3 = 7850", "density_kg_per_m3 = -7850")],
+            2,
+            vec!["density_kg_per_m3", "outside"],
+        ),
         (vec![changed("nan.toml", "tension_n = 300", "tension_n = nan")], 2, vec!["preload.tension_n", "NaN"]),
-        (vec![changed("teeth.toml", "teeth = 20", "teeth = 3")], 2, vec!["sprockets.driver.teeth", "outside 9 ..= 150", "^"]),
+        (
+            vec![changed("teeth.toml", "teeth = 20", "teeth = 3")],
+            2,
+            vec!["sprockets.driver.teeth", "outside 9 ..= 150", "^"],
+        ),
         (vec![changed("syntax.toml", "[chain.joint]", "[chain.joint")], 2, vec!["not valid TOML", "syntax.toml:"]),
-        (vec![changed("text.toml", "teeth = 20", "teeth = \"many\"")], 2, vec!["sprockets.driver.teeth", "a text", "whole number"]),
-        (vec!["bush-20-40".into(), "--set".into(), "sprockets.driver.tip_diameter_mm=55.5".into()], 2, vec!["pointed", "54.8"]),
+        (
+            vec![changed("text.toml", "teeth = 20", "teeth = \"many\"")],
+            2,
+            vec!["sprockets.driver.teeth", "a text", "whole number"],
+        ),
+        (
+            vec!["bush-20-40".into(), "--set".into(), "sprockets.driver.tip_diameter_mm=55.5".into()],
+            2,
+            vec!["pointed", "54.8"],
+        ),
         (vec!["bush-20-40".into(), "--set".into(), "chain.bush.links=30".into()], 2, vec!["links", "would fit"]),
         (vec!["bush-20-40".into(), "--set".into(), "chain.bush.links=91".into()], 2, vec!["odd"]),
-        (vec!["bush-20-40".into(), "--set".into(), "guides.fixed.tight.end_mm=2".into()], 2, vec!["guide `tight` runs through sprocket `driver`"]),
+        (
+            vec!["bush-20-40".into(), "--set".into(), "guides.fixed.tight.end_mm=2".into()],
+            2,
+            vec!["guide `tight` runs through sprocket `driver`"],
+        ),
         (vec!["bush-20-40".into(), "--set".into(), "run.step_us=20".into()], 2, vec!["too large", "would do"]),
-        (vec!["bush-20-40".into(), "--set".into(), "sprockets.drver.teeth=21".into()], 2, vec!["no value `sprockets.drver.teeth`", "`sprockets.driver.teeth`"]),
+        (
+            vec!["bush-20-40".into(), "--set".into(), "sprockets.drver.teeth=21".into()],
+            2,
+            vec!["no value `sprockets.drver.teeth`", "`sprockets.driver.teeth`"],
+        ),
         (vec!["bush-20-40".into(), "--set".into(), "nonsense".into()], 2, vec!["has no `=`"]),
         (vec!["no-such-drive.toml".into()], 2, vec!["cannot read drive", "bundled drives"]),
         (vec!["bush-20-4".into()], 2, vec!["did you mean the bundled drive `bush-20-40`"]),
@@ -112,7 +153,11 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
         (vec![file("binary.toml", &noise[..1000])], 2, vec!["not UTF-8"]),
         (vec!["bush-20-40".into(), "-o".into(), directory.clone()], 2, vec!["is a directory"]),
         (vec!["bush-20-40".into(), "-o".into(), format!("{directory}/a.avi")], 2, vec!["recordings end in"]),
-        (vec!["bush-20-40".into(), "-o".into(), format!("{directory}/missing/a.mcap")], 1, vec!["cannot write", "a.mcap"]),
+        (
+            vec!["bush-20-40".into(), "-o".into(), format!("{directory}/missing/a.mcap")],
+            1,
+            vec!["cannot write", "a.mcap"],
+        ),
         (vec!["bush-20-40".into(), "--duration".into(), "3".into()], 2, vec!["unit"]),
     ];
     for (rest, code, messages) in cases {
@@ -138,7 +183,11 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
 fn all_mistakes_of_a_file_come_at_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = stdout(&pitchline(&["drives", "bush-20-40"]));
-    let broken = text.replacen("teeth = 20", "teeth = 2", 1).replacen("friction = 0.1", "fricton = 0.1", 1).replacen("tension_n = 300", "tension_n = \"x\"", 1);
+    let broken = text.replacen("teeth = 20", "teeth = 2", 1).replacen("friction = 0.1", "fricton = 0.1", 1).replacen(
+        "tension_n = 300",
+        "tension_n = \"x\"",
+        1,
+    );
     let path = folder.path().join("three.toml");
     std::fs::write(&path, broken).expect("writable");
     let said = stderr(&pitchline(&["check", path.to_str().expect("text")]));

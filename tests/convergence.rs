@@ -42,7 +42,12 @@ fn compare(reference: &[(u32, f64, f64)], tried: &[(u32, f64, f64)], errors: &mu
             pairs.push((*peak, *p));
         }
     }
-    assert!(pairs.len() as f64 > 0.95 * reference.len() as f64, "{} of {} engagements pair", pairs.len(), reference.len());
+    assert!(
+        pairs.len() as f64 > 0.95 * reference.len() as f64,
+        "{} of {} engagements pair",
+        pairs.len(),
+        reference.len()
+    );
     let max = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).fold(0.0, f64::max);
     let sum = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>();
     errors.max_percent.push(100.0 * (max(&|p| p.0) / max(&|p| p.1) - 1.0));
@@ -62,8 +67,12 @@ fn engagement_peaks_at_the_default_step_stay_within_one_percent_of_a_fine_step()
         ("contact damping 600 N s/m", &["contact.sprocket.linear.damping_n_s_per_m=600"]),
         ("pin damping 300 N s/m", &["chain.joint.damping_n_s_per_m=300"]),
     ];
-    let factors: &[f64] = if std::env::var_os("PITCHLINE_SCHEME_TABLE").is_some() { &[0.7, 1.0, 1.2, 1.4, 1.7] } else { &[1.0] };
-    println!("error of the engagement peaks on the driver against {} us, mean over seeds [least, most]", REFERENCE_STEP_S * 1e6);
+    let factors: &[f64] =
+        if std::env::var_os("PITCHLINE_SCHEME_TABLE").is_some() { &[0.7, 1.0, 1.2, 1.4, 1.7] } else { &[1.0] };
+    println!(
+        "error of the engagement peaks on the driver against {} us, mean over seeds [least, most]",
+        REFERENCE_STEP_S * 1e6
+    );
     println!("{:<28} {:>8} {:>26} {:>26}", "case", "step us", "max %", "mean %");
     let mut failures = Vec::new();
     for (name, overrides) in cases {

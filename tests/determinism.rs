@@ -30,7 +30,11 @@ fn every_vector_unit_and_every_look_interval_gives_the_same_bits() {
         for refresh in [1, 7, 64] {
             let mut scratch = Scratch::with_isa(&a.model, isa);
             scratch.refresh_steps = refresh;
-            assert_eq!(hash_after(&a, &a.state, &mut scratch, STEPS).0, reference, "{isa:?}, looking every {refresh} steps");
+            assert_eq!(
+                hash_after(&a, &a.state, &mut scratch, STEPS).0,
+                reference,
+                "{isa:?}, looking every {refresh} steps"
+            );
         }
         println!("{isa:?}: {reference:016x}");
     }
@@ -46,7 +50,11 @@ fn wider_padding_gives_the_same_bits() {
         let mut state = State::at_rest(a.state.n_links, model.chain.padded, 2, model.guide_sides());
         state.restore(&a.state.keyframe()).expect("same columns");
         let padded = Assembly { model, state, report: a.report.clone() };
-        assert_eq!(hash_after(&padded, &padded.state, &mut Scratch::new(&padded.model), STEPS).0, reference, "padded to {width}");
+        assert_eq!(
+            hash_after(&padded, &padded.state, &mut Scratch::new(&padded.model), STEPS).0,
+            reference,
+            "padded to {width}"
+        );
     }
 }
 

@@ -37,7 +37,10 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let speed = (2.0 * 90.0 * 8e-3 + advance) / time;
     let turned = [state.rotors.angle[0] - start[0], state.rotors.angle[1] - start[1]];
     let ratio = turned[1] / turned[0];
-    println!("ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)", model.chain_speed_m_s);
+    println!(
+        "ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)",
+        model.chain_speed_m_s
+    );
     // A skipped tooth in two loops (nine turns of the driver) would show as 1/180 in both.
     assert!((ratio / 0.5 - 1.0).abs() < 1e-4, "ratio {ratio}");
     assert!((speed / model.chain_speed_m_s - 1.0).abs() < 1e-4, "span speed {speed}");
@@ -72,7 +75,9 @@ fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that
     let expected = 20.0 / model.sprockets[1].geometry.rolling_radius_m();
     let (mean, assembled_mean) = (mean / n, a.report.static_mean_tension_n);
     println!("tight {tight:.2} N - slack {slack:.2} N = {:.2} N, load / rolling radius {expected:.2} N", tight - slack);
-    println!("without friction: mean tension {mean:.2} N, static {assembled_mean:.2} N: transverse waves take up chain length");
+    println!(
+        "without friction: mean tension {mean:.2} N, static {assembled_mean:.2} N: transverse waves take up chain length"
+    );
     assert!(((tight - slack) / expected - 1.0).abs() < 5e-3);
 }
 
@@ -129,7 +134,15 @@ fn approach(form: &str) -> (f64, f64, Vec<u32>) {
 #[test]
 fn bushes_strike_with_the_seating_speed_along_the_actual_normal() {
     let p_omega = 8e-3 * 3000.0 * PI / 30.0;
-    for (form, low, high, why) in [("max", 1.657 * 0.93, 2.482, "flank 1.657, root 2.482; |v_rel| is 4 % below p omega, since the arriving link turns already"), ("min", 1.304 * 0.85, 1.304 * 1.20, "near its flank value 1.304")] {
+    for (form, low, high, why) in [
+        (
+            "max",
+            1.657 * 0.93,
+            2.482,
+            "flank 1.657, root 2.482; |v_rel| is 4 % below p omega, since the arriving link turns already",
+        ),
+        ("min", 1.304 * 0.85, 1.304 * 1.20, "near its flank value 1.304"),
+    ] {
         let (speed, ratio, segments) = approach(form);
         let count = |s: Segment| segments.iter().filter(|x| **x == s as u32).count();
         println!(
@@ -182,7 +195,9 @@ fn joules_add_up_and_the_error_falls_with_the_step() {
     assert!(fraction(&coarse) < 1e-4);
     // Second order: a quarter, with room for the impacts' random part.
     assert!(fraction(&fine) < 0.5 * fraction(&coarse));
-    for lost in [fine.lost_pin_damping_j, fine.lost_pin_friction_j, fine.lost_contact_damping_j, fine.lost_contact_friction_j] {
+    for lost in
+        [fine.lost_pin_damping_j, fine.lost_pin_friction_j, fine.lost_contact_damping_j, fine.lost_contact_friction_j]
+    {
         assert!(lost > 0.0, "{fine:?}");
     }
 }
@@ -232,7 +247,9 @@ fn positions_without_contact_converge_with_the_second_order() {
     let reference = run(0.0625e-6);
     let error = |h: f64| {
         let s = run(h);
-        (0..24).map(|i| (s.links.x[i] - reference.links.x[i]).hypot(s.links.y[i] - reference.links.y[i])).fold(0.0, f64::max)
+        (0..24)
+            .map(|i| (s.links.x[i] - reference.links.x[i]).hypot(s.links.y[i] - reference.links.y[i]))
+            .fold(0.0, f64::max)
     };
     let (e2, e1) = (error(1e-6), error(0.5e-6));
     let order = (e2 / e1).log2();

@@ -20,8 +20,7 @@ fn record(paths: &[&Path], duration_s: f64) -> (Header, Vec<Frame>) {
     let Assembly { model, mut state, report } = assembled(&drive);
     let span = Span::new(duration_s, 50e-6, model.step_s);
     let header = capture::header(&drive, &model, &report, span.steps_per_frame);
-    let mut sinks: Vec<_> =
-        paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+    let mut sinks: Vec<_> = paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
     // The same run once more, frames kept.
     let mut twin = state.clone();
     let mut scratch = Scratch::new(&model);

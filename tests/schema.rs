@@ -14,5 +14,8 @@ fn descriptor_is_the_compiled_proto_file() {
         std::fs::write(&path, &descriptor).expect("writable");
     }
     let committed = std::fs::read(&path).expect("assets/pitchline.desc");
-    assert!(committed == descriptor, "run PITCHLINE_WRITE_SCHEMA=1 cargo test --release --test schema, and look at the change");
+    assert!(
+        committed == descriptor,
+        "run PITCHLINE_WRITE_SCHEMA=1 cargo test --release --test schema, and look at the change"
+    );
 }

@@ -30,7 +30,11 @@ fn files_open_with_what_they_are_and_leave_nothing_open() {
         let shown = path.strip_prefix(root()).unwrap_or(&path).display();
         assert!(text.starts_with("//!"), "{shown} does not say what it is");
         // Spelled apart, so that this file does not find itself.
-        for word in ["todo", "unimplemented"].map(|w| format!("{w}!(")).iter().chain(&["TO".to_string() + "DO", "FIX".to_string() + "ME"]) {
+        for word in ["todo", "unimplemented"]
+            .map(|w| format!("{w}!("))
+            .iter()
+            .chain(&["TO".to_string() + "DO", "FIX".to_string() + "ME"])
+        {
             assert!(!text.contains(word.as_str()), "{shown} has {word}");
         }
         if path.starts_with(root().join("src")) {
@@ -62,7 +66,9 @@ fn architecture_names_files_that_exist_and_stays_short() {
     assert!(text.lines().count() < 100);
     let mut named = 0;
     for word in text.split(|c: char| c.is_whitespace() || c == '`' || c == '(' || c == ')' || c == ',') {
-        if (word.starts_with("src/") || word.starts_with("tests/") || word.starts_with("assets/")) && !word.contains('*') {
+        if (word.starts_with("src/") || word.starts_with("tests/") || word.starts_with("assets/"))
+            && !word.contains('*')
+        {
             assert!(root().join(word).exists(), "ARCHITECTURE.md names {word}");
             named += 1;
         }
@@ -74,16 +80,39 @@ fn architecture_names_files_that_exist_and_stays_short() {
 fn modules_use_only_what_stands_above_them() {
     // The order of reading; a module may use those before it.
     let order = [
-        "units", "diag", "geometry", "recording::frame", "state", "contact", "elements", "drive", "model", "statics",
-        "integrate", "assemble", "recording", "simulate", "render", "cli",
+        "units",
+        "diag",
+        "geometry",
+        "recording::frame",
+        "state",
+        "contact",
+        "elements",
+        "drive",
+        "model",
+        "statics",
+        "integrate",
+        "assemble",
+        "recording",
+        "simulate",
+        "render",
+        "cli",
     ];
     let place = |module: &str| order.iter().rposition(|m| module == *m || module.starts_with(&format!("{m}::")));
     for path in rust_files().iter().filter(|p| p.starts_with(root().join("src"))) {
-        let shown = path.strip_prefix(root().join("src")).unwrap_or(path).to_string_lossy().replace(".rs", "").replace('/', "::");
+        let shown = path
+            .strip_prefix(root().join("src"))
+            .unwrap_or(path)
+            .to_string_lossy()
+            .replace(".rs", "")
+            .replace('/', "::");
         let own = shown.trim_end_matches("::mod").to_string();
         let Some(here) = place(&own) else { continue };
         let text = std::fs::read_to_string(path).expect("readable");
-        for line in text.lines().take_while(|l| !l.contains("#[cfg(test)]")).filter_map(|l| l.trim().strip_prefix("use crate::")) {
+        for line in text
+            .lines()
+            .take_while(|l| !l.contains("#[cfg(test)]"))
+            .filter_map(|l| l.trim().strip_prefix("use crate::"))
+        {
             let used = line.split([';', '{', ' ']).next().unwrap_or("").trim_end_matches("::");
             if let Some(there) = place(used) {
                 assert!(there <= here, "{own} uses {used}, which stands below it");

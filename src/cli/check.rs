@@ -71,11 +71,19 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
                 )
             })
         })
-        .and_then(|()| bounds.iter().try_for_each(|(n, d)| writeln!(text, "  centre distance      {n}: {:.4} mm", d * 1e3)))
         .and_then(|()| {
-            writeln!(text, "  joint damping        ratio {:.3} % of a mode at 1 kHz", joint_damping_ratio(model) * 100.0)
+            bounds.iter().try_for_each(|(n, d)| writeln!(text, "  centre distance      {n}: {:.4} mm", d * 1e3))
         })
-        .and_then(|()| report.lines().iter().try_for_each(|line| writeln!(text, "  {}", line.replacen(" = ", ": ", 1))));
+        .and_then(|()| {
+            writeln!(
+                text,
+                "  joint damping        ratio {:.3} % of a mode at 1 kHz",
+                joint_damping_ratio(model) * 100.0
+            )
+        })
+        .and_then(|()| {
+            report.lines().iter().try_for_each(|line| writeln!(text, "  {}", line.replacen(" = ", ": ", 1)))
+        });
     print_out(&text)
 }
 

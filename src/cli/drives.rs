@@ -22,7 +22,8 @@ pub fn run(args: &DrivesArgs) -> Result<Outcome, Failure> {
         .map(|(name, text)| (*name, Drive::parse(name, text, &[]).map(|d| d.title).unwrap_or_default()))
         .collect();
     if args.json {
-        let list: Vec<_> = titles.iter().map(|(name, title)| serde_json::json!({ "name": name, "title": title })).collect();
+        let list: Vec<_> =
+            titles.iter().map(|(name, title)| serde_json::json!({ "name": name, "title": title })).collect();
         return print_json(&serde_json::json!({ "drives": list }));
     }
     let text: String = titles.iter().map(|(name, title)| format!("{name:<16} {title}\n")).collect();

@@ -74,7 +74,8 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let Assembly { model, mut state, report } = assembly;
     let mut scratch = Scratch::new(&model);
     let bar = progress_bar(span.steps, model.step_s);
-    let result = simulate(&model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |step| bar.set_position(step));
+    let result =
+        simulate(&model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |step| bar.set_position(step));
     bar.finish_and_clear();
     let wall_s = started.elapsed().as_secs_f64();
     let summary = match result {

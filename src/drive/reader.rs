@@ -54,7 +54,9 @@ impl<'t> Reader<'t> {
                 Err(title) => diags.push(Diag {
                     title,
                     place: Place { source, span: 0..given.len() },
-                    help: Some("write --set path=value, e.g. --set sprockets.driver.teeth=21 or --set 'title=\"x\"'".into()),
+                    help: Some(
+                        "write --set path=value, e.g. --set sprockets.driver.teeth=21 or --set 'title=\"x\"'".into(),
+                    ),
                 }),
             }
         }
@@ -215,7 +217,11 @@ impl<'a> Table<'a> {
 
     fn missing(&self, key: &str, wanted: &str) {
         let path = self.join(key);
-        let title = if self.is_present() { format!("`{path}` is missing") } else { format!("table `{}` is missing", self.path) };
+        let title = if self.is_present() {
+            format!("`{path}` is missing")
+        } else {
+            format!("table `{}` is missing", self.path)
+        };
         self.reader.error(title, self.place.clone(), Some(format!("add `{key} = ...` ({wanted})")));
     }
 
@@ -318,7 +324,9 @@ impl<'a> Table<'a> {
         for item in array.iter() {
             match item.get_ref() {
                 DeValue::String(s) => texts.push(s.to_string()),
-                other => self.wrong_type(key, other, "a list of texts", Place { source: place.source, span: item.span() }),
+                other => {
+                    self.wrong_type(key, other, "a list of texts", Place { source: place.source, span: item.span() })
+                }
             }
         }
         Some(texts)
@@ -377,8 +385,9 @@ impl<'a> Table<'a> {
 
 /// What to write instead of the unknown key `name`.
 fn suggestion(name: &str, known: &[&str]) -> String {
-    let stem = |s: &str| UNIT_SUFFIXES.iter().find_map(|u| s.strip_suffix(u).map(str::to_string)).unwrap_or(s.to_string());
-    if let Some(same) = known.iter().find(|k| stem(k) == stem(name) && stem(name) != "") {
+    let stem =
+        |s: &str| UNIT_SUFFIXES.iter().find_map(|u| s.strip_suffix(u).map(str::to_string)).unwrap_or(s.to_string());
+    if let Some(same) = known.iter().find(|k| stem(k) == stem(name) && !stem(name).is_empty()) {
         return format!("the unit is part of the name: write `{same}`");
     }
     match nearest(name, known.iter().copied()) {

@@ -155,11 +155,7 @@ impl ContactLaw {
             ContactLaw::HertzLine(hertz) => hertz.elastic(d, radii.bush_m, radii.body_m),
             ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let force_n = stiffness_n_per_m_n * libm::pow(d, exponent);
-                Elastic {
-                    force_n,
-                    stiffness_n_per_m: exponent * force_n / d,
-                    energy_j: force_n * d / (exponent + 1.0),
-                }
+                Elastic { force_n, stiffness_n_per_m: exponent * force_n / d, energy_j: force_n * d / (exponent + 1.0) }
             }
         }
     }

@@ -21,7 +21,13 @@ const STICK_PER_KAPPA: f64 = 3.0;
 ///
 /// `free_speed`: tangential speed without this force [m/s]; `half_step_mobility`: (h/2) w_t [s/kg].
 #[inline(always)]
-pub fn solved_force(coefficient: f64, normal_force: f64, free_speed: f64, stick_speed: f64, half_step_mobility: f64) -> f64 {
+pub fn solved_force(
+    coefficient: f64,
+    normal_force: f64,
+    free_speed: f64,
+    stick_speed: f64,
+    half_step_mobility: f64,
+) -> f64 {
     let limit = coefficient * normal_force;
     let kappa = half_step_mobility * limit;
     let least = STICK_PER_KAPPA * kappa;
@@ -35,7 +41,13 @@ pub fn solved_force(coefficient: f64, normal_force: f64, free_speed: f64, stick_
 /// Friction force on the link [N] from the speed at the node, this force included: for forces that keep no memory. The stick
 /// speed is at least four kappa, which keeps the explicit force from overshooting.
 #[inline(always)]
-pub fn explicit_force(coefficient: f64, normal_force: f64, speed: f64, stick_speed: f64, half_step_mobility: f64) -> f64 {
+pub fn explicit_force(
+    coefficient: f64,
+    normal_force: f64,
+    speed: f64,
+    stick_speed: f64,
+    half_step_mobility: f64,
+) -> f64 {
     let limit = coefficient * normal_force;
     let least = (STICK_PER_KAPPA + 1.0) * half_step_mobility * limit;
     let stick_speed = if stick_speed > least { stick_speed } else { least };

@@ -39,7 +39,11 @@ impl LinkJoint {
     pub fn force(&self, ux: f64, uy: f64, rate_x: f64, rate_y: f64) -> JointForce {
         let (k, c) = (self.stiffness_n_per_m, self.damping_n_s_per_m);
         if self.clearance_m == 0.0 {
-            return JointForce { x: k * ux + c * rate_x, y: k * uy + c * rate_y, stored: 0.5 * k * (ux * ux + uy * uy) };
+            return JointForce {
+                x: k * ux + c * rate_x,
+                y: k * uy + c * rate_y,
+                stored: 0.5 * k * (ux * ux + uy * uy),
+            };
         }
         let distance = libm::sqrt(ux * ux + uy * uy);
         let stretch = distance - self.clearance_m;
@@ -68,7 +72,6 @@ pub struct JointEnds<'a> {
 
 /// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `lost_*` [W]. Vectorises when inlined.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // columns, each its own slice: that is what lets them vectorise
 pub fn forces(
     joint: &LinkJoint,
     half_step: f64,

@@ -11,9 +11,7 @@
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rotor {
     /// Speed prescribed [rad/s], counterclockwise positive.
-    Driven {
-        speed_rad_s: f64,
-    },
+    Driven { speed_rad_s: f64 },
     /// Turns freely under chain and load.
     Free {
         inertia_kg_m2: f64,

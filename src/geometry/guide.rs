@@ -37,7 +37,14 @@ pub struct StraightGuide {
 impl StraightGuide {
     /// Guide along `span` from `start_m` to `end_m` after its beginning. `standoff_m`: distance of the face from the line
     /// through the joints, on the guide's side.
-    pub fn along_span(span: &Span, side: GuideSide, start_m: f64, end_m: f64, standoff_m: f64, end_radius_m: f64) -> StraightGuide {
+    pub fn along_span(
+        span: &Span,
+        side: GuideSide,
+        start_m: f64,
+        end_m: f64,
+        standoff_m: f64,
+        end_radius_m: f64,
+    ) -> StraightGuide {
         let left = perp(span.direction);
         let (towards_guide, along, first, travel) = match side {
             GuideSide::Inside => (left, -span.direction, end_m, -1.0),
@@ -80,7 +87,12 @@ impl StraightGuide {
                     sweep_rad: END_SWEEP_RAD,
                 },
                 Element::Line { start: Vec2::new(l, 0.0), end: Vec2::zeros() },
-                Element::Arc { centre: Vec2::new(0.0, below), radius_m: r, start_rad: 0.5 * PI, sweep_rad: END_SWEEP_RAD },
+                Element::Arc {
+                    centre: Vec2::new(0.0, below),
+                    radius_m: r,
+                    start_rad: 0.5 * PI,
+                    sweep_rad: END_SWEEP_RAD,
+                },
             ],
             false,
         )

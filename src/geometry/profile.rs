@@ -73,9 +73,7 @@ impl Element {
     pub fn tangent(&self, along: f64) -> Vec2 {
         match *self {
             Element::Line { start, end } => (end - start).normalize(),
-            Element::Arc { start_rad, sweep_rad, .. } => {
-                perp(unit(start_rad + sweep_rad * along)) * sweep_rad.signum()
-            }
+            Element::Arc { start_rad, sweep_rad, .. } => perp(unit(start_rad + sweep_rad * along)) * sweep_rad.signum(),
         }
     }
 
@@ -133,14 +131,7 @@ impl Element {
         let side = if d.dot(&outward) < 0.0 { -1.0 } else { 1.0 };
         let distance = d.norm();
         let normal = if inside || distance == 0.0 { outward } else { d * (side / distance) };
-        Foot {
-            element: 0,
-            along,
-            point,
-            normal,
-            distance_m: side * distance,
-            curvature_per_m: self.curvature_per_m(),
-        }
+        Foot { element: 0, along, point, normal, distance_m: side * distance, curvature_per_m: self.curvature_per_m() }
     }
 
     /// The element moved outwards by `distance_m`; None where an arc would vanish or turn inside out.
@@ -162,12 +153,9 @@ impl Element {
         let place = |p: Vec2| super::rotated(p, angle_rad) + shift;
         match *self {
             Element::Line { start, end } => Element::Line { start: place(start), end: place(end) },
-            Element::Arc { centre, radius_m, start_rad, sweep_rad } => Element::Arc {
-                centre: place(centre),
-                radius_m,
-                start_rad: start_rad + angle_rad,
-                sweep_rad,
-            },
+            Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
+                Element::Arc { centre: place(centre), radius_m, start_rad: start_rad + angle_rad, sweep_rad }
+            }
         }
     }
 
@@ -290,7 +278,11 @@ impl Profile {
                     let (new, old) = (foot.distance_m.abs(), b.distance_m.abs());
                     // Two elements that share a corner are equally near: the side is that of the one `p` faces squarely.
                     let tie = (new - old).abs() <= JOINT_TOLERANCE_M;
-                    if tie { foot_squareness(&foot, p, element) > foot_squareness(b, p, &self.elements[b.element]) } else { new < old }
+                    if tie {
+                        foot_squareness(&foot, p, element) > foot_squareness(b, p, &self.elements[b.element])
+                    } else {
+                        new < old
+                    }
                 }
             };
             if nearer {
@@ -313,10 +305,7 @@ impl Profile {
 
     /// The profile turned by `angle_rad`, then moved by `shift`.
     pub fn moved(&self, angle_rad: f64, shift: Vec2) -> Profile {
-        Profile {
-            elements: self.elements.iter().map(|e| e.moved(angle_rad, shift)).collect(),
-            closed: self.closed,
-        }
+        Profile { elements: self.elements.iter().map(|e| e.moved(angle_rad, shift)).collect(), closed: self.closed }
     }
 
     /// Smallest box with sides along the axes.

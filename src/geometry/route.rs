@@ -73,7 +73,9 @@ impl std::fmt::Display for RouteError {
                 "sprockets {first} and {second} of the route stand too close; their axes must be more than {:.3} mm apart",
                 needed_m * 1e3
             ),
-            RouteError::Unwrapped { pulley } => write!(f, "the chain does not wrap sprocket {pulley} of the route from this side"),
+            RouteError::Unwrapped { pulley } => {
+                write!(f, "the chain does not wrap sprocket {pulley} of the route from this side")
+            }
             RouteError::Open { links, fits } => {
                 write!(f, "a loop of {links} links does not close")?;
                 if !fits.is_empty() {

@@ -114,7 +114,11 @@ impl std::fmt::Display for SprocketError {
                 largest_tip_diameter_m / MM
             ),
             SprocketError::LowTip { smallest_tip_diameter_m } => {
-                write!(f, "the tip circle cuts off the working flank; at least {:.3} mm is needed", smallest_tip_diameter_m / MM)
+                write!(
+                    f,
+                    "the tip circle cuts off the working flank; at least {:.3} mm is needed",
+                    smallest_tip_diameter_m / MM
+                )
             }
             SprocketError::Undercut { interference_m } => write!(
                 f,

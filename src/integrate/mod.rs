@@ -68,7 +68,10 @@ impl std::fmt::Display for StepError {
             StepErrorKind::NotFinite => write!(f, "a value is no finite number")?,
             StepErrorKind::Torn { stretch_m } => write!(f, "the joint is stretched by {:.3} mm", stretch_m * 1e3)?,
         }
-        write!(f, "; look at the frames before it, and try a smaller step (run.step_us) or less extreme contact parameters")
+        write!(
+            f,
+            "; look at the frames before it, and try a smaller step (run.step_us) or less extreme contact parameters"
+        )
     }
 }
 

@@ -62,10 +62,7 @@ fn contact_bounds(name: &str, law: &ContactLaw, radii: PairRadii, mobility: f64)
     let stiffness = law.stiffness_at(PEAK_FORCE_N, radii);
     let damping = law.damping_at(PEAK_FORCE_N).max(1e-9);
     [
-        StepBound {
-            step_s: CONTACT / libm::sqrt(stiffness * mobility),
-            cause: format!("contact stiffness at {name}"),
-        },
+        StepBound { step_s: CONTACT / libm::sqrt(stiffness * mobility), cause: format!("contact stiffness at {name}") },
         StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping at {name}") },
     ]
 }

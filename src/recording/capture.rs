@@ -85,9 +85,10 @@ impl Camera {
             step: state.step,
             t_s: state.step as f64 * model.step_s,
             state_hash: state.hash(),
-            crank_angle_rad: model.sprockets.get(model.driver).map_or(0.0, |d| {
-                d.nominal_speed_rad_s * state.step as f64 * model.step_s
-            }),
+            crank_angle_rad: model
+                .sprockets
+                .get(model.driver)
+                .map_or(0.0, |d| d.nominal_speed_rad_s * state.step as f64 * model.step_s),
             links,
             joints,
             contacts: columns(&rows),
@@ -233,7 +234,6 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
     }
 }
 
-#[allow(clippy::too_many_arguments)] // one contact: who, what shape, where, how deep, how fast
 fn row(
     model: &Model,
     pair: &Pair<'_>,
@@ -409,7 +409,11 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
             y_m: s.body.centre.y,
             angle_rad: 0.0,
             teeth: s.geometry.spec.teeth,
-            outline: s.geometry.profile().ok().map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m)])),
+            outline: s
+                .geometry
+                .profile()
+                .ok()
+                .map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m)])),
         })
         .collect();
     bodies.extend(model.guides.iter().map(|g| BodyInfo {
@@ -441,7 +445,11 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
         bodies,
         channels: super::channels::CHANNELS
             .iter()
-            .map(|(name, unit, meaning)| Channel { name: (*name).into(), unit: (*unit).into(), meaning: (*meaning).into() })
+            .map(|(name, unit, meaning)| Channel {
+                name: (*name).into(),
+                unit: (*unit).into(),
+                meaning: (*meaning).into(),
+            })
             .collect(),
         chain_speed_m_s: model.chain_speed_m_s,
         static_tension_n: report.static_mean_tension_n,
@@ -475,6 +483,9 @@ fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
         name: name.to_string(),
         elements,
         closed: profile.is_closed(),
-        circles: circles.iter().map(|(c, radius_m)| OutlineCircle { x_m: c.x, y_m: c.y, radius_m: *radius_m }).collect(),
+        circles: circles
+            .iter()
+            .map(|(c, radius_m)| OutlineCircle { x_m: c.x, y_m: c.y, radius_m: *radius_m })
+            .collect(),
     }
 }

@@ -25,7 +25,11 @@ pub const CHANNELS: [(&str, &str, &str); 44] = [
     ("contacts.penetration_m", "m", "Depth of overlap along the normal."),
     ("contacts.approach_speed_m_s", "m/s", "Closing speed along the normal when the contact was first touched."),
     ("contacts.normal_speed_m_s", "m/s", "Rate of penetration."),
-    ("contacts.tangential_speed_m_s", "m/s", "Sliding speed of the link over the body along the tangent (normal turned by +90 degrees)."),
+    (
+        "contacts.tangential_speed_m_s",
+        "m/s",
+        "Sliding speed of the link over the body along the tangent (normal turned by +90 degrees).",
+    ),
     ("contacts.normal_force_n", "N", "Force on the link along the normal, never negative."),
     ("contacts.tangential_force_n", "N", "Friction force on the link along the tangent."),
     ("contacts.stick", "1", "True while the friction is below its limit."),

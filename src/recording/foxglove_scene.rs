@@ -48,8 +48,8 @@ pub fn outlines(header: &Header) -> SceneUpdate {
 }
 
 fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
-    let mut lines = vec![line(&polyline(outline), outline.closed, color.clone())];
-    lines.extend(outline.circles.iter().map(|c| line(&circle(c.x_m, c.y_m, c.radius_m), true, color.clone())));
+    let mut lines = vec![line(&polyline(outline), outline.closed, color)];
+    lines.extend(outline.circles.iter().map(|c| line(&circle(c.x_m, c.y_m, c.radius_m), true, color)));
     SceneEntity {
         timestamp: timestamp(0),
         frame_id: frame_id.to_string(),

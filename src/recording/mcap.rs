@@ -10,8 +10,8 @@
 //! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole, so that a killed run leaves a file that is complete
 //! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file.
 
-use super::frame::{Event, Frame, Header, Keyframe, Signals};
 use super::foxglove_scene as scene;
+use super::frame::{Event, Frame, Header, Keyframe, Signals};
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::Context;
 use mcap::records::{MessageHeader, Metadata};

@@ -74,7 +74,11 @@ impl PictureClock {
         if t_s + 0.5e-9 < self.next_s {
             return false;
         }
-        self.next_s = if self.next_s.is_finite() { self.next_s.max(t_s - self.interval_s) + self.interval_s } else { t_s + self.interval_s };
+        self.next_s = if self.next_s.is_finite() {
+            self.next_s.max(t_s - self.interval_s) + self.interval_s
+        } else {
+            t_s + self.interval_s
+        };
         true
     }
 }
