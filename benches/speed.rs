@@ -1,0 +1,115 @@
+//! Speed of the bundled drive, beside a fixed calibration loop timed in the same run. Prints CPU seconds of this process
+//! (user and system, all threads) per simulated second.
+//!
+//! cargo bench --bench speed
+
+use pitchline::assemble::{Assembly, assemble};
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::integrate::Isa;
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::recording::{ViewOptions, capture, create};
+use pitchline::simulate::{Span, run};
+use std::sync::atomic::AtomicBool;
+
+/// CPU time of this process so far [s], by /proc (0 where there is none).
+fn cpu_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after = stat.rsplit(')').next().unwrap_or_default();
+    let ticks: Vec<f64> = after.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+    // utime and stime are fields 14 and 15; the state letter after the name is no number.
+    (ticks.get(10).unwrap_or(&0.0) + ticks.get(11).unwrap_or(&0.0)) / 100.0
+}
+
+/// CPU time of `f` [s].
+fn timed(f: impl FnOnce()) -> f64 {
+    let before = cpu_s();
+    f();
+    cpu_s() - before
+}
+
+/// A chain of dependent multiplications, divisions and square roots: the same work on every machine.
+fn calibration() -> f64 {
+    timed(|| {
+        let mut x = 1.5_f64;
+        for i in 0..60_000_000_u32 {
+            x = (x * 1.000_000_1 + 1.0 / (1.0 + f64::from(i & 7))).sqrt();
+        }
+        std::hint::black_box(x);
+    })
+}
+
+fn drive(overrides: &[&str]) -> Drive {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
+    Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &overrides).expect("the bundled drive")
+}
+
+fn assembled(drive: &Drive) -> Assembly {
+    assemble(drive).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn main() {
+    let calibration_s = calibration();
+    println!("calibration loop: {calibration_s:.2} CPU s");
+    let duration = 1.0;
+    let a = assembled(&drive(&[]));
+    let steps = (duration / a.model.step_s) as u64;
+    let per_link_step = |cpu: f64, links: f64, steps: f64| cpu / links / steps * 1e9;
+    for isa in Isa::available() {
+        let mut state = a.state.clone();
+        let mut scratch = Scratch::with_isa(&a.model, isa);
+        let cpu = timed(|| {
+            for _ in 0..steps {
+                explicit::step(&a.model, &mut state, &mut scratch).expect("holds");
+            }
+        });
+        println!(
+            "{isa:?}: {cpu:.2} CPU s per simulated s, {:.1} ns per link and step, {:.2} calibrations",
+            per_link_step(cpu, 90.0, steps as f64),
+            cpu / calibration_s
+        );
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    for names in [vec!["a.mcap"], vec!["b.mcap", "b.rrd"]] {
+        if names.iter().any(|n| !pitchline::recording::extensions().iter().any(|e| n.ends_with(e))) {
+            continue;
+        }
+        let drive = drive(&[]);
+        let Assembly { model, mut state, report } = assembled(&drive);
+        let span = Span::new(duration, 50e-6, model.step_s);
+        let header = capture::header(&drive, &model, &report, span.steps_per_frame);
+        let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
+        let cpu = timed(|| {
+            let mut sinks: Vec<_> =
+                paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+            let mut scratch = Scratch::new(&model);
+            let stop = AtomicBool::new(false);
+            run(&model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
+            for sink in &mut sinks {
+                sink.finish().expect("finishes");
+            }
+        });
+        println!("with {}: {cpu:.2} CPU s per simulated s", names.join(" and "));
+    }
+    // Longer chains: what an added link costs.
+    let mut last: Option<(f64, f64)> = None;
+    for links in [90, 180, 360, 720] {
+        let set = [
+            format!("chain.bush.links={links}"),
+            format!("sprockets.driven.x_mm={}", 238.6 + 4.0 * f64::from(links - 90)),
+        ];
+        let a = assembled(&drive(&set.iter().map(String::as_str).collect::<Vec<_>>()));
+        let (mut state, mut scratch) = (a.state.clone(), Scratch::new(&a.model));
+        let steps = (0.3 / a.model.step_s) as u64;
+        let cpu = timed(|| {
+            for _ in 0..steps {
+                explicit::step(&a.model, &mut state, &mut scratch).expect("holds");
+            }
+        });
+        let step_ns = cpu / steps as f64 * 1e9;
+        let added = last.map_or(String::new(), |(n, ns)| {
+            format!(", {:.1} ns a step for every added link", (step_ns - ns) / (f64::from(links) - n))
+        });
+        println!("{links} links: {step_ns:.0} ns a step{added}");
+        last = Some((f64::from(links), step_ns));
+    }
+}
