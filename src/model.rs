@@ -18,7 +18,7 @@ use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
-use parry2d_f64::shape::{Ball, Segment};
+use parry2d_f64::shape::{Ball, Polyline};
 
 /// Columns are padded to a multiple of this.
 pub const LANE_WIDTH: usize = crate::elements::tooth_contact::LANES;
@@ -371,9 +371,11 @@ fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideM
             ));
             continue;
         }
-        let face = Segment::new(mm(g.geometry.origin), mm(g.geometry.origin + g.geometry.along * g.geometry.length_m));
+        let Ok(profile) = g.geometry.profile() else { continue };
+        let placed = profile.moved(g.geometry.angle_rad(), g.geometry.origin);
+        let contour = Polyline::new(placed.polyline(10e-6).into_iter().map(mm).collect(), None);
         for s in sprockets {
-            if let Ok(gap) = query::distance(&Pose::IDENTITY, &face, &at(s.body.centre), &ball(s))
+            if let Ok(gap) = query::distance(&Pose::IDENTITY, &contour, &at(s.body.centre), &ball(s))
                 && gap.distance <= 0.0
             {
                 diags.push(drive.places.error(
