@@ -28,6 +28,10 @@ pub const DESCRIPTOR: &[u8] = include_bytes!("../../assets/pitchline.desc");
 /// Frames after which a chunk is closed and handed to the system.
 pub const FRAMES_PER_CHUNK: u64 = 128;
 
+/// zstd level: negative ones skip the entropy coding of literals, which mantissas of forces and positions do not reward. The
+/// writer takes it unsigned and hands its bits on as a signed number.
+const FAST_LEVEL: i32 = -3;
+
 /// Topics in the order in which they are registered.
 pub const TOPICS: [(&str, &str); 8] = [
     ("/pitchline/header", "pitchline.Header"),
@@ -70,7 +74,7 @@ impl McapSink {
             .profile("pitchline")
             .library(header.program.clone())
             .compression(Some(mcap::Compression::Zstd))
-            .compression_level(1)
+            .compression_level(FAST_LEVEL.cast_unsigned())
             .compression_threads(0)
             .chunk_size(None)
             .disable_seeking(true);
