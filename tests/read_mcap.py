@@ -18,10 +18,10 @@ def numbers(message):
             continue
         if field.message_type is not None:
             yield from numbers(value)
-        elif hasattr(value, "__iter__"):
-            yield from value
-        else:
+        elif isinstance(value, (int, float)):
             yield value
+        else:
+            yield from value
 
 
 def main():

@@ -28,6 +28,22 @@ pub struct GuideBody {
     pub stick_speed_m_s: f64,
 }
 
+/// Whether any joint is within `reach_m` of touching, or touches: a first look at positions alone. With `reach_m` at least what
+/// a joint moves in a step, whatever touched a step ago is found too.
+#[inline(always)]
+pub fn any_within(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool {
+    let (tx, ty) = (body.along.x, body.along.y);
+    let base = body.origin.y * tx - body.origin.x * ty;
+    // Over the relief arcs the gap is larger than over the face prolonged.
+    let (low, high) = (base - body.plate_radius_m, base + body.plate_radius_m + reach_m);
+    let mut near = 0_u64;
+    for i in 0..LANES {
+        let height = y[i] * tx - x[i] * ty;
+        near |= u64::from((height > low) & (height < high));
+    }
+    near != 0
+}
+
 /// Whether any joint touches the guide, touched it (`held`: its force then), or may within half a step. Errs on the safe
 /// side: over the face twice the actual closing speed is reckoned with, and over the relief arcs `reach_m`. `motion`: x, y, vx, vy of the joints.
 #[inline(always)]

@@ -145,6 +145,18 @@ impl Lanes {
     }
 }
 
+/// Whether any of these points is inside the circle of radius `reach_m` about the sprocket's axis.
+#[inline(always)]
+pub fn any_inside(body: &ToothedBody, reach_m: f64, x: Column, y: Column) -> bool {
+    let reach2 = reach_m * reach_m;
+    let mut inside = 0_u64;
+    for i in 0..LANES {
+        let (dx, dy) = (x[i] - body.centre.x, y[i] - body.centre.y);
+        inside |= u64::from(dx * dx + dy * dy < reach2);
+    }
+    inside != 0
+}
+
 /// Whether any lane penetrates or is nearer than `reach_m`.
 #[inline(always)]
 pub fn any_within(reach_m: f64, lanes: &Lanes) -> bool {

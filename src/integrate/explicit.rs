@@ -13,6 +13,8 @@
 //! between it and [`advance`]; a step is one after the other. Sums run in chain order or in fixed partial sums, so that
 //! no vector width, window or reporting interval changes a bit.
 
+mod windows;
+
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::guide_contact::{self, GuideBody};
 use crate::elements::link_joint::{self, JointEnds};
@@ -85,6 +87,8 @@ pub struct Scratch {
     guide_ends: [ContactMemory; 4],
     /// Per set of guide ends and block: how many of the two memories still hold an old contact.
     stale_blocks: [Vec<u8>; 4],
+    /// The same of the bushes.
+    stale_bushes: Vec<u8>,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -174,6 +178,7 @@ impl Scratch {
             bushes: ContactMemory::new(n),
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
             stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
+            stale_bushes: vec![2; n / LANES],
             ax: column(),
             ay: column(),
             alpha: column(),
@@ -236,7 +241,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
         link_ends(model, state, scratch);
         let fastest_m_s = check(model, state, scratch)?;
         scratch.fastest_m_s = fastest_m_s;
-        refresh(model, state, scratch);
+        windows::refresh(model, state, scratch);
         let bearable = (0.4 * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
         scratch.next_refresh = state.step + scratch.refresh_steps.min(bearable).max(1);
     }
@@ -468,12 +473,22 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let omega = r.omega[k] + 0.5 * model.step_s * r.alpha[k];
     let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
     let reach_m = scratch.fastest_m_s * model.step_s;
+    // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
+    let tip_reach_m =
+        body.tip_radius_m + body.bush_radius_m + reach_m + model.chain.joint.clearance_m + JOINT_STRETCH_M;
     let mut partial = [0.0; LANES];
     let mut block = Lanes::default();
     let lanes = &mut block;
     for w in 0..scratch.tooth_windows[k].len() {
         let Window { start, end, shared } = scratch.tooth_windows[k][w];
         for at in (start..end).step_by(LANES) {
+            if !shared
+                && !tooth_contact::any_inside(body, tip_reach_m, take(&scratch.front.x, at), take(&scratch.front.y, at))
+            {
+                clear_bushes(state, scratch, n, at);
+                continue;
+            }
+            scratch.stale_bushes[at / LANES] = 2;
             load_bushes(&bush_columns(model, state, scratch, k), n, at, body.centre, lanes);
             if shared {
                 send_away(&scratch.nearest_sprocket[at..at + LANES], k, lanes);
@@ -555,6 +570,25 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
         ],
         memory: [&m.normal_force[..n], &m.tangential_force[..n], &m.age[..n], &m.approach[..n]],
     }
+}
+
+/// Joints that stretch further than this are found torn soon [m].
+const JOINT_STRETCH_M: f64 = 0.5e-3;
+
+/// A block of bushes outside the tip circle: forgets old contacts, once for each of the two memories that change hands.
+#[inline(always)]
+fn clear_bushes(state: &State, scratch: &mut Scratch, n: usize, at: usize) {
+    let stale = &mut scratch.stale_bushes[at / LANES];
+    if *stale == 0 {
+        return;
+    }
+    *stale -= 1;
+    let mut nothing = Lanes::default();
+    nothing.let_go();
+    put(&mut scratch.bush_x[1..=n], at, nothing.force_x);
+    put(&mut scratch.bush_y[1..=n], at, nothing.force_y);
+    put(&mut scratch.bush_moment[1..=n], at, nothing.moment);
+    keep(&nothing, &state.bushes, &mut scratch.bushes, n, at);
 }
 
 /// Puts lanes that are nearer to another body out of reach.
@@ -705,6 +739,11 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
             for (rear, sign) in [(0, 1.0), (1, -1.0)] {
                 let set = 2 * body.side + rear;
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
+                let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
+                if !shared && !within {
+                    clear_block(state, scratch, set, at);
+                    continue;
+                }
                 let held = take(&state.guide_ends[set].normal_force, at);
                 let motion = [&ends.x, &ends.y, &ends.vx, &ends.vy].map(|c| take(c, at));
                 if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion) {
@@ -934,119 +973,4 @@ fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepErr
         Some(element) => Err(StepError { t_s, element, kind: StepErrorKind::NotFinite }),
         None => Ok(libm::sqrt(fastest2)),
     }
-}
-
-/// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
-fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
-    let n = model.chain.n_links;
-    // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
-    scratch.bushes.clone_from(&state.bushes);
-    scratch.guide_ends.clone_from(&state.guide_ends);
-    scratch.stale_blocks.iter_mut().for_each(|blocks| blocks.fill(2));
-    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
-        column.fill(0.0);
-    }
-    for column in [&mut scratch.guide_x, &mut scratch.guide_y, &mut scratch.guide_moment] {
-        column.fill(0.0);
-    }
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
-        let centre = sprocket.body.centre;
-        let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
-        let near = |j: usize| {
-            let (dx, dy) = offset(j);
-            dx * dx + dy * dy < reach * reach
-        };
-        let windows = aligned_windows(n, model.chain.padded, near);
-        for j in windows.iter().flat_map(|w| w.start..w.end) {
-            let (dx, dy) = offset(j);
-            let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
-            scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
-            scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
-        }
-        scratch.tooth_windows[k] = windows;
-    }
-    for (k, guide) in model.guides.iter().enumerate() {
-        let b = &guide.body;
-        // Link centres lie up to a lever from the ends that touch.
-        let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
-        let reach = b.plate_radius_m + lever + WINDOW_MARGIN_M;
-        let beyond = b.relief_m + reach;
-        let near = |i: usize| {
-            let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
-            let along = dx * b.along.x + dy * b.along.y;
-            let above = dy * b.along.x - dx * b.along.y;
-            above.abs() < reach && along > -beyond && along < b.length_m + beyond
-        };
-        scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
-    }
-    find_nearest(model, state, scratch);
-}
-
-/// Marks windows that lie over each other, and for their lanes the nearest body.
-fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
-    let everything = |_: usize, _: usize| true;
-    if mark_shared(&mut scratch.tooth_windows, everything) {
-        for j in 0..model.chain.n_links {
-            let gap = |k: &usize| {
-                let s = &model.sprockets[*k];
-                let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
-                d - s.geometry.tip_radius_m
-            };
-            let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
-            scratch.nearest_sprocket[j] = nearest.unwrap_or(0);
-        }
-    }
-    let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
-    if mark_shared(&mut scratch.guide_windows, same_side) {
-        for side in 0..2 {
-            for i in 0..model.chain.n_links {
-                let gap = |k: &usize| {
-                    let b = &model.guides[*k].body;
-                    let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
-                    let along = dx * b.along.x + dy * b.along.y;
-                    let above = dy * b.along.x - dx * b.along.y;
-                    above.hypot(along - along.clamp(0.0, b.length_m))
-                };
-                let on_side = (0..model.guides.len()).filter(|k| model.guides[*k].body.side == side);
-                scratch.nearest_guide[side][i] = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
-            }
-        }
-    }
-}
-
-/// Sets `shared` on windows of different bodies that overlap; returns whether there are any.
-fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bool) -> bool {
-    let mut any = false;
-    for a in 0..windows.len() {
-        for b in (a + 1)..windows.len() {
-            if !compete(a, b) {
-                continue;
-            }
-            for i in 0..windows[a].len() {
-                for j in 0..windows[b].len() {
-                    if windows[a][i].start < windows[b][j].end && windows[b][j].start < windows[a][i].end {
-                        windows[a][i].shared = true;
-                        windows[b][j].shared = true;
-                        any = true;
-                    }
-                }
-            }
-        }
-    }
-    any
-}
-
-/// Runs of indices below `n` that are near, widened to multiples of [`LANES`] and joined.
-fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
-    let mut windows: Vec<Window> = Vec::new();
-    for start in (0..padded).step_by(LANES) {
-        if (start..(start + LANES).min(n)).any(&near) {
-            match windows.last_mut() {
-                Some(last) if last.end == start => last.end += LANES,
-                _ => windows.push(Window { start, end: start + LANES, shared: false }),
-            }
-        }
-    }
-    windows
 }

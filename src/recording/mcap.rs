@@ -239,8 +239,8 @@ pub fn read(path: &Path) -> anyhow::Result<Recording> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let named = |what: &str| format!("{}: {what}", path.display());
     let mut recording = Recording { complete: bytes.ends_with(mcap::MAGIC), ..Recording::default() };
-    let stream = mcap::MessageStream::new_with_options(&bytes, mcap::read::Options::IgnoreEndMagic.into())
-        .with_context(|| named("is no MCAP file"))?;
+    let options = mcap::read::Options::IgnoreEndMagic | mcap::read::Options::ValidateChunkCrcs;
+    let stream = mcap::MessageStream::new_with_options(&bytes, options).with_context(|| named("is no MCAP file"))?;
     let mut has_header = false;
     for message in stream {
         let message = match message {

@@ -1,0 +1,122 @@
+//! Who is near whom: runs of joints near each sprocket and of links near each guide, looked up every so many steps with a
+//! margin that they cannot cross in between. What lies outside touches nothing, so looking more or less often changes no bit.
+
+use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, seat_of};
+use crate::model::Model;
+use crate::state::State;
+
+/// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
+pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
+    let n = model.chain.n_links;
+    // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
+    scratch.bushes.clone_from(&state.bushes);
+    scratch.guide_ends.clone_from(&state.guide_ends);
+    scratch.stale_blocks.iter_mut().for_each(|blocks| blocks.fill(2));
+    scratch.stale_bushes.fill(2);
+    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
+        column.fill(0.0);
+    }
+    for column in [&mut scratch.guide_x, &mut scratch.guide_y, &mut scratch.guide_moment] {
+        column.fill(0.0);
+    }
+    for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
+        let centre = sprocket.body.centre;
+        let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
+        let near = |j: usize| {
+            let (dx, dy) = offset(j);
+            dx * dx + dy * dy < reach * reach
+        };
+        let windows = aligned_windows(n, model.chain.padded, near);
+        for j in windows.iter().flat_map(|w| w.start..w.end) {
+            let (dx, dy) = offset(j);
+            let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
+            scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
+            scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
+        }
+        scratch.tooth_windows[k] = windows;
+    }
+    for (k, guide) in model.guides.iter().enumerate() {
+        let b = &guide.body;
+        // Link centres lie up to a lever from the ends that touch.
+        let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
+        let reach = b.plate_radius_m + lever + WINDOW_MARGIN_M;
+        let beyond = b.relief_m + reach;
+        let near = |i: usize| {
+            let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+            let along = dx * b.along.x + dy * b.along.y;
+            let above = dy * b.along.x - dx * b.along.y;
+            above.abs() < reach && along > -beyond && along < b.length_m + beyond
+        };
+        scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
+    }
+    find_nearest(model, state, scratch);
+}
+
+/// Marks windows that lie over each other, and for their lanes the nearest body.
+fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
+    let everything = |_: usize, _: usize| true;
+    if mark_shared(&mut scratch.tooth_windows, everything) {
+        for j in 0..model.chain.n_links {
+            let gap = |k: &usize| {
+                let s = &model.sprockets[*k];
+                let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
+                d - s.geometry.tip_radius_m
+            };
+            let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+            scratch.nearest_sprocket[j] = nearest.unwrap_or(0);
+        }
+    }
+    let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
+    if mark_shared(&mut scratch.guide_windows, same_side) {
+        for side in 0..2 {
+            for i in 0..model.chain.n_links {
+                let gap = |k: &usize| {
+                    let b = &model.guides[*k].body;
+                    let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+                    let along = dx * b.along.x + dy * b.along.y;
+                    let above = dy * b.along.x - dx * b.along.y;
+                    above.hypot(along - along.clamp(0.0, b.length_m))
+                };
+                let on_side = (0..model.guides.len()).filter(|k| model.guides[*k].body.side == side);
+                scratch.nearest_guide[side][i] = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            }
+        }
+    }
+}
+
+/// Sets `shared` on windows of different bodies that overlap; returns whether there are any.
+fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bool) -> bool {
+    let mut any = false;
+    for a in 0..windows.len() {
+        for b in (a + 1)..windows.len() {
+            if !compete(a, b) {
+                continue;
+            }
+            for i in 0..windows[a].len() {
+                for j in 0..windows[b].len() {
+                    if windows[a][i].start < windows[b][j].end && windows[b][j].start < windows[a][i].end {
+                        windows[a][i].shared = true;
+                        windows[b][j].shared = true;
+                        any = true;
+                    }
+                }
+            }
+        }
+    }
+    any
+}
+
+/// Runs of indices below `n` that are near, widened to multiples of [`LANES`] and joined.
+fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
+    let mut windows: Vec<Window> = Vec::new();
+    for start in (0..padded).step_by(LANES) {
+        if (start..(start + LANES).min(n)).any(&near) {
+            match windows.last_mut() {
+                Some(last) if last.end == start => last.end += LANES,
+                _ => windows.push(Window { start, end: start + LANES, shared: false }),
+            }
+        }
+    }
+    windows
+}

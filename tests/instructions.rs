@@ -1,0 +1,43 @@
+//! The work of a step, counted in instructions: repeatable on a noisy machine, so that a slow-down breaks a test.
+
+use std::process::Command;
+
+/// Instructions for each link and step of the bundled drive, AVX2 path (valgrind knows no AVX-512), everything included that
+/// grows with the number of steps. When a change moves it, re-measure, and say in the commit why.
+const INSTRUCTIONS_PER_LINK_STEP: f64 = 277.2;
+/// Measured twice the same to 1e-4; the C library's copies differ between systems.
+const TOLERANCE: f64 = 0.05;
+
+/// Instructions and steps of a run without recording, by callgrind.
+fn count(duration_ms: u32) -> Option<(f64, f64)> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = Command::new("valgrind")
+        .arg("--tool=callgrind")
+        .arg(format!("--callgrind-out-file={}", folder.path().join("out").display()))
+        .arg(env!("CARGO_BIN_EXE_pitchline"))
+        .args(["run", "bush-20-40", "--no-output", "--json", "--every", "1s"])
+        .args(["--set", "run.run_in_ms=0", "--set", "run.settle_ms=0"])
+        .args(["--duration", &format!("{duration_ms}ms")])
+        .output()
+        .ok()?;
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    let collected = said.lines().find_map(|l| l.split_once("Collected : "))?.1.trim().parse().ok()?;
+    let result: serde_json::Value = serde_json::from_slice(&out.stdout).ok()?;
+    Some((collected, result["steps"].as_f64()?))
+}
+
+#[test]
+fn a_step_takes_no_more_instructions_than_it_did() {
+    let (Some((few, few_steps)), Some((many, many_steps))) = (count(5), count(15)) else {
+        println!("skipped: no valgrind");
+        return;
+    };
+    let per_link_step = (many - few) / (many_steps - few_steps) / 90.0;
+    println!("{per_link_step:.1} instructions for each link and step, {INSTRUCTIONS_PER_LINK_STEP} when last measured");
+    assert!(per_link_step < INSTRUCTIONS_PER_LINK_STEP * (1.0 + TOLERANCE), "slower");
+    assert!(
+        per_link_step > INSTRUCTIONS_PER_LINK_STEP * (1.0 - 2.0 * TOLERANCE),
+        "faster: measure again and keep the gain"
+    );
+}
