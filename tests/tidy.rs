@@ -38,7 +38,8 @@ fn files_open_with_what_they_are_and_leave_nothing_open() {
             assert!(!text.contains(word.as_str()), "{shown} has {word}");
         }
         if path.starts_with(root().join("src")) {
-            assert!(!text.contains(".unwrap()"), "{shown} unwraps");
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            assert!(!code.contains(".unwrap()"), "{shown} unwraps");
             assert!(text.lines().count() <= 1000, "{shown} is longer than a sitting");
         }
     }
@@ -97,7 +98,11 @@ fn modules_use_only_what_stands_above_them() {
         "render",
         "cli",
     ];
-    let place = |module: &str| order.iter().rposition(|m| module == *m || module.starts_with(&format!("{m}::")));
+    // The most particular entry that fits.
+    let place = |module: &str| {
+        let fits = |m: &str| module == m || module.starts_with(&format!("{m}::"));
+        (0..order.len()).filter(|i| fits(order[*i])).max_by_key(|i| order[*i].len())
+    };
     for path in rust_files().iter().filter(|p| p.starts_with(root().join("src"))) {
         let shown = path
             .strip_prefix(root().join("src"))
