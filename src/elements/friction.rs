@@ -11,7 +11,7 @@
 //! kappa > v_s / 2 they overshoot together, and at mu = 0.2 did, with 1 % of the work in the ledger's error. So v_s is taken
 //! as at least 3 kappa. Tried and rejected: 4 kappa always; it is stable too, but makes stick depend on the step everywhere,
 //! and the transverse motion of the spans with it (first order in h).
-//! Source: regularised Coulomb law as in PHYSICS of multibody codes (e.g. Marques et al. 2016, section 2); the local
+//! Source: regularised Coulomb law of multibody dynamics (e.g. Marques et al. 2016, section 2); the local
 //! solution is derived here.
 
 /// Least ratio of stick speed to kappa: three other forces on the same link are seen one step late.

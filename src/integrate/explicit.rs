@@ -745,7 +745,7 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                     continue;
                 }
                 let held = take(&state.guide_ends[set].normal_force, at);
-                let motion = [&ends.x, &ends.y, &ends.vx, &ends.vy].map(|c| take(c, at));
+                let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
                 if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion) {
                     clear_block(state, scratch, set, at);
                     continue;
