@@ -203,7 +203,7 @@ fn read(root: &Table<'_>) -> Drive {
     let chain = read_bush_chain(&bush);
     let links = bush.required_integer("links", 10..=2000) as usize;
     bush.finish();
-    let joint = read_joint(&chain_table.table("joint"), chain.pin_diameter_m);
+    let joint = read_joint(&chain_table.table("joint"));
     chain_table.finish();
     let contact = root.table("contact");
     let tooth_contact = read_contact(&contact.table("sprocket"), chain.inner_width_m);
@@ -264,7 +264,7 @@ fn read_bush_chain(t: &Table<'_>) -> BushChain {
     }
 }
 
-fn read_joint(t: &Table<'_>, _pin_diameter_m: f64) -> JointSpec {
+fn read_joint(t: &Table<'_>) -> JointSpec {
     let stiffness_n_per_m = t.required("stiffness_n_per_m", 1.0, 1e3..=1e13);
     let direct = t.number("damping_n_s_per_m", 1.0, 0.0..=1e7);
     let ratio = t.number("damping_ratio", 1.0, 0.0..=10.0);

@@ -249,7 +249,7 @@ fn positions_without_contact_converge_with_the_second_order() {
         let mut state = State::at_rest(n, model.chain.padded, 0, [false, false]);
         let half = PI / n as f64;
         let r = 4e-3 / half.tan() * 1.0002;
-        let mut energy_shape = |i: usize| {
+        let mut place = |i: usize| {
             let e = pitchline::geometry::unit(2.0 * half * i as f64);
             let l = &mut state.links;
             (l.x[i], l.y[i], l.cos[i], l.sin[i]) = (r * e.x, r * e.y, -e.y, e.x);
@@ -257,16 +257,15 @@ fn positions_without_contact_converge_with_the_second_order() {
             (l.vx[i], l.vy[i]) = (-150.0 * r * e.y + wobble * e.x, 150.0 * r * e.x + wobble * e.y);
             l.omega[i] = 150.0;
         };
-        (0..n).for_each(&mut energy_shape);
+        (0..n).for_each(&mut place);
         // v(-h/2) = v_0 - h/2 a_0: the leapfrog's own start.
         let mut scratch = Scratch::new(&model);
+        // The damping feels the velocity: with a_0 known, a_0 once more.
         for _ in 0..3 {
             explicit::evaluate(&model, &state, &mut scratch).expect("holds");
             state.links.ax.clone_from(&scratch.ax);
             state.links.ay.clone_from(&scratch.ay);
             state.links.alpha.clone_from(&scratch.alpha);
-            let velocity = state.clone();
-            let _ = velocity;
         }
         for i in 0..n {
             state.links.vx[i] -= 0.5 * h * state.links.ax[i];

@@ -19,8 +19,12 @@
 //! # The mean force over a step
 //! What sets the error of an explicit step is where inside it first touch falls: the damping force jumps there. So the
 //! force that enters a step is its mean over [t_n - h/2, t_n + h/2] with the gap taken linear in time, in closed form for the
-//! linear law and by quadrature for the others, plus (h^2/24) F'' from the local oscillator while the contact stays
-//! closed. The velocity at t_n is solved for locally with w, the inverse effective mass along the normal.
+//! linear law and by quadrature for the others. With w, the inverse effective mass along the normal, contact and link end are
+//! locally an oscillator d'' = a - w F, a from everything else. The velocity at t_n is solved for with the force since the
+//! touch; while the contact stays closed the mean gains (h^2/24) F''; in the step of first touch the mean of the linear law is
+//! the series of that oscillator from the touch on. Without the series, and with the own force reckoned over the whole half
+//! step, a single impact at omega h = 0.5 has a peak 0.4 % and a rebound 0.6 % too high, averaged over all phases of the
+//! touch; with them -0.2 % and -0.1 %.
 
 use std::f64::consts::PI;
 
