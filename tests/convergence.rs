@@ -24,7 +24,9 @@ fn peaks(model: &Model, start: &State, start_step_s: f64, step_s: f64, window_s:
             engagements.look(t, &contacts_at(&looking, state, scratch));
         }
     });
-    engagements.done.iter().map(|e| (e.link, e.start_s, e.peak)).collect()
+    // What was in contact when the window opened is no engagement.
+    let begins = window_s.0 + 0.1 * tooth_period_s;
+    engagements.done.iter().filter(|e| e.start_s > begins).map(|e| (e.link, e.start_s, e.peak)).collect()
 }
 
 /// Errors of one step size against the reference, over paired engagements.
