@@ -25,7 +25,7 @@ use super::Vec2;
 use super::chain::silent::{LinkPart, SilentLinkContour};
 use super::element_gap::{element_gap_m, least_distance_m};
 use super::profile::Element;
-use super::silent_sprocket::{DEEPEST_OVERLAP, SilentSprocket};
+use super::silent_sprocket::SilentSprocket;
 use super::unit;
 use crate::units::{atan2, sin_cos};
 use std::f64::consts::PI;
@@ -68,7 +68,7 @@ pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, ste
     let mut smallest = EntryClearances { outer_flank: none, toe: none, inner_flank: none, crotch: none, eye: none };
     let tooth: Vec<Element> = (-3..=PITCHES as i32 + 1).flat_map(|k| sprocket.gap(k)).collect();
     let outline = link.elements();
-    let deepest_m = DEEPEST_OVERLAP * sprocket.spec.pitch_m;
+    let deepest_m = sprocket.deepest_overlap_m();
     for step in 0..=PITCHES * steps_per_pitch {
         let pitches_before_seat = f64::from(step) / f64::from(steps_per_pitch);
         let (angle_rad, origin) = pose_before_seat(sprocket, link.pin_pitch_m, pitches_before_seat);
@@ -83,7 +83,8 @@ pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, ste
             };
             let placed = element.moved(angle_rad, origin);
             for other in &tooth {
-                if least_distance_m(&placed, other) >= nearest.gap_m.max(0.0) {
+                // Elements that overlap by a depth are no further apart than that depth.
+                if least_distance_m(&placed, other) >= nearest.gap_m.max(deepest_m) {
                     continue;
                 }
                 let gap_m = element_gap_m(&placed, other, deepest_m);
@@ -104,7 +105,7 @@ pub fn flank_gaps_m(link: &SilentLinkContour, sprocket: &SilentSprocket, front_j
     let origin = seated + front_joint - Vec2::new(sprocket.pitch_radius_m, 0.0);
     // The leading flank meets the face that closes its own gap ahead, the trailing one that which closes gap -1 behind.
     let (ahead, behind) = (sprocket.gap(0)[4], sprocket.gap(-1)[2]);
-    let deepest_m = DEEPEST_OVERLAP * sprocket.spec.pitch_m;
+    let deepest_m = sprocket.deepest_overlap_m();
     [(link.front.outer_flank, ahead), (link.rear.outer_flank, behind)]
         .map(|(flank, face)| element_gap_m(&flank.element().moved(angle_rad, origin), &face, deepest_m))
 }
@@ -150,6 +151,8 @@ fn contact_height_m(sprocket: &SilentSprocket) -> Option<f64> {
 
 /// Distance of the trailing flanks of two successive links, `ahead` first, along the straight chain [m]. What pins and
 /// contours contribute: a row whose pins alone are longer changes nothing, for its own gain is the loss of the link behind.
+/// Where the chain bends by tau at the joint between the two, a rest is left of which [`first_contact_on_contours_rad`] knows:
+/// pins longer by x in one row and shorter in the other bring the trailing flank forward by x sin(pi/z) sin(alpha + pi/z).
 pub fn working_flank_pitch_m(ahead: &SilentLinkContour, link: &SilentLinkContour) -> f64 {
     let joint_behind_eye_m = 0.5 * (ahead.pin_pitch_m - ahead.flank_pitch_m);
     joint_behind_eye_m + 0.5 * (link.pin_pitch_m + link.flank_pitch_m)

@@ -135,15 +135,15 @@ pub enum SilentSprocketError {
     Face {
         largest_face_distance_m: f64,
     },
-    /// Tip circle beyond the point where the corners of a tooth meet: largest offset c_a [m].
+    /// Tip circle beyond the point where the corners of a tooth meet: largest tip diameter [m].
     Pointed {
-        largest_tip_offset_m: f64,
+        largest_tip_diameter_m: f64,
     },
-    /// Tip circle so low that it cuts off the place of contact: smallest offset c_a [m].
+    /// Tip circle so low that it cuts off the place of contact: smallest tip diameter [m].
     LowTip {
-        smallest_tip_offset_m: f64,
+        smallest_tip_diameter_m: f64,
     },
-    /// Root below the point where the two faces of a gap meet: largest clearance c_f [m].
+    /// Root below the point where the two faces of a gap meet or part again: largest clearance c_f [m].
     DeepRoot {
         largest_clearance_m: f64,
     },
@@ -171,19 +171,19 @@ impl std::fmt::Display for SilentSprocketError {
                 "no tooth is left; take more teeth, or a link with a face distance below {:.4} mm",
                 largest_face_distance_m / MM
             ),
-            SilentSprocketError::Pointed { largest_tip_offset_m } => write!(
+            SilentSprocketError::Pointed { largest_tip_diameter_m } => write!(
                 f,
-                "the tooth is pointed below this tip circle; the tip offset may be at most {:.4} mm",
-                round_down_mm(largest_tip_offset_m)
+                "the tooth is pointed below this tip circle; its diameter may be at most {:.4} mm",
+                round_down_mm(largest_tip_diameter_m)
             ),
-            SilentSprocketError::LowTip { smallest_tip_offset_m } => write!(
+            SilentSprocketError::LowTip { smallest_tip_diameter_m } => write!(
                 f,
-                "the tip circle cuts off the place of contact; the tip offset must be at least {:.4} mm",
-                -round_down_mm(-smallest_tip_offset_m)
+                "the tip circle cuts off the place of contact; its diameter must be at least {:.4} mm",
+                -round_down_mm(-smallest_tip_diameter_m)
             ),
             SilentSprocketError::DeepRoot { largest_clearance_m } => write!(
                 f,
-                "the faces of a gap meet above this root; the root clearance may be at most {:.4} mm",
+                "this root is too deep between the faces; the root clearance may be at most {:.4} mm",
                 round_down_mm(largest_clearance_m)
             ),
             SilentSprocketError::HighRoot => {
@@ -216,7 +216,7 @@ struct Face {
     offset_m: f64,
     /// Radius and centre of an arc.
     arc: Option<(f64, Vec2)>,
-    /// The lowest corner joint: the place of contact, or for a line the middle of the flanks.
+    /// The place of contact, below which the corner arc must not reach; for a line the middle of the link stands for it.
     contact: Vec2,
 }
 
@@ -231,7 +231,7 @@ impl SilentSprocket {
         let step_m = 0.005 * spec.pitch_m;
         let enough_clearance_m = (1..=60).map(|k| spec.root_clearance_m + step_m * f64::from(k)).find(|&clearance_m| {
             let deeper = SilentSprocketSpec { root_clearance_m: clearance_m, ..spec };
-            SilentSprocket::shaped(deeper).is_ok_and(|s| s.toe_clearance_m >= 0.0)
+            SilentSprocket::shaped(deeper).is_ok_and(|s| s.toe_clearance_m >= -SWING_TOLERANCE_M)
         });
         Err(SilentSprocketError::Toe { interference_m: -sprocket.toe_clearance_m, enough_clearance_m })
     }
@@ -255,17 +255,17 @@ impl SilentSprocket {
         let tip_radius_m = chord_radius_m + spec.tip_offset_m;
         let (corner_centre, pointed_radius_m) = face.corner(tip_radius_m, spec.corner_radius_m);
         if tip_radius_m >= pointed_radius_m {
-            return Err(SilentSprocketError::Pointed { largest_tip_offset_m: pointed_radius_m - chord_radius_m });
+            return Err(SilentSprocketError::Pointed { largest_tip_diameter_m: 2.0 * pointed_radius_m });
         }
-        let lowest_m = (face.contact - face.normal_at_contact() * spec.corner_radius_m).norm() + spec.corner_radius_m;
+        let lowest_m = (face.contact - face.normal * spec.corner_radius_m).norm() + spec.corner_radius_m;
         if tip_radius_m <= lowest_m {
-            return Err(SilentSprocketError::LowTip { smallest_tip_offset_m: lowest_m - chord_radius_m });
+            return Err(SilentSprocketError::LowTip { smallest_tip_diameter_m: 2.0 * lowest_m });
         }
 
         let toe = contour.front.toe.centre + Vec2::new(0.0, -chord_radius_m);
         let toe_low_m = toe.norm() - spec.link.toe_radius_m;
         let root_radius_m = toe_low_m - spec.root_clearance_m;
-        let lowest_root_m = face.meeting_radius_m(half_pitch_rad);
+        let lowest_root_m = face.lowest_root_m(half_pitch_rad);
         if root_radius_m <= lowest_root_m {
             return Err(SilentSprocketError::DeepRoot { largest_clearance_m: toe_low_m - lowest_root_m });
         }
@@ -348,6 +348,12 @@ impl SilentSprocket {
         (angle_rad, joint - unit(angle_rad) * (0.5 * pin_pitch_m))
     }
 
+    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: where its faces end, a tooth is
+    /// nearly two corner radii thick.
+    pub fn deepest_overlap_m(&self) -> f64 {
+        self.spec.corner_radius_m
+    }
+
     /// Smallest gap between the toes of a nominal link and the gaps they enter, while it swings about its seated front joint
     /// through one pitch angle [m].
     fn swing_clearance_m(&self, contour: &SilentLinkContour) -> f64 {
@@ -356,7 +362,7 @@ impl SilentSprocket {
         // Front toe: root and the face ahead; rear toe, one gap back: root and the face behind.
         let (ahead, behind) = (self.gap(0), self.gap(-1));
         let pairs = [(contour.front.toe, [ahead[3], ahead[4]]), (contour.rear.toe, [behind[3], behind[2]])];
-        let deepest_m = DEEPEST_OVERLAP * self.spec.pitch_m;
+        let deepest_m = self.deepest_overlap_m();
         let mut smallest_m = f64::INFINITY;
         for k in 0..=SAMPLES {
             let turn_rad = pitch_angle_rad * f64::from(k) / f64::from(SAMPLES);
@@ -372,12 +378,8 @@ impl SilentSprocket {
     }
 }
 
-/// Interference below this is rounding of the construction [m].
+/// Interference below this is rounding of the construction [m]: a straight face touches the seated flank up to its toe.
 const SWING_TOLERANCE_M: f64 = 1e-9;
-
-/// Overlap, over the pitch, up to which an element counts as overlapping and not as being behind the tooth. assumed: no tooth
-/// is thinner where its faces end.
-pub(super) const DEEPEST_OVERLAP: f64 = 0.03;
 
 /// The checks that need no tooth.
 fn check_spec(spec: &SilentSprocketSpec) -> Result<(), SilentSprocketError> {
@@ -435,10 +437,6 @@ fn place_face(
 }
 
 impl Face {
-    fn normal_at_contact(&self) -> Vec2 {
-        self.normal
-    }
-
     /// K for a tip circle, and the radius of the tip circle at which K would lie on the tooth axis.
     fn corner(&self, tip_radius_m: f64, corner_radius_m: f64) -> (Vec2, f64) {
         let reach_m = tip_radius_m - corner_radius_m;
@@ -461,15 +459,14 @@ impl Face {
         }
     }
 
-    /// Distance from the sprocket axis at which the two faces of a gap would meet [m].
-    fn meeting_radius_m(&self, half_pitch_rad: f64) -> f64 {
+    /// Lowest root radius: where the two faces of a gap would meet, or where the gap below them would widen again [m].
+    fn lowest_root_m(&self, half_pitch_rad: f64) -> f64 {
         match self.arc {
             None => self.offset_m / rotated(self.normal, half_pitch_rad).y,
             Some((radius_m, centre)) => {
                 let g = rotated(centre, half_pitch_rad);
                 let reach2 = radius_m * radius_m - g.x * g.x;
-                // Arcs that never meet leave any root possible.
-                if reach2 > 0.0 { g.y + libm::sqrt(reach2) } else { 0.0 }
+                if reach2 > 0.0 { g.y + libm::sqrt(reach2) } else { g.y + radius_m - g.x.abs() }
             }
         }
     }
