@@ -88,7 +88,7 @@ fn silent_sprocket(args: &SprocketArgs, face: ToothFace) -> Result<Outcome, Fail
     })
 }
 
-fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
+fn iso_606_spec(args: &SprocketArgs, form: Form) -> Result<SprocketSpec, Failure> {
     if let Some(name) = args.silent.given() {
         return Err(Failure::Input(format!("`{name}` belongs to `--profile silent-arc` and `silent-line`")));
     }
@@ -97,13 +97,12 @@ fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
             "`--profile iso606` needs the diameter of the roller or bush: `--roller-mm`".into(),
         ));
     };
-    let form = args.form.unwrap_or(Form::Max);
     for (name, value) in [("--pitch-mm", args.pitch_mm), ("--roller-mm", roller_mm)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(Failure::Input(format!("`{name}` = {value} must be a positive number")));
         }
     }
-    let sprocket = Sprocket::new(SprocketSpec {
+    Ok(SprocketSpec {
         teeth: args.teeth,
         pitch_m: args.pitch_mm * MM,
         roller_diameter_m: roller_mm * MM,
@@ -113,7 +112,11 @@ fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
         },
         tip_diameter_m: args.tip_mm.map(|d| d * MM),
     })
-    .map_err(|e| Failure::Input(e.to_string()))?;
+}
+
+fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
+    let form = args.form.unwrap_or(Form::Max);
+    let sprocket = Sprocket::new(iso_606_spec(args, form)?).map_err(|e| Failure::Input(e.to_string()))?;
     if let Some(path) = &args.output {
         if path.extension().and_then(|e| e.to_str()) != Some("svg") {
             return Err(Failure::Input(format!("{}: drawings end in .svg", path.display())));

@@ -331,18 +331,7 @@ impl SilentLinkContour {
         }
         let crotch_centre_m = (half_m * c - inner_m - form.crotch_radius_m) / s;
         let inner_flank_start_m = -half_m * s - c * crotch_centre_m;
-        if inner_flank_start_m >= inner_flank_end_m {
-            // s_i0 grows by c / s per unit of r_c.
-            let excess_m = (inner_flank_start_m - inner_flank_end_m) * s / c;
-            return Err(SilentLinkError::CrotchLarge { largest_m: form.crotch_radius_m - excess_m });
-        }
-        let web_m = face_m - (crotch_centre_m + form.crotch_radius_m);
-        let least_web_m = LEAST_WALL * pin_pitch_m;
-        if web_m < least_web_m {
-            // The crotch top sinks by 1 / s - 1 per unit of r_c.
-            let least_m = form.crotch_radius_m + (least_web_m - web_m) * s / (1.0 - s);
-            return Err(SilentLinkError::CrotchDeep { least_m });
-        }
+        check_crotch(&form, pin_pitch_m, crotch_centre_m, inner_flank_start_m - inner_flank_end_m)?;
 
         let alpha = form.flank_angle_rad;
         let eye_centre = Vec2::new(half_m, 0.0);
@@ -450,6 +439,28 @@ fn check_form(form: &SilentLinkForm, pin_pitch_m: f64, flank_pitch_m: f64) -> Re
     let (least_m, largest_m) = (pin_pitch_m * (1.0 - FLANK_PITCH_RANGE), pin_pitch_m * (1.0 + FLANK_PITCH_RANGE));
     if !(least_m..=largest_m).contains(&flank_pitch_m) {
         return Err(SilentLinkError::FlankPitch { least_m, largest_m });
+    }
+    Ok(())
+}
+
+/// The crotch must leave an inner flank and a web. `excess_m` is s_i0 - s_i.
+fn check_crotch(
+    form: &SilentLinkForm,
+    pin_pitch_m: f64,
+    crotch_centre_m: f64,
+    excess_m: f64,
+) -> Result<(), SilentLinkError> {
+    let (s, c) = sin_cos(form.flank_angle_rad);
+    if excess_m >= 0.0 {
+        // s_i0 grows by c / s per unit of r_c.
+        return Err(SilentLinkError::CrotchLarge { largest_m: form.crotch_radius_m - excess_m * s / c });
+    }
+    let web_m = form.face_distance_m - (crotch_centre_m + form.crotch_radius_m);
+    let least_web_m = LEAST_WALL * pin_pitch_m;
+    if web_m < least_web_m {
+        // The crotch top sinks by 1 / s - 1 per unit of r_c.
+        let least_m = form.crotch_radius_m + (least_web_m - web_m) * s / (1.0 - s);
+        return Err(SilentLinkError::CrotchDeep { least_m });
     }
     Ok(())
 }
