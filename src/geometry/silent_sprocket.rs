@@ -43,6 +43,10 @@ pub enum ToothFace {
     Crowned { radius_m: f64, contact_distance_m: f64 },
 }
 
+/// How far below its waist a gap of arcs may reach, over the pitch. assumed: small flank angles need three quarters of it, and
+/// the teeth stay thicker at the root than above.
+const LARGEST_UNDERCUT: f64 = 0.1;
+
 /// What a sprocket is made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentSprocketSpec {
@@ -143,7 +147,7 @@ pub enum SilentSprocketError {
     LowTip {
         smallest_tip_diameter_m: f64,
     },
-    /// Root below the point where the two faces of a gap meet or part again: largest clearance c_f [m].
+    /// Root below the point where the two faces of a gap meet, or too far below where they part again: largest clearance c_f [m].
     DeepRoot {
         largest_clearance_m: f64,
     },
@@ -181,11 +185,14 @@ impl std::fmt::Display for SilentSprocketError {
                 "the tip circle cuts off the place of contact; its diameter must be at least {:.4} mm",
                 -round_down_mm(-smallest_tip_diameter_m)
             ),
-            SilentSprocketError::DeepRoot { largest_clearance_m } => write!(
-                f,
-                "this root is too deep between the faces; the root clearance may be at most {:.4} mm",
-                round_down_mm(largest_clearance_m)
-            ),
+            SilentSprocketError::DeepRoot { largest_clearance_m } => {
+                write!(f, "this root is too deep between the faces; ")?;
+                if largest_clearance_m > 0.0 {
+                    write!(f, "the root clearance may be at most {:.4} mm", round_down_mm(largest_clearance_m))
+                } else {
+                    write!(f, "take more teeth or a larger toe radius")
+                }
+            }
             SilentSprocketError::HighRoot => {
                 write!(f, "the root arc reaches the place of contact; take more root clearance or more teeth")
             }
@@ -265,7 +272,7 @@ impl SilentSprocket {
         let toe = contour.front.toe.centre + Vec2::new(0.0, -chord_radius_m);
         let toe_low_m = toe.norm() - spec.link.toe_radius_m;
         let root_radius_m = toe_low_m - spec.root_clearance_m;
-        let lowest_root_m = face.lowest_root_m(half_pitch_rad);
+        let lowest_root_m = face.lowest_root_m(half_pitch_rad, LARGEST_UNDERCUT * spec.pitch_m);
         if root_radius_m <= lowest_root_m {
             return Err(SilentSprocketError::DeepRoot { largest_clearance_m: toe_low_m - lowest_root_m });
         }
@@ -348,10 +355,10 @@ impl SilentSprocket {
         (angle_rad, joint - unit(angle_rad) * (0.5 * pin_pitch_m))
     }
 
-    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: where its faces end, a tooth is
-    /// nearly two corner radii thick.
+    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: half the thickness of the tooth
+    /// where its faces end.
     pub fn deepest_overlap_m(&self) -> f64 {
-        self.spec.corner_radius_m
+        self.side[0].end().x
     }
 
     /// Smallest gap between the toes of a nominal link and the gaps they enter, while it swings about its seated front joint
@@ -459,14 +466,15 @@ impl Face {
         }
     }
 
-    /// Lowest root radius: where the two faces of a gap would meet, or where the gap below them would widen again [m].
-    fn lowest_root_m(&self, half_pitch_rad: f64) -> f64 {
+    /// Lowest root radius: where the two faces of a gap would meet, or `undercut_m` below the root whose gap is just not wider
+    /// than its mouth [m].
+    fn lowest_root_m(&self, half_pitch_rad: f64, undercut_m: f64) -> f64 {
         match self.arc {
             None => self.offset_m / rotated(self.normal, half_pitch_rad).y,
             Some((radius_m, centre)) => {
                 let g = rotated(centre, half_pitch_rad);
                 let reach2 = radius_m * radius_m - g.x * g.x;
-                if reach2 > 0.0 { g.y + libm::sqrt(reach2) } else { g.y + radius_m - g.x.abs() }
+                if reach2 > 0.0 { g.y + libm::sqrt(reach2) } else { g.y + radius_m - g.x.abs() - undercut_m }
             }
         }
     }
