@@ -206,7 +206,8 @@ fn seated_links_touch_with_both_outer_flanks_for_any_form() {
     }
 }
 
-/// Number of poses per pitch at which clearances are looked for: a minimum between two poses is lower by less than 0.1 um.
+/// Number of poses per pitch at which clearances are looked for: a minimum between two poses is lower by less than 0.1
+/// um.
 const STEPS: u32 = 180;
 /// Known to whole micrometres, found with a sampled contour [m].
 const CLEARANCE_M: f64 = 2e-6;
@@ -242,8 +243,8 @@ fn entering_links_clear_the_teeth_by_the_known_amounts() {
 
 #[test]
 fn inner_flanks_too_close_to_the_outer_ones_cut_a_straight_tooth_and_clear_an_arc() {
-    // How far the corner of a straight tooth stands beyond the plane of the inner flank at the seat [um], worked by hand. The
-    // plane is longer than the flank: what the corner overlaps there is the crotch arc, deeper still.
+    // How far the corner of a straight tooth stands beyond the plane of the inner flank at the seat [um], worked by
+    // hand. The plane is longer than the flank: what the corner overlaps there is the crotch arc, deeper still.
     for ((pitch_mm, teeth), plane_um) in CASES.into_iter().zip([161.0, 79.0, 148.0, 200.0]) {
         let mut spec = spec(pitch_mm, teeth, ToothFace::Line);
         spec.link.inside_projection_m = -0.0125 * spec.pitch_m;
@@ -297,7 +298,8 @@ fn element_gaps_agree_with_sampled_contours() {
                 let sampled_m = (0..=SAMPLES)
                     .map(|k| profile.closest(placed.point(k as f64 / SAMPLES as f64)).distance_m)
                     .fold(f64::INFINITY, f64::min);
-                // A sample is at most half a step from the nearest point; the gap grows with its square over the curvature.
+                // A sample is at most half a step from the nearest point; the gap grows with its square over the
+                // curvature.
                 let step_m = placed.length_m() / SAMPLES as f64;
                 let tolerance_m = step_m * step_m / 1e-3 + 1e-12;
                 assert!(
@@ -406,7 +408,8 @@ fn pins_alone_leave_the_working_flanks_where_they_are() {
         near("and of the other pair", (working_flank_pitch_m(&row, &ahead) - 8e-3) * 1e6, -gain_um, 1e-9);
         first_contact_on_contours_rad(&ahead, &row, &s).expect("touches") / SPEED_RAD_S * 1e6
     });
-    // The bend at the joint leaves a rest of x sin(pi/z) sin(alpha + pi/z), which the contour alone has the other way round.
+    // The bend at the joint leaves a rest of x sin(pi/z) sin(alpha + pi/z), which the contour alone has the other way
+    // round.
     let half_pitch_rad = PI / 20.0;
     let rest_us = 10.0 * half_pitch_rad.sin() * (PI / 6.0 + half_pitch_rad).sin() / 0.685395;
     near("pins and contour [us]", shifts[0], 12.83, 0.005);

@@ -1,9 +1,11 @@
-//! How a silent link comes to its seat: gaps on the way, approach speeds, first contact, and the forces of a light wrap.
+//! How a silent link comes to its seat: gaps on the way, approach speeds, first contact, and the forces of a light
+//! wrap.
 //!
-//! The polygon path: joints of seated links lie on the pitch circle, the span is straight and keeps its direction, so that in
-//! the frame of the sprocket a link turns about its front joint until its rear joint reaches the pitch circle too (turn 0,
-//! the seat). With l = p sin alpha - s the lever of the trailing flank, s that of the leading one (where the face touches,
-//! from the foot of the joint's perpendicular), H = p cos alpha + f + rho and w the speed of the sprocket:
+//! The polygon path: joints of seated links lie on the pitch circle, the span is straight and keeps its direction, so
+//! that in the frame of the sprocket a link turns about its front joint until its rear joint reaches the pitch circle
+//! too (turn 0, the seat). With l = p sin alpha - s the lever of the trailing flank, s that of the leading one (where
+//! the face touches, from the foot of the joint's perpendicular), H = p cos alpha + f + rho and w the speed of the
+//! sprocket:
 //!
 //! ```text
 //! gap of the trailing flank    H (cos t - 1) + l sin t       t: turn left to the seat
@@ -11,15 +13,16 @@
 //! first contact early by t/w   H (cos t - 1) + l sin t = x cos alpha, x: how much further back the trailing flank lies
 //! stretched by T/K             the same with x = T/K, approach w (l cos t - H sin t) there
 //! ```
-//! Wrap without friction, every link carried by its trailing flank alone, forces falling by the factor q per link: with t =
-//! tau, sigma = s/p, A = cos alpha cos t - sigma sin t, B = cos alpha sin t + sigma cos t, k = sigma - sin alpha,
+//! Wrap without friction, every link carried by its trailing flank alone, forces falling by the factor q per link:
+//! with t = tau, sigma = s/p, A = cos alpha cos t - sigma sin t, B = cos alpha sin t + sigma cos t, k = sigma - sin
+//! alpha,
 //!
 //! ```text
 //! -sin t + B nu = k nu (cos t - A nu),  smaller positive root     nu = flank force / tension ahead
 //! q = cos t - A nu                                                lean of the joint force = atan(k nu)
 //! ```
-//! T is the tension less m v^2 / p. Source: derived here. Holds without friction, for rigid links and faces that touch at one
-//! place (arc, crowned).
+//! T is the tension less m v^2 / p. Source: derived here. Holds without friction, for rigid links and faces that touch
+//! at one place (arc, crowned).
 
 use super::Vec2;
 use super::chain::silent::{LinkPart, SilentLinkContour};
@@ -39,8 +42,8 @@ pub struct Nearest {
     pub pitches_before_seat: f64,
 }
 
-/// Smallest gaps between the parts of a link and all teeth, from three pitches before the seat to the seat. The exit is the
-/// same in reverse.
+/// Smallest gaps between the parts of a link and all teeth, from three pitches before the seat to the seat. The exit
+/// is the same in reverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntryClearances {
     pub outer_flank: Nearest,
@@ -50,8 +53,8 @@ pub struct EntryClearances {
     pub eye: Nearest,
 }
 
-/// Where the frame of a link lies in the frame of the sprocket, `pitches` before its seat in gap 0: angle and origin. Links
-/// ahead of it, back to the one that carries the span, are seated or in line.
+/// Where the frame of a link lies in the frame of the sprocket, `pitches` before its seat in gap 0: angle and origin.
+/// Links ahead of it, back to the one that carries the span, are seated or in line.
 pub fn pose_before_seat(sprocket: &SilentSprocket, pin_pitch_m: f64, pitches: f64) -> (f64, Vec2) {
     let tau = sprocket.pitch_angle_rad();
     // Whole links between this one and the pitch circle.
@@ -61,7 +64,8 @@ pub fn pose_before_seat(sprocket: &SilentSprocket, pin_pitch_m: f64, pitches: f6
     (angle_rad, carrier - unit(angle_rad) * (sprocket.spec.pitch_m * in_line + 0.5 * pin_pitch_m))
 }
 
-/// Follows a link from three pitches before its seat, in `steps_per_pitch` steps. `sprocket` need not be made for this link.
+/// Follows a link from three pitches before its seat, in `steps_per_pitch` steps. `sprocket` need not be made for this
+/// link.
 pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, steps_per_pitch: u32) -> EntryClearances {
     const PITCHES: u32 = 3;
     let none = Nearest { gap_m: f64::INFINITY, pitches_before_seat: 0.0 };
@@ -124,8 +128,8 @@ pub fn approach_speeds_m_s(sprocket: &SilentSprocket, speed_rad_s: f64) -> Optio
     Some([speed_rad_s * leading_m, speed_rad_s * trailing_m])
 }
 
-/// Turn before the seat at which the trailing flank touches when it lies `further_back_m` behind its nominal place [rad]:
-/// the smaller root of H (cos t - 1) + l sin t = x cos alpha. None for a straight face, or if it cannot touch.
+/// Turn before the seat at which the trailing flank touches when it lies `further_back_m` behind its nominal place
+/// [rad]: the smaller root of H (cos t - 1) + l sin t = x cos alpha. None for a straight face, or if it cannot touch.
 pub fn first_contact_turn_rad(sprocket: &SilentSprocket, further_back_m: f64) -> Option<f64> {
     let (lever_m, height_m) = (trailing_lever_m(sprocket)?, contact_height_m(sprocket)?);
     let needed_m = further_back_m * sin_cos(sprocket.spec.link.flank_angle_rad).1 + height_m;
@@ -150,16 +154,18 @@ fn contact_height_m(sprocket: &SilentSprocket) -> Option<f64> {
 }
 
 /// Distance of the trailing flanks of two successive links, `ahead` first, along the straight chain [m]. What pins and
-/// contours contribute: a row whose pins alone are longer changes nothing, for its own gain is the loss of the link behind.
-/// Where the chain bends by tau at the joint between the two, a rest is left of which [`first_contact_on_contours_rad`] knows:
-/// pins longer by x in one row and shorter in the other bring the trailing flank forward by x sin(pi/z) sin(alpha + pi/z).
+/// contours contribute: a row whose pins alone are longer changes nothing, for its own gain is the loss of the link
+/// behind. Where the chain bends by tau at the joint between the two, a rest is left of which
+/// [`first_contact_on_contours_rad`] knows: pins longer by x in one row and shorter in the other bring the trailing
+/// flank forward by x sin(pi/z) sin(alpha + pi/z).
 pub fn working_flank_pitch_m(ahead: &SilentLinkContour, link: &SilentLinkContour) -> f64 {
     let joint_behind_eye_m = 0.5 * (ahead.pin_pitch_m - ahead.flank_pitch_m);
     joint_behind_eye_m + 0.5 * (link.pin_pitch_m + link.flank_pitch_m)
 }
 
-/// Turn before the seat at which the trailing flank of `link` touches, on the exact contours, when the link ahead sits with
-/// its rear virtual eye in its nominal place [rad]. None if the flanks do not meet within half a pitch angle of the seat.
+/// Turn before the seat at which the trailing flank of `link` touches, on the exact contours, when the link ahead sits
+/// with its rear virtual eye in its nominal place [rad]. None if the flanks do not meet within half a pitch angle of
+/// the seat.
 pub fn first_contact_on_contours_rad(
     ahead: &SilentLinkContour,
     link: &SilentLinkContour,
@@ -186,7 +192,8 @@ pub fn first_contact_on_contours_rad(
     Some(0.5 * (open_rad + closed_rad))
 }
 
-/// Pitch angles round the seat within which a first contact is looked for. assumed: beyond it pitch errors are no longer small.
+/// Pitch angles round the seat within which a first contact is looked for. assumed: beyond it pitch errors are no
+/// longer small.
 const FIRST_CONTACT_RANGE: f64 = 0.1;
 
 /// Forces of a wrap that is carried by one flank per link, and the limits of that.
@@ -198,7 +205,8 @@ pub struct WrapStatics {
     pub tension_ratio: f64,
     /// Angle of the joint force out of the pin line [rad].
     pub lean_rad: f64,
-    /// Both flanks of a link carry only if its tensions T2 / T1 are at least this: (1 - x)/(1 + x), x = tan(pi/z)/tan alpha.
+    /// Both flanks of a link carry only if its tensions T2 / T1 are at least this: (1 - x)/(1 + x), x = tan(pi/z)/tan
+    /// alpha.
     pub both_flanks_tension_ratio: f64,
     /// Force per flank over the tension where both flanks carry alike: sin(pi/z) / sin alpha.
     pub symmetric_flank_force_ratio: f64,

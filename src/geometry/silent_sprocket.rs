@@ -1,9 +1,10 @@
 //! Sprocket teeth for silent (inverted-tooth) chain, as arcs and lines.
 //!
-//! A link is seated when its joints lie on the pitch circle and its outer flanks touch the two teeth on either side of the one
-//! in its crotch. That fixes where the tooth face is. Tooth frame: origin on the sprocket axis, +y along the tooth axis; the
-//! face towards +x is described, the other one is its mirror image. With alpha, f of the link (see
-//! [`super::chain::silent`]), tau = 2 pi / z, m = (cos beta, sin beta) the normal of the face and u = (-sin beta, cos beta):
+//! A link is seated when its joints lie on the pitch circle and its outer flanks touch the two teeth on either side of
+//! the one in its crotch. That fixes where the tooth face is. Tooth frame: origin on the sprocket axis, +y along the
+//! tooth axis; the face towards +x is described, the other one is its mirror image. With alpha, f of the link (see
+//! [`super::chain::silent`]), tau = 2 pi / z, m = (cos beta, sin beta) the normal of the face and u = (-sin beta, cos
+//! beta):
 //!
 //! ```text
 //! R   = p / (2 sin(pi/z))          pitch circle            d    = R cos(pi/z)        pin line of a seated link
@@ -12,12 +13,15 @@
 //! r_b = r_v cos alpha              base circle             s_c  = R cos(alpha - pi/z) - r_b     see below
 //!
 //! line      X . m = e
-//! crowned   arc about T = u_c u + (e - rho) m, radius rho, u_c = R cos(alpha - pi/z) - s, touches the flank of the seated
+//! crowned   arc about T = u_c u + (e - rho) m, radius rho, u_c = R cos(alpha - pi/z) - s, touches the flank of the
+//! seated
 //!           link at s from the foot of the joint's perpendicular
-//! arc       the crowned face with s = s_c, rho = e: T = r_b u. It osculates the involute of r_b, which touches at s_c with
+//! arc       the crowned face with s = s_c, rho = e: T = r_b u. It osculates the involute of r_b, which touches at s_c
+//! with
 //!           curvature radius e, but exists below r_b and is an exact arc
-//! tip       land on r_a = d + c_a, corner arc r_k about K with |K| = r_a - r_k, |K - T| = rho - r_k (line: K . m = e - r_k)
-//! root      one arc through r_f on the gap axis, tangent to both faces; r_f = |toe centre of the seated link| - r_t - c_f
+//! tip       land on r_a = d + c_a, corner arc r_k about K with |K| = r_a - r_k, |K - T| = rho - r_k (line: K . m = e
+//! - r_k) root      one arc through r_f on the gap axis, tangent to both faces; r_f = |toe centre of the seated link|
+//! - r_t - c_f
 //! ```
 //! The gap frame has +y along the gap axis. Default face: arc. Defaults of the free dimensions: c_a = 0, r_k = 0.05 p,
 //! c_f = 0.1 p. Source: derived here from the seat rule of ASME B29.2M (joints of a seated link on the pitch circle).
@@ -39,12 +43,13 @@ pub enum ToothFace {
     Line,
     /// Arc that osculates the involute.
     Arc,
-    /// Arc of any radius that touches the seated flank at `contact_distance_m` from the foot of the joint's perpendicular.
+    /// Arc of any radius that touches the seated flank at `contact_distance_m` from the foot of the joint's
+    /// perpendicular.
     Crowned { radius_m: f64, contact_distance_m: f64 },
 }
 
-/// How far below its waist a gap of arcs may reach, over the pitch. assumed: small flank angles need three quarters of it, and
-/// the teeth stay thicker at the root than above.
+/// How far below its waist a gap of arcs may reach, over the pitch. assumed: small flank angles need three quarters of
+/// it, and the teeth stay thicker at the root than above.
 const LARGEST_UNDERCUT: f64 = 0.1;
 
 /// What a sprocket is made from.
@@ -96,8 +101,8 @@ pub struct SilentSprocket {
     pub face_offset_m: f64,
     /// r_b.
     pub base_radius_m: f64,
-    /// Where the face touches the flank of the seated link, from the foot of the joint's perpendicular towards the toe; None
-    /// for a line, which touches all along.
+    /// Where the face touches the flank of the seated link, from the foot of the joint's perpendicular towards the
+    /// toe; None for a line, which touches all along.
     pub contact_distance_m: Option<f64>,
     /// rho; None for a line.
     pub face_radius_m: Option<f64>,
@@ -147,13 +152,15 @@ pub enum SilentSprocketError {
     LowTip {
         smallest_tip_diameter_m: f64,
     },
-    /// Root below the point where the two faces of a gap meet, or too far below where they part again: largest clearance c_f [m].
+    /// Root below the point where the two faces of a gap meet, or too far below where they part again: largest
+    /// clearance c_f [m].
     DeepRoot {
         largest_clearance_m: f64,
     },
     /// The root arc swallows the place of contact.
     HighRoot,
-    /// The toe of a link that swings in strikes root or face by this much [m]; smallest clearance c_f that is enough [m].
+    /// The toe of a link that swings in strikes root or face by this much [m]; smallest clearance c_f that is enough
+    /// [m].
     Toe {
         interference_m: f64,
         enough_clearance_m: Option<f64>,
@@ -223,7 +230,8 @@ struct Face {
     offset_m: f64,
     /// Radius and centre of an arc.
     arc: Option<(f64, Vec2)>,
-    /// The place of contact, below which the corner arc must not reach; for a line the middle of the link stands for it.
+    /// The place of contact, below which the corner arc must not reach; for a line the middle of the link stands for
+    /// it.
     contact: Vec2,
 }
 
@@ -316,8 +324,8 @@ impl SilentSprocket {
         2.0 * PI / f64::from(self.spec.teeth)
     }
 
-    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the side -x:
-    /// land, corner, face, root, face, corner, land. The material is on the left.
+    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the
+    /// side -x: land, corner, face, root, face, corner, land. The material is on the left.
     pub fn gap_elements(&self) -> [Element; 7] {
         let half_pitch_rad = 0.5 * self.pitch_angle_rad();
         let left = self.side.map(|e| e.moved(half_pitch_rad, Vec2::zeros()));
@@ -334,8 +342,8 @@ impl SilentSprocket {
         [right[2], right[1], right[0], root, left[0], left[1], left[2]]
     }
 
-    /// Elements of gap `k` in the frame of the sprocket, as in [`SilentSprocket::gap_elements`]: its axis lies at k tau from
-    /// +x, so that a joint seated in it lies at R from the axis in that direction.
+    /// Elements of gap `k` in the frame of the sprocket, as in [`SilentSprocket::gap_elements`]: its axis lies at k
+    /// tau from +x, so that a joint seated in it lies at R from the axis in that direction.
     pub fn gap(&self, k: i32) -> [Element; 7] {
         let turn_rad = f64::from(k) * self.pitch_angle_rad() - 0.5 * PI;
         self.gap_elements().map(|e| e.moved(turn_rad, Vec2::zeros()))
@@ -347,22 +355,22 @@ impl SilentSprocket {
         Profile::new(elements, true)
     }
 
-    /// Where the link frame lies in the frame of the sprocket when the link's front joint is seated in gap 0 and the link is
-    /// turned by `turn_rad` out of the seat, about that joint: angle and origin.
+    /// Where the link frame lies in the frame of the sprocket when the link's front joint is seated in gap 0 and the
+    /// link is turned by `turn_rad` out of the seat, about that joint: angle and origin.
     pub fn pose_at_seat(&self, pin_pitch_m: f64, turn_rad: f64) -> (f64, Vec2) {
         let joint = Vec2::new(self.pitch_radius_m, 0.0);
         let angle_rad = 0.5 * PI - 0.5 * self.pitch_angle_rad() + turn_rad;
         (angle_rad, joint - unit(angle_rad) * (0.5 * pin_pitch_m))
     }
 
-    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: half the thickness of the tooth
-    /// where its faces end.
+    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: half the thickness of the
+    /// tooth where its faces end.
     pub fn deepest_overlap_m(&self) -> f64 {
         self.side[0].end().x
     }
 
-    /// Smallest gap between the toes of a nominal link and the gaps they enter, while it swings about its seated front joint
-    /// through one pitch angle [m].
+    /// Smallest gap between the toes of a nominal link and the gaps they enter, while it swings about its seated front
+    /// joint through one pitch angle [m].
     fn swing_clearance_m(&self, contour: &SilentLinkContour) -> f64 {
         const SAMPLES: u32 = 180;
         let pitch_angle_rad = self.pitch_angle_rad();
@@ -466,8 +474,8 @@ impl Face {
         }
     }
 
-    /// Lowest root radius: where the two faces of a gap would meet, or `undercut_m` below the root whose gap is just not wider
-    /// than its mouth [m].
+    /// Lowest root radius: where the two faces of a gap would meet, or `undercut_m` below the root whose gap is just
+    /// not wider than its mouth [m].
     fn lowest_root_m(&self, half_pitch_rad: f64, undercut_m: f64) -> f64 {
         match self.arc {
             None => self.offset_m / rotated(self.normal, half_pitch_rad).y,

@@ -1,10 +1,11 @@
 //! Silent (inverted-tooth) chain with one round pin per joint: links of plates whose outer flanks sit on the teeth.
 //!
-//! Both ends of a link are alike, mirrored about its middle. An end is built about its virtual eye E = (+-h, 0), h half the
-//! flank pitch; the joints lie at (+-p/2, 0), p the pin pitch. Nominal links have h = p/2; the two are separate because the
-//! pitch of the working flanks and the pitch of the pins of a row err apart. Frame of the link: origin midway between the
-//! joints, +x along the travel, +y to its left, where the sprockets are, so that the teeth point to +y. Front end, alpha the
-//! flank angle, s = sin alpha, c = cos alpha, f and f_i = f + lambda the distances of the flanks from E:
+//! Both ends of a link are alike, mirrored about its middle. An end is built about its virtual eye E = (+-h, 0), h
+//! half the flank pitch; the joints lie at (+-p/2, 0), p the pin pitch. Nominal links have h = p/2; the two are
+//! separate because the pitch of the working flanks and the pitch of the pins of a row err apart. Frame of the link:
+//! origin midway between the joints, +x along the travel, +y to its left, where the sprockets are, so that the teeth
+//! point to +y. Front end, alpha the flank angle, s = sin alpha, c = cos alpha, f and f_i = f + lambda the distances
+//! of the flanks from E:
 //!
 //! ```text
 //! eye arc       about E, radius f, from the back line y = -f to the flank
@@ -14,11 +15,11 @@
 //! crotch arc    about (0, -y_c), radius r_c     y_c = (h c - f_i - r_c) / s
 //! s_o = c D - s o_x     s_i = c D + s o_x     s_i0 = -h s - c y_c
 //! ```
-//! All joints are C1. lambda < 0: the outer flanks mesh; lambda > 0: the inner flank of a link stands out beyond the outer
-//! flank of the link ahead and meets the tooth first. Heights that are given by one number (y_c, crotch top, toe low) count
-//! outwards from the pin line, away from the sprocket: they are -y.
-//! Source: derived here; the link need only hold its joints on the pitch line of the sprocket (ASME B29.2M), proportions
-//! f = 0.375 p after its over-pin formulas as remembered (assumed), range of lambda after US 8,628,440.
+//! All joints are C1. lambda < 0: the outer flanks mesh; lambda > 0: the inner flank of a link stands out beyond the
+//! outer flank of the link ahead and meets the tooth first. Heights that are given by one number (y_c, crotch top, toe
+//! low) count outwards from the pin line, away from the sprocket: they are -y.
+//! Source: derived here; the link need only hold its joints on the pitch line of the sprocket (ASME B29.2M),
+//! proportions f = 0.375 p after its over-pin formulas as remembered (assumed), range of lambda after US 8,628,440.
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
@@ -42,7 +43,8 @@ pub struct SilentLinkForm {
     pub flank_angle_rad: f64,
     /// f, of the outer flank, the eye arc and the back line from the virtual eye [m].
     pub face_distance_m: f64,
-    /// lambda = f_i - f: how far the inner flank stands out beyond the outer flank of the link ahead in a straight chain [m].
+    /// lambda = f_i - f: how far the inner flank stands out beyond the outer flank of the link ahead in a straight
+    /// chain [m].
     pub inside_projection_m: f64,
     /// r_t [m].
     pub toe_radius_m: f64,
@@ -112,8 +114,8 @@ pub struct SilentRowSpec {
 pub struct SilentLink {
     pub shape: LinkShape,
     pub contour: SilentLinkContour,
-    /// How far the centre of mass of the plates and pins lies from the pin line towards +y [m]; the shape has it on the pin
-    /// line, as every link has.
+    /// How far the centre of mass of the plates and pins lies from the pin line towards +y [m]; the shape has it on
+    /// the pin line, as every link has.
     pub centre_of_mass_m: f64,
 }
 
@@ -132,8 +134,8 @@ impl Flank {
     }
 }
 
-/// An arc in the frame of the link. The outward normal of a convex arc at `angle` is the unit vector at `angle`, that of a
-/// concave one its opposite.
+/// An arc in the frame of the link. The outward normal of a convex arc at `angle` is the unit vector at `angle`, that
+/// of a concave one its opposite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContourArc {
     pub centre: Vec2,
