@@ -157,15 +157,15 @@ fn contact_height_m(sprocket: &SilentSprocket) -> Option<f64> {
 /// contours contribute: a row whose pins alone are longer changes nothing, for its own gain is the loss of the link
 /// behind. Where the chain bends by tau at the joint between the two, a rest is left of which
 /// [`first_contact_on_contours_rad`] knows: pins longer by x in one row and shorter in the other bring the trailing
-/// flank forward by x sin(pi/z) sin(alpha + pi/z).
+/// flank nearer to its face by x sin(pi/z) sin(alpha + pi/z).
 pub fn working_flank_pitch_m(ahead: &SilentLinkContour, link: &SilentLinkContour) -> f64 {
     let joint_behind_eye_m = 0.5 * (ahead.pin_pitch_m - ahead.flank_pitch_m);
     joint_behind_eye_m + 0.5 * (link.pin_pitch_m + link.flank_pitch_m)
 }
 
 /// Turn before the seat at which the trailing flank of `link` touches, on the exact contours, when the link ahead sits
-/// with its rear virtual eye in its nominal place [rad]. None if the flanks do not meet within half a pitch angle of
-/// the seat.
+/// with its rear virtual eye in its nominal place [rad]. None if the flanks do not meet within a tenth of the pitch
+/// angle of the seat.
 pub fn first_contact_on_contours_rad(
     ahead: &SilentLinkContour,
     link: &SilentLinkContour,

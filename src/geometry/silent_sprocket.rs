@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! R   = p / (2 sin(pi/z))          pitch circle            d    = R cos(pi/z)        pin line of a seated link
-//! r_v = z p / (2 pi)               rolling radius          beta = alpha - tau        half tooth angle; z > 360 deg / alpha
+//! r_v = z p / (2 pi)               rolling radius          beta = alpha - tau        half tooth angle; z > 360 deg/alpha
 //! e   = R sin(alpha - pi/z) - f    distance of the face plane from the axis
 //! r_b = r_v cos alpha              base circle             s_c  = R cos(alpha - pi/z) - r_b     see below
 //!
