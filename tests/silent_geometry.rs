@@ -43,7 +43,7 @@ fn near(name: &str, found: f64, expected: f64, tolerance: f64) {
 
 #[test]
 fn links_have_the_worked_numbers() {
-    // f, f_i, r_t, r_c, o_x, D, s_o, s_i, s_i0, y_c, crotch top, toe low [mm], worked by hand.
+    // f, f_i, r_t, r_c, o_x, D, s_o, s_i, s_i0, y_c, crotch top, toe low [mm], worked out apart from this code.
     #[rustfmt::skip]
     let rows = [
         (8.0, [3.0, 2.5, 0.8, 1.2, 0.288675, 3.9, 3.233162, 3.521837, -1.591412, -0.471797, 0.728203, -4.7]),
@@ -75,7 +75,8 @@ fn links_have_the_worked_numbers() {
 
 #[test]
 fn sprockets_have_the_worked_numbers() {
-    // R, d, r_v, beta [deg], e, r_b, s_c, r_a, r_f, r_r, K, T, half tip land [mm], worked by hand; arc, then line.
+    // R, d, r_v, beta [deg], e, r_b, s_c, r_a, r_f, r_r, K, T, half tip land [mm], worked out apart from this code;
+    // arc, then line.
     #[rustfmt::skip]
     let arcs = [
         [25.5698, 25.2550, 25.4648, 12.0, 6.163401, 22.053156, 1.818321, 25.2550, 20.1814, 1.8749, 0.1516, 24.8545,
@@ -313,7 +314,7 @@ fn element_gaps_agree_with_sampled_contours() {
 
 #[test]
 fn approach_speeds_are_those_of_the_levers() {
-    // v_lead, v_trail [m/s] at 3000 rpm, worked by hand.
+    // v_lead, v_trail [m/s] at 3000 rpm, worked out apart from this code.
     let known = [(0.571242, 0.685395), (0.599816, 0.656821), (0.699591, 0.796593), (0.672556, 0.823628)];
     // measured 1.5e-9 relative: central difference of exact gaps.
     const RELATIVE: f64 = 1e-6;
