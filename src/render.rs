@@ -1,5 +1,7 @@
 //! Drawings as SVG: exact contours, arcs as arcs.
 
+pub mod silent;
+
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::sprocket::Sprocket;
 use std::fmt::Write;

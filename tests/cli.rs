@@ -76,6 +76,55 @@ fn geometry_prints_the_worked_numbers_and_draws() {
 }
 
 #[test]
+fn geometry_of_silent_chain_prints_the_worked_numbers_and_draws() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let svg = folder.path().join("s.svg");
+    let path = svg.to_str().expect("text");
+    let near = |out: &serde_json::Value, key: &str, value: f64| {
+        let found = out[key].as_f64().unwrap_or(f64::NAN);
+        assert!((found - value).abs() < 6e-7, "{key} = {found}, expected {value}");
+    };
+    let chain = ["geometry", "chain", "--type", "silent", "--pitch-mm", "8"];
+    let link = json(&pitchline(&[&chain[..], &["--json", "-o", path]].concat()));
+    #[rustfmt::skip]
+    let known = [
+        ("face_distance_mm", 3.0), ("inner_face_distance_mm", 2.5), ("toe_radius_mm", 0.8), ("crotch_radius_mm", 1.2),
+        ("toe_offset_mm", 0.288675), ("toe_depth_mm", 3.9), ("outer_flank_length_mm", 3.233162),
+        ("inner_flank_end_mm", 3.521837), ("inner_flank_start_mm", -1.591412), ("crotch_centre_mm", -0.471797),
+        ("crotch_top_mm", 0.728203), ("toe_low_mm", -4.7),
+    ];
+    for (key, value) in known {
+        near(&link, key, value);
+    }
+    assert!(std::fs::read_to_string(&svg).expect("drawn").contains("<svg"));
+    let sprocket = ["geometry", "sprocket", "--teeth", "20", "--pitch-mm", "8", "--profile"];
+    let arc = json(&pitchline(&[&sprocket[..], &["silent-arc", "--json", "-o", path]].concat()));
+    for (key, value) in
+        [("face_offset_mm", 6.163401), ("contact_distance_mm", 1.818321), ("half_tooth_angle_deg", 12.0)]
+    {
+        near(&arc, key, value);
+    }
+    assert!((arc["face_centre_mm"][0].as_f64().expect("x") + 4.585109).abs() < 6e-7);
+    assert!(std::fs::read_to_string(&svg).expect("drawn").matches('A').count() > 120, "arcs are arcs");
+    let line = json(&pitchline(&[&sprocket[..], &["silent-line", "--json"]].concat()));
+    assert!(line["contact_distance_mm"].is_null() && line["root_arc_radius_mm"].is_number());
+    assert!(stdout(&pitchline(&[&sprocket[..], &["silent-arc"]].concat())).contains("clearance of swinging toe"));
+    // The user's mistakes, each with the way out.
+    let refused = |args: &[&str], says: &str| {
+        let out = pitchline(args);
+        assert_eq!(out.status.code(), Some(2), "{args:?}");
+        assert!(stderr(&out).contains(says), "{args:?}: {}", stderr(&out));
+    };
+    refused(&sprocket[..6], "--roller-mm");
+    refused(&[&sprocket[..], &["silent-arc", "--roller-mm", "5"]].concat(), "no rollers");
+    refused(&[&sprocket[..], &["iso606", "--roller-mm", "5", "--toe-radius-mm", "1"]].concat(), "--toe-radius-mm");
+    refused(&[&sprocket[..], &["silent-arc", "--tip-mm", "51.4"]].concat(), "at most 50.9263 mm");
+    refused(&["geometry", "sprocket", "--teeth", "12", "--pitch-mm", "8", "--profile", "silent-arc"], "13 ..= 150");
+    refused(&[&chain[..], &["--toe-radius-mm", "2.7"]].concat(), "at most 2.6667 mm");
+    refused(&[&chain[..], &["-o", "link.png"]].concat(), ".svg");
+}
+
+#[test]
 fn drives_check_and_completions_answer() {
     assert!(stdout(&pitchline(&["drives"])).contains("bush-20-40"));
     let text = stdout(&pitchline(&["drives", "bush-20-40"]));

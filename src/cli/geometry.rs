@@ -1,33 +1,42 @@
 //! `pitchline geometry`: the numbers of a profile, and its drawing.
 
+use super::geometry_silent::{self, ChainArgs, SilentSprocketRequest, ToothArgs};
 use super::{Failure, Outcome, print_json, print_out};
+use crate::geometry::silent_sprocket::ToothFace;
 use crate::geometry::sprocket::{GapForm, Sprocket, SprocketSpec};
 use crate::units::{DEG, MM};
 use std::path::PathBuf;
 
 #[derive(clap::Subcommand, Debug)]
 pub enum GeometryVerb {
-    /// A sprocket tooth after ISO 606
+    /// A sprocket tooth after ISO 606, or for silent chain
     Sprocket(SprocketArgs),
+    /// A chain link
+    Chain(ChainArgs),
 }
 
 #[derive(clap::Args, Debug)]
 pub struct SprocketArgs {
+    /// Tooth profile
+    #[arg(long, value_enum, default_value = "iso606")]
+    profile: ToothProfile,
     /// Number of teeth, 9 to 150
     #[arg(long)]
     teeth: u32,
     /// Chain pitch [mm]
     #[arg(long)]
     pitch_mm: f64,
-    /// Roller or bush diameter [mm]
+    /// Roller or bush diameter [mm]; ISO 606 needs it
     #[arg(long)]
-    roller_mm: f64,
-    /// Minimum or maximum tooth gap form
-    #[arg(long, value_enum, default_value = "max")]
-    form: Form,
-    /// Tip diameter [mm]; the middle of what is possible if not given
+    roller_mm: Option<f64>,
+    /// Minimum or maximum tooth gap form of ISO 606; max if not given
+    #[arg(long, value_enum)]
+    form: Option<Form>,
+    /// Tip diameter [mm]; if not given, the middle of what ISO 606 allows, for silent chain that of the seated pin line
     #[arg(long)]
     tip_mm: Option<f64>,
+    #[command(flatten)]
+    silent: ToothArgs,
     /// Draw the contour into an .svg file
     #[arg(short, long = "output", value_name = "FILE")]
     output: Option<PathBuf>,
@@ -37,29 +46,77 @@ pub struct SprocketArgs {
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum ToothProfile {
+    /// Roller and bush chain
+    Iso606,
+    /// Silent chain, face an arc that osculates the involute
+    SilentArc,
+    /// Silent chain, straight face
+    SilentLine,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
 enum Form {
     Min,
     Max,
 }
 
 pub fn run(verb: &GeometryVerb) -> Result<Outcome, Failure> {
-    let GeometryVerb::Sprocket(args) = verb;
-    for (name, value) in [("--pitch-mm", args.pitch_mm), ("--roller-mm", args.roller_mm)] {
+    match verb {
+        GeometryVerb::Sprocket(args) => match args.profile {
+            ToothProfile::Iso606 => iso_606_sprocket(args),
+            ToothProfile::SilentArc => silent_sprocket(args, ToothFace::Arc),
+            ToothProfile::SilentLine => silent_sprocket(args, ToothFace::Line),
+        },
+        GeometryVerb::Chain(args) => geometry_silent::chain(args),
+    }
+}
+
+fn silent_sprocket(args: &SprocketArgs, face: ToothFace) -> Result<Outcome, Failure> {
+    let foreign = [("--roller-mm", args.roller_mm.is_some()), ("--form", args.form.is_some())];
+    if let Some((name, _)) = foreign.iter().find(|(_, given)| *given) {
+        return Err(Failure::Input(format!("`{name}` belongs to `--profile iso606`; silent chain has no rollers")));
+    }
+    geometry_silent::sprocket(&SilentSprocketRequest {
+        teeth: args.teeth,
+        pitch_mm: args.pitch_mm,
+        tip_diameter_mm: args.tip_mm,
+        face,
+        tooth: args.silent,
+        output: args.output.as_deref(),
+        json: args.json,
+    })
+}
+
+fn iso_606_spec(args: &SprocketArgs, form: Form) -> Result<SprocketSpec, Failure> {
+    if let Some(name) = args.silent.given() {
+        return Err(Failure::Input(format!("`{name}` belongs to `--profile silent-arc` and `silent-line`")));
+    }
+    let Some(roller_mm) = args.roller_mm else {
+        return Err(Failure::Input(
+            "`--profile iso606` needs the diameter of the roller or bush: `--roller-mm`".into(),
+        ));
+    };
+    for (name, value) in [("--pitch-mm", args.pitch_mm), ("--roller-mm", roller_mm)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(Failure::Input(format!("`{name}` = {value} must be a positive number")));
         }
     }
-    let sprocket = Sprocket::new(SprocketSpec {
+    Ok(SprocketSpec {
         teeth: args.teeth,
         pitch_m: args.pitch_mm * MM,
-        roller_diameter_m: args.roller_mm * MM,
-        form: match args.form {
+        roller_diameter_m: roller_mm * MM,
+        form: match form {
             Form::Min => GapForm::Min,
             Form::Max => GapForm::Max,
         },
         tip_diameter_m: args.tip_mm.map(|d| d * MM),
     })
-    .map_err(|e| Failure::Input(e.to_string()))?;
+}
+
+fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
+    let form = args.form.unwrap_or(Form::Max);
+    let sprocket = Sprocket::new(iso_606_spec(args, form)?).map_err(|e| Failure::Input(e.to_string()))?;
     if let Some(path) = &args.output {
         if path.extension().and_then(|e| e.to_str()) != Some("svg") {
             return Err(Failure::Input(format!("{}: drawings end in .svg", path.display())));
@@ -92,7 +149,7 @@ pub fn run(verb: &GeometryVerb) -> Result<Outcome, Failure> {
         }));
     }
     let row = |name: &str, value: f64, unit: &str| format!("{name:<26} {value:>12.5} {unit}\n");
-    let mut text = format!("ISO 606 sprocket, {} teeth, {:?} gap form\n", s.spec.teeth, args.form);
+    let mut text = format!("ISO 606 sprocket, {} teeth, {:?} gap form\n", s.spec.teeth, form);
     text += &row("pitch diameter", 2.0 * s.pitch_radius_m / MM, "mm");
     text += &row("rolling diameter z p / pi", 2.0 * s.rolling_radius_m() / MM, "mm");
     text += &row("root diameter", 2.0 * s.root_radius_m / MM, "mm");

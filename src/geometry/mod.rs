@@ -2,9 +2,12 @@
 //! chain round its sprockets.
 
 pub mod chain;
+pub mod element_gap;
 pub mod guide;
 pub mod profile;
 pub mod route;
+pub mod silent_mesh;
+pub mod silent_sprocket;
 pub mod sprocket;
 
 /// A point or vector in the plane [m].

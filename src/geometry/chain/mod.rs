@@ -1,6 +1,7 @@
 //! Chain types: each is a function that returns its links.
 
 pub mod bush;
+pub mod silent;
 
 use super::Vec2;
 use super::profile::Profile;
@@ -8,7 +9,7 @@ use super::profile::Profile;
 /// A row of links: all links of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkShape {
-    /// `inner` or `outer`.
+    /// `inner` or `outer`; `even` or `odd` where the rows are alike.
     pub name: &'static str,
     /// Distance of the two joints, unloaded [m]. Joints sit at (-pitch/2, 0) and (+pitch/2, 0).
     pub pitch_m: f64,
