@@ -89,6 +89,8 @@ pub struct State {
     pub bushes: ContactMemory,
     /// Plate ends against guides: inside front, inside rear, outside front, outside rear. Empty where a drive has none.
     pub guide_ends: [ContactMemory; 4],
+    /// Ends of links' own contours: per set of `elements::end_contact` front, rear. Empty where a drive has none.
+    pub contour_ends: [ContactMemory; 6],
     pub rotors: RotorState,
 }
 
@@ -112,7 +114,13 @@ impl ContactMemory {
 
 impl State {
     /// All links at the origin, at rest, padded to `padded_len` with inert links.
-    pub fn at_rest(n_links: usize, padded_len: usize, n_rotors: usize, guide_sides: [bool; 2]) -> State {
+    pub fn at_rest(
+        n_links: usize,
+        padded_len: usize,
+        n_rotors: usize,
+        guide_sides: [bool; 2],
+        contour_sets: [bool; 3],
+    ) -> State {
         let zeros = || vec![0.0; padded_len];
         let rotor_zeros = || vec![0.0; n_rotors];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
@@ -137,6 +145,7 @@ impl State {
             lost_pin_friction: zeros(),
             bushes: ContactMemory::new(padded_len),
             guide_ends: [ends(guide_sides[0]), ends(guide_sides[0]), ends(guide_sides[1]), ends(guide_sides[1])],
+            contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
             rotors: RotorState {
                 angle: rotor_zeros(),
                 cos: vec![1.0; n_rotors],
@@ -152,7 +161,8 @@ impl State {
     /// Every column with its name, the padding cut off. Taken apart without `..`: a new column cannot be forgotten here,
     /// and with it neither in the hash nor in keyframes.
     pub fn for_each_column<'a>(&'a self, mut f: impl FnMut(ColumnName, &'a [f64])) {
-        let State { step: _, n_links, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } = self;
+        let State { step: _, n_links, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, contour_ends, rotors } =
+            self;
         let n = *n_links;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
         let named = [
@@ -172,8 +182,20 @@ impl State {
         }
         f(ColumnName { set: "joints", name: "lost_pin_damping" }, &lost_pin_damping[..n]);
         f(ColumnName { set: "joints", name: "lost_pin_friction" }, &lost_pin_friction[..n]);
-        let sets = ["bushes", "guide_inside_front", "guide_inside_rear", "guide_outside_front", "guide_outside_rear"];
-        for (set, memory) in sets.into_iter().zip(std::iter::once(bushes).chain(guide_ends)) {
+        let sets = [
+            "bushes",
+            "guide_inside_front",
+            "guide_inside_rear",
+            "guide_outside_front",
+            "guide_outside_rear",
+            "rim_front",
+            "rim_rear",
+            "inner_front",
+            "inner_rear",
+            "face_front",
+            "face_rear",
+        ];
+        for (set, memory) in sets.into_iter().zip(std::iter::once(bushes).chain(guide_ends).chain(contour_ends)) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             let named = [
                 ("normal_force", normal_force),
@@ -256,12 +278,12 @@ impl State {
         let mut names = Vec::new();
         self.for_each_column(|name, _| names.push(name));
         let n = self.n_links;
-        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, rotors } =
+        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, contour_ends, rotors } =
             self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, lost_pin_damping, lost_pin_friction];
-        for memory in std::iter::once(bushes).chain(guide_ends) {
+        for memory in std::iter::once(bushes).chain(guide_ends).chain(contour_ends) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }

@@ -2,6 +2,7 @@
 //! own share of the energy ledger.
 
 pub mod contact_law;
+pub mod end_contact;
 pub mod friction;
 pub mod guide_contact;
 pub mod link_joint;

@@ -9,6 +9,10 @@
 //!
 //! Rates: closing speed v_n = -v_rel . n; tangent t = n turned by +90 degrees; inverse effective masses of the link's end
 //! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
+//!
+//! Other contours of a link ([`super::end_contact`]) touch at q = joint - r n + s t, with r and s their own at every instant;
+//! r is that of the bush above, and s adds its lever to the normal force: v_n loses (omega_link - omega_body) s, l d x n
+//! becomes l d x n - s, and the moment about the joint gains -s F_n.
 
 use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
 use super::friction;
@@ -105,6 +109,11 @@ pub struct Lanes {
     pub cos: Column,
     pub sin: Column,
     pub lever: Column,
+    /// Of contours that are no circles about the joint: the contact point seen from it, against the normal and along the
+    /// tangent [m]; and the link's angular acceleration one step back. Bushes and plate ends leave them alone.
+    pub radius: Column,
+    pub offset: Column,
+    pub alpha: Column,
     pub inverse_mass: Column,
     pub inverse_inertia: Column,
     /// Direction of the gap axis in the sprocket's frame.
@@ -208,16 +217,23 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
 
 /// Rates and effective masses of all lanes.
 #[inline(always)]
-fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
+fn rates<const CONTOUR: bool>(half_step: f64, omega: f64, lanes: &mut Lanes) {
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
-        let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
+        let mut lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
+        let (mut opening, mut opening_rate) =
+            (vx * nx + vy * ny, lanes.ax[i] * nx + lanes.ay[i] * ny);
+        if CONTOUR {
+            lever_n -= lanes.offset[i];
+            opening -= (lanes.omega[i] - omega) * lanes.offset[i];
+            opening_rate -= lanes.alpha[i] * lanes.offset[i];
+        }
         let w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
-        lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny);
-        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny);
+        lanes.free_rate[i] = half_step * own - opening;
+        lanes.free_acceleration[i] = own - opening_rate;
         let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
         let fresh = lanes.age[i] == 0.0;
         let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
@@ -229,8 +245,27 @@ fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
 /// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
+    any_forces::<false>(law, mu, stick_speed, radius, step, omega, lanes);
+}
+
+/// As [`forces`], for contours with their own `radius` and `offset` in every lane.
+#[inline(always)]
+pub fn contour_forces(law: &ContactLaw, mu: f64, stick_speed: f64, step: f64, omega: f64, lanes: &mut Lanes) {
+    any_forces::<true>(law, mu, stick_speed, 0.0, step, omega, lanes);
+}
+
+#[inline(always)]
+fn any_forces<const CONTOUR: bool>(
+    law: &ContactLaw,
+    mu: f64,
+    stick_speed: f64,
+    one_radius: f64,
+    step: f64,
+    omega: f64,
+    lanes: &mut Lanes,
+) {
     let half = 0.5 * step;
-    rates(half, omega, lanes);
+    rates::<CONTOUR>(half, omega, lanes);
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
         for i in 0..LANES {
@@ -240,9 +275,10 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
             lanes.lost_damping[i] = if out.mean_force > 0.0 { out.lost } else { 0.0 };
         }
     } else {
-        quadrature(law, radius, step, lanes);
+        quadrature(law, one_radius, step, lanes);
     }
     for i in 0..LANES {
+        let radius = if CONTOUR { lanes.radius[i] } else { one_radius };
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
@@ -259,8 +295,9 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
         let fy = fn_ * ny + ft * nx;
         lanes.force_x[i] = fx;
         lanes.force_y[i] = fy;
-        lanes.moment[i] = -radius * ft;
-        lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy + radius * ft;
+        let moment = if CONTOUR { -radius * ft - lanes.offset[i] * fn_ } else { -radius * ft };
+        lanes.moment[i] = moment;
+        lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy - moment;
     }
 }
 

@@ -13,10 +13,11 @@
 //! between it and [`advance`]; a step is one after the other. Sums run in chain order or in fixed partial sums, so that
 //! no vector width, window or reporting interval changes a bit.
 
+pub(crate) mod ends;
 mod windows;
 
 use super::{Isa, StepError, StepErrorKind};
-use crate::elements::guide_contact::{self, GuideBody};
+use crate::elements::guide_contact;
 use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
@@ -89,6 +90,12 @@ pub struct Scratch {
     stale_blocks: [Vec<u8>; 4],
     /// The same of the bushes.
     stale_bushes: Vec<u8>,
+    /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
+    contour_ends: [ContactMemory; 6],
+    contour_rate: [Vec<f64>; 6],
+    /// Links near each body they may touch, and the nearest of those bodies per set and link.
+    end_windows: Vec<Vec<Window>>,
+    nearest_end: [Vec<usize>; 3],
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -179,6 +186,10 @@ impl Scratch {
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
             stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
             stale_bushes: vec![2; n / LANES],
+            contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
+            contour_rate: std::array::from_fn(|_| column()),
+            end_windows: vec![Vec::new(); model.end_bodies.len()],
+            nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
             ax: column(),
             ay: column(),
             alpha: column(),
@@ -215,6 +226,23 @@ impl Scratch {
     /// Closing speed at this node of an end of link `i` in a set of guide ends [m/s], where it touches.
     pub fn guide_rate(&self, set: usize, i: usize) -> f64 {
         self.guide_rate[set][i]
+    }
+
+    /// Memory of links' own contours after this step.
+    pub fn contour_memories(&self) -> &[ContactMemory; 6] {
+        &self.contour_ends
+    }
+
+    /// Closing speed at this node of an end of link `i` in a set of contour ends [m/s], where it touches.
+    pub fn contour_rate(&self, set: usize, i: usize) -> f64 {
+        self.contour_rate[set][i]
+    }
+
+    /// Links near body `k` that are nearest to it.
+    pub fn ends_near<'a>(&'a self, model: &'a Model, k: usize) -> impl Iterator<Item = usize> + 'a {
+        let set = model.end_bodies[k].set;
+        let near = self.end_windows[k].iter().flat_map(|w| w.start..w.end);
+        near.filter(move |i| *i < model.chain.n_links && self.nearest_end[set][*i] == k)
     }
 
     /// Joints that are near sprocket `k`.
@@ -320,6 +348,9 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     for k in 0..model.guides.len() {
         guide(model, state, scratch, k);
+    }
+    if model.contour.is_some() {
+        ends::contacts(model, state, scratch);
     }
     accelerations(model, state, scratch);
     // Joints once more, with the velocities that these accelerations give at the node.
@@ -750,7 +781,7 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                     clear_block(state, scratch, set, at);
                     continue;
                 }
-                load_ends(model, state, scratch, at, sign, body, lanes);
+                load_ends(model, state, scratch, at, sign, body.origin, lanes);
                 if shared {
                     send_away(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
@@ -820,7 +851,7 @@ fn load_ends(
     scratch: &Scratch,
     at: usize,
     sign: f64,
-    body: &GuideBody,
+    origin: crate::geometry::Vec2,
     lanes: &mut Lanes,
 ) {
     let c = &model.chain;
@@ -841,7 +872,7 @@ fn load_ends(
         *lever *= sign;
     }
     let alpha = take(&state.links.alpha, at);
-    shift_and_lever(lanes, &alpha, body.origin.x, body.origin.y);
+    shift_and_lever(lanes, &alpha, origin.x, origin.y);
 }
 
 /// Accelerations from all forces.
@@ -903,6 +934,7 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     }
     std::mem::swap(&mut state.bushes, &mut scratch.bushes);
     std::mem::swap(&mut state.guide_ends, &mut scratch.guide_ends);
+    std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
     rotors(model, state, scratch);
     state.step += 1;
 }

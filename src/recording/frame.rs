@@ -376,6 +376,14 @@ pub enum Feature {
     FrontBush = 1,
     RearPlateEnd = 2,
     FrontPlateEnd = 3,
+    RearAbutment = 4,
+    FrontAbutment = 5,
+    /// Of a silent chain's link: flanks that face out of the link.
+    RearOuterFlank = 6,
+    FrontOuterFlank = 7,
+    /// Flanks that face each other across the crotch.
+    RearInnerFlank = 8,
+    FrontInnerFlank = 9,
 }
 
 /// Which part of a body is touched (`Contacts::segment`).
@@ -392,6 +400,8 @@ pub enum Segment {
     GuideFace = 5,
     GuideLeadIn = 6,
     GuideLeadOut = 7,
+    /// Ring of an abutment chain's sprocket.
+    Ring = 8,
 }
 
 /// A few scalars per frame, for plot panels.

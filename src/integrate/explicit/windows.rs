@@ -51,6 +51,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
     }
     find_nearest(model, state, scratch);
+    super::ends::refresh(model, state, scratch);
 }
 
 /// Marks windows that lie over each other, and for their lanes the nearest body.
@@ -108,7 +109,7 @@ fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bo
 }
 
 /// Runs of indices below `n` that are near, widened to multiples of [`LANES`] and joined.
-fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
+pub(super) fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
     let mut windows: Vec<Window> = Vec::new();
     for start in (0..padded).step_by(LANES) {
         if (start..(start + LANES).min(n)).any(&near) {

@@ -1,0 +1,142 @@
+//! The part of a step that concerns links' own contours: abutments and toothed flanks. Geometry link by link, forces many
+//! at a time; what is near which body is looked up with the other windows.
+
+use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, add_guide_forces, load_ends, recall};
+use crate::elements::end_contact::{EndBody, EndShape, EndTouch, LinkPose};
+use crate::elements::tooth_contact::{self, Lanes};
+use crate::geometry::{Vec2, perp};
+use crate::model::Model;
+use crate::state::State;
+
+/// Contacts of all bodies that ends of links touch.
+pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
+    let Some(contour) = &model.contour else { return };
+    let reach_m = 2.0 * scratch.fastest_m_s * model.step_s;
+    let mut block = Lanes::default();
+    for k in 0..model.end_bodies.len() {
+        let body = &model.end_bodies[k];
+        let (rotor, omega) = turning(model, state, body);
+        for w in 0..scratch.end_windows[k].len() {
+            let Window { start, end, .. } = scratch.end_windows[k][w];
+            for at in (start..end).step_by(LANES) {
+                for (rear, sign) in [(0, 1.0), (1, -1.0)] {
+                    let set = 2 * body.set + rear;
+                    let mut touches: [Option<EndTouch>; LANES] = [None; LANES];
+                    let mut near = false;
+                    for (i, touch) in touches.iter_mut().enumerate() {
+                        let link = at + i;
+                        if link >= model.chain.n_links || scratch.nearest_end[body.set][link] != k {
+                            continue;
+                        }
+                        *touch = body.touch(contour, &pose(model, state, body, link, rear == 0), rotor);
+                        near |= touch.is_some_and(|t| t.penetration_m > -reach_m);
+                        near |= state.contour_ends[set].age[link] != 0.0;
+                    }
+                    let lanes = &mut block;
+                    if near {
+                        load_ends(model, state, scratch, at, sign, body.origin, lanes);
+                        lanes.alpha.copy_from_slice(&state.links.alpha[at..at + LANES]);
+                        place(&touches, lanes);
+                        recall(&state.contour_ends[set], at, lanes);
+                        let (mu, stick) = (body.friction, body.stick_speed_m_s);
+                        tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, lanes);
+                        add_guide_forces(scratch, at, lanes);
+                        if let Some(rotor) = body.rotor {
+                            scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
+                        }
+                    } else {
+                        lanes.let_go();
+                    }
+                    keep(model, state, scratch, k, set, at, lanes);
+                }
+            }
+        }
+    }
+}
+
+/// Cosine and sine of the angle of a body, and its speed at the node.
+pub(crate) fn turning(model: &Model, state: &State, body: &EndBody) -> ((f64, f64), f64) {
+    match body.rotor {
+        None => ((1.0, 0.0), 0.0),
+        Some(r) => {
+            let s = &state.rotors;
+            ((s.cos[r], s.sin[r]), s.omega[r] + 0.5 * model.step_s * s.alpha[r])
+        }
+    }
+}
+
+/// Pose of a link's end for a body.
+pub(crate) fn pose(model: &Model, state: &State, body: &EndBody, link: usize, front: bool) -> LinkPose {
+    let l = &state.links;
+    let lever = model.chain.lever[link];
+    LinkPose {
+        centre: Vec2::new(l.x[link], l.y[link]) - body.origin,
+        cos: l.cos[link],
+        sin: l.sin[link],
+        lever: if front { lever } else { -lever },
+        front,
+        row: link % model.rows.len(),
+    }
+}
+
+/// Contact points as the forces need them.
+fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes) {
+    for (i, touch) in touches.iter().enumerate() {
+        let Some(t) = touch else {
+            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (-1.0, 0.0, 1.0);
+            (lanes.radius[i], lanes.offset[i], lanes.body_radius[i]) = (0.0, 0.0, 0.0);
+            continue;
+        };
+        let from_joint = t.point - Vec2::new(lanes.x[i], lanes.y[i]);
+        lanes.penetration[i] = t.penetration_m;
+        (lanes.normal_x[i], lanes.normal_y[i]) = (t.normal.x, t.normal.y);
+        lanes.radius[i] = -from_joint.dot(&t.normal);
+        lanes.offset[i] = from_joint.dot(&perp(t.normal));
+        lanes.body_radius[i] = t.body_radius_m;
+    }
+}
+
+/// Gives memory back to its columns, for the lanes that are this body's.
+fn keep(model: &Model, state: &State, scratch: &mut Scratch, k: usize, set: usize, at: usize, lanes: &Lanes) {
+    let (past, memory) = (&state.contour_ends[set], &mut scratch.contour_ends[set]);
+    for i in 0..LANES {
+        let link = at + i;
+        if link < model.chain.n_links && scratch.nearest_end[set / 2][link] == k {
+            memory.normal_force[link] = lanes.normal_force[i];
+            memory.tangential_force[link] = lanes.tangential_force[i];
+            memory.age[link] = lanes.age[i];
+            memory.approach[link] = lanes.approach[i];
+            memory.lost_damping[link] = past.lost_damping[link] + lanes.lost_damping[i];
+            memory.lost_friction[link] = past.lost_friction[link] + lanes.lost_friction[i];
+            scratch.contour_rate[set][link] = lanes.rate[i];
+        }
+    }
+}
+
+/// Links near each body, and for every set the nearest body of each link.
+pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
+    scratch.contour_ends.clone_from(&state.contour_ends);
+    let n = model.chain.n_links;
+    let distance = |body: &EndBody, link: usize| {
+        let d = Vec2::new(state.links.x[link], state.links.y[link]) - body.origin;
+        match body.shape {
+            EndShape::Face { along, length_m } => (d - along * d.dot(&along).clamp(0.0, length_m)).norm(),
+            _ => d.norm(),
+        }
+    };
+    for (k, body) in model.end_bodies.iter().enumerate() {
+        let reach = body.reach_m(model.chain.lever[0]) + WINDOW_MARGIN_M;
+        let near = |link: usize| distance(body, link) < reach;
+        scratch.end_windows[k] = super::windows::aligned_windows(n, model.chain.padded, near);
+    }
+    for set in 0..scratch.nearest_end.len() {
+        for link in 0..n {
+            let gap = |k: &usize| {
+                let body = &model.end_bodies[*k];
+                distance(body, link) - body.reach_m(model.chain.lever[0])
+            };
+            let of_set = (0..model.end_bodies.len()).filter(|k| model.end_bodies[*k].set == set);
+            scratch.nearest_end[set][link] = of_set.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(usize::MAX);
+        }
+    }
+}
