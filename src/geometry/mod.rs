@@ -5,6 +5,7 @@ pub mod chain;
 pub mod guide;
 pub mod profile;
 pub mod route;
+pub mod smartchain;
 pub mod sprocket;
 
 /// A point or vector in the plane [m].

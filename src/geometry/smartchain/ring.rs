@@ -1,0 +1,270 @@
+//! The ring of a second sprocket, conjugate to abutments that were made for another number of teeth.
+//!
+//! A link has one contour, made for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1 teeth the
+//! chain keeps to that sprocket's own exact path when its ring, which turns with it, is the envelope of the contour under
+//! that motion. The contact lies where the normal of the contour passes through the instant centre of link and sprocket,
+//!
+//! ```text
+//! I = O + perp(O') / (2 pi/z2 - turn_rate)      (link frame),      (I - K).t = 0
+//! ```
+//! The envelope begins ahead of the seat at the height of the guide's face, which is its lowest radius, rises towards the
+//! seat and would end a little behind it. The envelope of the rear abutments is its mirror image. Where both reach, about
+//! the seat, the lower one is taken, which leaves a crest there and a few micrometres of gap under seated links; between the
+//! lobes, where the envelope ends, the valley is capped at the height of the guide's face.
+//!
+//! Gap frame as in `sprocket`: origin on the axis, +y through the seat of a joint, counterclockwise, material on the left.
+//!
+//! Source: general theory of gearing (envelope, instant centre); own derivation. Holds for z2 >= z1: below that the envelope
+//! has a step at the seat.
+
+use super::abutment::{Abutment, tolerance_m};
+use super::convex::ConvexContour;
+use super::fit::{self, CurvePoint};
+use super::path::{Transition, boundary};
+use crate::geometry::profile::{Element, Profile, ProfileError};
+use crate::geometry::{Vec2, perp, rotated};
+use crate::units::{atan2, wrap_angle};
+use std::f64::consts::PI;
+
+/// A ring of lobes, one per tooth; of radius R - a all round if z2 = z1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LobedRing {
+    pub transition: Transition,
+    /// Lowest radius: the height of the guide's face over the axis.
+    pub valley_radius_m: f64,
+    /// Radius at the seat, where the flanks meet.
+    pub crest_radius_m: f64,
+    /// Radius at the end of the envelope behind the seat, which is cut off.
+    pub envelope_end_radius_m: f64,
+    /// Angle from the seat ahead to where the flank rises from the valley.
+    pub flank_start_rad: f64,
+    /// Angle from the seat back to the end of the envelope, which is cut off.
+    pub envelope_end_rad: f64,
+    /// tau of the front joint up to which the ring leads the link exactly.
+    pub exact_until: f64,
+    /// Angle by which the outline turns at the crest.
+    pub crest_kink_rad: f64,
+    /// Largest distance of the exact flank from the arcs.
+    pub max_deviation_m: f64,
+    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Convex.
+    pub tooth: ConvexContour,
+    /// Index of the arc that ends at the crest.
+    pub crest_arc: usize,
+}
+
+/// Contact of ring and abutment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RingContact {
+    /// Gap [m], negative when they penetrate.
+    pub gap_m: f64,
+    /// On the abutment, in the link frame.
+    pub point: Vec2,
+    /// Out of the abutment, in the link frame.
+    pub normal: Vec2,
+    /// Of the abutment and of the ring, at the contact; zero at corners.
+    pub abutment_radius_m: f64,
+    pub ring_radius_m: f64,
+}
+
+/// Why there is no such ring.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RingError {
+    /// The contour is made for more teeth than the sprocket has.
+    FewerTeeth { ring: u32, contour: u32 },
+    /// Pitches of chain and sprocket differ.
+    Pitch { ring_m: f64, contour_m: f64 },
+    /// The envelope is undercut or not convex here.
+    Undercut { tau: f64 },
+}
+
+impl std::fmt::Display for RingError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            RingError::FewerTeeth { ring, contour } => write!(
+                f,
+                "abutments made for {contour} teeth have no ring on {ring}; make them for the smaller sprocket, with {ring} teeth"
+            ),
+            RingError::Pitch { ring_m, contour_m } => {
+                write!(f, "the sprocket's pitch of {ring_m} m is not the chain's, {contour_m} m")
+            }
+            RingError::Undercut { tau } => {
+                write!(f, "the ring's lobe is undercut at {tau:.3} of the hand-over; abutments nearer to the joint work")
+            }
+        }
+    }
+}
+
+impl std::error::Error for RingError {}
+
+/// Places where the exact flank is checked and compared with the arcs.
+const SAMPLES: u32 = 1000;
+
+/// Nearer to the seat than this the end of the envelope counts as at it, in pitches: rounding at z2 = z1.
+const AT_SEAT_PITCHES: f64 = 1e-9;
+
+impl LobedRing {
+    /// The ring of the sprocket of `transition` for the abutments of `abutment`.
+    pub fn new(abutment: &Abutment, transition: Transition) -> Result<LobedRing, RingError> {
+        let (ring, contour) = (transition.teeth, abutment.transition.teeth);
+        if ring < contour {
+            return Err(RingError::FewerTeeth { ring, contour });
+        }
+        let pitch = transition.pitch_m;
+        if pitch != abutment.transition.pitch_m {
+            return Err(RingError::Pitch { ring_m: pitch, contour_m: abutment.transition.pitch_m });
+        }
+        let flank = |tau: f64| envelope(abutment, &transition, tau);
+        check_envelope(&flank)?;
+        let end = flank(1.0).point;
+        let exact_until =
+            if end.x <= AT_SEAT_PITCHES * pitch { 1.0 } else { boundary(0.0, 1.0, |tau| flank(tau).point.x < 0.0) };
+        let crest = Vec2::new(0.0, flank(exact_until).point.y);
+        // From the crest ahead and down to the valley, counterclockwise: tau falls.
+        let curve = |tau: f64| {
+            let p = flank(-tau);
+            if -tau == exact_until { CurvePoint { point: crest, ..p } } else { p }
+        };
+        let ahead = fit::fit(&curve, -exact_until, 0.0, tolerance_m(pitch));
+        let max_deviation_m = fit::deviation_m(&curve, -exact_until, 0.0, &ahead, SAMPLES);
+        let foot = flank(0.0).point;
+        let valley_radius_m = foot.norm();
+        let flank_start_rad = wrap_angle(atan2(foot.y, foot.x) - 0.5 * PI);
+        let half_rad = PI / f64::from(ring);
+        let valley = Element::Arc {
+            centre: Vec2::zeros(),
+            radius_m: valley_radius_m,
+            start_rad: 0.5 * PI + flank_start_rad,
+            sweep_rad: half_rad - flank_start_rad,
+        };
+        let mut half = ahead;
+        half.push(valley);
+        let half = ConvexContour::new(&half).map_err(|_concave| RingError::Undercut { tau: 0.0 })?;
+        let tooth = half.mirrored().followed_by(&half);
+        let crest_normal = half.arcs()[0].normal_start;
+        Ok(LobedRing {
+            transition,
+            valley_radius_m,
+            crest_radius_m: crest.y,
+            envelope_end_radius_m: end.norm(),
+            flank_start_rad,
+            envelope_end_rad: -wrap_angle(atan2(end.y, end.x) - 0.5 * PI),
+            exact_until,
+            crest_kink_rad: 2.0 * wrap_angle(atan2(crest_normal.y, crest_normal.x) - 0.5 * PI),
+            max_deviation_m,
+            tooth,
+            crest_arc: half.arcs().len() - 1,
+        })
+    }
+
+    /// The whole outline, tooth 0 about +y.
+    pub fn profile(&self) -> Result<Profile, ProfileError> {
+        let tooth = self.tooth.profile()?;
+        let seat = self.transition.seat_angle_rad();
+        let elements = (0..self.transition.teeth)
+            .flat_map(|k| tooth.elements().iter().map(move |e| e.moved(f64::from(k) * seat, Vec2::zeros())))
+            .collect();
+        Profile::new(elements, true)
+    }
+
+    /// Contact of one lobe with an abutment. `axis` is the sprocket's axis in the link frame and `turn_rad` the angle of the
+    /// lobe's gap frame to the link frame. Both contours are convex: the direction along which they are furthest apart
+    /// is found by binary search over the arcs of the lobe, and is exact within an arc. `None` if it lies beyond this lobe.
+    pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
+        let turn = crate::geometry::unit(turn_rad);
+        let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
+        // Whether the contact lies further counterclockwise on the ring than its point `p` with outward normal `n`.
+        let past = |p: Vec2, n: Vec2| {
+            let n = turned(n);
+            let opposite = abutment.support(-n).1;
+            (opposite - axis - turned(p)).dot(&perp(n)) > 0.0
+        };
+        let arcs = self.tooth.arcs();
+        let i = arcs.partition_point(|a| past(a.end, a.normal_end));
+        let arc = arcs.get(i)?;
+        let on_arc = past(arc.start, arc.normal_start);
+        if !on_arc && i == 0 {
+            return None;
+        }
+        let (centre, ring_radius_m) = if on_arc { (arc.centre, arc.radius_m) } else { (arc.start, 0.0) };
+        let foot = abutment.closest_to_point(axis + turned(centre));
+        Some(RingContact {
+            gap_m: foot.distance_m - ring_radius_m,
+            point: foot.point,
+            normal: foot.normal,
+            abutment_radius_m: foot.radius_m,
+            ring_radius_m,
+        })
+    }
+
+    /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
+    pub fn seat_turn_rad(&self, tau: f64) -> f64 {
+        seat_turn_rad(&self.transition, tau)
+    }
+}
+
+/// See [`LobedRing::seat_turn_rad`].
+fn seat_turn_rad(transition: &Transition, tau: f64) -> f64 {
+    let seat = transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad();
+    // In the mirrored approach frame the seat stands at seat - 90 deg from +x; +y of the gap frame points there.
+    seat - PI - transition.link(tau).turn_rad
+}
+
+/// Where the ring touches the lever when its front joint is at `tau`, in the gap frame of that joint's seat, with the ring's
+/// tangent.
+fn envelope(abutment: &Abutment, transition: &Transition, tau: f64) -> CurvePoint {
+    let lever = transition.lever(tau);
+    let spin = transition.seat_angle_rad() - lever.turn_rate;
+    let instant_centre = lever.axis.position + perp(lever.axis.velocity) / spin;
+    let contact = foot_on_contour(abutment, instant_centre);
+    let back = -(transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad() - PI - lever.turn_rad);
+    CurvePoint {
+        point: rotated(contact.point - lever.axis.position, back),
+        tangent: rotated(-perp(contact.normal), back),
+    }
+}
+
+/// The point of the exact contour whose normal passes through `centre`: regula falsi (Illinois) over the phase.
+fn foot_on_contour(abutment: &Abutment, centre: Vec2) -> super::abutment::ContourPoint {
+    let ahead = |phase: f64| {
+        let p = abutment.exact(phase);
+        (centre - p.point).dot(&perp(p.normal)) / abutment.transition.pitch_m
+    };
+    let (mut low, mut high) = (-1.0, 1.0);
+    let (mut f_low, mut f_high) = (ahead(low), ahead(high));
+    if f_high >= 0.0 {
+        return abutment.exact(high);
+    }
+    let mut kept_low = None;
+    for _ in 0..100 {
+        let middle = high - f_high * (high - low) / (f_high - f_low);
+        let f = ahead(middle);
+        if f.abs() < 1e-16 || high - low < 1e-15 {
+            return abutment.exact(middle);
+        }
+        // An end that is kept twice running counts half, so that the other one moves too.
+        if f < 0.0 {
+            (high, f_high) = (middle, f);
+            f_low *= if kept_low == Some(true) { 0.5 } else { 1.0 };
+            kept_low = Some(true);
+        } else {
+            (low, f_low) = (middle, f);
+            f_high *= if kept_low == Some(false) { 0.5 } else { 1.0 };
+            kept_low = Some(false);
+        }
+    }
+    abutment.exact(0.5 * (low + high))
+}
+
+/// The envelope runs one way and turns one way.
+fn check_envelope(flank: &dyn Fn(f64) -> CurvePoint) -> Result<(), RingError> {
+    let mut before = flank(0.0);
+    for k in 1..=SAMPLES {
+        let tau = f64::from(k) / f64::from(SAMPLES);
+        let here = flank(tau);
+        if (here.point - before.point).dot(&here.tangent) > 0.0 {
+            return Err(RingError::Undercut { tau });
+        }
+        before = here;
+    }
+    Ok(())
+}
