@@ -191,10 +191,10 @@ fn explore() {
         ring.exact_until,
         ring.crest_kink_rad / DEG,
         ring.max_deviation_m * 1e9,
-        ring.tooth.arcs().len()
+        ring.tooth.len()
     );
-    for a in ring.tooth.arcs() {
-        println!("r {:.5} mm n {:.5} .. {:.5}", a.radius_m / MM, a.normal_start_rad / DEG, a.normal_end_rad / DEG);
+    for a in &ring.tooth {
+        println!("r {:.5} mm", 1e3 / a.curvature_per_m());
     }
     let chain = abutment(20);
     for k in -10..=30 {

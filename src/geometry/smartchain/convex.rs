@@ -145,12 +145,6 @@ impl ConvexContour {
         ConvexContour { arcs: self.arcs.iter().rev().map(ConvexArc::mirrored).collect() }
     }
 
-    /// This contour and then `next`, which starts where this one ends; convex if the joint is.
-    pub fn followed_by(mut self, next: &ConvexContour) -> ConvexContour {
-        self.arcs.extend_from_slice(&next.arcs);
-        self
-    }
-
     /// The open contour, for drawing.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         Profile::new(self.arcs.iter().map(ConvexArc::element).collect(), false)

@@ -18,11 +18,11 @@
 //! has a step at the seat.
 
 use super::abutment::{Abutment, tolerance_m};
-use super::convex::ConvexContour;
+use super::convex::{ConvexContour, ConvexFoot};
 use super::fit::{self, CurvePoint};
 use super::path::{Transition, boundary};
 use crate::geometry::profile::{Element, Profile, ProfileError};
-use crate::geometry::{Vec2, perp, rotated};
+use crate::geometry::{Vec2, cross, perp, rotated, unit};
 use crate::units::{atan2, wrap_angle};
 use std::f64::consts::PI;
 
@@ -46,10 +46,26 @@ pub struct LobedRing {
     pub crest_kink_rad: f64,
     /// Largest distance of the exact flank from the arcs.
     pub max_deviation_m: f64,
-    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Convex.
-    pub tooth: ConvexContour,
-    /// Index of the arc that ends at the crest.
+    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Joints are tangent but for the
+    /// crest.
+    pub tooth: Vec<Element>,
+    /// Index of the element that ends at the crest.
     pub crest_arc: usize,
+    /// The same for contact search.
+    arcs: Vec<RingArc>,
+}
+
+/// An element of the outline with what contact search needs of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct RingArc {
+    /// For a flat, a point on it.
+    centre: Vec2,
+    /// Positive convex, negative concave, infinite for a flat.
+    radius_m: f64,
+    start: Vec2,
+    end: Vec2,
+    normal_start: Vec2,
+    normal_end: Vec2,
 }
 
 /// Contact of ring and abutment.
@@ -73,7 +89,7 @@ pub enum RingError {
     FewerTeeth { ring: u32, contour: u32 },
     /// Pitches of chain and sprocket differ.
     Pitch { ring_m: f64, contour_m: f64 },
-    /// The envelope is undercut or not convex here.
+    /// The envelope is undercut here.
     Undercut { tau: f64 },
 }
 
@@ -138,9 +154,9 @@ impl LobedRing {
         };
         let mut half = ahead;
         half.push(valley);
-        let half = ConvexContour::new(&half).map_err(|_concave| RingError::Undercut { tau: 0.0 })?;
-        let tooth = half.mirrored().followed_by(&half);
-        let crest_normal = half.arcs()[0].normal_start;
+        let crest_arc = half.len() - 1;
+        let crest_normal = half[0].normal(0.0);
+        let tooth: Vec<Element> = half.iter().rev().map(mirrored).chain(half.iter().copied()).collect();
         Ok(LobedRing {
             transition,
             valley_radius_m,
@@ -151,54 +167,156 @@ impl LobedRing {
             exact_until,
             crest_kink_rad: 2.0 * wrap_angle(atan2(crest_normal.y, crest_normal.x) - 0.5 * PI),
             max_deviation_m,
+            arcs: tooth.iter().map(RingArc::new).collect(),
             tooth,
-            crest_arc: half.arcs().len() - 1,
+            crest_arc,
         })
+    }
+
+    /// A ring of constant radius for abutments that it does not fit, for comparison: `tooth` is one arc.
+    pub fn plain(transition: Transition, radius_m: f64) -> LobedRing {
+        let half_rad = PI / f64::from(transition.teeth);
+        let half = |start_rad: f64| Element::Arc { centre: Vec2::zeros(), radius_m, start_rad, sweep_rad: half_rad };
+        let tooth = vec![half(0.5 * PI - half_rad), half(0.5 * PI)];
+        LobedRing {
+            transition,
+            valley_radius_m: radius_m,
+            crest_radius_m: radius_m,
+            envelope_end_radius_m: radius_m,
+            flank_start_rad: 0.0,
+            envelope_end_rad: 0.0,
+            exact_until: 0.0,
+            crest_kink_rad: 0.0,
+            max_deviation_m: 0.0,
+            arcs: tooth.iter().map(RingArc::new).collect(),
+            tooth,
+            crest_arc: 0,
+        }
     }
 
     /// The whole outline, tooth 0 about +y.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
-        let tooth = self.tooth.profile()?;
         let seat = self.transition.seat_angle_rad();
         let elements = (0..self.transition.teeth)
-            .flat_map(|k| tooth.elements().iter().map(move |e| e.moved(f64::from(k) * seat, Vec2::zeros())))
+            .flat_map(|k| self.tooth.iter().map(move |e| e.moved(f64::from(k) * seat, Vec2::zeros())))
             .collect();
         Profile::new(elements, true)
     }
 
-    /// Contact of one lobe with an abutment. `axis` is the sprocket's axis in the link frame and `turn_rad` the angle of the
-    /// lobe's gap frame to the link frame. Both contours are convex: the direction along which they are furthest apart
-    /// is found by binary search over the arcs of the lobe, and is exact within an arc. `None` if it lies beyond this lobe.
+    /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis in the
+    /// link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal lies on this
+    /// lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
     pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
-        let turn = crate::geometry::unit(turn_rad);
+        let turn = unit(turn_rad);
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
-        // Whether the contact lies further counterclockwise on the ring than its point `p` with outward normal `n`.
-        let past = |p: Vec2, n: Vec2| {
-            let n = turned(n);
-            let opposite = abutment.support(-n).1;
-            (opposite - axis - turned(p)).dot(&perp(n)) > 0.0
+        let mut least: Option<RingContact> = None;
+        let mut offer = |found: Option<RingContact>| {
+            if let Some(new) = found.filter(|new| least.is_none_or(|old| new.gap_m < old.gap_m)) {
+                least = Some(new);
+            }
         };
-        let arcs = self.tooth.arcs();
-        let i = arcs.partition_point(|a| past(a.end, a.normal_end));
-        let arc = arcs.get(i)?;
-        let on_arc = past(arc.start, arc.normal_start);
-        if !on_arc && i == 0 {
-            return None;
+        for arc in &self.arcs {
+            let placed = RingArc {
+                centre: axis + turned(arc.centre),
+                radius_m: arc.radius_m,
+                start: axis + turned(arc.start),
+                end: axis + turned(arc.end),
+                normal_start: turned(arc.normal_start),
+                normal_end: turned(arc.normal_end),
+            };
+            offer(placed.contact(abutment));
         }
-        let (centre, ring_radius_m) = if on_arc { (arc.centre, arc.radius_m) } else { (arc.start, 0.0) };
-        let foot = abutment.closest_to_point(axis + turned(centre));
-        Some(RingContact {
-            gap_m: foot.distance_m - ring_radius_m,
-            point: foot.point,
-            normal: foot.normal,
-            abutment_radius_m: foot.radius_m,
-            ring_radius_m,
-        })
+        let (before, after) = (&self.arcs[self.crest_arc], &self.arcs[self.crest_arc + 1]);
+        let crest = axis + turned(before.end);
+        let foot = abutment.closest_to_point(crest);
+        if within(turned(before.normal_end), turned(after.normal_start), -foot.normal) {
+            offer(Some(RingContact::at(&foot, foot.distance_m, 0.0)));
+        }
+        least
     }
 
     /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
     pub fn seat_turn_rad(&self, tau: f64) -> f64 {
         seat_turn_rad(&self.transition, tau)
+    }
+}
+
+impl RingContact {
+    fn at(foot: &ConvexFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
+        RingContact {
+            gap_m,
+            point: foot.point,
+            normal: foot.normal,
+            abutment_radius_m: foot.radius_m,
+            ring_radius_m,
+        }
+    }
+}
+
+/// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two radii,
+/// some 1:40.
+const FURTHEST_STEPS: u32 = 10;
+
+impl RingArc {
+    fn new(element: &Element) -> RingArc {
+        let (centre, radius_m) = match *element {
+            Element::Line { start, .. } => (start, f64::INFINITY),
+            Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m * sweep_rad.signum()),
+        };
+        RingArc {
+            centre,
+            radius_m,
+            start: element.start(),
+            end: element.end(),
+            normal_start: element.normal(0.0),
+            normal_end: element.normal(1.0),
+        }
+    }
+
+    /// Contact where the normals of arc and abutment are opposite, if on this arc. In the link frame.
+    fn contact(&self, abutment: &ConvexContour) -> Option<RingContact> {
+        if self.radius_m.is_infinite() {
+            let (_, point) = abutment.support(-self.normal_start);
+            let along = (point - self.start).dot(&(self.end - self.start));
+            let on = (0.0..=(self.end - self.start).norm_squared()).contains(&along);
+            let foot = abutment.closest_to_point(point + -self.normal_start * self.start.norm().max(1.0));
+            return on.then(|| RingContact::at(&foot, (point - self.start).dot(&self.normal_start), self.radius_m));
+        }
+        if self.radius_m > 0.0 {
+            let foot = abutment.closest_to_point(self.centre);
+            return within(self.normal_start, self.normal_end, -foot.normal)
+                .then(|| RingContact::at(&foot, foot.distance_m - self.radius_m, self.radius_m));
+        }
+        // The centre lies beyond the abutment: the nearest point to the ring is the one furthest from it.
+        let mut outward = -(self.normal_start + self.normal_end).normalize();
+        let mut point = abutment.support(outward).1;
+        for _ in 0..FURTHEST_STEPS {
+            outward = (point - self.centre).normalize();
+            point = abutment.support(outward).1;
+        }
+        if !within(self.normal_end, self.normal_start, -outward) {
+            return None;
+        }
+        let gap_m = -self.radius_m - (point - self.centre).norm();
+        // A point out along the normal has the same foot.
+        let foot = abutment.closest_to_point(point + outward * -self.radius_m);
+        Some(RingContact::at(&foot, gap_m, self.radius_m))
+    }
+}
+
+/// Whether `direction` lies between `first` and `last` counterclockwise; all within half a turn.
+fn within(first: Vec2, last: Vec2, direction: Vec2) -> bool {
+    cross(first, direction) >= 0.0 && cross(direction, last) >= 0.0
+}
+
+/// Mirror image x -> -x, run in the same sense.
+fn mirrored(element: &Element) -> Element {
+    let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
+    match *element {
+        Element::Line { start, end } => Element::Line { start: mirror(end), end: mirror(start) },
+        Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
+            Element::Arc { centre: mirror(centre), radius_m, start_rad: PI - start_rad - sweep_rad, sweep_rad }
+        }
     }
 }
 
