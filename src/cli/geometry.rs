@@ -9,6 +9,8 @@ use std::path::PathBuf;
 pub enum GeometryVerb {
     /// A sprocket tooth after ISO 606
     Sprocket(SprocketArgs),
+    /// The abutments and rings of an abutment chain
+    Smartchain(super::geometry_smartchain::SmartchainArgs),
 }
 
 #[derive(clap::Args, Debug)]
@@ -43,7 +45,13 @@ enum Form {
 }
 
 pub fn run(verb: &GeometryVerb) -> Result<Outcome, Failure> {
-    let GeometryVerb::Sprocket(args) = verb;
+    match verb {
+        GeometryVerb::Sprocket(args) => sprocket(args),
+        GeometryVerb::Smartchain(args) => super::geometry_smartchain::run(args),
+    }
+}
+
+fn sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
     for (name, value) in [("--pitch-mm", args.pitch_mm), ("--roller-mm", args.roller_mm)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(Failure::Input(format!("`{name}` = {value} must be a positive number")));

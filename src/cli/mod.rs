@@ -3,6 +3,7 @@
 mod check;
 mod drives;
 mod geometry;
+mod geometry_smartchain;
 mod run;
 
 use clap::{CommandFactory, Parser, Subcommand};

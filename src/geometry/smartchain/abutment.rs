@@ -115,7 +115,7 @@ pub enum AbutmentError {
     Collision {
         largest_distance_m: f64,
     },
-    /// Too small or too large for arithmetic.
+    /// An arc came out concave by rounding.
     Degenerate,
 }
 
@@ -157,7 +157,7 @@ impl std::fmt::Display for AbutmentError {
                 largest_distance_m / MM
             ),
             AbutmentError::Degenerate => {
-                write!(f, "at this pitch the arcs of the contour cannot be told apart; 0.01 mm to 1000 mm work")
+                write!(f, "at this pitch rounding hides the shape of the contour; 0.01 mm to 1000 mm work")
             }
         }
     }
@@ -168,6 +168,9 @@ impl std::error::Error for AbutmentError {}
 /// Largest deviation of the arcs that is aimed at [m], and its share of the pitch for chains below 8 mm.
 const TOLERANCE_M: f64 = 4.5e-9;
 const TOLERANCE_PITCHES: f64 = TOLERANCE_M / 8e-3;
+
+/// Least deviation worth aiming at, in pitches: rounding of points on a sprocket of 150 teeth, with room.
+const ROUNDING_PITCHES: f64 = 1e-9;
 
 /// Places where the exact contour is compared with the arcs.
 const DEVIATION_SAMPLES: u32 = 2000;
@@ -180,7 +183,7 @@ const CURVATURE_ROUNDING: f64 = 1e-6;
 
 /// Tolerance of fitted arcs for a pitch [m].
 pub(super) fn tolerance_m(pitch_m: f64) -> f64 {
-    TOLERANCE_M.min(TOLERANCE_PITCHES * pitch_m)
+    TOLERANCE_M.min(TOLERANCE_PITCHES * pitch_m).max(ROUNDING_PITCHES * pitch_m)
 }
 
 /// Smallest and largest curvature of the way of the axis in the lever's frame [1/m].
@@ -248,9 +251,6 @@ impl Abutment {
             sweep_rad: end_angle_rad - lever_end_rad,
         });
         let front = ConvexContour::new(&elements).map_err(|_concave| AbutmentError::Degenerate)?;
-        if front.profile().is_err() {
-            return Err(AbutmentError::Degenerate);
-        }
         let min_radius_m = (0..=CURVATURE_SAMPLES)
             .map(|k| f64::from(k) / f64::from(CURVATURE_SAMPLES))
             .map(|tau| lever_point(&transition, ring_radius_m, tau).radius_m.abs())
@@ -295,11 +295,7 @@ impl Abutment {
         } else {
             let normal = unit(0.5 * PI + self.lever_end_rad + (phase - 1.0));
             let joint = Vec2::new(0.5 * self.transition.pitch_m, 0.0);
-            ContourPoint {
-                point: joint + normal * self.distance_m(),
-                normal,
-                radius_m: self.distance_m(),
-            }
+            ContourPoint { point: joint + normal * self.distance_m(), normal, radius_m: self.distance_m() }
         }
     }
 

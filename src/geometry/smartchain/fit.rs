@@ -20,8 +20,8 @@ pub struct CurvePoint {
     pub tangent: Vec2,
 }
 
-/// Beyond this radius an arc is drawn as a line [m]: over 1 mm it bulges by 0.1 nm, and its centre would cost digits.
-const STRAIGHT_RADIUS_M: f64 = 1e3;
+/// Beyond this ratio of radius to chord an arc becomes a line: it bulges by 1e-7 of the chord, and its centre costs digits.
+const STRAIGHT_RATIO: f64 = 1e6;
 
 /// Samples of the deviation inside one piece.
 const SAMPLES: u32 = 16;
@@ -44,7 +44,7 @@ pub fn biarc(a: CurvePoint, b: CurvePoint) -> Vec<Element> {
     let radius_a = from.norm_squared() / (2.0 * from.dot(&perp(a.tangent)));
     let radius_b = to.norm_squared() / (2.0 * to.dot(&perp(b.tangent)));
     let arc = |start: Vec2, end: Vec2, centre: Vec2, signed_radius: f64, t0: Vec2, t1: Vec2| {
-        if !signed_radius.is_finite() || signed_radius.abs() > STRAIGHT_RADIUS_M {
+        if !signed_radius.is_finite() || signed_radius.abs() > STRAIGHT_RATIO * (end - start).norm() {
             return Element::Line { start, end };
         }
         let out = -perp(t0) * signed_radius.signum();
@@ -87,13 +87,7 @@ pub fn fit(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f
 }
 
 /// Longest pieces one after another; None if more than `most` elements are needed.
-fn march(
-    curve: &dyn Fn(f64) -> CurvePoint,
-    from: f64,
-    to: f64,
-    tolerance_m: f64,
-    most: usize,
-) -> Option<Vec<Element>> {
+fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64, most: usize) -> Option<Vec<Element>> {
     let mut elements = Vec::new();
     let mut start = from;
     loop {

@@ -27,7 +27,7 @@
 
 use crate::geometry::sprocket::TEETH_RANGE;
 use crate::geometry::{Vec2, cross, perp, rotated};
-use crate::units::{DEG, atan2, sin_cos};
+use crate::units::{DEG, MM, atan2, sin_cos};
 use std::f64::consts::PI;
 
 /// Position [m], velocity [m per tau] and acceleration [m per tau^2].
@@ -37,6 +37,9 @@ pub struct Motion {
     pub velocity: Vec2,
     pub acceleration: Vec2,
 }
+
+/// Pitches that arithmetic bears [m].
+pub const PITCH_RANGE_M: std::ops::RangeInclusive<f64> = 1e-9..=1e4;
 
 /// Which member of the family of one-link transitions.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +79,7 @@ pub struct Transition {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TransitionError {
     Teeth(u32),
-    /// Not positive and finite [m].
+    /// Outside [`PITCH_RANGE_M`].
     Pitch(f64),
     /// No path over this inclination; the range that has one [rad].
     Inclination {
@@ -92,7 +95,13 @@ impl std::fmt::Display for TransitionError {
             TransitionError::Teeth(z) => {
                 write!(f, "{z} teeth are outside {} ..= {}", TEETH_RANGE.start(), TEETH_RANGE.end())
             }
-            TransitionError::Pitch(pitch_m) => write!(f, "a pitch of {pitch_m} m must be a positive number"),
+            TransitionError::Pitch(pitch_m) => write!(
+                f,
+                "a pitch of {:e} mm is none; {:e} to {:e} mm work",
+                pitch_m / MM,
+                PITCH_RANGE_M.start() / MM,
+                PITCH_RANGE_M.end() / MM
+            ),
             TransitionError::Inclination { inclination_rad, from_rad, to_rad } => write!(
                 f,
                 "no link leads from the line to the circle at an inclination of {:.4} deg; {:.4} to {:.4} deg work",
@@ -129,7 +138,7 @@ impl Transition {
         if !TEETH_RANGE.contains(&teeth) {
             return Err(TransitionError::Teeth(teeth));
         }
-        if !(pitch_m.is_finite() && pitch_m > 0.0) {
+        if !PITCH_RANGE_M.contains(&pitch_m) {
             return Err(TransitionError::Pitch(pitch_m));
         }
         let smooth = smooth_member(teeth);
@@ -140,11 +149,7 @@ impl Transition {
                     return Ok(Transition::member(teeth, pitch_m, phi));
                 }
                 let edge = |outside: f64| boundary(smooth, outside, |x| is_member(teeth, x));
-                Err(TransitionError::Inclination {
-                    inclination_rad: phi,
-                    from_rad: edge(0.0),
-                    to_rad: edge(0.5 * PI),
-                })
+                Err(TransitionError::Inclination { inclination_rad: phi, from_rad: edge(0.0), to_rad: edge(0.5 * PI) })
             }
         }
     }
@@ -197,11 +202,7 @@ impl Transition {
     pub fn leaving_pin(&self, tau: f64) -> Motion {
         let m = self.pin(-tau);
         let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
-        Motion {
-            position: mirror(m.position),
-            velocity: -mirror(m.velocity),
-            acceleration: mirror(m.acceleration),
-        }
+        Motion { position: mirror(m.position), velocity: -mirror(m.velocity), acceleration: mirror(m.acceleration) }
     }
 
     fn pin_on_line(&self, tau: f64) -> Motion {
@@ -236,10 +237,7 @@ impl Transition {
         Motion {
             position: (a.position + c.position) * 0.5 + perp(d) * g,
             velocity: (a.velocity + c.velocity) * 0.5 + perp(d) * g1 + perp(d1) * g,
-            acceleration: (a.acceleration + c.acceleration) * 0.5
-                + perp(d) * g2
-                + perp(d1) * (2.0 * g1)
-                + perp(d2) * g,
+            acceleration: (a.acceleration + c.acceleration) * 0.5 + perp(d) * g2 + perp(d1) * (2.0 * g1) + perp(d2) * g,
         }
     }
 

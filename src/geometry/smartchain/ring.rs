@@ -104,7 +104,10 @@ impl std::fmt::Display for RingError {
                 write!(f, "the sprocket's pitch of {ring_m} m is not the chain's, {contour_m} m")
             }
             RingError::Undercut { tau } => {
-                write!(f, "the ring's lobe is undercut at {tau:.3} of the hand-over; abutments nearer to the joint work")
+                write!(
+                    f,
+                    "the ring's lobe is undercut at {tau:.3} of the hand-over; abutments nearer to the joint work"
+                )
             }
         }
     }
@@ -243,13 +246,7 @@ impl LobedRing {
 
 impl RingContact {
     fn at(foot: &ConvexFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
-        RingContact {
-            gap_m,
-            point: foot.point,
-            normal: foot.normal,
-            abutment_radius_m: foot.radius_m,
-            ring_radius_m,
-        }
+        RingContact { gap_m, point: foot.point, normal: foot.normal, abutment_radius_m: foot.radius_m, ring_radius_m }
     }
 }
 
