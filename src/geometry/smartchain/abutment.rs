@@ -1,19 +1,20 @@
 //! The contour of the abutments of a link.
 //!
-//! In the frame of the lever (the link whose front joint is in transition) the sprocket axis describes a curve O(tau), and a
-//! ring of radius rho about it envelopes
+//! In the frame of the lever (the link whose front joint is in transition) the sprocket axis describes a curve O(tau),
+//! and a ring of radius rho about it envelopes
 //!
 //! ```text
 //! K(tau) = O(tau) + rho perp(u),   u = O' / |O'|,   radius of curvature  1/kappa - rho,   kappa = (O' x O'') / |O'|^3
 //! ```
-//! with rho = R - a, so that the contour ends in an arc of radius a about the front joint, on which the ring stays while the
-//! link is seated. It begins parallel to the link at the depth of the guide's face, h - rho under the joints, and is extended
-//! there by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is convex; a lower
-//! inclination starts concave, a higher one is undercut (kappa rho >= 1) from some inclination on, the sooner the smaller a.
-//! The rear abutment is the mirror image x -> -x.
+//! with rho = R - a, so that the contour ends in an arc of radius a about the front joint, on which the ring stays
+//! while the link is seated. It begins parallel to the link at the depth of the guide's face, h - rho under the joints,
+//! and is extended there by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is
+//! convex; a lower inclination starts concave, a higher one is undercut (kappa rho >= 1) from some inclination on, the
+//! sooner the smaller a. The rear abutment is the mirror image x -> -x.
 //!
-//! Link frame as in [`super::path::LinkMotion`]: the sprocket lies at +y, the contour too, outward normals point to +y; run
-//! with the material on its left it leads from the front end (large x) to the rear, first the flat, then K, then the arc.
+//! Link frame as in [`super::path::LinkMotion`]: the sprocket lies at +y, the contour too, outward normals point to +y;
+//! run with the material on its left it leads from the front end (large x) to the rear, first the flat, then K, then
+//! the arc.
 //!
 //! Source: envelope of a circle; own derivation, see `path`.
 
@@ -32,8 +33,8 @@ pub struct AbutmentSpec {
     pub distance_m: f64,
     /// Length of the flat ahead of the contour [m]; None takes [`FLAT_PITCHES`].
     pub flat_m: Option<f64>,
-    /// Angle of the normal at the end of the end arc, to the normal of the link [rad]; None takes the seated link's angle to
-    /// the ring with [`END_RESERVE_RAD`] to spare, or [`END_ANGLE_RAD`] if that is more.
+    /// Angle of the normal at the end of the end arc, to the normal of the link [rad]; None takes the seated link's
+    /// angle to the ring with [`END_RESERVE_RAD`] to spare, or [`END_ANGLE_RAD`] if that is more.
     pub end_angle_rad: Option<f64>,
 }
 
@@ -144,8 +145,8 @@ impl std::fmt::Display for AbutmentError {
             ),
             AbutmentError::Undercut { inclination_rad, from_rad, to_rad, least_distance_m } => write!(
                 f,
-                "at an inclination of {:.4} deg the ring undercuts the abutment (a cusp); {:.4} to {:.4} deg work, or an \
-                 abutment more than {:.4} mm from its joint",
+                "at an inclination of {:.4} deg the ring undercuts the abutment (a cusp); {:.4} to {:.4} deg work, \
+                 or an abutment more than {:.4} mm from its joint",
                 inclination_rad / DEG,
                 from_rad / DEG,
                 to_rad / DEG,
@@ -282,8 +283,8 @@ impl Abutment {
         }
     }
 
-    /// The exact front contour: `phase` in 0 ..= 1 is tau of the lever, below 0 the flat runs on with one pitch per unit,
-    /// above 1 the end arc with one radian per unit.
+    /// The exact front contour: `phase` in 0 ..= 1 is tau of the lever, below 0 the flat runs on with one pitch per
+    /// unit, above 1 the end arc with one radian per unit.
     pub fn exact(&self, phase: f64) -> ContourPoint {
         let at = |tau: f64| lever_point(&self.transition, self.ring_radius_m, tau);
         if phase < 0.0 {
@@ -305,8 +306,8 @@ impl Abutment {
         self.contour(side).closest_to_point(axis).distance_m - self.ring_radius_m
     }
 
-    /// Length along the chain over which abutments of neighbouring links overlap about their common joint [m]: they must lie
-    /// in different planes, as inner and outer links do.
+    /// Length along the chain over which abutments of neighbouring links overlap about their common joint [m]: they
+    /// must lie in different planes, as inner and outer links do.
     pub fn neighbour_overlap_m(&self) -> f64 {
         2.0 * (self.front.start().x - 0.5 * self.transition.pitch_m)
     }
@@ -316,7 +317,8 @@ impl Abutment {
         2.0 * self.front.end().x
     }
 
-    /// Room between a bush about the joint and the abutments of its own and the neighbouring link, straight or bent [m].
+    /// Room between a bush about the joint and the abutments of its own and the neighbouring link, straight or bent
+    /// [m].
     pub fn bush_clearance_m(&self, bush_radius_m: f64) -> f64 {
         self.min_joint_distance_m() - bush_radius_m
     }

@@ -1,10 +1,10 @@
 //! Convex contours as arcs in the order of their normals.
 //!
-//! The contour is open, runs with the material on its left, and turns only to the left, so that the angle of the outward
-//! normal rises along it. Because it is convex the foot of the perpendicular from a point outside is unique, the sign of
-//! (O - P_j).t_j at a junction P_j with tangent t_j says on which side of the junction the foot lies, and that sign changes
-//! once along the contour: a binary search over the junctions finds the arc, and the foot on an arc is exact. Nothing here
-//! calls a trigonometric function; the cost is a few dozen multiplications and one square root.
+//! The contour is open, runs with the material on its left, and turns only to the left, so that the angle of the
+//! outward normal rises along it. Because it is convex the foot of the perpendicular from a point outside is unique,
+//! the sign of (O - P_j).t_j at a junction P_j with tangent t_j says on which side of the junction the foot lies, and
+//! that sign changes once along the contour: a binary search over the junctions finds the arc, and the foot on an arc
+//! is exact. Nothing here calls a trigonometric function; the cost is a few dozen multiplications and one square root.
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::{Vec2, perp};
@@ -118,7 +118,8 @@ impl ConvexArc {
 }
 
 impl ConvexContour {
-    /// From elements that turn to the left only and join with common tangents. `Err` has the index of the one that does not.
+    /// From elements that turn to the left only and join with common tangents. `Err` has the index of the one that does
+    /// not.
     pub fn new(elements: &[Element]) -> Result<ConvexContour, usize> {
         assert!(!elements.is_empty(), "a contour has elements");
         if let Some(concave) = elements.iter().position(|e| e.curvature_per_m() < 0.0) {
@@ -150,8 +151,8 @@ impl ConvexContour {
         Profile::new(self.arcs.iter().map(ConvexArc::element).collect(), false)
     }
 
-    /// Height of the contour over the origin along the unit vector `direction`, and the point that reaches it: where a plane
-    /// with that normal rests. The ends of the contour support what points past their normals.
+    /// Height of the contour over the origin along the unit vector `direction`, and the point that reaches it: where a
+    /// plane with that normal rests. The ends of the contour support what points past their normals.
     pub fn support(&self, direction: Vec2) -> (f64, Vec2) {
         // The normal passes `direction` at the first arc whose end normal is not before it.
         let arc = self.arcs.partition_point(|a| direction.dot(&perp(a.normal_end)) > 0.0);

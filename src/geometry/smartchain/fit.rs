@@ -1,13 +1,13 @@
 //! Smooth curves as chains of tangent arcs.
 //!
-//! A piece of curve between two points with their tangents becomes a biarc: two arcs that meet with a common tangent, here
-//! with tangent legs of equal length d at both ends,
+//! A piece of curve between two points with their tangents becomes a biarc: two arcs that meet with a common tangent,
+//! here with tangent legs of equal length d at both ends,
 //!
 //! ```text
 //! q d^2 + 2 (v.s) d - v^2 = 0,   v = P1 - P0,   s = t0 + t1,   q = |t1 - t0|^2,   joint = (P0 + d t0 + P1 - d t1) / 2
 //! ```
-//! Source: K. M. Bolton, "Biarc curves", Computer-Aided Design 7 (1975). The deviation from the curve falls with the third
-//! power of the piece's length; where the curve is convex so are both arcs.
+//! Source: K. M. Bolton, "Biarc curves", Computer-Aided Design 7 (1975). The deviation from the curve falls with the
+//! third power of the piece's length; where the curve is convex so are both arcs.
 
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp};
@@ -20,7 +20,8 @@ pub struct CurvePoint {
     pub tangent: Vec2,
 }
 
-/// Beyond this ratio of radius to chord an arc becomes a line: it bulges by 1e-7 of the chord, and its centre costs digits.
+/// Beyond this ratio of radius to chord an arc becomes a line: it bulges by 1e-7 of the chord, and its centre costs
+/// digits.
 const STRAIGHT_RATIO: f64 = 1e6;
 
 /// Samples of the deviation inside one piece.

@@ -9,21 +9,21 @@
 //! dyad    0 <= tau <= 1  gamma = apex over A = gamma(tau - 1) and C = gamma(tau + 1), both one pitch away
 //! circle  tau >= 1       gamma = R (sin psi, cos psi),  psi = psi0 + (tau - 1) 2 pi / z
 //! ```
-//! The link that is handed over (tau = 1) is inclined by phi and must pass through the pitch point (0, r_v), as a rack on its
-//! wheel: with R = p / (2 sin(pi/z)), r_v = z p / (2 pi)
+//! The link that is handed over (tau = 1) is inclined by phi and must pass through the pitch point (0, r_v), as a rack
+//! on its wheel: with R = p / (2 sin(pi/z)), r_v = z p / (2 pi)
 //!
 //! ```text
 //! s = r_v sin phi + sqrt(R^2 - r_v^2 cos^2 phi)        pitch point to C, sigma = s / p
 //! C = (0, r_v) + s (cos phi, -sin phi),   L = (0, r_v) - (p - s) (cos phi, -sin phi),   h = r_v + (p - s) sin phi
 //! ```
 //! makes the path C1 for any phi; the acceleration is continuous too where 2 sigma^3 - sigma^2 = 1/(4 sin^2(pi/z)) -
-//! z^2/(4 pi^2), and then sin phi = (2 pi/z) sigma (1 - sigma). That member lies highest. Below it the path humps above the
-//! line, above it the acceleration jumps.
+//! z^2/(4 pi^2), and then sin phi = (2 pi/z) sigma (1 - sigma). That member lies highest. Below it the path humps above
+//! the line, above it the acceleration jumps.
 //!
 //! Leaving the sprocket is the mirror image x -> -x with time reversed.
 //!
-//! Source: own derivation from the law of gearing (rack and wheel); reproduces what is published of abutment chains, is not
-//! taken from a patent. Rigid links, no clearance.
+//! Source: own derivation from the law of gearing (rack and wheel); reproduces what is published of abutment chains, is
+//! not taken from a patent. Rigid links, no clearance.
 
 use crate::geometry::sprocket::TEETH_RANGE;
 use crate::geometry::{Vec2, cross, perp, rotated};
@@ -117,8 +117,9 @@ impl std::error::Error for TransitionError {}
 
 /// Where the sprocket stands and how it moves as seen from the link whose front joint is at tau.
 ///
-/// Link frame: origin midway between the joints, +x from the rear joint to the front joint, +y to the left of a chain that
-/// runs counterclockwise, which is where the sprocket lies. (The approach frame has the sprocket on the right: y is mirrored.)
+/// Link frame: origin midway between the joints, +x from the rear joint to the front joint, +y to the left of a chain
+/// that runs counterclockwise, which is where the sprocket lies. (The approach frame has the sprocket on the right: y
+/// is mirrored.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkMotion {
     /// Sprocket axis in the link frame.
@@ -252,7 +253,8 @@ impl Transition {
         self.link_between(rear, front)
     }
 
-    /// The same for the lever, the link that is led by its front abutment: tau in 0 ..= 1, limits from within at both ends.
+    /// The same for the lever, the link that is led by its front abutment: tau in 0 ..= 1, limits from within at both
+    /// ends.
     pub fn lever(&self, tau: f64) -> LinkMotion {
         self.link_between(self.pin_on_line(tau - 1.0), self.pin_in_transition(tau))
     }
@@ -281,8 +283,9 @@ impl Transition {
         }
     }
 
-    /// How far the joint at `tau` still is from its seat, in the frame of the turning sprocket: outwards along the seat's
-    /// radius, and ahead of it in the sense of rotation [m]. Falls with the third power of 1 - tau: seating without impact.
+    /// How far the joint at `tau` still is from its seat, in the frame of the turning sprocket: outwards along the
+    /// seat's radius, and ahead of it in the sense of rotation [m]. Falls with the third power of 1 - tau: seating
+    /// without impact.
     pub fn approach_to_seat_m(&self, tau: f64) -> (f64, f64) {
         let pin = self.pin(tau).position;
         let (sin, cos) = sin_cos(self.handover_angle_rad + (tau - 1.0) * self.seat_angle_rad());
@@ -290,21 +293,24 @@ impl Transition {
         (pin.dot(&radial) - self.pitch_radius_m, pin.dot(&ahead))
     }
 
-    /// Contact force that the ring of radius `ring_radius_m` exerts on the lever [N] and force of the guide on its rear joint
-    /// [N], for `tension_n` in the straight span, massless links without friction and tau in 0 ..= 1.
+    /// Contact force that the ring of radius `ring_radius_m` exerts on the lever [N] and force of the guide on its rear
+    /// joint [N], for `tension_n` in the straight span, massless links without friction and tau in 0 ..= 1.
     ///
-    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint; moments
-    /// about the lever's rear joint then give the ring force. The radius drops out, as the force points away from the axis.
+    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint;
+    /// moments about the lever's rear joint then give the ring force. The radius drops out, as the force points away
+    /// from the axis.
     pub fn quasi_static_forces_n(&self, tension_n: f64, tau: f64) -> (f64, f64) {
         let rear = self.pin_on_line(tau - 1.0).position;
         let front = self.pin_in_transition(tau).position;
         let seated = self.pin_on_circle(tau + 1.0).position;
         let lever = self.lever(tau);
-        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach frame.
+        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach
+        // frame.
         let push = rotated(perp(lever.axis.velocity.normalize()), lever.turn_rad);
         let outward = Vec2::new(push.x, -push.y);
         let ahead = (seated - front) / self.pitch_m;
-        // -tension + pull ahead.x + ring outward.x = 0, and moments about the rear joint; the ring acts along a line through 0.
+        // -tension + pull ahead.x + ring outward.x = 0, and moments about the rear joint; the ring acts along a line
+        // through 0.
         let pull_arm = cross(front - rear, ahead);
         let ring_arm = cross(-rear, outward);
         let ring_n = tension_n * pull_arm / (pull_arm * outward.x - ring_arm * ahead.x);
@@ -318,7 +324,8 @@ impl Transition {
     }
 }
 
-/// Within this of the member with continuous acceleration an inclination counts as that member [rad]: rounding of input.
+/// Within this of the member with continuous acceleration an inclination counts as that member [rad]: rounding of
+/// input.
 const SMOOTH_WITHIN_RAD: f64 = 1e-9;
 
 /// Inclination of the member with continuous acceleration [rad].

@@ -1,21 +1,23 @@
 //! The ring of a second sprocket, conjugate to abutments that were made for another number of teeth.
 //!
-//! A link has one contour, made for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1 teeth the
-//! chain keeps to that sprocket's own exact path when its ring, which turns with it, is the envelope of the contour under
-//! that motion. The contact lies where the normal of the contour passes through the instant centre of link and sprocket,
+//! A link has one contour, made for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1
+//! teeth the chain keeps to that sprocket's own exact path when its ring, which turns with it, is the envelope of the
+//! contour under that motion. The contact lies where the normal of the contour passes through the instant centre of
+//! link and sprocket,
 //!
 //! ```text
 //! I = O + perp(O') / (2 pi/z2 - turn_rate)      (link frame),      (I - K).t = 0
 //! ```
-//! The envelope begins ahead of the seat at the height of the guide's face, which is its lowest radius, rises towards the
-//! seat and would end a little behind it. The envelope of the rear abutments is its mirror image. Where both reach, about
-//! the seat, the lower one is taken, which leaves a crest there and a few micrometres of gap under seated links; between the
-//! lobes, where the envelope ends, the valley is capped at the height of the guide's face.
+//! The envelope begins ahead of the seat at the height of the guide's face, which is its lowest radius, rises towards
+//! the seat and would end a little behind it. The envelope of the rear abutments is its mirror image. Where both reach,
+//! about the seat, the lower one is taken, which leaves a crest there and a few micrometres of gap under seated links;
+//! between the lobes, where the envelope ends, the valley is capped at the height of the guide's face.
 //!
-//! Gap frame as in `sprocket`: origin on the axis, +y through the seat of a joint, counterclockwise, material on the left.
+//! Gap frame as in `sprocket`: origin on the axis, +y through the seat of a joint, counterclockwise, material on the
+//! left.
 //!
-//! Source: general theory of gearing (envelope, instant centre); own derivation. Holds for z2 >= z1: below that the envelope
-//! has a step at the seat.
+//! Source: general theory of gearing (envelope, instant centre); own derivation. Holds for z2 >= z1: below that the
+//! envelope has a step at the seat.
 
 use super::abutment::{Abutment, tolerance_m};
 use super::convex::{ConvexContour, ConvexFoot};
@@ -46,8 +48,8 @@ pub struct LobedRing {
     pub crest_kink_rad: f64,
     /// Largest distance of the exact flank from the arcs.
     pub max_deviation_m: f64,
-    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Joints are tangent but for the
-    /// crest.
+    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Joints are tangent but for
+    /// the crest.
     pub tooth: Vec<Element>,
     /// Index of the element that ends at the crest.
     pub crest_arc: usize,
@@ -98,7 +100,8 @@ impl std::fmt::Display for RingError {
         match *self {
             RingError::FewerTeeth { ring, contour } => write!(
                 f,
-                "abutments made for {contour} teeth have no ring on {ring}; make them for the smaller sprocket, with {ring} teeth"
+                "abutments made for {contour} teeth have no ring on {ring}; make them for the smaller sprocket, \
+                 with {ring} teeth"
             ),
             RingError::Pitch { ring_m, contour_m } => {
                 write!(f, "the sprocket's pitch of {ring_m} m is not the chain's, {contour_m} m")
@@ -206,9 +209,9 @@ impl LobedRing {
         Profile::new(elements, true)
     }
 
-    /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis in the
-    /// link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal lies on this
-    /// lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
+    /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis
+    /// in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal
+    /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
     pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
@@ -250,8 +253,8 @@ impl RingContact {
     }
 }
 
-/// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two radii,
-/// some 1:40.
+/// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
+/// radii, some 1:40.
 const FURTHEST_STEPS: u32 = 10;
 
 impl RingArc {
@@ -276,7 +279,8 @@ impl RingArc {
             let (_, point) = abutment.support(-self.normal_start);
             let along = (point - self.start).dot(&(self.end - self.start));
             let on = (0.0..=(self.end - self.start).norm_squared()).contains(&along);
-            let foot = abutment.closest_to_point(point + -self.normal_start * self.start.norm().max(1.0));
+            // A point out along the normal has the same foot.
+            let foot = abutment.closest_to_point(point - self.normal_start * (self.end - self.start).norm());
             return on.then(|| RingContact::at(&foot, (point - self.start).dot(&self.normal_start), self.radius_m));
         }
         if self.radius_m > 0.0 {
@@ -301,9 +305,13 @@ impl RingArc {
     }
 }
 
+/// Normals at tangent joints agree to this [rad]; a contact right there belongs to both arcs, and its gap is off by its
+/// square.
+const NORMAL_ROUNDING_RAD: f64 = 1e-9;
+
 /// Whether `direction` lies between `first` and `last` counterclockwise; all within half a turn.
 fn within(first: Vec2, last: Vec2, direction: Vec2) -> bool {
-    cross(first, direction) >= 0.0 && cross(direction, last) >= 0.0
+    cross(first, direction) >= -NORMAL_ROUNDING_RAD && cross(direction, last) >= -NORMAL_ROUNDING_RAD
 }
 
 /// Mirror image x -> -x, run in the same sense.
@@ -324,8 +332,8 @@ fn seat_turn_rad(transition: &Transition, tau: f64) -> f64 {
     seat - PI - transition.link(tau).turn_rad
 }
 
-/// Where the ring touches the lever when its front joint is at `tau`, in the gap frame of that joint's seat, with the ring's
-/// tangent.
+/// Where the ring touches the lever when its front joint is at `tau`, in the gap frame of that joint's seat, with the
+/// ring's tangent.
 fn envelope(abutment: &Abutment, transition: &Transition, tau: f64) -> CurvePoint {
     let lever = transition.lever(tau);
     let spin = transition.seat_angle_rad() - lever.turn_rate;
