@@ -8,6 +8,7 @@
 //! | file | what |
 //! |---|---|
 //! | `path` | the joint's path, the motion of sprocket and link against each other, loop closure, quasi-static forces |
+//! | `two_link` | a path over two links, not yet with abutments |
 //! | `fit` | smooth curves as few tangent arcs, to a given deviation |
 //! | `convex` | convex contours as arcs in the order of their normals: closest point, support |
 //! | `abutment` | the contour of the abutment, its limits and clearances |
@@ -18,8 +19,10 @@ pub mod convex;
 pub mod fit;
 pub mod path;
 pub mod ring;
+pub mod two_link;
 
 pub use abutment::{Abutment, AbutmentError, AbutmentSpec, Side};
 pub use convex::{ConvexArc, ConvexContour, ConvexFoot};
 pub use path::{Inclination, LinkMotion, Motion, Transition, TransitionError, centre_distance, centre_distance_m};
 pub use ring::{LobedRing, RingContact, RingError};
+pub use two_link::TwoLinkTransition;

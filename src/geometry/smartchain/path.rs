@@ -216,30 +216,13 @@ impl Transition {
 
     fn pin_on_circle(&self, tau: f64) -> Motion {
         let w = self.seat_angle_rad();
-        let (sin, cos) = sin_cos(self.handover_angle_rad + (tau - 1.0) * w);
-        let position = Vec2::new(sin, cos) * self.pitch_radius_m;
-        Motion { position, velocity: -perp(position) * w, acceleration: -position * (w * w) }
+        circle_motion(self.pitch_radius_m, self.handover_angle_rad + (tau - 1.0) * w, w)
     }
 
     /// The dyad's apex, for tau in 0 ..= 1: limits from within at both ends.
     pub fn pin_in_transition(&self, tau: f64) -> Motion {
         let (a, c) = (self.pin_on_line(tau - 1.0), self.pin_on_circle(tau + 1.0));
-        // gamma = (A + C)/2 + g perp(D), D = C - A, g^2 = p^2/|D|^2 - 1/4.
-        let (d, d1, d2) = (c.position - a.position, c.velocity - a.velocity, c.acceleration - a.acceleration);
-        let square = d.norm_squared();
-        let square1 = 2.0 * d.dot(&d1);
-        let square2 = 2.0 * (d1.norm_squared() + d.dot(&d2));
-        let pitch2 = self.pitch_m.powi(2);
-        let q1 = -pitch2 * square1 / square.powi(2);
-        let q2 = pitch2 * (2.0 * square1.powi(2) / square - square2) / square.powi(2);
-        let g = libm::sqrt(pitch2 / square - 0.25);
-        let g1 = q1 / (2.0 * g);
-        let g2 = q2 / (2.0 * g) - q1.powi(2) / (4.0 * g.powi(3));
-        Motion {
-            position: (a.position + c.position) * 0.5 + perp(d) * g,
-            velocity: (a.velocity + c.velocity) * 0.5 + perp(d) * g1 + perp(d1) * g,
-            acceleration: (a.acceleration + c.acceleration) * 0.5 + perp(d) * g2 + perp(d1) * (2.0 * g1) + perp(d2) * g,
-        }
+        apex(&a, &c, self.pitch_m)
     }
 
     /// Rear and front joint of the link whose front joint is at `tau`.
@@ -322,6 +305,33 @@ impl Transition {
     pub fn quasi_static_ring_force_n(&self, tension_n: f64, tau: f64) -> f64 {
         self.quasi_static_forces_n(tension_n, tau).0
     }
+}
+
+/// The joint one pitch away from both `a` and `c`, above them.
+pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
+    // gamma = (A + C)/2 + g perp(D), D = C - A, g^2 = p^2/|D|^2 - 1/4.
+    let (d, d1, d2) = (c.position - a.position, c.velocity - a.velocity, c.acceleration - a.acceleration);
+    let square = d.norm_squared();
+    let square1 = 2.0 * d.dot(&d1);
+    let square2 = 2.0 * (d1.norm_squared() + d.dot(&d2));
+    let pitch2 = pitch_m.powi(2);
+    let q1 = -pitch2 * square1 / square.powi(2);
+    let q2 = pitch2 * (2.0 * square1.powi(2) / square - square2) / square.powi(2);
+    let g = libm::sqrt(pitch2 / square - 0.25);
+    let g1 = q1 / (2.0 * g);
+    let g2 = q2 / (2.0 * g) - q1.powi(2) / (4.0 * g.powi(3));
+    Motion {
+        position: (a.position + c.position) * 0.5 + perp(d) * g,
+        velocity: (a.velocity + c.velocity) * 0.5 + perp(d) * g1 + perp(d1) * g,
+        acceleration: (a.acceleration + c.acceleration) * 0.5 + perp(d) * g2 + perp(d1) * (2.0 * g1) + perp(d2) * g,
+    }
+}
+
+/// A joint on a pitch circle, clockwise, `angle_rad` from +y, which it passes at `rate` [rad per tau].
+pub(super) fn circle_motion(radius_m: f64, angle_rad: f64, rate: f64) -> Motion {
+    let (sin, cos) = sin_cos(angle_rad);
+    let position = Vec2::new(sin, cos) * radius_m;
+    Motion { position, velocity: -perp(position) * rate, acceleration: -position * (rate * rate) }
 }
 
 /// Within this of the member with continuous acceleration an inclination counts as that member [rad]: rounding of
