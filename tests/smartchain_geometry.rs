@@ -584,7 +584,7 @@ fn two_link_transition_is_smooth_in_acceleration() {
         jerk = jerk.max((after.acceleration - before.acceleration).norm() / 8e-4);
     }
     let jerk = jerk / (centripetal * smooth(20).seat_angle_rad());
-    // Published with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk
+    // Stated with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk
     // hangs on digits beyond those given: 2.31 to 4.5 within their rounding, 2.72 with the numbers as they stand.
     assert!((greatest - 1.0).abs() < 1e-3, "{greatest}");
     assert!((2.2..3.0).contains(&jerk), "{jerk}");

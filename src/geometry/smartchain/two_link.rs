@@ -37,7 +37,7 @@ pub struct TwoLinkTransition {
 }
 
 impl TwoLinkTransition {
-    /// The path through the three numbers; None if the two links do not reach from line to circle, in `samples` places.
+    /// The path through the three numbers; None if the two links do not reach from line to circle.
     pub fn new(
         teeth: u32,
         pitch_m: f64,
