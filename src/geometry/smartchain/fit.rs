@@ -87,6 +87,9 @@ pub fn fit(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f
     best
 }
 
+/// Least share of the parameter's range that a piece covers.
+const LEAST_SHARE: f64 = 1.0 / 1024.0;
+
 /// Longest pieces one after another; None if more than `most` elements are needed.
 fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64, most: usize) -> Option<Vec<Element>> {
     let mut elements = Vec::new();
@@ -104,8 +107,8 @@ fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64
             return Some(elements);
         }
         let end = super::path::boundary_within(start, to, BISECTIONS, |end| piece(end).is_some());
-        // A piece that bisection has shrunk to nothing is taken as it is: rounding, not shape.
-        let end = if end > start { end } else { start + (to - from) * 1e-6 };
+        // A curve that is not smooth would be cut without end: pieces have a least length, and the deviation is measured.
+        let end = end.max(start + (to - from) * LEAST_SHARE).min(to);
         elements.extend(biarc(curve(start), curve(end)));
         start = end;
     }
