@@ -13,6 +13,8 @@ pub enum GeometryVerb {
     Sprocket(SprocketArgs),
     /// A chain link
     Chain(ChainArgs),
+    /// The abutments and rings of an abutment chain
+    Smartchain(super::geometry_smartchain::SmartchainArgs),
 }
 
 #[derive(clap::Args, Debug)]
@@ -69,6 +71,7 @@ pub fn run(verb: &GeometryVerb) -> Result<Outcome, Failure> {
             ToothProfile::SilentLine => silent_sprocket(args, ToothFace::Line),
         },
         GeometryVerb::Chain(args) => geometry_silent::chain(args),
+        GeometryVerb::Smartchain(args) => super::geometry_smartchain::run(args),
     }
 }
 

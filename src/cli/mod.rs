@@ -4,6 +4,7 @@ mod check;
 mod drives;
 mod geometry;
 mod geometry_silent;
+mod geometry_smartchain;
 mod run;
 
 use clap::{CommandFactory, Parser, Subcommand};

@@ -8,6 +8,7 @@ pub mod profile;
 pub mod route;
 pub mod silent_mesh;
 pub mod silent_sprocket;
+pub mod smartchain;
 pub mod sprocket;
 
 /// A point or vector in the plane [m].

@@ -1,0 +1,28 @@
+//! Abutment chains: links that two shaped abutments on their inner side lead without impact onto a sprocket.
+//!
+//! Beside the teeth a ring turns with the sprocket. While a link is handed over, the ring lifts its front abutment, and
+//! with it the front joint, along a path that leaves the straight line and joins the pitch circle with continuous
+//! acceleration; the rear joint still slides along a straight guide. The guide's face is tangent to the ring at its
+//! top. On the way out the rear abutment, a mirror image, does the same in reverse.
+//!
+//! | file | what |
+//! |---|---|
+//! | `path` | the joint's path, the motion of sprocket and link against each other, loop closure, quasi-static forces |
+//! | `two_link` | a path over two links, not yet with abutments |
+//! | `fit` | smooth curves as few tangent arcs, to a given deviation |
+//! | `convex` | convex contours as arcs in the order of their normals: closest point, support |
+//! | `abutment` | the contour of the abutment, its limits and clearances |
+//! | `ring` | the ring of the second sprocket: lobed, conjugate to the one contour a link has |
+
+pub mod abutment;
+pub mod convex;
+pub mod fit;
+pub mod path;
+pub mod ring;
+pub mod two_link;
+
+pub use abutment::{Abutment, AbutmentError, AbutmentSpec, Side};
+pub use convex::{ConvexArc, ConvexContour, ConvexFoot};
+pub use path::{Inclination, LinkMotion, Motion, Transition, TransitionError, centre_distance, centre_distance_m};
+pub use ring::{LobedRing, RingContact, RingError};
+pub use two_link::TwoLinkTransition;

@@ -1,0 +1,430 @@
+//! The exact path of a chain joint from a straight span onto the pitch circle, within one link ("n = 1").
+//!
+//! Approach frame: sprocket axis at the origin, +y up, the chain arrives along +x on top, the sprocket turns clockwise.
+//! Time is counted in pitches: tau = t / T with T = 2 pi / (z w), so that the chain advances by p and the sprocket by
+//! w T = 2 pi / z per unit of tau, and velocities and accelerations are per tau and tau^2 [m].
+//!
+//! ```text
+//! line    tau <= 0       gamma = (L.x + p tau, h)
+//! dyad    0 <= tau <= 1  gamma = apex over A = gamma(tau - 1) and C = gamma(tau + 1), both one pitch away
+//! circle  tau >= 1       gamma = R (sin psi, cos psi),  psi = psi0 + (tau - 1) 2 pi / z
+//! ```
+//! The link that is handed over (tau = 1) is inclined by phi and must pass through the pitch point (0, r_v), as a rack
+//! on its wheel: with R = p / (2 sin(pi/z)), r_v = z p / (2 pi)
+//!
+//! ```text
+//! s = r_v sin phi + sqrt(R^2 - r_v^2 cos^2 phi)        pitch point to C, sigma = s / p
+//! C = (0, r_v) + s (cos phi, -sin phi),   L = (0, r_v) - (p - s) (cos phi, -sin phi),   h = r_v + (p - s) sin phi
+//! ```
+//! makes the path C1 for any phi; the acceleration is continuous too where 2 sigma^3 - sigma^2 = 1/(4 sin^2(pi/z)) -
+//! z^2/(4 pi^2), and then sin phi = (2 pi/z) sigma (1 - sigma). That member lies highest. Below it the path humps above
+//! the line, above it the acceleration jumps.
+//!
+//! Leaving the sprocket is the mirror image x -> -x with time reversed.
+//!
+//! Source: own derivation from the law of gearing (rack and wheel); reproduces what is published of abutment chains, is
+//! not taken from a patent. Rigid links, no clearance.
+
+use crate::geometry::sprocket::TEETH_RANGE;
+use crate::geometry::{Vec2, cross, perp, rotated};
+use crate::units::{DEG, MM, atan2, sin_cos};
+use std::f64::consts::PI;
+
+/// Position [m], velocity [m per tau] and acceleration [m per tau^2].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    pub position: Vec2,
+    pub velocity: Vec2,
+    pub acceleration: Vec2,
+}
+
+/// Pitches that arithmetic bears [m].
+pub const PITCH_RANGE_M: std::ops::RangeInclusive<f64> = 1e-9..=1e4;
+
+/// Which member of the family of one-link transitions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Inclination {
+    /// The one with continuous acceleration.
+    SmoothAcceleration,
+    /// Inclination phi of the link at hand-over [rad]; acceleration jumps.
+    Given(f64),
+}
+
+/// The transition of one sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transition {
+    pub teeth: u32,
+    pub pitch_m: f64,
+    /// R, of the circle of seated joints.
+    pub pitch_radius_m: f64,
+    /// r_v, at which the sprocket is as fast as the chain.
+    pub rolling_radius_m: f64,
+    /// Share of the handed-over link beyond the pitch point.
+    pub sigma: f64,
+    /// phi, downwards in the direction of travel.
+    pub inclination_rad: f64,
+    /// h, of the straight line of joints above the sprocket axis.
+    pub line_height_m: f64,
+    /// psi0, from +y to C, clockwise.
+    pub handover_angle_rad: f64,
+    /// x of L, where a joint leaves the line; negative.
+    pub line_end_x_m: f64,
+    /// C, where a joint joins the circle.
+    pub circle_start: Vec2,
+    /// Acceleration is continuous at both ends.
+    pub smooth_acceleration: bool,
+}
+
+/// Why there is no such transition.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TransitionError {
+    Teeth(u32),
+    /// Outside [`PITCH_RANGE_M`].
+    Pitch(f64),
+    /// No path over this inclination; the range that has one [rad].
+    Inclination {
+        inclination_rad: f64,
+        from_rad: f64,
+        to_rad: f64,
+    },
+}
+
+impl std::fmt::Display for TransitionError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            TransitionError::Teeth(z) => {
+                write!(f, "{z} teeth are outside {} ..= {}", TEETH_RANGE.start(), TEETH_RANGE.end())
+            }
+            TransitionError::Pitch(pitch_m) => write!(
+                f,
+                "a pitch of {:e} mm is none; {:e} to {:e} mm work",
+                pitch_m / MM,
+                PITCH_RANGE_M.start() / MM,
+                PITCH_RANGE_M.end() / MM
+            ),
+            TransitionError::Inclination { inclination_rad, from_rad, to_rad } => write!(
+                f,
+                "no link leads from the line to the circle at an inclination of {:.4} deg; {:.4} to {:.4} deg work",
+                inclination_rad / DEG,
+                from_rad / DEG,
+                to_rad / DEG
+            ),
+        }
+    }
+}
+
+impl std::error::Error for TransitionError {}
+
+/// Where the sprocket stands and how it moves as seen from the link whose front joint is at tau.
+///
+/// Link frame: origin midway between the joints, +x from the rear joint to the front joint, +y to the left of a chain
+/// that runs counterclockwise, which is where the sprocket lies. (The approach frame has the sprocket on the right: y
+/// is mirrored.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkMotion {
+    /// Sprocket axis in the link frame.
+    pub axis: Motion,
+    /// How far the link has turned with the sprocket since it was on the line [rad], and its rates per tau and tau^2.
+    pub turn_rad: f64,
+    pub turn_rate: f64,
+    pub turn_acceleration: f64,
+}
+
+/// Samples that decide whether a dyad exists all the way.
+const DYAD_SAMPLES: u32 = 64;
+
+impl Transition {
+    /// The transition of `teeth` and `pitch_m`.
+    pub fn new(teeth: u32, pitch_m: f64, inclination: Inclination) -> Result<Transition, TransitionError> {
+        if !TEETH_RANGE.contains(&teeth) {
+            return Err(TransitionError::Teeth(teeth));
+        }
+        if !PITCH_RANGE_M.contains(&pitch_m) {
+            return Err(TransitionError::Pitch(pitch_m));
+        }
+        let smooth = smooth_member(teeth);
+        match inclination {
+            Inclination::SmoothAcceleration => Ok(Transition::member(teeth, pitch_m, smooth)),
+            Inclination::Given(phi) => {
+                if is_member(teeth, phi) {
+                    return Ok(Transition::member(teeth, pitch_m, phi));
+                }
+                let edge = |outside: f64| boundary(smooth, outside, |x| is_member(teeth, x));
+                Err(TransitionError::Inclination { inclination_rad: phi, from_rad: edge(0.0), to_rad: edge(0.5 * PI) })
+            }
+        }
+    }
+
+    /// The member with continuous acceleration.
+    pub fn smooth(teeth: u32, pitch_m: f64) -> Result<Transition, TransitionError> {
+        Transition::new(teeth, pitch_m, Inclination::SmoothAcceleration)
+    }
+
+    /// The member of inclination `phi`, unchecked.
+    fn member(teeth: u32, pitch_m: f64, phi: f64) -> Transition {
+        let z = f64::from(teeth);
+        let pitch_radius_m = pitch_m / (2.0 * sin_cos(PI / z).0);
+        let rolling_radius_m = z * pitch_m / (2.0 * PI);
+        let (sin, cos) = sin_cos(phi);
+        let s = rolling_radius_m * sin + libm::sqrt(pitch_radius_m.powi(2) - (rolling_radius_m * cos).powi(2));
+        let circle_start = Vec2::new(s * cos, rolling_radius_m - s * sin);
+        Transition {
+            teeth,
+            pitch_m,
+            pitch_radius_m,
+            rolling_radius_m,
+            sigma: s / pitch_m,
+            inclination_rad: phi,
+            line_height_m: rolling_radius_m + (pitch_m - s) * sin,
+            handover_angle_rad: atan2(circle_start.x, circle_start.y),
+            line_end_x_m: -(pitch_m - s) * cos,
+            circle_start,
+            smooth_acceleration: (phi - smooth_member(teeth)).abs() < SMOOTH_WITHIN_RAD,
+        }
+    }
+
+    /// Angle between seats, which is what the sprocket turns per tau [rad].
+    pub fn seat_angle_rad(&self) -> f64 {
+        2.0 * PI / f64::from(self.teeth)
+    }
+
+    /// The joint at `tau` on its way in. Where two pieces meet the straight line and the circle win.
+    pub fn pin(&self, tau: f64) -> Motion {
+        if tau <= 0.0 {
+            self.pin_on_line(tau)
+        } else if tau >= 1.0 {
+            self.pin_on_circle(tau)
+        } else {
+            self.pin_in_transition(tau)
+        }
+    }
+
+    /// The joint on its way out, at tau = 0 where it reaches the line.
+    pub fn leaving_pin(&self, tau: f64) -> Motion {
+        let m = self.pin(-tau);
+        let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
+        Motion { position: mirror(m.position), velocity: -mirror(m.velocity), acceleration: mirror(m.acceleration) }
+    }
+
+    fn pin_on_line(&self, tau: f64) -> Motion {
+        Motion {
+            position: Vec2::new(self.line_end_x_m + self.pitch_m * tau, self.line_height_m),
+            velocity: Vec2::new(self.pitch_m, 0.0),
+            acceleration: Vec2::zeros(),
+        }
+    }
+
+    fn pin_on_circle(&self, tau: f64) -> Motion {
+        let w = self.seat_angle_rad();
+        circle_motion(self.pitch_radius_m, self.handover_angle_rad + (tau - 1.0) * w, w)
+    }
+
+    /// The dyad's apex, for tau in 0 ..= 1: limits from within at both ends.
+    pub fn pin_in_transition(&self, tau: f64) -> Motion {
+        let (a, c) = (self.pin_on_line(tau - 1.0), self.pin_on_circle(tau + 1.0));
+        apex(&a, &c, self.pitch_m)
+    }
+
+    /// Rear and front joint of the link whose front joint is at `tau`.
+    pub fn joints(&self, tau: f64) -> (Motion, Motion) {
+        (self.pin(tau - 1.0), self.pin(tau))
+    }
+
+    /// The sprocket as seen from the link whose front joint is at `tau`.
+    pub fn link(&self, tau: f64) -> LinkMotion {
+        let (rear, front) = self.joints(tau);
+        self.link_between(rear, front)
+    }
+
+    /// The same for the lever, the link that is led by its front abutment: tau in 0 ..= 1, limits from within at both
+    /// ends.
+    pub fn lever(&self, tau: f64) -> LinkMotion {
+        self.link_between(self.pin_on_line(tau - 1.0), self.pin_in_transition(tau))
+    }
+
+    fn link_between(&self, rear: Motion, front: Motion) -> LinkMotion {
+        // Mirrored, so that the sprocket lies on the left of the chain.
+        let mirror = |v: Vec2| Vec2::new(v.x, -v.y);
+        let along = mirror(front.position - rear.position) / self.pitch_m;
+        let along1 = mirror(front.velocity - rear.velocity) / self.pitch_m;
+        let along2 = mirror(front.acceleration - rear.acceleration) / self.pitch_m;
+        let turn_rate = cross(along, along1);
+        let turn_acceleration = cross(along, along2);
+        let into = |v: Vec2| Vec2::new(along.dot(&v), cross(along, v));
+        let middle = into(mirror(rear.position + front.position) * 0.5);
+        let middle1 = into(mirror(rear.velocity + front.velocity) * 0.5);
+        let middle2 = into(mirror(rear.acceleration + front.acceleration) * 0.5);
+        let position = -middle;
+        let velocity = -middle1 - perp(position) * turn_rate;
+        let acceleration = -middle2 - perp(position) * turn_acceleration - perp(velocity) * (2.0 * turn_rate)
+            + position * turn_rate.powi(2);
+        LinkMotion {
+            axis: Motion { position, velocity, acceleration },
+            turn_rad: atan2(along.y, along.x),
+            turn_rate,
+            turn_acceleration,
+        }
+    }
+
+    /// How far the joint at `tau` still is from its seat, in the frame of the turning sprocket: outwards along the
+    /// seat's radius, and ahead of it in the sense of rotation [m]. Falls with the third power of 1 - tau: seating
+    /// without impact.
+    pub fn approach_to_seat_m(&self, tau: f64) -> (f64, f64) {
+        let pin = self.pin(tau).position;
+        let (sin, cos) = sin_cos(self.handover_angle_rad + (tau - 1.0) * self.seat_angle_rad());
+        let (radial, ahead) = (Vec2::new(sin, cos), Vec2::new(cos, -sin));
+        (pin.dot(&radial) - self.pitch_radius_m, pin.dot(&ahead))
+    }
+
+    /// Contact force that the ring of radius `ring_radius_m` exerts on the lever [N] and force of the guide on its rear
+    /// joint [N], for `tension_n` in the straight span, massless links without friction and tau in 0 ..= 1.
+    ///
+    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint;
+    /// moments about the lever's rear joint then give the ring force. The radius drops out, as the force points away
+    /// from the axis.
+    pub fn quasi_static_forces_n(&self, tension_n: f64, tau: f64) -> (f64, f64) {
+        let rear = self.pin_on_line(tau - 1.0).position;
+        let front = self.pin_in_transition(tau).position;
+        let seated = self.pin_on_circle(tau + 1.0).position;
+        let lever = self.lever(tau);
+        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach
+        // frame.
+        let push = rotated(perp(lever.axis.velocity.normalize()), lever.turn_rad);
+        let outward = Vec2::new(push.x, -push.y);
+        let ahead = (seated - front) / self.pitch_m;
+        // -tension + pull ahead.x + ring outward.x = 0, and moments about the rear joint; the ring acts along a line
+        // through 0.
+        let pull_arm = cross(front - rear, ahead);
+        let ring_arm = cross(-rear, outward);
+        let ring_n = tension_n * pull_arm / (pull_arm * outward.x - ring_arm * ahead.x);
+        let pull_n = (tension_n - ring_n * outward.x) / ahead.x;
+        (ring_n, -(pull_n * ahead.y + ring_n * outward.y))
+    }
+
+    /// The first of [`Transition::quasi_static_forces_n`] [N].
+    pub fn quasi_static_ring_force_n(&self, tension_n: f64, tau: f64) -> f64 {
+        self.quasi_static_forces_n(tension_n, tau).0
+    }
+}
+
+/// The joint one pitch away from both `a` and `c`, above them.
+pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
+    // gamma = (A + C)/2 + g perp(D), D = C - A, g^2 = p^2/|D|^2 - 1/4.
+    let (d, d1, d2) = (c.position - a.position, c.velocity - a.velocity, c.acceleration - a.acceleration);
+    let square = d.norm_squared();
+    let square1 = 2.0 * d.dot(&d1);
+    let square2 = 2.0 * (d1.norm_squared() + d.dot(&d2));
+    let pitch2 = pitch_m.powi(2);
+    let q1 = -pitch2 * square1 / square.powi(2);
+    let q2 = pitch2 * (2.0 * square1.powi(2) / square - square2) / square.powi(2);
+    let g = libm::sqrt(pitch2 / square - 0.25);
+    let g1 = q1 / (2.0 * g);
+    let g2 = q2 / (2.0 * g) - q1.powi(2) / (4.0 * g.powi(3));
+    Motion {
+        position: (a.position + c.position) * 0.5 + perp(d) * g,
+        velocity: (a.velocity + c.velocity) * 0.5 + perp(d) * g1 + perp(d1) * g,
+        acceleration: (a.acceleration + c.acceleration) * 0.5 + perp(d) * g2 + perp(d1) * (2.0 * g1) + perp(d2) * g,
+    }
+}
+
+/// A joint on a pitch circle, clockwise, `angle_rad` from +y, which it passes at `rate` [rad per tau].
+pub(super) fn circle_motion(radius_m: f64, angle_rad: f64, rate: f64) -> Motion {
+    let (sin, cos) = sin_cos(angle_rad);
+    let position = Vec2::new(sin, cos) * radius_m;
+    Motion { position, velocity: -perp(position) * rate, acceleration: -position * (rate * rate) }
+}
+
+/// Within this of the member with continuous acceleration an inclination counts as that member [rad]: rounding of
+/// input.
+const SMOOTH_WITHIN_RAD: f64 = 1e-9;
+
+/// Inclination of the member with continuous acceleration [rad].
+fn smooth_member(teeth: u32) -> f64 {
+    let z = f64::from(teeth);
+    let kappa = 0.25 / sin_cos(PI / z).0.powi(2) - (0.5 * z / PI).powi(2);
+    // Newton from above the root, where the cubic rises and is convex.
+    let mut sigma = 1.0;
+    for _ in 0..50 {
+        let step = (2.0 * sigma * sigma * sigma - sigma * sigma - kappa) / (6.0 * sigma * sigma - 2.0 * sigma);
+        sigma -= step;
+        if step.abs() < 1e-16 {
+            break;
+        }
+    }
+    libm::asin(2.0 * PI / z * sigma * (1.0 - sigma))
+}
+
+/// Whether the path exists: the pitch point lies within the link, and the dyad closes all the way.
+fn is_member(teeth: u32, phi: f64) -> bool {
+    if !(phi > 0.0 && phi < 0.5 * PI) {
+        return false;
+    }
+    let t = Transition::member(teeth, 1.0, phi);
+    t.sigma < 1.0
+        && (0..=DYAD_SAMPLES).all(|k| {
+            let tau = f64::from(k) / f64::from(DYAD_SAMPLES);
+            (t.pin_on_circle(tau + 1.0).position - t.pin_on_line(tau - 1.0).position).norm() < 2.0
+        })
+}
+
+/// The last value that `works` on the way from one that does to one that does not.
+pub(super) fn boundary(inside: f64, outside: f64, works: impl Fn(f64) -> bool) -> f64 {
+    boundary_within(inside, outside, 60, works)
+}
+
+/// The same with a given number of bisections.
+pub(super) fn boundary_within(inside: f64, outside: f64, bisections: u32, works: impl Fn(f64) -> bool) -> f64 {
+    let (mut good, mut bad) = (inside, outside);
+    for _ in 0..bisections {
+        let middle = 0.5 * (good + bad);
+        if works(middle) {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    good
+}
+
+/// Distance of the axes of two sprockets at which `n_links` close the loop without slack [m].
+///
+/// ```text
+/// N = 2 [S + L1.x + L2.x]/p + sum_j (Theta_j - 2 psi0_j) z_j / (2 pi) + 4,   S^2 = c^2 - (h2 - h1)^2,
+/// Theta = pi -+ 2 asin((h2 - h1)/c)
+/// ```
+/// None if the loop is too short for any distance.
+pub fn centre_distance_m(first: &Transition, second: &Transition, n_links: u32) -> Option<f64> {
+    let pitch = first.pitch_m;
+    let lean = second.line_height_m - first.line_height_m;
+    let seats = |t: &Transition, wrap_rad: f64| (wrap_rad - 2.0 * t.handover_angle_rad) / t.seat_angle_rad();
+    let links = |c: f64| {
+        let span = libm::sqrt((c * c - lean * lean).max(0.0)) + first.line_end_x_m + second.line_end_x_m;
+        let turn = 2.0 * libm::asin(lean / c);
+        2.0 * span / pitch + seats(first, PI - turn) + seats(second, PI + turn) + 4.0
+    };
+    let wanted = f64::from(n_links);
+    // The straight part must not be negative; more distance always takes more links.
+    let free = (first.line_end_x_m + second.line_end_x_m).abs();
+    let (mut low, mut high) = (libm::sqrt(free * free + lean * lean), pitch * wanted);
+    if links(low) > wanted || links(high) < wanted {
+        return None;
+    }
+    for _ in 0..200 {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if links(middle) < wanted {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(0.5 * (low + high))
+}
+
+/// [`centre_distance_m`] of two sprockets with continuous acceleration.
+pub fn centre_distance(teeth: (u32, u32), pitch_m: f64, n_links: u32) -> Result<Option<f64>, TransitionError> {
+    let (first, second) = (Transition::smooth(teeth.0, pitch_m)?, Transition::smooth(teeth.1, pitch_m)?);
+    Ok(centre_distance_m(&first, &second, n_links))
+}

@@ -1,0 +1,393 @@
+//! The ring of a second sprocket, conjugate to abutments that were made for another number of teeth.
+//!
+//! A link has one contour, made for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1
+//! teeth the chain keeps to that sprocket's own exact path when its ring, which turns with it, is the envelope of the
+//! contour under that motion. The contact lies where the normal of the contour passes through the instant centre of
+//! link and sprocket,
+//!
+//! ```text
+//! I = O + perp(O') / (2 pi/z2 - turn_rate)      (link frame),      (I - K).t = 0
+//! ```
+//! The envelope begins ahead of the seat at the height of the guide's face, which is its lowest radius, rises towards
+//! the seat and would end a little behind it. The envelope of the rear abutments is its mirror image. Where both reach,
+//! about the seat, the lower one is taken, which leaves a crest there and a few micrometres of gap under seated links;
+//! between the lobes, where the envelope ends, the valley is capped at the height of the guide's face.
+//!
+//! Gap frame as in `sprocket`: origin on the axis, +y through the seat of a joint, counterclockwise, material on the
+//! left.
+//!
+//! Source: general theory of gearing (envelope, instant centre); own derivation. Holds for z2 >= z1: below that the
+//! envelope has a step at the seat.
+
+use super::abutment::{Abutment, tolerance_m};
+use super::convex::{ConvexContour, ConvexFoot};
+use super::fit::{self, CurvePoint};
+use super::path::{Transition, boundary};
+use crate::geometry::profile::{Element, Profile, ProfileError};
+use crate::geometry::{Vec2, cross, perp, rotated, unit};
+use crate::units::{atan2, wrap_angle};
+use std::f64::consts::PI;
+
+/// A ring of lobes, one per tooth; of radius R - a all round if z2 = z1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LobedRing {
+    pub transition: Transition,
+    /// Lowest radius: the height of the guide's face over the axis.
+    pub valley_radius_m: f64,
+    /// Radius at the seat, where the flanks meet.
+    pub crest_radius_m: f64,
+    /// Radius at the end of the envelope behind the seat, which is cut off.
+    pub envelope_end_radius_m: f64,
+    /// Angle from the seat ahead to where the flank rises from the valley.
+    pub flank_start_rad: f64,
+    /// Angle from the seat back to the end of the envelope, which is cut off.
+    pub envelope_end_rad: f64,
+    /// tau of the front joint up to which the ring leads the link exactly.
+    pub exact_until: f64,
+    /// Angle by which the outline turns at the crest.
+    pub crest_kink_rad: f64,
+    /// Largest distance of the exact flank from the arcs.
+    pub max_deviation_m: f64,
+    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Joints are tangent but for
+    /// the crest.
+    pub tooth: Vec<Element>,
+    /// Index of the element that ends at the crest.
+    pub crest_arc: usize,
+    /// The same for contact search.
+    arcs: Vec<RingArc>,
+}
+
+/// An element of the outline with what contact search needs of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct RingArc {
+    /// For a flat, a point on it.
+    centre: Vec2,
+    /// Positive convex, negative concave, infinite for a flat.
+    radius_m: f64,
+    start: Vec2,
+    end: Vec2,
+    normal_start: Vec2,
+    normal_end: Vec2,
+}
+
+/// Contact of ring and abutment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RingContact {
+    /// Gap [m], negative when they penetrate.
+    pub gap_m: f64,
+    /// On the abutment, in the link frame.
+    pub point: Vec2,
+    /// Out of the abutment, in the link frame.
+    pub normal: Vec2,
+    /// Of the abutment and of the ring, at the contact; zero at corners.
+    pub abutment_radius_m: f64,
+    pub ring_radius_m: f64,
+}
+
+/// Why there is no such ring.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RingError {
+    /// The contour is made for more teeth than the sprocket has.
+    FewerTeeth { ring: u32, contour: u32 },
+    /// Pitches of chain and sprocket differ.
+    Pitch { ring_m: f64, contour_m: f64 },
+    /// The envelope is undercut here.
+    Undercut { tau: f64 },
+}
+
+impl std::fmt::Display for RingError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {
+            RingError::FewerTeeth { ring, contour } => write!(
+                f,
+                "abutments made for {contour} teeth have no ring on {ring}; make them for the smaller sprocket, \
+                 with {ring} teeth"
+            ),
+            RingError::Pitch { ring_m, contour_m } => {
+                write!(f, "the sprocket's pitch of {ring_m} m is not the chain's, {contour_m} m")
+            }
+            RingError::Undercut { tau } => {
+                write!(
+                    f,
+                    "the ring's lobe is undercut at {tau:.3} of the hand-over; abutments nearer to the joint work"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for RingError {}
+
+/// Places where the exact flank is checked and compared with the arcs.
+const SAMPLES: u32 = 1000;
+
+/// Nearer to the seat than this the end of the envelope counts as at it, in pitches: rounding at z2 = z1.
+const AT_SEAT_PITCHES: f64 = 1e-9;
+
+impl LobedRing {
+    /// The ring of the sprocket of `transition` for the abutments of `abutment`.
+    pub fn new(abutment: &Abutment, transition: Transition) -> Result<LobedRing, RingError> {
+        let (ring, contour) = (transition.teeth, abutment.transition.teeth);
+        if ring < contour {
+            return Err(RingError::FewerTeeth { ring, contour });
+        }
+        let pitch = transition.pitch_m;
+        if pitch != abutment.transition.pitch_m {
+            return Err(RingError::Pitch { ring_m: pitch, contour_m: abutment.transition.pitch_m });
+        }
+        let flank = |tau: f64| envelope(abutment, &transition, tau);
+        check_envelope(&flank)?;
+        let end = flank(1.0).point;
+        let exact_until =
+            if end.x <= AT_SEAT_PITCHES * pitch { 1.0 } else { boundary(0.0, 1.0, |tau| flank(tau).point.x < 0.0) };
+        let crest = Vec2::new(0.0, flank(exact_until).point.y);
+        // From the crest ahead and down to the valley, counterclockwise: tau falls.
+        let curve = |tau: f64| {
+            let p = flank(-tau);
+            if -tau == exact_until { CurvePoint { point: crest, ..p } } else { p }
+        };
+        let ahead = fit::fit(&curve, -exact_until, 0.0, tolerance_m(pitch));
+        let max_deviation_m = fit::deviation_m(&curve, -exact_until, 0.0, &ahead, SAMPLES);
+        let foot = flank(0.0).point;
+        let valley_radius_m = foot.norm();
+        let flank_start_rad = wrap_angle(atan2(foot.y, foot.x) - 0.5 * PI);
+        let half_rad = PI / f64::from(ring);
+        let valley = Element::Arc {
+            centre: Vec2::zeros(),
+            radius_m: valley_radius_m,
+            start_rad: 0.5 * PI + flank_start_rad,
+            sweep_rad: half_rad - flank_start_rad,
+        };
+        let mut half = ahead;
+        half.push(valley);
+        let crest_arc = half.len() - 1;
+        let crest_normal = half[0].normal(0.0);
+        let tooth: Vec<Element> = half.iter().rev().map(mirrored).chain(half.iter().copied()).collect();
+        Ok(LobedRing {
+            transition,
+            valley_radius_m,
+            crest_radius_m: crest.y,
+            envelope_end_radius_m: end.norm(),
+            flank_start_rad,
+            envelope_end_rad: -wrap_angle(atan2(end.y, end.x) - 0.5 * PI),
+            exact_until,
+            crest_kink_rad: 2.0 * wrap_angle(atan2(crest_normal.y, crest_normal.x) - 0.5 * PI),
+            max_deviation_m,
+            arcs: tooth.iter().map(RingArc::new).collect(),
+            tooth,
+            crest_arc,
+        })
+    }
+
+    /// A ring of constant radius for abutments that it does not fit, for comparison: `tooth` is one arc.
+    pub fn plain(transition: Transition, radius_m: f64) -> LobedRing {
+        let half_rad = PI / f64::from(transition.teeth);
+        let half = |start_rad: f64| Element::Arc { centre: Vec2::zeros(), radius_m, start_rad, sweep_rad: half_rad };
+        let tooth = vec![half(0.5 * PI - half_rad), half(0.5 * PI)];
+        LobedRing {
+            transition,
+            valley_radius_m: radius_m,
+            crest_radius_m: radius_m,
+            envelope_end_radius_m: radius_m,
+            flank_start_rad: 0.0,
+            envelope_end_rad: 0.0,
+            exact_until: 0.0,
+            crest_kink_rad: 0.0,
+            max_deviation_m: 0.0,
+            arcs: tooth.iter().map(RingArc::new).collect(),
+            tooth,
+            crest_arc: 0,
+        }
+    }
+
+    /// The whole outline, tooth 0 about +y.
+    pub fn profile(&self) -> Result<Profile, ProfileError> {
+        let seat = self.transition.seat_angle_rad();
+        let elements = (0..self.transition.teeth)
+            .flat_map(|k| self.tooth.iter().map(move |e| e.moved(f64::from(k) * seat, Vec2::zeros())))
+            .collect();
+        Profile::new(elements, true)
+    }
+
+    /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis
+    /// in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal
+    /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
+    pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
+        let turn = unit(turn_rad);
+        let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
+        let mut least: Option<RingContact> = None;
+        let mut offer = |found: Option<RingContact>| {
+            if let Some(new) = found.filter(|new| least.is_none_or(|old| new.gap_m < old.gap_m)) {
+                least = Some(new);
+            }
+        };
+        for arc in &self.arcs {
+            let placed = RingArc {
+                centre: axis + turned(arc.centre),
+                radius_m: arc.radius_m,
+                start: axis + turned(arc.start),
+                end: axis + turned(arc.end),
+                normal_start: turned(arc.normal_start),
+                normal_end: turned(arc.normal_end),
+            };
+            offer(placed.contact(abutment));
+        }
+        let (before, after) = (&self.arcs[self.crest_arc], &self.arcs[self.crest_arc + 1]);
+        let crest = axis + turned(before.end);
+        let foot = abutment.closest_to_point(crest);
+        if within(turned(before.normal_end), turned(after.normal_start), -foot.normal) {
+            offer(Some(RingContact::at(&foot, foot.distance_m, 0.0)));
+        }
+        least
+    }
+
+    /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
+    pub fn seat_turn_rad(&self, tau: f64) -> f64 {
+        seat_turn_rad(&self.transition, tau)
+    }
+}
+
+impl RingContact {
+    fn at(foot: &ConvexFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
+        RingContact { gap_m, point: foot.point, normal: foot.normal, abutment_radius_m: foot.radius_m, ring_radius_m }
+    }
+}
+
+/// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
+/// radii, some 1:40.
+const FURTHEST_STEPS: u32 = 10;
+
+impl RingArc {
+    fn new(element: &Element) -> RingArc {
+        let (centre, radius_m) = match *element {
+            Element::Line { start, .. } => (start, f64::INFINITY),
+            Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m * sweep_rad.signum()),
+        };
+        RingArc {
+            centre,
+            radius_m,
+            start: element.start(),
+            end: element.end(),
+            normal_start: element.normal(0.0),
+            normal_end: element.normal(1.0),
+        }
+    }
+
+    /// Contact where the normals of arc and abutment are opposite, if on this arc. In the link frame.
+    fn contact(&self, abutment: &ConvexContour) -> Option<RingContact> {
+        if self.radius_m.is_infinite() {
+            let (_, point) = abutment.support(-self.normal_start);
+            let along = (point - self.start).dot(&(self.end - self.start));
+            let on = (0.0..=(self.end - self.start).norm_squared()).contains(&along);
+            // A point out along the normal has the same foot.
+            let foot = abutment.closest_to_point(point - self.normal_start * (self.end - self.start).norm());
+            return on.then(|| RingContact::at(&foot, (point - self.start).dot(&self.normal_start), self.radius_m));
+        }
+        if self.radius_m > 0.0 {
+            let foot = abutment.closest_to_point(self.centre);
+            return within(self.normal_start, self.normal_end, -foot.normal)
+                .then(|| RingContact::at(&foot, foot.distance_m - self.radius_m, self.radius_m));
+        }
+        // The centre lies beyond the abutment: the nearest point to the ring is the one furthest from it.
+        let mut outward = -(self.normal_start + self.normal_end).normalize();
+        let mut point = abutment.support(outward).1;
+        for _ in 0..FURTHEST_STEPS {
+            outward = (point - self.centre).normalize();
+            point = abutment.support(outward).1;
+        }
+        if !within(self.normal_end, self.normal_start, -outward) {
+            return None;
+        }
+        let gap_m = -self.radius_m - (point - self.centre).norm();
+        // A point out along the normal has the same foot.
+        let foot = abutment.closest_to_point(point + outward * -self.radius_m);
+        Some(RingContact::at(&foot, gap_m, self.radius_m))
+    }
+}
+
+/// Normals at tangent joints agree to this [rad]; a contact right there belongs to both arcs, and its gap is off by its
+/// square.
+const NORMAL_ROUNDING_RAD: f64 = 1e-9;
+
+/// Whether `direction` lies between `first` and `last` counterclockwise; all within half a turn.
+fn within(first: Vec2, last: Vec2, direction: Vec2) -> bool {
+    cross(first, direction) >= -NORMAL_ROUNDING_RAD && cross(direction, last) >= -NORMAL_ROUNDING_RAD
+}
+
+/// Mirror image x -> -x, run in the same sense.
+fn mirrored(element: &Element) -> Element {
+    let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
+    match *element {
+        Element::Line { start, end } => Element::Line { start: mirror(end), end: mirror(start) },
+        Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
+            Element::Arc { centre: mirror(centre), radius_m, start_rad: PI - start_rad - sweep_rad, sweep_rad }
+        }
+    }
+}
+
+/// See [`LobedRing::seat_turn_rad`].
+fn seat_turn_rad(transition: &Transition, tau: f64) -> f64 {
+    let seat = transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad();
+    // In the mirrored approach frame the seat stands at seat - 90 deg from +x; +y of the gap frame points there.
+    seat - PI - transition.link(tau).turn_rad
+}
+
+/// Where the ring touches the lever when its front joint is at `tau`, in the gap frame of that joint's seat, with the
+/// ring's tangent.
+fn envelope(abutment: &Abutment, transition: &Transition, tau: f64) -> CurvePoint {
+    let lever = transition.lever(tau);
+    let spin = transition.seat_angle_rad() - lever.turn_rate;
+    let instant_centre = lever.axis.position + perp(lever.axis.velocity) / spin;
+    let contact = foot_on_contour(abutment, instant_centre);
+    let back = -(transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad() - PI - lever.turn_rad);
+    CurvePoint {
+        point: rotated(contact.point - lever.axis.position, back),
+        tangent: rotated(-perp(contact.normal), back),
+    }
+}
+
+/// The point of the exact contour whose normal passes through `centre`: regula falsi (Illinois) over the phase.
+fn foot_on_contour(abutment: &Abutment, centre: Vec2) -> super::abutment::ContourPoint {
+    let ahead = |phase: f64| {
+        let p = abutment.exact(phase);
+        (centre - p.point).dot(&perp(p.normal)) / abutment.transition.pitch_m
+    };
+    let (mut low, mut high) = (-1.0, 1.0);
+    let (mut f_low, mut f_high) = (ahead(low), ahead(high));
+    if f_high >= 0.0 {
+        return abutment.exact(high);
+    }
+    let mut kept_low = None;
+    for _ in 0..100 {
+        let middle = high - f_high * (high - low) / (f_high - f_low);
+        let f = ahead(middle);
+        if f.abs() < 1e-16 || high - low < 1e-15 {
+            return abutment.exact(middle);
+        }
+        // An end that is kept twice running counts half, so that the other one moves too.
+        if f < 0.0 {
+            (high, f_high) = (middle, f);
+            f_low *= if kept_low == Some(true) { 0.5 } else { 1.0 };
+            kept_low = Some(true);
+        } else {
+            (low, f_low) = (middle, f);
+            f_high *= if kept_low == Some(false) { 0.5 } else { 1.0 };
+            kept_low = Some(false);
+        }
+    }
+    abutment.exact(0.5 * (low + high))
+}
+
+/// The envelope runs one way and turns one way.
+fn check_envelope(flank: &dyn Fn(f64) -> CurvePoint) -> Result<(), RingError> {
+    let mut before = flank(0.0);
+    for k in 1..=SAMPLES {
+        let tau = f64::from(k) / f64::from(SAMPLES);
+        let here = flank(tau);
+        if (here.point - before.point).dot(&here.tangent) > 0.0 {
+            return Err(RingError::Undercut { tau });
+        }
+        before = here;
+    }
+    Ok(())
+}
