@@ -8,7 +8,9 @@ pub mod reader;
 
 use crate::diag::{Diag, Report};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
+use crate::geometry::chain::abutment::AbutmentChain;
 use crate::geometry::chain::bush::{BushChain, RowSpec};
+use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
 use crate::geometry::guide::GuideSide;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
@@ -26,17 +28,73 @@ pub struct Drive {
     pub text: String,
     pub overrides: Vec<String>,
     pub title: String,
-    pub chain: BushChain,
+    pub chain: ChainSpec,
     pub links: usize,
     pub joint: JointSpec,
     pub tooth_contact: ContactSpec,
     pub guide_contact: ContactSpec,
+    /// Abutments on rings.
+    pub ring_contact: ContactSpec,
     /// In the order in which the chain meets them.
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
     pub preload: PreloadSpec,
     pub run: RunSpec,
     pub places: Places,
+}
+
+/// The chain, of one type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ChainSpec {
+    Bush(BushChain),
+    Silent(SilentChain),
+    Abutment(AbutmentChain),
+}
+
+impl ChainSpec {
+    /// Its table in the drive file.
+    pub fn path(&self) -> &'static str {
+        match self {
+            ChainSpec::Bush(_) => "chain.bush",
+            ChainSpec::Silent(_) => "chain.silent",
+            ChainSpec::Abutment(_) => "chain.smartchain",
+        }
+    }
+
+    /// Nominal pitch [m].
+    pub fn pitch_m(&self) -> f64 {
+        match self {
+            ChainSpec::Bush(c) => c.pitch_m,
+            ChainSpec::Silent(c) => c.pitch_m,
+            ChainSpec::Abutment(c) => c.pitch_m,
+        }
+    }
+
+    pub fn pin_diameter_m(&self) -> f64 {
+        match self {
+            ChainSpec::Bush(c) => c.pin_diameter_m,
+            ChainSpec::Silent(c) => c.pin_diameter_m,
+            ChainSpec::Abutment(c) => c.pin_diameter_m,
+        }
+    }
+
+    /// Diameter of what the teeth seat; zero for a silent chain [m].
+    pub fn bush_diameter_m(&self) -> f64 {
+        match self {
+            ChainSpec::Bush(c) => c.bush_diameter_m,
+            ChainSpec::Silent(_) => 0.0,
+            ChainSpec::Abutment(c) => c.bush_diameter_m,
+        }
+    }
+
+    /// Height of the plate edge that slides on plain guides over the joints [m].
+    pub fn plate_end_radius_m(&self) -> f64 {
+        match self {
+            ChainSpec::Bush(c) => 0.5 * c.plate_height_m,
+            ChainSpec::Silent(c) => c.form.face_distance_m,
+            ChainSpec::Abutment(c) => 0.5 * c.plate_height_m,
+        }
+    }
 }
 
 /// Joints of the chain.
@@ -64,10 +122,23 @@ pub struct SprocketDrive {
     pub teeth: u32,
     pub form: GapForm,
     pub tip_diameter_m: Option<f64>,
+    /// Gaps cut deeper by this [m].
+    pub root_relief_m: f64,
+    /// Of an abutment chain.
+    pub ring: RingForm,
     pub x_m: f64,
     pub y_m: f64,
     pub wrap: Wrap,
     pub outer: OuterSpec,
+}
+
+/// Ring of an abutment chain's sprocket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RingForm {
+    /// Conjugate to the abutments: a circle where they are made for its teeth, lobes elsewhere.
+    Conjugate,
+    /// A circle in any case.
+    Plain,
 }
 
 /// What is prescribed at a sprocket.
@@ -140,7 +211,7 @@ impl Drive {
     pub fn chain_speed_m_s(&self) -> f64 {
         let driver = &self.sprockets[self.driver()];
         match driver.outer {
-            OuterSpec::Speed { speed_rad_s } => speed_rad_s * f64::from(driver.teeth) * self.chain.pitch_m / (2.0 * PI),
+            OuterSpec::Speed { speed_rad_s } => speed_rad_s * f64::from(driver.teeth) * self.chain.pitch_m() / (2.0 * PI),
             OuterSpec::Load { .. } => 0.0,
         }
     }
@@ -148,29 +219,74 @@ impl Drive {
     /// Checks that need more than one value.
     fn check(&self) -> Result<(), Report> {
         let mut diags: Vec<Diag> = Vec::new();
-        let c = &self.chain;
         let mut error = |path: &str, title: String, help: &str| {
             diags.push(self.places.error(path, title, Some(help.to_string())));
         };
+        let chain = self.chain.path();
         if !self.links.is_multiple_of(2) {
             error(
-                "chain.bush.links",
-                format!("`chain.bush.links` = {} is odd", self.links),
-                "inner and outer links alternate: take an even number",
+                &format!("{chain}.links"),
+                format!("`{chain}.links` = {} is odd", self.links),
+                "the two kinds of links alternate: take an even number",
             );
         }
-        if c.pin_diameter_m >= c.bush_diameter_m {
+        let round = match self.chain {
+            ChainSpec::Bush(c) => Some((c.pin_diameter_m, c.bush_diameter_m, c.plate_height_m)),
+            ChainSpec::Abutment(c) => Some((c.pin_diameter_m, c.bush_diameter_m, c.plate_height_m)),
+            ChainSpec::Silent(_) => None,
+        };
+        if let Some((pin_m, bush_m, plate_m)) = round {
+            if pin_m >= bush_m {
+                error(
+                    &format!("{chain}.pin_diameter_mm"),
+                    "the pin does not fit into the bush".into(),
+                    "make it smaller than `bush_diameter_mm`",
+                );
+            }
+            if bush_m >= plate_m {
+                error(
+                    &format!("{chain}.plate_height_mm"),
+                    "the plate is no higher than the bush".into(),
+                    "make it larger than `bush_diameter_mm`",
+                );
+            }
+        }
+        if let ChainSpec::Abutment(c) = self.chain {
+            let stretch_m = c.design_tension_n / self.joint.stiffness_n_per_m;
+            if stretch_m > 0.02 * c.pitch_m {
+                error(
+                    "chain.smartchain.design_tension_n",
+                    format!("the design tension stretches a link by {:.0} um", stretch_m * 1e6),
+                    "make it smaller or the joints stiffer: at most 2 % of the pitch",
+                );
+            }
+            if self.sprockets.iter().any(|s| s.teeth < c.teeth && s.ring == RingForm::Conjugate) {
+                error(
+                    "chain.smartchain.teeth",
+                    format!("the abutments are made for {} teeth, and a sprocket has fewer", c.teeth),
+                    "make them for the sprocket with the fewest teeth",
+                );
+            }
+            if self.guides.iter().any(|g| g.side == GuideSide::Outside) {
+                error(
+                    "guides.fixed",
+                    "abutments lie inside the loop, and a guide outside".into(),
+                    "set its `side` to \"inside\"",
+                );
+            }
+        }
+        if matches!(self.chain, ChainSpec::Silent(_)) && self.guides.iter().any(|g| g.side == GuideSide::Inside) {
             error(
-                "chain.bush.pin_diameter_mm",
-                "the pin does not fit into the bush".into(),
-                "make it smaller than `bush_diameter_mm`",
+                "guides.fixed",
+                "a silent chain has its teeth inside the loop, and a guide lies there".into(),
+                "set its `side` to \"outside\"",
             );
         }
-        if c.bush_diameter_m >= c.plate_height_m {
+        if !matches!(self.chain, ChainSpec::Bush(_)) && self.sprockets.iter().any(|s| s.wrap == Wrap::Outside) {
             error(
-                "chain.bush.plate_height_mm",
-                "the plate is no higher than the bush".into(),
-                "make it larger than `bush_diameter_mm`",
+                "sprockets",
+                "this chain has teeth or abutments on one side only, and a sprocket is wrapped outside".into(),
+                "wrap all sprockets inside",
             );
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();
@@ -199,15 +315,22 @@ impl Drive {
 fn read(root: &Table<'_>) -> Drive {
     let title = root.text("title").unwrap_or_default();
     let chain_table = root.table("chain");
-    let bush = chain_table.table("bush");
-    let chain = read_bush_chain(&bush);
-    let links = bush.required_integer("links", 10..=2000) as usize;
-    bush.finish();
+    let (chain, links) = read_chain(&chain_table);
     let joint = read_joint(&chain_table.table("joint"));
     chain_table.finish();
     let contact = root.table("contact");
-    let tooth_contact = read_contact(&contact.table("sprocket"), chain.inner_width_m);
-    let guide_contact = read_contact(&contact.table("guide"), chain.inner_width_m);
+    let width_m = match chain {
+        ChainSpec::Bush(c) => c.inner_width_m,
+        ChainSpec::Silent(c) => c.pack_thickness_m,
+        ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
+    };
+    let tooth_contact = read_contact(&contact.table("sprocket"), width_m);
+    let guide_contact = read_contact(&contact.table("guide"), width_m);
+    let ring = contact.table("ring");
+    let ring_contact = match chain {
+        ChainSpec::Abutment(_) => read_contact(&ring, width_m),
+        _ => tooth_contact,
+    };
     contact.finish();
     let (sprockets, names) = read_sprockets(root);
     let guides = read_guides(root, &names);
@@ -232,11 +355,95 @@ fn read(root: &Table<'_>) -> Drive {
         joint,
         tooth_contact,
         guide_contact,
+        ring_contact,
         sprockets,
         guides,
         preload,
         run,
         places,
+    }
+}
+
+/// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.
+const DEFAULT_CONTACT_LENGTH_M: f64 = 5.0 * MM;
+
+/// The chain of the one type that is given, and its number of links.
+fn read_chain(t: &Table<'_>) -> (ChainSpec, usize) {
+    let links = |t: &Table<'_>| t.required_integer("links", 10..=2000) as usize;
+    let (silent, smart) = (t.table("silent"), t.table("smartchain"));
+    let bush = t.table("bush");
+    let given = [bush.is_present(), silent.is_present(), smart.is_present()].iter().filter(|p| **p).count();
+    if given > 1 {
+        t.error("`chain` has more than one type".into(), Some("keep one of bush, silent, smartchain".into()));
+    }
+    if silent.is_present() {
+        let result = (ChainSpec::Silent(read_silent_chain(&silent)), links(&silent));
+        silent.finish();
+        result
+    } else if smart.is_present() {
+        let result = (ChainSpec::Abutment(read_abutment_chain(&smart)), links(&smart));
+        smart.finish();
+        result
+    } else {
+        let result = (ChainSpec::Bush(read_bush_chain(&bush)), links(&bush));
+        bush.finish();
+        result
+    }
+}
+
+fn read_silent_chain(t: &Table<'_>) -> SilentChain {
+    let row = |key: &str| {
+        let row = t.table(key);
+        let spec = SilentRowSpec {
+            pin_pitch_m: row.number("pin_pitch_mm", MM, 1.0..=200.0),
+            flank_pitch_m: row.number("flank_pitch_mm", MM, 1.0..=200.0),
+            mass_kg: row.number("mass_g", 1e-3, 1e-3..=1e5),
+            inertia_kg_m2: row.number("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        };
+        row.finish();
+        spec
+    };
+    let pitch_m = t.required("pitch_mm", MM, 1.0..=200.0);
+    let standard = SilentLinkForm::standard(pitch_m);
+    SilentChain {
+        pitch_m,
+        form: SilentLinkForm {
+            flank_angle_rad: t.number("flank_angle_deg", PI / 180.0, 10.0..=45.0).unwrap_or(standard.flank_angle_rad),
+            face_distance_m: t.number("face_distance_mm", MM, 0.1..=100.0).unwrap_or(standard.face_distance_m),
+            inside_projection_m: t
+                .number("inside_projection_mm", MM, -100.0..=100.0)
+                .unwrap_or(standard.inside_projection_m),
+            toe_radius_m: t.number("toe_radius_mm", MM, 0.01..=100.0).unwrap_or(standard.toe_radius_m),
+            crotch_radius_m: t.number("crotch_radius_mm", MM, 0.01..=100.0).unwrap_or(standard.crotch_radius_m),
+        },
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        pin_length_m: t.required("pin_length_mm", MM, 0.1..=500.0),
+        pack_thickness_m: t.required("pack_thickness_mm", MM, 0.05..=200.0),
+        density_kg_m3: t.number("density_kg_per_m3", 1.0, 100.0..=30_000.0).unwrap_or(7850.0),
+        even: row("inner"),
+        odd: row("outer"),
+    }
+}
+
+fn read_abutment_chain(t: &Table<'_>) -> AbutmentChain {
+    let pitch = |key: &str| {
+        let row = t.table(key);
+        let pitch = row.number("pitch_mm", MM, 1.0..=200.0);
+        row.finish();
+        pitch
+    };
+    AbutmentChain {
+        pitch_m: t.required("pitch_mm", MM, 1.0..=200.0),
+        bush_diameter_m: t.required("bush_diameter_mm", MM, 0.2..=150.0),
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        plate_height_m: t.required("plate_height_mm", MM, 0.3..=300.0),
+        mass_kg: t.required("mass_g", 1e-3, 1e-3..=1e5),
+        inertia_kg_m2: t.required("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        abutment_distance_m: t.required("abutment_mm", MM, 0.1..=200.0),
+        teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
+        design_tension_n: t.required("design_tension_n", 1.0, 0.0..=1e6),
+        alternate: t.choice("bushes", &[("every_link", false), ("every_other_link", true)]).unwrap_or(false),
+        pitches_m: [pitch("inner"), pitch("outer")],
     }
 }
 
@@ -385,6 +592,10 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
             form: t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]).unwrap_or(GapForm::Max),
             tip_diameter_m: t.number("tip_diameter_mm", MM, 1.0..=10_000.0),
+            root_relief_m: t.number("root_relief_um", UM, 0.0..=2000.0).unwrap_or(0.0),
+            ring: t
+                .choice("ring", &[("conjugate", RingForm::Conjugate), ("plain", RingForm::Plain)])
+                .unwrap_or(RingForm::Conjugate),
             x_m: t.number("x_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),

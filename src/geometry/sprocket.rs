@@ -221,6 +221,25 @@ impl Sprocket {
         Ok(sprocket)
     }
 
+    /// The same tooth with its gaps cut deeper by `relief_m`: a nominal bush on the pitch circle leaves that gap at the root,
+    /// and something else carries it.
+    pub fn relieved(mut self, relief_m: f64) -> Result<Sprocket, SprocketError> {
+        let down = Vec2::new(0.0, relief_m);
+        let flank = FlankCircle { centre: self.flank_centre - down, radius_m: self.flank_radius_m };
+        let half_pitch_angle = 0.5 * self.pitch_angle_rad();
+        self.flank_centre = flank.centre;
+        self.seat_end -= down;
+        self.seat_centre_m -= relief_m;
+        self.root_radius_m -= relief_m;
+        self.tip_land_m = flank.tip_land_m(self.tip_radius_m, half_pitch_angle);
+        self.tip_corner = flank.at_radius(self.tip_radius_m);
+        if self.tip_land_m.is_nan() || self.tip_land_m <= 0.0 {
+            return Err(SprocketError::Pointed { largest_tip_diameter_m: 2.0 * (self.tip_radius_m - relief_m) });
+        }
+        self.articulation_clearance_m = self.swing_clearance_m();
+        Ok(self)
+    }
+
     /// Angle between two gaps [rad].
     pub fn pitch_angle_rad(&self) -> f64 {
         2.0 * PI / f64::from(self.spec.teeth)

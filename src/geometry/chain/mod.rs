@@ -1,5 +1,6 @@
 //! Chain types: each is a function that returns its links.
 
+pub mod abutment;
 pub mod bush;
 pub mod silent;
 
