@@ -425,9 +425,12 @@ fn check_envelope(flank: &dyn Fn(f64) -> CurvePoint) -> Result<(), RingError> {
     for k in 1..=SAMPLES {
         let tau = f64::from(k) / f64::from(SAMPLES);
         let here = flank(tau);
-        if (here.point - before.point).dot(&here.tangent) > 0.0 {
+        let step = here.point - before.point;
+        if step.dot(&here.tangent) > 0.0 {
             return Err(RingError::Undercut { tau });
         }
+        let across = cross(here.tangent, step).abs();
+        assert!(across <= 0.02 * step.norm() + 1e-6 * before.point.norm(), "no envelope at {tau}: {across:e} m across");
         before = here;
     }
     Ok(())
