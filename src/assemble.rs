@@ -238,7 +238,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
         return Err(AssemblyError::Statics { what: "no route".into(), residual_n: f64::NAN, iterations: 0 });
     };
     let n = model.chain.n_links;
-    let start = route.anchor_m() + phase * drive.chain.pitch_m;
+    let start = route.anchor_m() + phase * drive.chain.pitch_m();
     // Pitch at which n chords close the loop: secant on the overshoot.
     let lay = |pitch: f64| {
         let mut joints = Vec::with_capacity(n);
@@ -249,7 +249,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
         }
         (joints, s - start - route.length_m())
     };
-    let mut pitch = drive.chain.pitch_m;
+    let mut pitch = drive.chain.pitch_m();
     let (mut joints, mut miss) = lay(pitch);
     for _ in 0..20 {
         if miss.abs() < 1e-13 {
@@ -305,7 +305,8 @@ fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError>
 
 /// A State with the poses of `q`, at rest.
 pub fn resting_state(model: &Model, q: &Configuration) -> State {
-    let mut state = State::at_rest(model.chain.n_links, model.chain.padded, model.sprockets.len(), model.guide_sides());
+    let (n, padded) = (model.chain.n_links, model.chain.padded);
+    let mut state = State::at_rest(n, padded, model.sprockets.len(), model.guide_sides(), model.contour_sets());
     for (i, (p, angle)) in q.links.iter().enumerate() {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
@@ -321,6 +322,7 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
 /// its own force of the step before from the velocities it finds.
 fn remember_contacts(model: &Model, state: &mut State) {
     for (k, sprocket) in model.sprockets.iter().enumerate() {
+        let Some(teeth) = sprocket.geometry.iso() else { continue };
         let angle = state.rotors.angle[k];
         for j in 0..model.chain.n_links {
             let (link, front) = model.chain.bush_carrier(j);
@@ -328,10 +330,10 @@ fn remember_contacts(model: &Model, state: &mut State) {
             let l = &state.links;
             let bush = Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
             let in_frame = crate::geometry::rotated(bush - sprocket.body.centre, -angle);
-            if in_frame.norm() > sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m {
+            if in_frame.norm() > teeth.tip_radius_m + sprocket.body.bush_radius_m {
                 continue;
             }
-            let hit = crate::contact::gap_contact(&sprocket.geometry, in_frame, sprocket.body.bush_radius_m);
+            let hit = crate::contact::gap_contact(teeth, in_frame, sprocket.body.bush_radius_m);
             let radii = crate::elements::contact_law::PairRadii {
                 bush_m: sprocket.body.bush_radius_m,
                 body_m: hit.body_radius_m,
@@ -340,6 +342,29 @@ fn remember_contacts(model: &Model, state: &mut State) {
             if force > 0.0 {
                 state.bushes.normal_force[j] = force;
                 state.bushes.age[j] = 1.0;
+            }
+        }
+    }
+    let Some(contour) = &model.contour else { return };
+    for body in &model.end_bodies {
+        let (rotor, _) = explicit::ends::turning(model, state, body);
+        for link in 0..model.chain.n_links {
+            for (rear, front) in [(0, true), (1, false)] {
+                let pose = explicit::ends::pose(model, state, body, link, front);
+                if !body.within_reach(pose.centre, model.chain.lever[link]) {
+                    continue;
+                }
+                let Some(touch) = body.touch(contour, &pose, rotor, crate::elements::end_contact::FAR_M) else { continue };
+                let radii = crate::elements::contact_law::PairRadii {
+                    bush_m: touch.link_radius_m,
+                    body_m: touch.body_radius_m,
+                };
+                let force = body.law.elastic(touch.penetration_m, radii).force_n;
+                if force > 0.0 {
+                    let memory = &mut state.contour_ends[2 * body.set + rear];
+                    memory.normal_force[link] = force;
+                    memory.age[link] = 1.0;
+                }
             }
         }
     }
@@ -392,7 +417,7 @@ struct StillnessWatch {
 impl StillnessWatch {
     fn new(model: &Model) -> StillnessWatch {
         let driver = &model.sprockets[model.driver];
-        let period = 2.0 * PI / (driver.nominal_speed_rad_s.abs() * f64::from(driver.geometry.spec.teeth));
+        let period = 2.0 * PI / (driver.nominal_speed_rad_s.abs() * f64::from(driver.geometry.teeth()));
         StillnessWatch {
             steps_per_tooth: period / model.step_s,
             seen: 0,

@@ -19,7 +19,11 @@ use reader::{Places, Reader, Table};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 1] = [("bush-20-40", include_str!("../assets/drives/bush-20-40.toml"))];
+pub const BUNDLED: [(&str, &str); 3] = [
+    ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
+    ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
+    ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
+];
 
 /// A checked drive, in SI, with the text it came from.
 #[derive(Clone, Debug)]

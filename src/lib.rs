@@ -9,6 +9,7 @@ pub mod contact;
 pub mod diag;
 pub mod drive;
 pub mod elements;
+pub mod engagement;
 pub mod geometry;
 pub mod integrate;
 pub mod model;

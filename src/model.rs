@@ -5,8 +5,9 @@
 //! multiple of the lane width, so that loops over them need no remainder.
 
 use crate::diag::{Diag, Report};
-use crate::drive::{Drive, OuterSpec};
+use crate::drive::{ChainSpec, Drive, OuterSpec, RingForm, SprocketDrive};
 use crate::elements::contact_law::PairRadii;
+use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::rotor::Rotor;
@@ -15,6 +16,9 @@ use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
 use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
+use crate::geometry::profile::Profile;
+use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
+use crate::geometry::smartchain::{Abutment, AbutmentSpec, LobedRing, Transition};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
@@ -45,11 +49,73 @@ pub struct ChainModel {
     pub joint: LinkJoint,
 }
 
+/// Teeth of a sprocket.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Toothing {
+    /// Seats bushes.
+    Iso(Sprocket),
+    Silent(Box<SilentSprocket>),
+}
+
+impl Toothing {
+    pub fn pitch_radius_m(&self) -> f64 {
+        match self {
+            Toothing::Iso(s) => s.pitch_radius_m,
+            Toothing::Silent(s) => s.pitch_radius_m,
+        }
+    }
+
+    /// z p / (2 pi) [m].
+    pub fn rolling_radius_m(&self) -> f64 {
+        match self {
+            Toothing::Iso(s) => s.rolling_radius_m(),
+            Toothing::Silent(s) => s.rolling_radius_m,
+        }
+    }
+
+    pub fn root_radius_m(&self) -> f64 {
+        match self {
+            Toothing::Iso(s) => s.root_radius_m,
+            Toothing::Silent(s) => s.root_radius_m,
+        }
+    }
+
+    pub fn tip_radius_m(&self) -> f64 {
+        match self {
+            Toothing::Iso(s) => s.tip_radius_m,
+            Toothing::Silent(s) => s.tip_radius_m,
+        }
+    }
+
+    pub fn teeth(&self) -> u32 {
+        match self {
+            Toothing::Iso(s) => s.spec.teeth,
+            Toothing::Silent(s) => s.spec.teeth,
+        }
+    }
+
+    /// The whole contour in the sprocket's frame.
+    pub fn profile(&self) -> Option<Profile> {
+        match self {
+            Toothing::Iso(s) => s.profile().ok(),
+            Toothing::Silent(s) => s.profile().ok(),
+        }
+    }
+
+    /// Where bushes seat.
+    pub fn iso(&self) -> Option<&Sprocket> {
+        match self {
+            Toothing::Iso(s) => Some(s),
+            Toothing::Silent(_) => None,
+        }
+    }
+}
+
 /// A sprocket of the model.
 #[derive(Clone, Debug)]
 pub struct SprocketModel {
     pub name: String,
-    pub geometry: Sprocket,
+    pub geometry: Toothing,
     pub body: ToothedBody,
     pub rotor: Rotor,
     /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
@@ -71,6 +137,11 @@ pub struct Model {
     pub chain: ChainModel,
     pub sprockets: Vec<SprocketModel>,
     pub guides: Vec<GuideModel>,
+    /// Contour of the links' ends, and the bodies that it touches.
+    pub contour: Option<LinkContour>,
+    pub end_bodies: Vec<EndBody>,
+    /// Per sprocket: where the straight path of the joints ends, from the foot of its axis along the arriving span [m].
+    pub line_end_m: Vec<f64>,
     /// Index of the sprocket with the prescribed speed.
     pub driver: usize,
     /// Nominal speed z p n, forwards positive [m/s].
@@ -138,7 +209,7 @@ impl Model {
         let route = Route::new(&pulleys).map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
         let mut diags = Vec::new();
         let sense = if drive.chain_speed_m_s() < 0.0 { -1.0 } else { 1.0 };
-        let bush_radius_m = 0.5 * drive.chain.bush_diameter_m;
+        let bush_radius_m = 0.5 * drive.chain.bush_diameter_m();
         let contact = &drive.tooth_contact;
         let sprockets: Vec<SprocketModel> = drive
             .sprockets
@@ -147,17 +218,16 @@ impl Model {
             .zip(&pulleys)
             .map(|((spec, geometry), pulley)| {
                 let nominal = drive.chain_speed_m_s() / geometry.rolling_radius_m() * pulley.wrap.sign();
+                let (law, friction, stick) = (contact.law, contact.friction, contact.stick_speed_m_s);
                 SprocketModel {
                     name: spec.name.clone(),
-                    geometry: *geometry,
-                    body: ToothedBody::new(
-                        geometry,
-                        pulley.centre,
-                        bush_radius_m,
-                        contact.law,
-                        contact.friction,
-                        contact.stick_speed_m_s,
-                    ),
+                    geometry: geometry.clone(),
+                    body: match geometry {
+                        Toothing::Iso(s) => {
+                            ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick)
+                        }
+                        Toothing::Silent(_) => ToothedBody::without_seats(pulley.centre, law, friction, stick),
+                    },
                     rotor: match spec.outer {
                         OuterSpec::Speed { .. } => Rotor::Driven { speed_rad_s: nominal },
                         OuterSpec::Load { inertia_kg_m2, torque_nm } => {
@@ -168,7 +238,8 @@ impl Model {
                 }
             })
             .collect();
-        let guides = build_guides(drive, &route);
+        let guides = build_guides(drive, &route, placed);
+        let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
         check_clearances(drive, &sprockets, &guides, &mut diags);
         if !diags.is_empty() {
             return Err(drive.places.report(diags));
@@ -177,7 +248,7 @@ impl Model {
             stiffness_n_per_m: drive.joint.stiffness_n_per_m,
             damping_n_s_per_m: drive.joint.damping_n_s_per_m,
             clearance_m: drive.joint.clearance_m,
-            friction_arm_m: drive.joint.friction * 0.5 * drive.chain.pin_diameter_m,
+            friction_arm_m: drive.joint.friction * 0.5 * drive.chain.pin_diameter_m(),
             stick_speed_rad_s: drive.joint.stick_speed_rad_s,
         };
         Ok(Model {
@@ -185,6 +256,9 @@ impl Model {
             chain: ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH),
             sprockets,
             guides,
+            contour: placed.contour.clone(),
+            end_bodies,
+            line_end_m: placed.line_end_m.clone(),
             driver: drive.driver(),
             chain_speed_m_s: drive.chain_speed_m_s(),
             rows: placed.rows.clone(),
@@ -199,6 +273,9 @@ impl Model {
             chain: ChainModel::new(n_links, &rows, joint, LANE_WIDTH),
             sprockets: Vec::new(),
             guides: Vec::new(),
+            contour: None,
+            end_bodies: Vec::new(),
+            line_end_m: Vec::new(),
             driver: 0,
             chain_speed_m_s: 0.0,
             rows,
@@ -208,15 +285,27 @@ impl Model {
 
     /// Which sides have guides: inside, outside.
     pub fn guide_sides(&self) -> [bool; 2] {
-        [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side))
+        [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side && g.body.touches_plates))
+    }
+
+    /// Which sets of contour ends have bodies.
+    pub fn contour_sets(&self) -> [bool; SETS] {
+        std::array::from_fn(|set| self.end_bodies.iter().any(|b| b.set == set))
     }
 }
 
 /// Geometry of a drive: sprockets, links, and the position at which the loop closes.
 #[derive(Clone, Debug)]
 pub struct Placed {
-    pub sprockets: Vec<Sprocket>,
+    pub sprockets: Vec<Toothing>,
     pub rows: Vec<LinkShape>,
+    pub contour: Option<LinkContour>,
+    /// Of an abutment chain.
+    pub abutment: Option<Abutment>,
+    /// Per sprocket of an abutment chain; None: a circle.
+    pub rings: Vec<Option<LobedRing>>,
+    /// See [`Model::line_end_m`].
+    pub line_end_m: Vec<f64>,
     /// Pitch circles with the tightening sprocket where `links` loaded pitches close.
     pub pulleys: Vec<Pulley>,
     /// Direction in which it moves.
@@ -228,43 +317,62 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
     let mut diags = Vec::new();
     let mut sprockets = Vec::new();
     for s in &drive.sprockets {
-        let spec = SprocketSpec {
-            teeth: s.teeth,
-            pitch_m: drive.chain.pitch_m,
-            roller_diameter_m: drive.chain.bush_diameter_m,
-            form: s.form,
-            tip_diameter_m: s.tip_diameter_m,
-        };
-        match Sprocket::new(spec) {
-            Ok(sprocket) => sprockets.push(sprocket),
-            Err(e) => {
-                let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
+        match toothing(drive, s) {
+            Ok(toothing) => sprockets.push(toothing),
+            Err((e, key)) => {
                 let path = format!("sprockets.{}.{key}", s.name);
                 diags.push(drive.places.error(&path, format!("sprocket `{}` cannot be made: {e}", s.name), None));
             }
         }
     }
-    let rows = drive.chain.rows();
-    let rows = match rows {
-        Ok(rows) if rows.iter().all(|r| r.mass_kg > 0.0 && r.inertia_kg_m2 > 0.0) => rows.to_vec(),
-        Ok(_) => {
-            let help = Some("make the bores smaller, or give the rows their `mass_g` and `inertia_g_mm2`".into());
-            diags.push(drive.places.error("chain.bush", "the links have no mass left beside their bores", help));
-            Vec::new()
-        }
-        Err(e) => {
-            diags.push(drive.places.error("chain.bush", format!("the link plates cannot be made: {e}"), None));
-            Vec::new()
-        }
-    };
     if !diags.is_empty() {
         return Err(drive.places.report(diags));
     }
+    let chain_error =
+        |text: String, help: Option<String>| drive.places.report(vec![drive.places.error(drive.chain.path(), text, help)]);
+    let mut rings = vec![None; sprockets.len()];
+    let mut abutment = None;
+    let mut contour = None;
+    let mut line_end_m = vec![0.0; sprockets.len()];
+    let mut line_radii: Vec<f64> = sprockets.iter().map(Toothing::pitch_radius_m).collect();
+    let rows: Vec<LinkShape> = match &drive.chain {
+        ChainSpec::Bush(c) => {
+            let rows = c.rows().map_err(|e| chain_error(format!("the link plates cannot be made: {e}"), None))?;
+            if !rows.iter().all(|r| r.mass_kg > 0.0 && r.inertia_kg_m2 > 0.0) {
+                let help = "make the bores smaller, or give the rows their `mass_g` and `inertia_g_mm2`";
+                return Err(chain_error("the links have no mass left beside their bores".into(), Some(help.into())));
+            }
+            rows.to_vec()
+        }
+        ChainSpec::Silent(c) => {
+            let links = c.rows().map_err(|e| chain_error(format!("the links cannot be made: {e}"), None))?;
+            contour = Some(LinkContour::Flanks(links.iter().map(|l| l.contour).collect()));
+            links.into_iter().map(|l| l.shape).collect()
+        }
+        ChainSpec::Abutment(c) => {
+            let made = |e: &dyn std::fmt::Display| chain_error(format!("the abutments cannot be made: {e}"), None);
+            let transition = |teeth: u32| Transition::smooth(teeth, c.pitch_m).map_err(|e| made(&e));
+            let spec = AbutmentSpec { distance_m: c.abutment_distance_m, flat_m: None, end_angle_rad: None };
+            let a = Abutment::new(transition(c.teeth)?, spec).map_err(|e| made(&e))?;
+            for (k, s) in drive.sprockets.iter().enumerate() {
+                let own = transition(s.teeth)?;
+                line_radii[k] = own.line_height_m;
+                line_end_m[k] = own.line_end_x_m;
+                if s.teeth != c.teeth && s.ring == RingForm::Conjugate {
+                    rings[k] = Some(LobedRing::new(&a, own).map_err(|e| made(&e))?);
+                }
+            }
+            let rows = c.rows(drive.joint.stiffness_n_per_m, &a.front, &a.rear).map_err(|e| made(&e))?;
+            contour = Some(LinkContour::Abutments { front: a.front.clone(), rear: a.rear.clone() });
+            abutment = Some(a);
+            rows.to_vec()
+        }
+    };
     let mut pulleys: Vec<Pulley> = drive
         .sprockets
         .iter()
-        .zip(&sprockets)
-        .map(|(s, g)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: g.pitch_radius_m, wrap: s.wrap })
+        .zip(&line_radii)
+        .map(|(s, r)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: *r, wrap: s.wrap })
         .collect();
     let moved = drive.preload.moves;
     let before = (moved + pulleys.len() - 1) % pulleys.len();
@@ -280,7 +388,110 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
     let (shift, _) = close_loop(&pulleys, moved, direction, drive.links, loaded)
         .map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
     pulleys[moved].centre += direction * shift;
-    Ok(Placed { sprockets, rows, pulleys, direction })
+    Ok(Placed { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction })
+}
+
+/// Teeth of a sprocket, or why there are none and the key to blame.
+fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'static str)> {
+    let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
+    if let ChainSpec::Silent(c) = &drive.chain {
+        let mut spec = SilentSprocketSpec::standard(s.teeth, c.pitch_m, ToothFace::Arc);
+        spec.link = c.form;
+        return match SilentSprocket::new(spec) {
+            Ok(sprocket) => Ok(Toothing::Silent(Box::new(sprocket))),
+            Err(e) => Err((e.to_string(), "teeth")),
+        };
+    }
+    let spec = SprocketSpec {
+        teeth: s.teeth,
+        pitch_m: drive.chain.pitch_m(),
+        roller_diameter_m: drive.chain.bush_diameter_m(),
+        form: s.form,
+        tip_diameter_m: s.tip_diameter_m,
+    };
+    let sprocket = Sprocket::new(spec).map_err(|e| (e.to_string(), key))?;
+    let relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
+    Ok(Toothing::Iso(relieved))
+}
+
+/// Rings and faces of an abutment chain, teeth of a silent chain.
+fn build_end_bodies(
+    drive: &Drive,
+    placed: &Placed,
+    sprockets: &[SprocketModel],
+    guides: &[GuideModel],
+    sense: f64,
+) -> Vec<EndBody> {
+    let mut bodies = Vec::new();
+    for (k, s) in sprockets.iter().enumerate() {
+        let spec = match drive.chain {
+            ChainSpec::Abutment(_) => &drive.ring_contact,
+            _ => &drive.tooth_contact,
+        };
+        let body = |set: usize, shape: EndShape| EndBody {
+            name: format!("sprockets.{}", s.name),
+            rotor: Some(k),
+            body: k,
+            set,
+            origin: s.body.centre,
+            shape,
+            law: spec.law,
+            friction: spec.friction,
+            stick_speed_m_s: spec.stick_speed_m_s,
+        };
+        let seats = || Seats::new(s.geometry.teeth());
+        match (&s.geometry, &placed.abutment, &placed.rings[k]) {
+            (Toothing::Silent(sprocket), _, _) => {
+                let Some(tooth) = SilentTooth::new(sprocket) else { continue };
+                bodies.push(body(0, EndShape::OuterFlanks { tooth, seats: seats() }));
+                bodies.push(body(1, EndShape::InnerFlanks { tooth, seats: seats() }));
+            }
+            (Toothing::Iso(sprocket), Some(_), Some(ring)) => {
+                // Bushes lie ahead of the gap's axis on a sprocket that the chain drives, behind it on one that drives.
+                let ahead = if matches!(s.rotor, Rotor::Driven { .. }) { -sense } else { sense };
+                let turn_rad = ahead * working_angle_rad(sprocket);
+                bodies.push(body(0, EndShape::Lobes { ring: Box::new(ring.clone()), seats: seats(), turn_rad }));
+            }
+            (Toothing::Iso(_), Some(abutment), None) => {
+                let radius_m = s.geometry.pitch_radius_m() - abutment.spec.distance_m;
+                bodies.push(body(0, EndShape::Circle { radius_m }));
+            }
+            (Toothing::Iso(_), None, _) => {}
+        }
+    }
+    for (k, g) in guides.iter().enumerate().filter(|(_, g)| !g.body.touches_plates) {
+        bodies.push(EndBody {
+            name: format!("guides.fixed.{}", g.name),
+            rotor: None,
+            body: sprockets.len() + k,
+            set: 2,
+            origin: g.body.origin,
+            shape: EndShape::Face { along: g.body.along, length_m: g.body.length_m },
+            law: g.body.law,
+            friction: g.body.friction,
+            stick_speed_m_s: g.body.stick_speed_m_s,
+        });
+    }
+    bodies
+}
+
+/// Angle by which a nominal bush on the pitch circle stands off its gap's axis when it just touches the flank [rad].
+fn working_angle_rad(sprocket: &Sprocket) -> f64 {
+    let bush_radius_m = 0.5 * sprocket.spec.roller_diameter_m;
+    let touches = |angle: f64| {
+        let centre = crate::geometry::unit(angle) * sprocket.pitch_radius_m;
+        crate::contact::gap_contact(sprocket, centre, bush_radius_m).touch.penetration_m > 0.0
+    };
+    let (mut low, mut high) = (0.0, 0.49 * sprocket.pitch_angle_rad());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if touches(middle) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    0.5 * (low + high)
 }
 
 fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
@@ -299,7 +510,7 @@ fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
             ),
         ),
         RouteError::Open { links, fits } => drive.places.error(
-            "chain.bush.links",
+            &format!("{}.links", drive.chain.path()),
             format!("a loop of {links} links does not close round these sprockets"),
             Some(match fits.as_slice() {
                 [] => "change the number of links or the positions".into(),
@@ -309,9 +520,13 @@ fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
     }
 }
 
-fn build_guides(drive: &Drive, route: &Route) -> Vec<GuideModel> {
+fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel> {
     let contact = &drive.guide_contact;
-    let plate_radius_m = 0.5 * drive.chain.plate_height_m;
+    // What slides on it: plate ends, or abutments.
+    let plate_radius_m = match &placed.abutment {
+        Some(abutment) => abutment.guide_height_m,
+        None => drive.chain.plate_end_radius_m(),
+    };
     drive
         .guides
         .iter()
@@ -333,6 +548,7 @@ fn build_guides(drive: &Drive, route: &Route) -> Vec<GuideModel> {
                 relief_m: geometry.relief_m(),
                 plate_radius_m,
                 side: if g.side == GuideSide::Inside { 0 } else { 1 },
+                touches_plates: placed.abutment.is_none(),
                 law: contact.law,
                 friction: contact.friction,
                 stick_speed_m_s: contact.stick_speed_m_s,
@@ -346,10 +562,10 @@ fn build_guides(drive: &Drive, route: &Route) -> Vec<GuideModel> {
 fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideModel], diags: &mut Vec<Diag>) {
     let mm = |v: Vec2| Vector::new(v.x * 1e3, v.y * 1e3);
     let at = |v: Vec2| Pose::new(mm(v), 0.0);
-    let ball = |s: &SprocketModel| Ball::new(s.geometry.tip_radius_m * 1e3);
+    let ball = |s: &SprocketModel| Ball::new(s.geometry.tip_radius_m() * 1e3);
     for (i, a) in sprockets.iter().enumerate() {
         for b in &sprockets[i + 1..] {
-            let needed = drive.chain.bush_diameter_m * 1e3;
+            let needed = 2.0 * drive.chain.plate_end_radius_m().min(0.3 * drive.chain.pitch_m()) * 1e3;
             if let Ok(gap) = query::distance(&at(a.body.centre), &ball(a), &at(b.body.centre), &ball(b))
                 && gap.distance < needed
             {
@@ -363,12 +579,16 @@ fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideM
     }
     for g in guides {
         let path = format!("guides.fixed.{}", g.name);
+        // Faces for abutments lie beside the teeth and reach to the rings.
         if g.geometry.length_m <= 0.0 || g.geometry.length_m.is_nan() {
             diags.push(drive.places.error(
                 &path,
                 format!("guide `{}` has no length left on its span", g.name),
                 Some("make `start_mm` and `end_mm` smaller".into()),
             ));
+            continue;
+        }
+        if !g.body.touches_plates {
             continue;
         }
         let Ok(profile) = g.geometry.profile() else { continue };

@@ -7,8 +7,10 @@
 
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
+use crate::elements::end_contact::{EndTouch, FAR_M, LinkPose};
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::model::Model;
+use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 
 /// Poses of links (centre, heading) and angles of all sprockets.
@@ -193,7 +195,8 @@ fn assemble(model: &Model, q: &Configuration, free: &[usize], load_factor: f64) 
             s.energy -= torque * q.rotors[index];
             s.rotor_gradient[c] -= torque;
         }
-        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m;
+        let Some(teeth) = sprocket.geometry.iso() else { continue };
+        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
         for j in 0..n {
             let (link, front) = model.chain.bush_carrier(j);
             let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
@@ -203,7 +206,7 @@ fn assemble(model: &Model, q: &Configuration, free: &[usize], load_factor: f64) 
                 continue;
             }
             let angle = q.rotors[index];
-            let hit = contact::gap_contact(&sprocket.geometry, rotated(offset, -angle), sprocket.body.bush_radius_m);
+            let hit = contact::gap_contact(teeth, rotated(offset, -angle), sprocket.body.bush_radius_m);
             let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
             let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
             if elastic.force_n > 0.0 {
@@ -214,14 +217,85 @@ fn assemble(model: &Model, q: &Configuration, free: &[usize], load_factor: f64) 
                 } else {
                     -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
                 };
-                add_contact(&mut s, link, lever, heading, normal, elastic, bend, column.map(|c| (c, offset)));
+                add_contact(&mut s, link, unit(heading) * lever, normal, elastic, bend, column.map(|c| (c, offset)));
             }
         }
     }
-    for guide in &model.guides {
+    for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
         add_guide(model, q, guide, &mut s);
     }
+    add_end_contacts(model, q, free, &mut s);
     s
+}
+
+/// Links' own contours.
+fn add_end_contacts(model: &Model, q: &Configuration, free: &[usize], s: &mut System) {
+    let Some(contour) = &model.contour else { return };
+    for body in &model.end_bodies {
+        let column = body.rotor.and_then(|r| free.iter().position(|k| *k == r));
+        let (sin, cos) = sin_cos(body.rotor.map_or(0.0, |r| q.rotors[r]));
+        for (link, (p, heading)) in q.links.iter().enumerate() {
+            let (link_sin, link_cos) = sin_cos(*heading);
+            for front in [true, false] {
+                let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+                let pose = LinkPose {
+                    centre: p - body.origin,
+                    cos: link_cos,
+                    sin: link_sin,
+                    lever,
+                    front,
+                    row: link % model.rows.len(),
+                };
+                if !body.within_reach(pose.centre, model.chain.lever[link]) {
+                    continue;
+                }
+                let Some(touch) = body.touch(contour, &pose, (cos, sin), FAR_M) else { continue };
+                let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
+                let elastic = body.law.elastic(touch.penetration_m, radii);
+                if elastic.force_n > 0.0 {
+                    add_end_contact(s, link, pose.centre, &touch, elastic, column);
+                }
+            }
+        }
+    }
+}
+
+/// One of them: two circles of curvature, or a straight part of the link on a body's circle.
+fn add_end_contact(
+    s: &mut System,
+    link: usize,
+    centre: Vec2,
+    touch: &EndTouch,
+    elastic: Elastic,
+    column: Option<usize>,
+) {
+    let (normal, body_radius_m) = (touch.normal, touch.body_radius_m);
+    if touch.link_radius_m.is_finite() {
+        let about = touch.point + normal * touch.link_radius_m;
+        let between = touch.link_radius_m + body_radius_m - touch.penetration_m;
+        let bend = if between.is_finite() { -1.0 / between } else { 0.0 };
+        add_contact(s, link, about - centre, normal, elastic, bend, column.map(|c| (c, about)));
+        return;
+    }
+    // The normal turns with the link alone: penetration = rho + n.(T - P), T the centre of the body's circle.
+    let force = elastic.force_n;
+    let rest = if body_radius_m.is_finite() { body_radius_m - touch.penetration_m } else { 0.0 };
+    let about = touch.point - normal * rest;
+    let rotor = column.map(|c| (c, about));
+    add_contact(s, link, about - centre, normal, elastic, 0.0, rotor);
+    let tangent = perp(normal);
+    let arm = about - centre;
+    // What `add_contact` put in for a normal that stays: taken out, and the turning one's put in.
+    s.diagonal[link][(2, 2)] -= 2.0 * force * normal.dot(&arm);
+    for (axis, t) in [(0, tangent.x), (1, tangent.y)] {
+        s.diagonal[link][(axis, 2)] -= force * t;
+        s.diagonal[link][(2, axis)] -= force * t;
+    }
+    let Some((column, offset)) = rotor else { return };
+    s.rotor_diagonal[column] -= 2.0 * force * normal.dot(&offset);
+    let turn = Vec2::new(normal.y, -normal.x);
+    let mixed = Vector3::new(turn.x, turn.y, turn.dot(&perp(arm)));
+    s.columns[column][link] += force * (Vector3::new(0.0, 0.0, normal.dot(&offset)) - mixed);
 }
 
 fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
@@ -261,8 +335,7 @@ fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
 fn add_contact(
     s: &mut System,
     link: usize,
-    lever: f64,
-    heading: f64,
+    arm: Vec2,
     normal: Vec2,
     elastic: Elastic,
     bend_per_m: f64,
@@ -270,14 +343,13 @@ fn add_contact(
 ) {
     let (force, stiffness) = (elastic.force_n, elastic.stiffness_n_per_m);
     s.energy += elastic.energy_j;
-    let e = unit(heading);
-    let (t, tangent) = (perp(e) * lever, perp(normal));
+    let (t, tangent) = (perp(arm), perp(normal));
     // d(penetration) and tangential displacement per (x, y, heading).
     let g = Vector3::new(-normal.x, -normal.y, -normal.dot(&t));
     let h = Vector3::new(tangent.x, tangent.y, tangent.dot(&t));
     s.gradient[link] += force * g;
     s.diagonal[link] += stiffness * g * g.transpose() + force * bend_per_m * h * h.transpose();
-    s.diagonal[link][(2, 2)] += force * lever * normal.dot(&e);
+    s.diagonal[link][(2, 2)] += force * normal.dot(&arm);
     let Some((column, offset)) = rotor else { return };
     let swing = perp(offset);
     let (g_r, h_r) = (normal.dot(&swing), -tangent.dot(&swing));
@@ -309,7 +381,7 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
             if elastic.force_n > 0.0 {
                 let n = (b.along * from.x + normal * from.y) / distance;
                 let bend = if foot == along { 0.0 } else { -1.0 / distance };
-                add_contact(s, link, lever, heading, n, elastic, bend, None);
+                add_contact(s, link, unit(heading) * lever, n, elastic, bend, None);
             }
         }
     }
@@ -327,7 +399,7 @@ impl System {
             }
         }
         for (k, rotor) in free_rotors(model).into_iter().enumerate() {
-            largest = largest.max(self.rotor_gradient[k].abs() / model.sprockets[rotor].geometry.pitch_radius_m);
+            largest = largest.max(self.rotor_gradient[k].abs() / model.sprockets[rotor].geometry.pitch_radius_m());
         }
         largest
     }

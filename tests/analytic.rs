@@ -305,7 +305,7 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     overrides.extend(NO_FRICTION);
     let a = assembled(&drive_without_guides(&overrides));
     let s = &a.model.sprockets[0];
-    let (radius, omega) = (s.geometry.pitch_radius_m, s.nominal_speed_rad_s);
+    let (radius, omega) = (s.geometry.pitch_radius_m(), s.nominal_speed_rad_s);
     let tooth_period = 2.0 * PI / (omega * 20.0);
     let model = a.model.clone();
     let mut state = a.state.clone();
@@ -399,7 +399,7 @@ fn rotating_ring_of_chain_carries_the_centrifugal_tension_of_its_discrete_form()
         // Two ends pull apart along the bisector's tangent by u = T / k: side length grows by u cos(half).
         r = (4e-3 + 0.5 * tension / stiffness / half.cos()) / half.tan();
     }
-    let mut state = State::at_rest(n, model.chain.padded, 0, [false, false]);
+    let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
     for i in 0..n {
         let angle = 2.0 * half * i as f64;
         let e = unit(angle);
@@ -438,7 +438,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
         let q = f64::from(mode) * PI / span as f64;
         let (s2, c2) = ((0.5 * q).sin().powi(2), (0.5 * q).cos().powi(2));
         let expected = (4.0 * tension * s2 / (p * (m * c2 + 4.0 * inertia / (p * p) * s2))).sqrt();
-        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false]);
+        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
         let pitch = p + stretch;
         let amplitude = 2e-6;
         let shape = |joint: usize| amplitude * (q * joint as f64).sin();

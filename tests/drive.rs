@@ -246,7 +246,7 @@ fn positions_without_contact_converge_with_the_second_order() {
     let run = |h: f64| -> State {
         let model = model_at(h);
         let n = 24;
-        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false]);
+        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
         let half = PI / n as f64;
         let r = 4e-3 / half.tan() * 1.0002;
         let mut place = |i: usize| {

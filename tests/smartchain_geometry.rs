@@ -590,3 +590,35 @@ fn two_link_transition_is_smooth_in_acceleration() {
     assert!((2.2..3.0).contains(&jerk), "{jerk}");
     assert!(TwoLinkTransition::new(20, PITCH_M, radius, 60.0 * DEG, -5.885e-3).is_none(), "out of reach");
 }
+
+#[test]
+fn the_quick_search_for_a_lobe_finds_what_looking_at_every_element_finds() {
+    let spec = AbutmentSpec { distance_m: 4.5e-3, flat_m: None, end_angle_rad: None };
+    let abutment = Abutment::new(Transition::smooth(20, 8e-3).expect("20"), spec).expect("abutments");
+    let transition = Transition::smooth(40, 8e-3).expect("40");
+    let ring = LobedRing::new(&abutment, transition).expect("a ring");
+    let mut touching = 0;
+    for k in 0..4000_u32 {
+        // Approach, transition and wrap, a few micrometres and milliradians off.
+        let tau = -0.3 + 3.0 * f64::from(k) / 4000.0;
+        let off = f64::from(k % 7) - 3.0;
+        let axis = transition.link(tau).axis.position + Vec2::new(2e-6 * off, -1.5e-6 * f64::from(k % 5));
+        let turn = ring.seat_turn_rad(tau) + 1e-4 * f64::from(k % 3);
+        for (side, turn) in [(Side::Front, turn), (Side::Rear, turn - transition.seat_angle_rad())] {
+            let contour = abutment.contour(side);
+            let near = contour.closest_to_point(axis);
+            if near.distance_m > ring.crest_radius_m + 20e-6 {
+                continue;
+            }
+            let whole = ring.contact(contour, axis, turn);
+            let quick = ring.contact_at(contour, axis, Vec2::new(turn.cos(), turn.sin()));
+            let (Some(whole), Some(quick)) = (whole, quick) else {
+                assert_eq!(whole.is_some(), quick.is_some(), "tau {tau}, {side:?}: {whole:?} {quick:?}");
+                continue;
+            };
+            touching += 1;
+            assert!((whole.gap_m - quick.gap_m).abs() < 1e-12, "tau {tau}, {side:?}: {whole:?} {quick:?}");
+        }
+    }
+    assert!(touching > 2000, "{touching}");
+}

@@ -46,6 +46,22 @@ pub enum EndShape {
     InnerFlanks { tooth: SilentTooth, seats: Seats },
 }
 
+impl LinkContour {
+    /// Longest lever of a normal force about the link's centre [m]; `lever_m`: that of a joint. Working flanks push nearly at
+    /// the centre; their toes, which touch only in distress, at the joint's lever.
+    pub fn longest_arm_m(&self, lever_m: f64) -> f64 {
+        match self {
+            LinkContour::Abutments { front, .. } => front
+                .arcs()
+                .iter()
+                .flat_map(|a| [(a.start, a.normal_start), (a.end, a.normal_end)])
+                .map(|(p, n)| crate::geometry::cross(p, n).abs())
+                .fold(0.0, f64::max),
+            LinkContour::Flanks(_) => lever_m,
+        }
+    }
+}
+
 /// Directions of the tooth gaps in the frame of the sprocket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seats {
@@ -178,8 +194,8 @@ impl SilentTooth {
     }
 }
 
-/// Further away than this an end's contour is not looked at [m].
-const FAR_M: f64 = 0.3e-3;
+/// Gap beyond which an end's contour is of no interest to a search for equilibrium [m].
+pub const FAR_M: f64 = 0.3e-3;
 
 impl EndBody {
     /// Distance from the origin (of a face: from its line) within which a link's centre must be to touch [m].
@@ -194,14 +210,27 @@ impl EndBody {
         }
     }
 
-    /// Deepest place of an end, None when it is far away. `rotor`: cosine and sine of the sprocket's angle.
-    pub fn touch(&self, contour: &LinkContour, pose: &LinkPose, rotor: (f64, f64)) -> Option<EndTouch> {
+    /// Whether a link whose centre lies at `centre` from the origin may touch.
+    pub fn within_reach(&self, centre: Vec2, lever_m: f64) -> bool {
+        self.distance_m(centre) < self.reach_m(lever_m)
+    }
+
+    /// Distance from the origin, of a face from its line [m].
+    pub fn distance_m(&self, p: Vec2) -> f64 {
+        match self.shape {
+            EndShape::Face { along, length_m } => (p - along * p.dot(&along).clamp(0.0, length_m)).norm(),
+            _ => p.norm(),
+        }
+    }
+
+    /// Deepest place of an end, None when its gap is `far_m` or more. `rotor`: cosine and sine of the sprocket's angle.
+    pub fn touch(&self, contour: &LinkContour, pose: &LinkPose, rotor: (f64, f64), far_m: f64) -> Option<EndTouch> {
         match (&self.shape, contour) {
             (EndShape::Circle { radius_m }, LinkContour::Abutments { front, rear }) => {
                 let abutment = if pose.front { front } else { rear };
                 let foot = abutment.closest_to_point(pose.into_link(-pose.centre));
                 let penetration_m = radius_m - foot.distance_m;
-                (penetration_m > -FAR_M).then(|| EndTouch {
+                (penetration_m > -far_m).then(|| EndTouch {
                     penetration_m,
                     point: pose.centre + pose.into_world(foot.point),
                     normal: -pose.into_world(foot.normal),
@@ -213,16 +242,16 @@ impl EndBody {
             }
             (EndShape::Lobes { ring, seats, turn_rad }, LinkContour::Abutments { front, rear }) => {
                 let abutment = if pose.front { front } else { rear };
-                lobe_touch(ring, seats, *turn_rad, abutment, pose, rotor)
+                lobe_touch(ring, seats, *turn_rad, abutment, pose, rotor, far_m)
             }
             (EndShape::Face { along, length_m }, LinkContour::Abutments { front, rear }) => {
-                face_touch(*along, *length_m, if pose.front { front } else { rear }, pose)
+                face_touch(*along, *length_m, if pose.front { front } else { rear }, pose, far_m)
             }
             (EndShape::OuterFlanks { tooth, seats }, LinkContour::Flanks(rows)) => {
-                flank_touch(tooth, seats, &rows[pose.row], pose, rotor, true)
+                flank_touch(tooth, seats, &rows[pose.row], pose, rotor, true, far_m)
             }
             (EndShape::InnerFlanks { tooth, seats }, LinkContour::Flanks(rows)) => {
-                flank_touch(tooth, seats, &rows[pose.row], pose, rotor, false)
+                flank_touch(tooth, seats, &rows[pose.row], pose, rotor, false, far_m)
             }
             _ => None,
         }
@@ -248,11 +277,12 @@ fn lobe_touch(
     abutment: &ConvexContour,
     pose: &LinkPose,
     rotor: (f64, f64),
+    far_m: f64,
 ) -> Option<EndTouch> {
     let axis = pose.into_link(-pose.centre);
     // The lowest and the highest circle first: most links are beyond both.
     let near = abutment.closest_to_point(axis);
-    if ring.crest_radius_m - near.distance_m < -FAR_M {
+    if ring.crest_radius_m - near.distance_m < -far_m {
         return None;
     }
     let (s, c) = sin_cos(turn_rad);
@@ -260,7 +290,7 @@ fn lobe_touch(
     let turned = Vec2::new(c * seat.x - s * seat.y, s * seat.x + c * seat.y);
     // +y of the gap frame points along the seat.
     let gap_axis = pose.into_link(turned);
-    let contact = ring.contact_at(abutment, axis, Vec2::new(gap_axis.y, 0.0 - gap_axis.x), near.point)?;
+    let contact = ring.contact_at(abutment, axis, Vec2::new(gap_axis.y, 0.0 - gap_axis.x))?;
     Some(EndTouch {
         penetration_m: 0.0 - contact.gap_m,
         point: pose.centre + pose.into_world(contact.point),
@@ -272,13 +302,19 @@ fn lobe_touch(
     })
 }
 
-fn face_touch(along: Vec2, length_m: f64, abutment: &ConvexContour, pose: &LinkPose) -> Option<EndTouch> {
+fn face_touch(
+    along: Vec2,
+    length_m: f64,
+    abutment: &ConvexContour,
+    pose: &LinkPose,
+    far_m: f64,
+) -> Option<EndTouch> {
     let up = perp(along);
     // Down into the face, as the link sees it.
-    let (height, point) = abutment.support(pose.into_link(-up));
+    let (height, point, link_radius_m) = abutment.support_with_radius(pose.into_link(-up));
     let world = pose.centre + pose.into_world(point);
     let penetration_m = height - pose.centre.dot(&up);
-    if penetration_m < -FAR_M {
+    if penetration_m < -far_m {
         return None;
     }
     let at = world.dot(&along);
@@ -287,7 +323,7 @@ fn face_touch(along: Vec2, length_m: f64, abutment: &ConvexContour, pose: &LinkP
             penetration_m,
             point: world,
             normal: up,
-            link_radius_m: f64::INFINITY,
+            link_radius_m,
             body_radius_m: f64::INFINITY,
             tooth: 0,
             segment: Segment::GuideFace,
@@ -300,7 +336,7 @@ fn face_touch(along: Vec2, length_m: f64, abutment: &ConvexContour, pose: &LinkP
     if foot.radius_m == 0.0 {
         return None;
     }
-    (foot.distance_m < FAR_M).then(|| EndTouch {
+    (foot.distance_m < far_m).then(|| EndTouch {
         penetration_m: 0.0 - foot.distance_m,
         point: pose.centre + pose.into_world(foot.point),
         normal: -pose.into_world(foot.normal),
@@ -320,6 +356,7 @@ fn flank_touch(
     pose: &LinkPose,
     rotor: (f64, f64),
     outer: bool,
+    far_m: f64,
 ) -> Option<EndTouch> {
     let joint = pose.joint();
     let limit = tooth.corner[0].centre.norm() + tooth.corner[0].radius_m + 2.0 * pose.lever.abs();
@@ -340,7 +377,7 @@ fn flank_touch(
     let toe = Circle { centre: placed(end.toe.centre), radius_m: end.toe.radius_m };
     let mut best: Option<EndTouch> = None;
     let mut offer = |found: Option<EndTouch>| {
-        if let Some(new) = found.filter(|new| new.penetration_m > -FAR_M)
+        if let Some(new) = found.filter(|new| new.penetration_m > -far_m)
             && best.is_none_or(|old| new.penetration_m > old.penetration_m)
         {
             best = Some(new);

@@ -23,6 +23,8 @@ pub struct GuideBody {
     pub plate_radius_m: f64,
     /// 0: inside the loop, 1: outside.
     pub side: usize,
+    /// False: abutments slide on it, see [`super::end_contact`].
+    pub touches_plates: bool,
     pub law: ContactLaw,
     pub friction: f64,
     pub stick_speed_m_s: f64,

@@ -52,6 +52,29 @@ pub struct ToothedBody {
 }
 
 impl ToothedBody {
+    /// A sprocket that seats no bushes.
+    pub fn without_seats(centre: Vec2, law: ContactLaw, friction: f64, stick_speed_m_s: f64) -> Self {
+        ToothedBody {
+            centre,
+            bush_radius_m: 0.0,
+            seat_centre_m: 0.0,
+            seat_gap_m: 0.0,
+            seat_radius_m: 0.0,
+            flank_centre: Vec2::zeros(),
+            flank_radius_m: 0.0,
+            corner: Vec2::zeros(),
+            tip_radius_m: 0.0,
+            seat_end_sin: 0.0,
+            seat_end_cos: 1.0,
+            half_gap_tan: 0.0,
+            seat_cos: Vec::new(),
+            seat_sin: Vec::new(),
+            law,
+            friction,
+            stick_speed_m_s,
+        }
+    }
+
     pub fn new(
         s: &Sprocket,
         centre: Vec2,

@@ -346,7 +346,7 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         put(&mut scratch.guide_y, at, [0.0; LANES]);
         put(&mut scratch.guide_moment, at, [0.0; LANES]);
     }
-    for k in 0..model.guides.len() {
+    for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
         guide(model, state, scratch, k);
     }
     if model.contour.is_some() {
@@ -753,7 +753,7 @@ fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: 
 
 fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize {
     let in_frame = crate::geometry::Vec2::new(cos * x + sin * y, cos * y - sin * x);
-    crate::contact::seat_index(&model.sprockets[k].geometry, in_frame) as usize
+    model.sprockets[k].geometry.iso().map_or(0, |s| crate::contact::seat_index(s, in_frame) as usize)
 }
 
 /// Contacts of both ends of all links near guide `k`.

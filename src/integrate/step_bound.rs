@@ -37,10 +37,18 @@ pub fn step_bound(model: &Model) -> StepBound {
     let end_mobility = largest(&|i| chain.inverse_mass[i] + chain.lever[i].powi(2) * chain.inverse_inertia[i]);
     let joint_mobility = largest(&|i| chain.inverse_mass[i].max(chain.lever[i].powi(2) * chain.inverse_inertia[i]));
     let mut bounds = Vec::new();
-    for s in &model.sprockets {
+    for s in model.sprockets.iter().filter(|s| s.geometry.iso().is_some()) {
         bounds.extend(contact_bounds(&format!("sprockets.{}", s.name), &s.body.law, flank_radii(s), bush_mobility));
     }
-    for g in &model.guides {
+    if let Some(contour) = &model.contour {
+        let arm = contour.longest_arm_m(chain.lever[0]);
+        let contour_mobility = largest(&|i| chain.inverse_mass[i] + arm * arm * chain.inverse_inertia[i]);
+        for b in &model.end_bodies {
+            let radii = PairRadii { bush_m: arm, body_m: f64::INFINITY };
+            bounds.extend(contact_bounds(&b.name, &b.law, radii, contour_mobility));
+        }
+    }
+    for g in model.guides.iter().filter(|g| g.body.touches_plates) {
         let radii = PairRadii { bush_m: g.body.plate_radius_m, body_m: f64::INFINITY };
         bounds.extend(contact_bounds(&format!("guides.fixed.{}", g.name), &g.body.law, radii, end_mobility));
     }

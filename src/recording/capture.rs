@@ -15,7 +15,7 @@ use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::rotor::Rotor;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::Scratch;
+use crate::integrate::explicit::{Scratch, ends};
 use crate::model::Model;
 use crate::state::{ContactMemory, State};
 use crate::units::atan2;
@@ -127,6 +127,7 @@ fn rows_at(model: &Model, state: &State, scratch: &Scratch, links: &Links, speed
     let mut rows = Vec::new();
     sprocket_contacts(model, state, scratch, links, speeds, &mut rows);
     guide_contacts(model, state, scratch, links, &mut rows);
+    end_contacts(model, state, scratch, links, speeds, &mut rows);
     rows.sort_by_key(|r| (r.link, r.feature as u32, r.body));
     rows
 }
@@ -151,7 +152,8 @@ fn sprocket_contacts(
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
-        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m;
+        let Some(teeth) = sprocket.geometry.iso() else { continue };
+        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
         for j in scratch.joints_near(k).filter(|j| *j < model.chain.n_links) {
             let (link, front) = model.chain.bush_carrier(j);
             let (p, v) = end_of(model, state, links, link, front);
@@ -160,7 +162,7 @@ fn sprocket_contacts(
                 continue;
             }
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
-            let hit = contact::gap_contact(&sprocket.geometry, in_frame, sprocket.body.bush_radius_m);
+            let hit = contact::gap_contact(teeth, in_frame, sprocket.body.bush_radius_m);
             if hit.touch.penetration_m <= 0.0 {
                 continue;
             }
@@ -189,7 +191,7 @@ fn sprocket_contacts(
 
 fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, rows: &mut Vec<Row>) {
     let memories = scratch.memories().1;
-    for (k, guide) in model.guides.iter().enumerate() {
+    for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         let up = perp(b.along);
         for link in scratch.links_near(k).filter(|i| *i < model.chain.n_links) {
@@ -234,6 +236,47 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
     }
 }
 
+/// Links' own contours: abutments and toothed flanks.
+fn end_contacts(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    links: &Links,
+    speeds: &[f64],
+    rows: &mut Vec<Row>,
+) {
+    let Some(contour) = &model.contour else { return };
+    for (k, body) in model.end_bodies.iter().enumerate() {
+        let (rotor, _) = ends::turning(model, state, body);
+        for link in scratch.ends_near(model, k) {
+            for front in [false, true] {
+                let pose = ends::pose(model, state, body, link, front);
+                let Some(t) = body.touch(contour, &pose, rotor, 0.0).filter(|t| t.penetration_m > 0.0) else { continue };
+                let set = 2 * body.set + usize::from(!front);
+                let (p, v) = end_of(model, state, links, link, front);
+                let point = t.point + body.origin;
+                let pair = Pair {
+                    link,
+                    feature: body.feature(front),
+                    body: body.body,
+                    centre: p,
+                    radius: t.link_radius_m,
+                    law: &body.law,
+                    friction: body.friction,
+                    stick_speed: body.stick_speed_m_s,
+                    memory: &scratch.contour_memories()[set],
+                    lane: link,
+                    rate: scratch.contour_rate(set, link),
+                };
+                let surface = body.rotor.map_or(Vec2::zeros(), |r| perp(t.point) * speeds[r]);
+                let shape = (t.tooth, t.segment, t.body_radius_m);
+                let on_body = point + t.normal * t.penetration_m;
+                rows.push(row_at(model, &pair, shape, on_body, point, t.normal, t.penetration_m, v, surface, links));
+            }
+        }
+    }
+}
+
 fn row(
     model: &Model,
     pair: &Pair<'_>,
@@ -246,6 +289,22 @@ fn row(
     links: &Links,
 ) -> Row {
     let on_link = pair.centre - normal * pair.radius;
+    row_at(model, pair, (tooth, segment, body_radius), on_body, on_link, normal, penetration, velocity, surface_velocity, links)
+}
+
+/// A contact at any point of the link.
+fn row_at(
+    model: &Model,
+    pair: &Pair<'_>,
+    (tooth, segment, body_radius): (u32, Segment, f64),
+    on_body: Vec2,
+    on_link: Vec2,
+    normal: Vec2,
+    penetration: f64,
+    velocity: Vec2,
+    surface_velocity: Vec2,
+    links: &Links,
+) -> Row {
     let v = velocity + perp(on_link - pair.centre) * links.omega_rad_s[pair.link] - surface_velocity;
     let rate = pair.rate;
     let slide = v.dot(&perp(normal));
@@ -358,6 +417,18 @@ fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds
         e.lost_guide_damping_j += lost(&past.lost_damping, &now.lost_damping);
         e.lost_guide_friction_j += lost(&past.lost_friction, &now.lost_friction);
     }
+    for (set, (past, now)) in state.contour_ends.iter().zip(scratch.contour_memories()).enumerate() {
+        let (damping, friction) =
+            (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));
+        // The last two are the guides' faces.
+        if set >= 4 {
+            e.lost_guide_damping_j += damping;
+            e.lost_guide_friction_j += friction;
+        } else {
+            e.lost_contact_damping_j += damping;
+            e.lost_contact_friction_j += friction;
+        }
+    }
     e
 }
 
@@ -408,12 +479,11 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
             x_m: s.body.centre.x,
             y_m: s.body.centre.y,
             angle_rad: 0.0,
-            teeth: s.geometry.spec.teeth,
+            teeth: s.geometry.teeth(),
             outline: s
                 .geometry
                 .profile()
-                .ok()
-                .map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m)])),
+                .map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m())])),
         })
         .collect();
     bodies.extend(model.guides.iter().map(|g| BodyInfo {

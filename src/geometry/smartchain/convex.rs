@@ -32,7 +32,16 @@ pub struct ConvexArc {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexContour {
     arcs: Vec<ConvexArc>,
+    /// (x, y) of the end normals, for searching, and for equal steps of x of a direction from `table_from` on, the first arc
+    /// that may face it: normals look to +y, so x falls along the contour.
+    ends: Vec<(f64, f64)>,
+    table: Vec<u16>,
+    table_from: f64,
+    table_steps_per_x: f64,
 }
+
+/// Steps of the search table.
+const TABLE_STEPS: usize = 256;
 
 /// The point of a convex contour nearest to a point outside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +134,35 @@ impl ConvexContour {
         if let Some(concave) = elements.iter().position(|e| e.curvature_per_m() < 0.0) {
             return Err(concave);
         }
-        Ok(ConvexContour { arcs: elements.iter().map(ConvexArc::new).collect() })
+        Ok(ConvexContour::from_arcs(elements.iter().map(ConvexArc::new).collect()))
+    }
+
+    fn from_arcs(arcs: Vec<ConvexArc>) -> ConvexContour {
+        let ends: Vec<(f64, f64)> = arcs.iter().map(|a| (a.normal_end.x, a.normal_end.y)).collect();
+        let (high, low) = (arcs[0].normal_start.x, arcs[arcs.len() - 1].normal_end.x);
+        let table_steps_per_x = TABLE_STEPS as f64 / (high - low).max(1e-9);
+        // The first arc whose end normal is not before the largest x of a step; the search goes on from there.
+        let first = |step: usize| {
+            let x = low + (step + 1) as f64 / table_steps_per_x + 1e-9;
+            ends.iter().position(|e| e.0 <= x).unwrap_or(ends.len()) as u16
+        };
+        let looks_up = arcs.iter().all(|a| a.normal_start.y > 0.0 && a.normal_end.y > 0.0);
+        let table = if looks_up { (0..TABLE_STEPS).map(first).collect() } else { vec![0; TABLE_STEPS] };
+        ConvexContour { arcs, ends, table, table_from: low, table_steps_per_x }
+    }
+
+    /// The first arc whose end normal is not before `direction`, a unit vector; the number of arcs if there is none.
+    #[inline]
+    fn facing(&self, direction: Vec2) -> usize {
+        let step = (direction.x - self.table_from) * self.table_steps_per_x;
+        let step = if step > 0.0 { step as usize } else { 0 };
+        // Beyond the table nothing is known.
+        let mut arc = if step < TABLE_STEPS && direction.y > 0.0 { self.table[step] as usize } else { 0 };
+        // direction . perp(normal) > 0: the normal has not reached it.
+        while arc < self.ends.len() && direction.y * self.ends[arc].0 - direction.x * self.ends[arc].1 > 0.0 {
+            arc += 1;
+        }
+        arc
     }
 
     /// The arcs in the order of their normals.
@@ -143,7 +180,7 @@ impl ConvexContour {
 
     /// Mirror image x -> -x.
     pub fn mirrored(&self) -> ConvexContour {
-        ConvexContour { arcs: self.arcs.iter().rev().map(ConvexArc::mirrored).collect() }
+        ConvexContour::from_arcs(self.arcs.iter().rev().map(ConvexArc::mirrored).collect())
     }
 
     /// The open contour, for drawing.
@@ -155,13 +192,25 @@ impl ConvexContour {
     /// plane with that normal rests. The ends of the contour support what points past their normals.
     pub fn support(&self, direction: Vec2) -> (f64, Vec2) {
         // The normal passes `direction` at the first arc whose end normal is not before it.
-        let arc = self.arcs.partition_point(|a| direction.dot(&perp(a.normal_end)) > 0.0);
+        let arc = self.facing(direction);
         let point = match self.arcs.get(arc) {
             None => self.end(),
             Some(a) if a.radius_m.is_infinite() || direction.dot(&perp(a.normal_start)) < 0.0 => a.start,
             Some(a) => a.centre + direction * a.radius_m,
         };
         (point.dot(&direction), point)
+    }
+
+    /// As [`ConvexContour::support`], with the radius of curvature there: zero at the contour's ends, and on a flat, where
+    /// the plane rests on its first point.
+    pub fn support_with_radius(&self, direction: Vec2) -> (f64, Vec2, f64) {
+        let (height, point) = self.support(direction);
+        let arc = self.facing(direction);
+        let radius_m = match self.arcs.get(arc) {
+            Some(a) if a.radius_m.is_finite() && direction.dot(&perp(a.normal_start)) >= 0.0 => a.radius_m,
+            _ => 0.0,
+        };
+        (height, point, radius_m)
     }
 
     /// Foot of the perpendicular from `o`, a point outside, or no deeper than the radii of curvature.

@@ -2,7 +2,7 @@
 //! at a time; what is near which body is looked up with the other windows.
 
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, add_guide_forces, load_ends, recall};
-use crate::elements::end_contact::{EndBody, EndShape, EndTouch, LinkPose};
+use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
 use crate::elements::tooth_contact::{self, Lanes};
 use crate::geometry::{Vec2, perp};
 use crate::model::Model;
@@ -28,8 +28,8 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                         if link >= model.chain.n_links || scratch.nearest_end[body.set][link] != k {
                             continue;
                         }
-                        *touch = body.touch(contour, &pose(model, state, body, link, rear == 0), rotor);
-                        near |= touch.is_some_and(|t| t.penetration_m > -reach_m);
+                        *touch = body.touch(contour, &pose(model, state, body, link, rear == 0), rotor, reach_m);
+                        near |= touch.is_some();
                         near |= state.contour_ends[set].age[link] != 0.0;
                     }
                     let lanes = &mut block;
@@ -118,11 +118,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     scratch.contour_ends.clone_from(&state.contour_ends);
     let n = model.chain.n_links;
     let distance = |body: &EndBody, link: usize| {
-        let d = Vec2::new(state.links.x[link], state.links.y[link]) - body.origin;
-        match body.shape {
-            EndShape::Face { along, length_m } => (d - along * d.dot(&along).clamp(0.0, length_m)).norm(),
-            _ => d.norm(),
-        }
+        body.distance_m(Vec2::new(state.links.x[link], state.links.y[link]) - body.origin)
     };
     for (k, body) in model.end_bodies.iter().enumerate() {
         let reach = body.reach_m(model.chain.lever[0]) + WINDOW_MARGIN_M;

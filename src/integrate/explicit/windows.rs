@@ -20,7 +20,10 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         column.fill(0.0);
     }
     for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let reach = sprocket.geometry.tip_radius_m + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
+        if sprocket.geometry.iso().is_none() {
+            continue;
+        }
+        let reach = sprocket.geometry.tip_radius_m() + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
         let centre = sprocket.body.centre;
         let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
         let near = |j: usize| {
@@ -36,7 +39,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         }
         scratch.tooth_windows[k] = windows;
     }
-    for (k, guide) in model.guides.iter().enumerate() {
+    for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         // Link centres lie up to a lever from the ends that touch.
         let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
@@ -62,7 +65,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];
                 let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
-                d - s.geometry.tip_radius_m
+                d - s.geometry.tip_radius_m()
             };
             let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
             scratch.nearest_sprocket[j] = nearest.unwrap_or(0);

@@ -1,0 +1,302 @@
+//! Watches every link on its way over one sprocket, step by step, and says how it engaged.
+//!
+//! A pass begins when the link's front joint comes within two pitches of the sprocket and is counted in tooth periods:
+//! u = 0 where the joint passes `origin_m` along the arriving span, measured from the foot of the sprocket's axis (for an
+//! abutment chain the end of the straight path, else the foot itself). What is followed is the joint of a bush chain, the
+//! link otherwise. Forces are the means over a step that the scheme works with. First touch of a kind: the first step of the
+//! pass in which it carries force; its speed is the approach speed there.
+
+use crate::integrate::explicit::Scratch;
+use crate::model::{Model, Toothing};
+use crate::state::State;
+use std::f64::consts::PI;
+
+/// What a link touches a sprocket and its guide with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    Guide,
+    /// Front and rear abutment on the ring.
+    RingFront,
+    RingRear,
+    /// Bush of the front joint in the teeth.
+    Bush,
+    /// Leading and trailing outer flank.
+    FlankLeading,
+    FlankTrailing,
+    /// Either inner flank.
+    InnerFlank,
+}
+
+/// All of them, in the order of [`Pass`] columns.
+pub const KINDS: [Kind; 7] = [
+    Kind::Guide,
+    Kind::RingFront,
+    Kind::RingRear,
+    Kind::Bush,
+    Kind::FlankLeading,
+    Kind::FlankTrailing,
+    Kind::InnerFlank,
+];
+
+/// Where a pass begins and ends, in tooth periods.
+pub const PASS_FROM: f64 = -2.0;
+/// Bins per tooth period of a pass's force histories.
+pub const BINS_PER_PITCH: usize = 200;
+
+/// One link's way over the sprocket.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pass {
+    pub link: usize,
+    /// When u = 0 [s].
+    pub start_s: f64,
+    /// Per kind: u of the first touch and its approach speed [m/s].
+    pub first_touch: [Option<(f64, f64)>; KINDS.len()],
+    /// Mean force per bin of u, from [`PASS_FROM`] on, per kind [N].
+    pub force_n: Vec<[f64; KINDS.len()]>,
+    /// Largest force in any step per bin, per kind [N].
+    pub peak_n: Vec<[f64; KINDS.len()]>,
+    samples: Vec<u32>,
+}
+
+/// Watches passes over one sprocket.
+pub struct Watch {
+    sprocket: usize,
+    /// Unit vector of the arriving span, and u = 0 along it from the foot of the axis [m].
+    direction: crate::geometry::Vec2,
+    origin_m: f64,
+    period_s: f64,
+    pass_pitches: f64,
+    follows_joints: bool,
+    open: Vec<Option<Pass>>,
+    last_along_m: Vec<f64>,
+    pub done: Vec<Pass>,
+    /// Speed of the joints of the arriving span by phase of the tooth period: sum and count.
+    speed: Vec<(f64, u32)>,
+    /// Tension of the arriving span: sum, count, and order-z/2 and order-z parts as (cos, sin) sums.
+    tension: TensionSums,
+    span_m: (f64, f64),
+}
+
+/// Sums over steps of the mean tension of the arriving span.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct TensionSums {
+    n: f64,
+    sum: f64,
+    half_order: (f64, f64),
+    full_order: (f64, f64),
+}
+
+/// Bins of the tooth period for the span's speed.
+const SPEED_BINS: usize = 40;
+
+impl Pass {
+    fn new(link: usize, start_s: f64, pitches: f64) -> Pass {
+        let bins = ((pitches - PASS_FROM) * BINS_PER_PITCH as f64) as usize;
+        Pass {
+            link,
+            start_s,
+            first_touch: [None; KINDS.len()],
+            force_n: vec![[0.0; KINDS.len()]; bins],
+            peak_n: vec![[0.0; KINDS.len()]; bins],
+            samples: vec![0; bins],
+        }
+    }
+
+    /// u of a bin's middle.
+    pub fn u_of(bin: usize) -> f64 {
+        PASS_FROM + (bin as f64 + 0.5) / BINS_PER_PITCH as f64
+    }
+
+    fn bins(&self, from: f64, to: f64) -> std::ops::Range<usize> {
+        let bin = |u: f64| (((u - PASS_FROM) * BINS_PER_PITCH as f64).max(0.0) as usize).min(self.force_n.len());
+        bin(from)..bin(to)
+    }
+
+    /// Largest force of a kind between two u [N].
+    pub fn peak(&self, kind: Kind, from: f64, to: f64) -> f64 {
+        self.bins(from, to).map(|b| self.peak_n[b][kind as usize]).fold(0.0, f64::max)
+    }
+
+    /// Mean force of a kind between two u [N].
+    pub fn mean(&self, kind: Kind, from: f64, to: f64) -> f64 {
+        let bins = self.bins(from, to);
+        let n = bins.len().max(1) as f64;
+        bins.map(|b| self.force_n[b][kind as usize]).sum::<f64>() / n
+    }
+
+    /// u over which the force of a kind first rises from a tenth to nine tenths of its largest bin between `from` and `to`.
+    pub fn rise(&self, kind: Kind, from: f64, to: f64) -> Option<f64> {
+        let bins = self.bins(from, to);
+        let at = |b: usize| self.force_n[b][kind as usize].max(self.peak_n[b][kind as usize]);
+        let top = bins.clone().map(at).fold(0.0, f64::max);
+        if top <= 0.0 {
+            return None;
+        }
+        let high = bins.clone().find(|b| at(*b) >= 0.9 * top)?;
+        // The last time it was below a tenth before that; within one bin the rise takes a bin at most.
+        let low = (bins.start..=high).rev().find(|b| at(*b) <= 0.1 * top).unwrap_or(bins.start);
+        Some((high - low) as f64 / BINS_PER_PITCH as f64)
+    }
+}
+
+impl Watch {
+    /// Watches sprocket `sprocket` of a model that was built from a drive.
+    pub fn new(model: &Model, sprocket: usize) -> Watch {
+        let n = model.sprockets.len();
+        let route = model.route.as_ref().expect("a model of a drive has a route");
+        let span = route.spans[(sprocket + n - 1) % n];
+        let s = &model.sprockets[sprocket];
+        let teeth = f64::from(s.geometry.teeth());
+        let wrap_rad = route.wraps[sprocket].sweep_rad.abs();
+        let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
+        let links = model.chain.n_links;
+        Watch {
+            sprocket,
+            direction: span.direction,
+            origin_m: model.line_end_m.get(sprocket).copied().unwrap_or(0.0),
+            period_s: 2.0 * PI / (s.nominal_speed_rad_s.abs() * teeth),
+            pass_pitches: wrap_rad / (2.0 * PI) * teeth + 4.0,
+            follows_joints,
+            open: vec![None; links],
+            last_along_m: vec![f64::NAN; links],
+            done: Vec::new(),
+            speed: vec![(0.0, 0); SPEED_BINS],
+            tension: TensionSums::default(),
+            // Links wholly between the sprockets, two pitches from either.
+            span_m: (-span.length_m + 2.0 * 2.0 * model.chain.lever[0], -2.0 * 2.0 * model.chain.lever[0]),
+        }
+    }
+
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// Looks at the step that has just been evaluated.
+    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+        let t = state.step as f64 * model.step_s;
+        let centre = model.sprockets[self.sprocket].body.centre;
+        let pitch = 2.0 * model.chain.lever[0];
+        let half = 0.5 * model.step_s;
+        let (mut speed, mut in_span, mut tension) = (0.0, 0_u32, 0.0);
+        for link in 0..model.chain.n_links {
+            let l = &state.links;
+            let lever = model.chain.lever[link];
+            let joint = crate::geometry::Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
+            let d = joint - centre;
+            let along = d.dot(&self.direction);
+            let aside = crate::geometry::cross(self.direction, d);
+            // On the arriving side of the loop: the axis lies to the left of the span.
+            if aside < 0.0 {
+                let before = std::mem::replace(&mut self.last_along_m[link], along);
+                let gate = self.origin_m + PASS_FROM * pitch;
+                if before < gate && along >= gate {
+                    let start = t - PASS_FROM * self.period_s;
+                    self.open[link] = Some(Pass::new(link, start, self.pass_pitches));
+                }
+                if before < self.origin_m
+                    && along >= self.origin_m
+                    && let Some(pass) = &mut self.open[link]
+                {
+                    // The exact crossing, within the step.
+                    let rate = (along - before) / model.step_s;
+                    pass.start_s = t - (along - self.origin_m) / rate.max(1e-9);
+                }
+                if (self.span_m.0..self.span_m.1).contains(&along) {
+                    let v = crate::geometry::Vec2::new(
+                        l.vx[link] + half * scratch.ax[link],
+                        l.vy[link] + half * scratch.ay[link],
+                    );
+                    speed += v.dot(&self.direction);
+                    let (fx, fy, _) = scratch.joint_force(link);
+                    tension += fx.hypot(fy);
+                    in_span += 1;
+                }
+            } else {
+                self.last_along_m[link] = f64::NAN;
+            }
+            self.follow(link, t, model, scratch);
+        }
+        if in_span > 0 {
+            self.sum_span(t, speed / f64::from(in_span), tension / f64::from(in_span));
+        }
+    }
+
+    fn sum_span(&mut self, t: f64, speed: f64, tension: f64) {
+        let phase = t / self.period_s;
+        let bin = ((phase - libm::floor(phase)) * SPEED_BINS as f64) as usize % SPEED_BINS;
+        self.speed[bin].0 += speed;
+        self.speed[bin].1 += 1;
+        let sums = &mut self.tension;
+        let (s1, c1) = crate::units::sin_cos(2.0 * PI * phase);
+        let (s2, c2) = crate::units::sin_cos(PI * phase);
+        sums.n += 1.0;
+        sums.sum += tension;
+        sums.full_order = (sums.full_order.0 + tension * c1, sums.full_order.1 + tension * s1);
+        sums.half_order = (sums.half_order.0 + tension * c2, sums.half_order.1 + tension * s2);
+    }
+
+    fn follow(&mut self, link: usize, t: f64, model: &Model, scratch: &Scratch) {
+        let Some(pass) = &mut self.open[link] else { return };
+        let u = (t - pass.start_s) / self.period_s;
+        let bin = ((u - PASS_FROM) * BINS_PER_PITCH as f64) as usize;
+        if bin >= pass.force_n.len() {
+            let pass = self.open[link].take().expect("just looked at");
+            self.done.push(pass);
+            return;
+        }
+        pass.samples[bin] += 1;
+        let share = 1.0 / f64::from(pass.samples[bin]);
+        for (kind, (force, approach)) in forces(model, scratch, link, self.follows_joints).into_iter().enumerate() {
+            pass.force_n[bin][kind] += (force - pass.force_n[bin][kind]) * share;
+            pass.peak_n[bin][kind] = pass.peak_n[bin][kind].max(force);
+            if force > 0.0 && pass.first_touch[kind].is_none() {
+                pass.first_touch[kind] = Some((u, approach));
+            }
+        }
+    }
+
+    /// Tooth-order variation of the speed of the arriving span: peak to peak of its mean over the phase, relative.
+    pub fn speed_ripple(&self) -> f64 {
+        let means: Vec<f64> = self.speed.iter().filter(|b| b.1 > 0).map(|b| b.0 / f64::from(b.1)).collect();
+        let (low, high) = means.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        let mean = means.iter().sum::<f64>() / means.len().max(1) as f64;
+        if means.is_empty() { f64::NAN } else { (high - low) / mean }
+    }
+
+    /// Mean tension of the arriving span, and its amplitudes at orders z/2 and z of the sprocket [N].
+    pub fn tension_n(&self) -> (f64, f64, f64) {
+        let s = &self.tension;
+        let amplitude = |(c, s_): (f64, f64)| 2.0 / s.n * c.hypot(s_);
+        (s.sum / s.n, amplitude(s.half_order), amplitude(s.full_order))
+    }
+}
+
+/// Force and approach speed of every kind, of a link (or of the joint at its front).
+fn forces(model: &Model, scratch: &Scratch, link: usize, joints: bool) -> [(f64, f64); KINDS.len()] {
+    let mut all = [(0.0, 0.0); KINDS.len()];
+    let (bushes, _) = scratch.memories();
+    let ends = scratch.contour_memories();
+    if joints || model.contour_sets()[2] {
+        all[Kind::Bush as usize] = (bushes.normal_force[link], bushes.approach[link]);
+    }
+    if model.contour.is_none() {
+        return all;
+    }
+    let of = |set: usize| {
+        let m = &ends[set];
+        if m.is_empty() { (0.0, 0.0) } else { (m.normal_force[link], m.approach[link]) }
+    };
+    let silent = model.sprockets.iter().any(|s| s.geometry.iso().is_none());
+    if silent {
+        all[Kind::FlankLeading as usize] = of(0);
+        all[Kind::FlankTrailing as usize] = of(1);
+        let (front, rear) = (of(2), of(3));
+        all[Kind::InnerFlank as usize] = if front.0 > rear.0 { front } else { rear };
+    } else {
+        all[Kind::RingFront as usize] = of(0);
+        all[Kind::RingRear as usize] = of(1);
+        all[Kind::Guide as usize] = of(4);
+    }
+    all
+}
