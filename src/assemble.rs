@@ -354,7 +354,9 @@ fn remember_contacts(model: &Model, state: &mut State) {
                 if !body.within_reach(pose.centre, model.chain.lever[link]) {
                     continue;
                 }
-                let Some(touch) = body.touch(contour, &pose, rotor, crate::elements::end_contact::FAR_M) else { continue };
+                let Some(touch) = body.touch(contour, &pose, rotor, crate::elements::end_contact::FAR_M) else {
+                    continue;
+                };
                 let radii = crate::elements::contact_law::PairRadii {
                     bush_m: touch.link_radius_m,
                     body_m: touch.body_radius_m,

@@ -215,7 +215,9 @@ impl Drive {
     pub fn chain_speed_m_s(&self) -> f64 {
         let driver = &self.sprockets[self.driver()];
         match driver.outer {
-            OuterSpec::Speed { speed_rad_s } => speed_rad_s * f64::from(driver.teeth) * self.chain.pitch_m() / (2.0 * PI),
+            OuterSpec::Speed { speed_rad_s } => {
+                speed_rad_s * f64::from(driver.teeth) * self.chain.pitch_m() / (2.0 * PI)
+            }
             OuterSpec::Load { .. } => 0.0,
         }
     }

@@ -178,7 +178,7 @@ impl Watch {
         let centre = model.sprockets[self.sprocket].body.centre;
         let pitch = 2.0 * model.chain.lever[0];
         let half = 0.5 * model.step_s;
-        let (mut speed, mut in_span, mut tension) = (0.0, 0_u32, 0.0);
+        let (mut speed, mut weights, mut tension) = (0.0, 0.0, 0.0);
         for link in 0..model.chain.n_links {
             let l = &state.links;
             let lever = model.chain.lever[link];
@@ -207,18 +207,22 @@ impl Watch {
                         l.vx[link] + half * scratch.ax[link],
                         l.vy[link] + half * scratch.ay[link],
                     );
-                    speed += v.dot(&self.direction);
+                    // Weighed by a Hann window over the span: joints that come and go count for nothing as they do.
+                    let share = (along - self.span_m.0) / (self.span_m.1 - self.span_m.0);
+                    let sine = crate::units::sin_cos(PI * share).0;
+                    let weight = sine * sine;
                     let (fx, fy, _) = scratch.joint_force(link);
-                    tension += fx.hypot(fy);
-                    in_span += 1;
+                    speed += weight * v.dot(&self.direction);
+                    tension += weight * libm::hypot(fx, fy);
+                    weights += weight;
                 }
             } else {
                 self.last_along_m[link] = f64::NAN;
             }
             self.follow(link, t, model, scratch);
         }
-        if in_span > 0 {
-            self.sum_span(t, speed / f64::from(in_span), tension / f64::from(in_span));
+        if weights > 0.0 {
+            self.sum_span(t, speed / weights, tension / weights);
         }
     }
 

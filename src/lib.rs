@@ -5,6 +5,7 @@
 
 pub mod assemble;
 pub mod cli;
+pub mod compare;
 pub mod contact;
 pub mod diag;
 pub mod drive;

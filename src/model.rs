@@ -15,8 +15,8 @@ use crate::elements::tooth_contact::ToothedBody;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
-use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
 use crate::geometry::profile::Profile;
+use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
 use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
 use crate::geometry::smartchain::{Abutment, AbutmentSpec, LobedRing, Transition};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
@@ -223,9 +223,7 @@ impl Model {
                     name: spec.name.clone(),
                     geometry: geometry.clone(),
                     body: match geometry {
-                        Toothing::Iso(s) => {
-                            ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick)
-                        }
+                        Toothing::Iso(s) => ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick),
                         Toothing::Silent(_) => ToothedBody::without_seats(pulley.centre, law, friction, stick),
                     },
                     rotor: match spec.outer {
@@ -328,8 +326,9 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
     if !diags.is_empty() {
         return Err(drive.places.report(diags));
     }
-    let chain_error =
-        |text: String, help: Option<String>| drive.places.report(vec![drive.places.error(drive.chain.path(), text, help)]);
+    let chain_error = |text: String, help: Option<String>| {
+        drive.places.report(vec![drive.places.error(drive.chain.path(), text, help)])
+    };
     let mut rings = vec![None; sprockets.len()];
     let mut abutment = None;
     let mut contour = None;

@@ -1,5 +1,6 @@
 //! Drawings as SVG: exact contours, arcs as arcs.
 
+pub mod compare;
 pub mod silent;
 
 use crate::geometry::profile::{Element, Profile, ProfileError};

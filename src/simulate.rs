@@ -126,23 +126,23 @@ pub fn run(
     })
 }
 
-/// First touches of bushes with teeth since the frame before.
-fn first_touches(frame: &Frame, header: &Header, steps_per_frame: u64) -> Vec<Event> {
+/// First touches of links with teeth and rings since the frame before.
+pub fn first_touches(frame: &Frame, header: &Header, steps_per_frame: u64) -> Vec<Event> {
     let c = &frame.contacts;
     let interval = steps_per_frame as f64 * header.step_s;
     (0..c.link.len())
         .filter(|i| c.age_s[*i] <= interval && c.approach_speed_m_s[*i] > SLOWEST_EVENT_M_S)
-        .filter(|i| c.feature[*i] <= Feature::FrontBush as u32)
+        .filter(|i| header.bodies.get(c.body[*i] as usize).is_some_and(|b| b.rotor))
         .map(|i| {
             let t_s = (frame.t_s - c.age_s[i]).max(0.0);
             let body = header.bodies.get(c.body[i] as usize).map_or("?", |b| b.path.as_str());
-            let end = if c.feature[i] == Feature::FrontBush as u32 { "front" } else { "rear" };
+            let end = Feature::name(c.feature[i]);
             Event {
                 step: (t_s / header.step_s).round() as u64,
                 t_s,
                 kind: "first_touch".into(),
                 text: format!(
-                    "link {} ({end} bush) touches {body} tooth gap {} at {:.3} m/s, t = {:.4} ms",
+                    "link {} ({end}) touches {body} tooth gap {} at {:.3} m/s, t = {:.4} ms",
                     c.link[i],
                     c.tooth[i],
                     c.approach_speed_m_s[i],

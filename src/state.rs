@@ -161,8 +161,17 @@ impl State {
     /// Every column with its name, the padding cut off. Taken apart without `..`: a new column cannot be forgotten here,
     /// and with it neither in the hash nor in keyframes.
     pub fn for_each_column<'a>(&'a self, mut f: impl FnMut(ColumnName, &'a [f64])) {
-        let State { step: _, n_links, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, contour_ends, rotors } =
-            self;
+        let State {
+            step: _,
+            n_links,
+            links,
+            lost_pin_damping,
+            lost_pin_friction,
+            bushes,
+            guide_ends,
+            contour_ends,
+            rotors,
+        } = self;
         let n = *n_links;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
         let named = [
@@ -278,8 +287,17 @@ impl State {
         let mut names = Vec::new();
         self.for_each_column(|name, _| names.push(name));
         let n = self.n_links;
-        let State { step: _, n_links: _, links, lost_pin_damping, lost_pin_friction, bushes, guide_ends, contour_ends, rotors } =
-            self;
+        let State {
+            step: _,
+            n_links: _,
+            links,
+            lost_pin_damping,
+            lost_pin_friction,
+            bushes,
+            guide_ends,
+            contour_ends,
+            rotors,
+        } = self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, lost_pin_damping, lost_pin_friction];
@@ -293,6 +311,20 @@ impl State {
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {
             let len = if i < per_link { n.min(column.len()) } else { column.len() };
             f(name, &mut column[..len]);
+        }
+    }
+
+    /// The same motion for another step: velocities and speeds belong half a step before the positions.
+    pub fn restep(&mut self, old_step_s: f64, new_step_s: f64) {
+        let shift = 0.5 * (old_step_s - new_step_s);
+        let l = &mut self.links;
+        for (velocity, acceleration) in [(&mut l.vx, &l.ax), (&mut l.vy, &l.ay), (&mut l.omega, &l.alpha)] {
+            for (v, a) in velocity.iter_mut().zip(acceleration) {
+                *v += shift * a;
+            }
+        }
+        for (omega, alpha) in self.rotors.omega.iter_mut().zip(&self.rotors.alpha) {
+            *omega += shift * alpha;
         }
     }
 

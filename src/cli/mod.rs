@@ -1,6 +1,7 @@
 //! The command line: one file per verb. Results go to stdout, everything else to stderr.
 
 mod check;
+mod compare;
 mod drives;
 mod geometry;
 mod geometry_silent;
@@ -23,6 +24,8 @@ pub struct Cli {
 enum Verb {
     /// Simulate a drive and record it
     Run(run::RunArgs),
+    /// Compare drives by the impacts on their drivers: bush, silent and abutment chain unless told otherwise
+    Compare(compare::CompareArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
     /// Read a drive, assemble it, and say what follows from it
@@ -91,6 +94,7 @@ impl From<anyhow::Error> for Failure {
 pub fn run(cli: Cli) -> Result<Outcome, Failure> {
     match cli.verb {
         Verb::Run(args) => run::run(&args),
+        Verb::Compare(args) => compare::run(&args),
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),

@@ -41,7 +41,7 @@ pub struct RunArgs {
 }
 
 /// A time with its unit, in seconds.
-fn duration(text: &str) -> Result<f64, String> {
+pub(super) fn duration(text: &str) -> Result<f64, String> {
     let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
     let parsed = units.iter().find_map(|(unit, factor)| {
         let number = text.trim().strip_suffix(unit)?;

@@ -14,10 +14,10 @@
 
 use super::contact_law::ContactLaw;
 use crate::geometry::chain::silent::SilentLinkContour;
+use crate::geometry::profile::Element;
 use crate::geometry::silent_sprocket::SilentSprocket;
 use crate::geometry::smartchain::convex::ConvexContour;
 use crate::geometry::smartchain::ring::LobedRing;
-use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, perp};
 use crate::recording::frame::{Feature, Segment};
 use crate::units::sin_cos;
@@ -302,13 +302,7 @@ fn lobe_touch(
     })
 }
 
-fn face_touch(
-    along: Vec2,
-    length_m: f64,
-    abutment: &ConvexContour,
-    pose: &LinkPose,
-    far_m: f64,
-) -> Option<EndTouch> {
+fn face_touch(along: Vec2, length_m: f64, abutment: &ConvexContour, pose: &LinkPose, far_m: f64) -> Option<EndTouch> {
     let up = perp(along);
     // Down into the face, as the link sees it.
     let (height, point, link_radius_m) = abutment.support_with_radius(pose.into_link(-up));

@@ -245,8 +245,7 @@ fn rates<const CONTOUR: bool>(half_step: f64, omega: f64, lanes: &mut Lanes) {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
         let mut lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
-        let (mut opening, mut opening_rate) =
-            (vx * nx + vy * ny, lanes.ax[i] * nx + lanes.ay[i] * ny);
+        let (mut opening, mut opening_rate) = (vx * nx + vy * ny, lanes.ax[i] * nx + lanes.ay[i] * ny);
         if CONTOUR {
             lever_n -= lanes.offset[i];
             opening -= (lanes.omega[i] - omega) * lanes.offset[i];

@@ -237,21 +237,16 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
 }
 
 /// Links' own contours: abutments and toothed flanks.
-fn end_contacts(
-    model: &Model,
-    state: &State,
-    scratch: &Scratch,
-    links: &Links,
-    speeds: &[f64],
-    rows: &mut Vec<Row>,
-) {
+fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &mut Vec<Row>) {
     let Some(contour) = &model.contour else { return };
     for (k, body) in model.end_bodies.iter().enumerate() {
         let (rotor, _) = ends::turning(model, state, body);
         for link in scratch.ends_near(model, k) {
             for front in [false, true] {
                 let pose = ends::pose(model, state, body, link, front);
-                let Some(t) = body.touch(contour, &pose, rotor, 0.0).filter(|t| t.penetration_m > 0.0) else { continue };
+                let Some(t) = body.touch(contour, &pose, rotor, 0.0).filter(|t| t.penetration_m > 0.0) else {
+                    continue;
+                };
                 let set = 2 * body.set + usize::from(!front);
                 let (p, v) = end_of(model, state, links, link, front);
                 let point = t.point + body.origin;
@@ -289,7 +284,18 @@ fn row(
     links: &Links,
 ) -> Row {
     let on_link = pair.centre - normal * pair.radius;
-    row_at(model, pair, (tooth, segment, body_radius), on_body, on_link, normal, penetration, velocity, surface_velocity, links)
+    row_at(
+        model,
+        pair,
+        (tooth, segment, body_radius),
+        on_body,
+        on_link,
+        normal,
+        penetration,
+        velocity,
+        surface_velocity,
+        links,
+    )
 }
 
 /// A contact at any point of the link.

@@ -386,6 +386,25 @@ pub enum Feature {
     FrontInnerFlank = 9,
 }
 
+impl Feature {
+    /// In words, of a `Contacts::feature`.
+    pub fn name(feature: u32) -> &'static str {
+        const NAMES: [&str; 10] = [
+            "rear bush",
+            "front bush",
+            "rear plate end",
+            "front plate end",
+            "rear abutment",
+            "front abutment",
+            "trailing flank",
+            "leading flank",
+            "rear inner flank",
+            "front inner flank",
+        ];
+        NAMES.get(feature as usize).copied().unwrap_or("unknown part")
+    }
+}
+
 /// Which part of a body is touched (`Contacts::segment`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]

@@ -1,0 +1,336 @@
+//! Several drives side by side: run at one step, watched on the driver, judged by measured impacts, recorded as one.
+//!
+//! All numbers are of engagements on the driver, in tooth periods T of its own (u as in [`crate::engagement`]). First touch is
+//! that of the tooth contact of a chain (bush or trailing flank) and, for an abutment chain, of every kind on its own.
+//! rho v^2 is taken from the tension: what presses links onto a sprocket is T - rho v^2.
+
+pub mod merge;
+
+use crate::assemble::{Assembly, AssemblyError, assemble};
+use crate::diag::Report;
+use crate::drive::Drive;
+use crate::engagement::{KINDS, Kind, Pass, Watch};
+use crate::integrate::StepError;
+use crate::integrate::explicit::{self, Scratch};
+use crate::model::Model;
+use crate::recording::capture::{self, Camera};
+use crate::recording::frame::{Event, Frame, Header};
+use crate::simulate::{Span, first_touches};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Engagement window [T] and where the exit begins, counted from the end of the wrap.
+pub const WINDOW_T: (f64, f64) = (-2.0, 3.0);
+
+/// How long, and what is recorded of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    pub duration_s: f64,
+    /// Recorded from the start on.
+    pub recorded_s: f64,
+    pub every_s: f64,
+}
+
+/// One drive's run.
+pub struct Run {
+    pub name: String,
+    pub title: String,
+    pub header: Header,
+    pub frames: Vec<Frame>,
+    pub events: Vec<Event>,
+    pub passes: Vec<Pass>,
+    pub summary: Summary,
+}
+
+/// Statistics of one kind of contact over all passes.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct KindSummary {
+    pub kind: Kind,
+    /// Passes in which it touched.
+    pub passes: usize,
+    /// u of the first touch, median [T].
+    pub first_touch_t: f64,
+    /// Approach speed at first touch [m/s].
+    pub approach_median_m_s: f64,
+    pub approach_max_m_s: f64,
+    /// Largest force in the engagement window, over the whole lap, and from one pitch before the end of the wrap on [N].
+    pub peak_window_n: f64,
+    pub peak_lap_n: f64,
+    pub peak_exit_n: f64,
+    /// Mean over the second pitch [N].
+    pub second_pitch_n: f64,
+    /// 10 to 90 % of the first build-up, median [T].
+    pub rise_t: f64,
+}
+
+/// What a run showed.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Summary {
+    pub drive: String,
+    pub step_s: f64,
+    pub passes: usize,
+    pub kinds: Vec<KindSummary>,
+    /// Tight span: mean tension, and amplitudes at orders z/2 and z of the driver [N].
+    pub tight_tension_n: f64,
+    pub tension_half_order_n: f64,
+    pub tension_tooth_order_n: f64,
+    /// rho v^2 [N].
+    pub centrifugal_tension_n: f64,
+    /// p omega of the driver: the speed at which a link turns onto it [m/s].
+    pub turning_speed_m_s: f64,
+    /// Tooth-order speed variation of the tight span, peak to peak over its mean.
+    pub speed_ripple: f64,
+    /// Share of passes with guide, ring, bush and both abutments in this order; abutment chains only.
+    pub sequence: Option<f64>,
+    /// Distance of the seated forces of even and odd links in the first pitch after seating, over their sum.
+    pub odd_even_asymmetry: f64,
+}
+
+/// Why a comparison ended early.
+#[derive(Debug)]
+pub enum CompareError {
+    Assembly { drive: String, error: AssemblyError },
+    Step { drive: String, error: StepError },
+    Drive(Report),
+    Interrupted,
+}
+
+impl std::fmt::Display for CompareError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            CompareError::Assembly { drive, error } => write!(f, "{drive} cannot be assembled: {error}"),
+            CompareError::Step { drive, error } => write!(f, "{drive}: {error}"),
+            CompareError::Drive(report) => write!(f, "{report}"),
+            CompareError::Interrupted => write!(f, "interrupted: nothing was compared"),
+        }
+    }
+}
+
+impl std::error::Error for CompareError {}
+
+/// Assembles and runs all drives, two at a time, at the smallest of their steps.
+pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, CompareError> {
+    let assembled = in_parallel(drives.iter().collect(), |drive: &Drive| {
+        assemble(drive).map_err(|error| CompareError::Assembly { drive: drive.name.clone(), error })
+    })?;
+    let step_s = assembled.iter().map(|a| a.model.step_s).fold(f64::INFINITY, f64::min);
+    let jobs: Vec<(&Drive, Assembly)> = drives.iter().zip(assembled).collect();
+    in_parallel(jobs, |(drive, mut assembly)| {
+        assembly.state.restep(assembly.model.step_s, step_s);
+        assembly.model.step_s = step_s;
+        run_one(drive, assembly, plan, stop)
+    })
+}
+
+/// Runs jobs on as many threads as there are cores; the first error in their order counts.
+fn in_parallel<J: Send, R: Send>(
+    jobs: Vec<J>,
+    work: impl Fn(J) -> Result<R, CompareError> + Sync,
+) -> Result<Vec<R>, CompareError> {
+    let work = &work;
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = jobs.into_iter().map(|job| scope.spawn(move || work(job))).collect();
+        threads.into_iter().map(|t| t.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    })
+}
+
+fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> Result<Run, CompareError> {
+    let Assembly { model, mut state, report } = assembly;
+    let mut scratch = Scratch::new(&model);
+    let mut watch = Watch::new(&model, model.driver);
+    let span = Span::new(plan.duration_s, plan.every_s, model.step_s);
+    let header = capture::header(drive, &model, &report, span.steps_per_frame);
+    let recorded = (plan.recorded_s / model.step_s) as u64;
+    let (mut frames, mut events) = (Vec::new(), Vec::new());
+    let mut camera = Camera::default();
+    for step in 0..=span.steps {
+        if stop.load(Ordering::Relaxed) {
+            return Err(CompareError::Interrupted);
+        }
+        explicit::evaluate(&model, &state, &mut scratch)
+            .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
+        watch.look(&model, &state, &scratch);
+        if step <= recorded && step.is_multiple_of(span.steps_per_frame) {
+            let frame = camera.take(&model, &state, &scratch);
+            events.extend(first_touches(&frame, &header, span.steps_per_frame));
+            frames.push(frame);
+        }
+        explicit::advance(&model, &mut state, &mut scratch);
+    }
+    let summary = summarise(drive, &model, &watch);
+    let (name, title) = (drive.name.clone(), drive.title.clone());
+    Ok(Run { name, title, header, frames, events, passes: watch.done, summary })
+}
+
+fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
+    let passes = &watch.done;
+    let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
+    let exit_from = model
+        .route
+        .as_ref()
+        .map_or(0.0, |r| r.wraps[model.driver].sweep_rad.abs() / (2.0 * std::f64::consts::PI) * teeth - 2.0);
+    let kinds = KINDS
+        .iter()
+        .filter(|k| passes.iter().any(|p| p.first_touch[**k as usize].is_some()))
+        .map(|k| summarise_kind(*k, passes, exit_from))
+        .collect();
+    let (mean, half, full) = watch.tension_n();
+    let n = model.chain.n_links;
+    let pitch = 2.0 * model.chain.lever[0];
+    let per_length = model.chain.mass[..n].iter().sum::<f64>() / (n as f64 * pitch);
+    Summary {
+        drive: drive.name.clone(),
+        step_s: model.step_s,
+        passes: passes.len(),
+        kinds,
+        tight_tension_n: mean,
+        tension_half_order_n: half,
+        tension_tooth_order_n: full,
+        centrifugal_tension_n: per_length * model.chain_speed_m_s.powi(2),
+        turning_speed_m_s: pitch * model.sprockets[model.driver].nominal_speed_rad_s.abs(),
+        speed_ripple: watch.speed_ripple(),
+        sequence: model.contour_sets()[2].then(|| sequence(passes)),
+        odd_even_asymmetry: asymmetry(passes),
+    }
+}
+
+fn summarise_kind(kind: Kind, passes: &[Pass], exit_from: f64) -> KindSummary {
+    let touched: Vec<(f64, f64)> = passes.iter().filter_map(|p| p.first_touch[kind as usize]).collect();
+    let largest = |from: f64, to: f64| passes.iter().map(|p| p.peak(kind, from, to)).fold(0.0, f64::max);
+    let speeds = || touched.iter().map(|t| t.1);
+    KindSummary {
+        kind,
+        passes: touched.len(),
+        first_touch_t: median(touched.iter().map(|t| t.0)),
+        approach_median_m_s: median(speeds()),
+        approach_max_m_s: speeds().fold(0.0, f64::max),
+        peak_window_n: largest(WINDOW_T.0, WINDOW_T.1),
+        peak_lap_n: largest(f64::NEG_INFINITY, f64::INFINITY),
+        peak_exit_n: largest(exit_from, f64::INFINITY),
+        second_pitch_n: median(passes.iter().map(|p| p.mean(kind, 1.0, 2.0))),
+        rise_t: median(passes.iter().filter_map(|p| p.rise(kind, WINDOW_T.0, 2.5))),
+    }
+}
+
+/// Median; NaN of nothing.
+pub fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => sorted[n / 2],
+        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
+    }
+}
+
+/// Share of passes that touch guide, ring, bush and rear abutment in this order.
+fn sequence(passes: &[Pass]) -> f64 {
+    let order = [Kind::Guide, Kind::RingFront, Kind::Bush, Kind::RingRear];
+    let right = |p: &&Pass| {
+        let at: Vec<Option<f64>> = order.iter().map(|k| p.first_touch[*k as usize].map(|t| t.0)).collect();
+        at.windows(2).all(|w| matches!(w, [Some(a), Some(b)] if a < b))
+    };
+    passes.iter().filter(right).count() as f64 / passes.len().max(1) as f64
+}
+
+/// (even - odd) / (even + odd) of the mean tooth force over the pitch that begins a twentieth after the first touch.
+fn asymmetry(passes: &[Pass]) -> f64 {
+    let tooth = [Kind::Bush, Kind::FlankTrailing];
+    let mean = |odd: usize| {
+        let of: Vec<f64> = passes
+            .iter()
+            .filter(|p| p.link % 2 == odd)
+            .filter_map(|p| {
+                let kind = tooth.into_iter().find(|k| p.first_touch[*k as usize].is_some())?;
+                // From the same place of the pitch for both, not from each one's own touch.
+                Some(p.mean(kind, 1.0, 2.0))
+            })
+            .collect();
+        of.iter().sum::<f64>() / of.len().max(1) as f64
+    };
+    let (even, odd) = (mean(0), mean(1));
+    if even + odd > 0.0 { (even - odd) / (even + odd) } else { 0.0 }
+}
+
+impl Summary {
+    /// The contact that seats a link in the teeth.
+    pub fn tooth(&self) -> Option<&KindSummary> {
+        self.kinds.iter().find(|k| matches!(k.kind, Kind::Bush | Kind::FlankTrailing))
+    }
+
+    /// Fastest first touch of any kind on the driver [m/s].
+    pub fn fastest_touch_m_s(&self) -> f64 {
+        self.kinds.iter().map(|k| k.approach_max_m_s).fold(0.0, f64::max)
+    }
+
+    /// Largest force of any contact on the driver and its guide in the engagement window, and over the lap [N].
+    pub fn largest_n(&self) -> (f64, f64) {
+        let of = |f: &dyn Fn(&KindSummary) -> f64| self.kinds.iter().map(f).fold(0.0, f64::max);
+        (of(&|k| k.peak_window_n), of(&|k| k.peak_lap_n))
+    }
+
+    pub fn kind(&self, kind: Kind) -> Option<&KindSummary> {
+        self.kinds.iter().find(|k| k.kind == kind)
+    }
+}
+
+/// A claim and what was measured.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Claim {
+    pub claim: String,
+    pub measured: String,
+    pub holds: bool,
+}
+
+/// Impact-free engagement, held against the other drives: None when there is no abutment chain among them.
+pub fn verdict(summaries: &[&Summary]) -> Option<Vec<Claim>> {
+    let smart = summaries.iter().find(|s| s.sequence.is_some())?;
+    let speed = smart.turning_speed_m_s;
+    let pressing = smart.tight_tension_n - smart.centrifugal_tension_n;
+    let fastest = smart.fastest_touch_m_s();
+    let (window, lap) = smart.largest_n();
+    let ring = smart.kind(Kind::RingFront).map_or(f64::NAN, |k| k.peak_window_n);
+    let rise = smart.tooth().map_or(f64::NAN, |k| k.rise_t);
+    let mut claims = vec![
+        claim("every first touch on the driver is slower than 3 % of p omega", fastest <= 0.03 * speed, || {
+            format!("{fastest:.4} m/s, {:.1} % of {speed:.3} m/s", 100.0 * fastest / speed)
+        }),
+        claim("no contact exceeds 130 N while a link engages", window <= 130.0, || format!("{window:.1} N")),
+        claim("no contact exceeds 150 N over the whole lap", lap <= 150.0, || format!("{lap:.1} N")),
+        claim("the ring carries at most 0.30 of T - rho v^2", ring <= 0.30 * pressing, || {
+            format!("{ring:.1} N, {:.3} of {pressing:.0} N", ring / pressing)
+        }),
+        claim("the tooth force builds up over at least 0.2 tooth periods", rise >= 0.2, || format!("{rise:.2} T")),
+    ];
+    if let Some(order) = smart.sequence {
+        claims.push(claim(
+            "guide, ring, bush, both abutments, in this order, in 99 % of passes",
+            order >= 0.99,
+            || format!("{:.1} % of {}", 100.0 * order, smart.passes),
+        ));
+    }
+    claims.push(claim("tooth-order speed ripple of the tight span below 0.15 %", smart.speed_ripple < 1.5e-3, || {
+        format!("{:.3} %", 100.0 * smart.speed_ripple)
+    }));
+    for other in summaries.iter().filter(|s| s.sequence.is_none()) {
+        let Some(tooth) = other.tooth() else { continue };
+        let strikes = tooth.approach_median_m_s;
+        claims.push(claim(
+            &format!("{} strikes its teeth at more than 10 % of p omega", other.drive),
+            strikes > 0.1 * speed,
+            || format!("{strikes:.3} m/s, {:.0} % and {:.0} times as fast", 100.0 * strikes / speed, strikes / fastest),
+        ));
+        // A bush lands on a seat, a flank rolls onto a flank: expected from the kinematics of both.
+        let (faster, sharper) = if tooth.kind == Kind::Bush { (20.0, 30.0) } else { (5.0, 10.0) };
+        let text =
+            format!("{} is at least {faster} times as fast and loads its teeth {sharper} times faster", other.drive);
+        let (times, rises) = (strikes / fastest, rise / tooth.rise_t);
+        claims.push(claim(&text, times >= faster && rises >= sharper, || {
+            format!("{times:.0} times; {rises:.0} times, in {:.3} T", tooth.rise_t)
+        }));
+    }
+    Some(claims)
+}
+
+fn claim(text: &str, holds: bool, measured: impl Fn() -> String) -> Claim {
+    Claim { claim: text.to_string(), measured: measured(), holds }
+}

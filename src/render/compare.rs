@@ -1,0 +1,202 @@
+//! The report of a comparison: one HTML file that needs nothing else, curves as SVG.
+
+use crate::compare::{Claim, Run};
+use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
+use std::fmt::Write;
+
+/// Size of one diagram [px], and its margins.
+const SIZE: (f64, f64) = (860.0, 230.0);
+const MARGIN: (f64, f64) = (56.0, 34.0);
+/// Shown part of a pass [T].
+const SHOWN: (f64, f64) = (-1.5, 11.5);
+
+fn colour(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Guide => "#2b8a3e",
+        Kind::RingFront => "#1c6dd0",
+        Kind::RingRear => "#6f42c1",
+        Kind::Bush => "#c92a2a",
+        Kind::FlankLeading => "#e8890c",
+        Kind::FlankTrailing => "#c92a2a",
+        Kind::InnerFlank => "#495057",
+    }
+}
+
+fn name(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Guide => "abutment on guide",
+        Kind::RingFront => "front abutment on ring",
+        Kind::RingRear => "rear abutment on ring",
+        Kind::Bush => "bush in teeth",
+        Kind::FlankLeading => "leading flank",
+        Kind::FlankTrailing => "trailing flank",
+        Kind::InnerFlank => "inner flank",
+    }
+}
+
+/// The whole page.
+pub fn html(runs: &[Run], claims: &[Claim], recordings: &[String]) -> String {
+    let mut page = String::from(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Chain drives compared</title><style>\
+         body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;color:#222}\
+         table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:3px 9px;text-align:right}\
+         td:first-child,th:first-child{text-align:left}.yes{color:#2b8a3e}.no{color:#c92a2a}svg{background:#fff}\
+         </style><h1>Chain drives compared</h1>\n",
+    );
+    page += "<p>Engagements on the driver. u counts tooth periods T since the link's front joint passed the end of the \
+             straight span. Forces are means over a step of the scheme; lines are medians over all passes, bands reach \
+             from the smallest to the largest pass.</p>\n";
+    if !claims.is_empty() {
+        page += "<h2>Verdict</h2><table><tr><th>claim</th><th>measured</th><th></th></tr>\n";
+        for c in claims {
+            let (class, word) = if c.holds { ("yes", "holds") } else { ("no", "does not hold") };
+            let _infallible = writeln!(
+                page,
+                "<tr><td>{}</td><td>{}</td><td class=\"{class}\">{word}</td></tr>",
+                escape(&c.claim),
+                escape(&c.measured)
+            );
+        }
+        page += "</table>\n";
+    }
+    page += &table(runs);
+    let top = runs.iter().flat_map(|r| r.summary.kinds.iter()).map(|k| k.peak_lap_n).fold(1.0, f64::max);
+    for run in runs {
+        let _infallible = writeln!(page, "<h2>{}</h2><p>{}</p>", escape(&run.name), escape(&run.title));
+        page += &diagram(run, 1.05 * top);
+    }
+    page += "<h2>Recordings</h2><p>";
+    page += &recordings.iter().map(|r| format!("<code>{}</code>", escape(r))).collect::<Vec<_>>().join(", ");
+    page += "</p><h2>Drives</h2>\n";
+    for run in runs {
+        let _infallible = writeln!(
+            page,
+            "<details><summary>{}</summary><pre>{}</pre></details>",
+            escape(&run.name),
+            escape(&run.header.drive_text)
+        );
+    }
+    page + "</html>\n"
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+fn table(runs: &[Run]) -> String {
+    let mut text = String::from(
+        "<h2>Numbers</h2><table><tr><th>contact</th><th>passes</th><th>first touch<br>u [T]</th>\
+         <th>approach<br>median [m/s]</th><th>max</th><th>peak [N]<br>engaging</th><th>lap</th>\
+         <th>pitch 2<br>mean [N]</th><th>rise [T]</th></tr>\n",
+    );
+    for run in runs {
+        let _infallible = writeln!(text, "<tr><th colspan=\"9\">{}</th></tr>", escape(&run.name));
+        for k in &run.summary.kinds {
+            let _infallible = writeln!(
+                text,
+                "<tr><td>{}</td><td>{}</td><td>{:.3}</td><td>{:.4}</td><td>{:.4}</td><td>{:.1}</td><td>{:.1}</td>\
+                 <td>{:.1}</td><td>{:.3}</td></tr>",
+                name(k.kind),
+                k.passes,
+                k.first_touch_t,
+                k.approach_median_m_s,
+                k.approach_max_m_s,
+                k.peak_window_n,
+                k.peak_lap_n,
+                k.second_pitch_n,
+                k.rise_t
+            );
+        }
+    }
+    text + "</table>\n"
+}
+
+fn diagram(run: &Run, top_n: f64) -> String {
+    let (w, h) = SIZE;
+    let (left, bottom) = MARGIN;
+    let x = |u: f64| left + (u - SHOWN.0) / (SHOWN.1 - SHOWN.0) * (w - left - 10.0);
+    let y = |f: f64| h - bottom - f / top_n * (h - bottom - 10.0);
+    let mut svg = format!("<svg viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" font-size=\"12\">\n");
+    for u in SHOWN.0.ceil() as i32..=SHOWN.1.floor() as i32 {
+        let at = x(f64::from(u));
+        let _infallible = writeln!(
+            svg,
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"10\" y2=\"{:.1}\" stroke=\"#eee\"/>\
+             <text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{u}</text>",
+            h - bottom,
+            h - bottom + 15.0
+        );
+    }
+    let step = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| top_n / s <= 6.0).unwrap_or(5000.0);
+    let mut force = 0.0;
+    while force <= top_n {
+        let at = y(force);
+        let _infallible = writeln!(
+            svg,
+            "<line x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#eee\"/>\
+             <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{force:.0} N</text>",
+            w - 10.0,
+            left - 6.0,
+            at + 4.0
+        );
+        force += step;
+    }
+    let mut key = left + 8.0;
+    for kind in KINDS {
+        let Some(curves) = Curves::of(&run.passes, kind) else { continue };
+        let band: String = curves
+            .high
+            .iter()
+            .map(|(u, f)| (u, f))
+            .chain(curves.low.iter().rev().map(|(u, f)| (u, f)))
+            .map(|(u, f)| format!("{:.1},{:.1} ", x(*u), y(*f)))
+            .collect();
+        let line: String = curves.middle.iter().map(|(u, f)| format!("{:.1},{:.1} ", x(*u), y(*f))).collect();
+        let c = colour(kind);
+        let _infallible = writeln!(
+            svg,
+            "<polygon points=\"{band}\" fill=\"{c}\" opacity=\"0.22\"/>\
+             <polyline points=\"{line}\" fill=\"none\" stroke=\"{c}\" stroke-width=\"1.6\"/>\
+             <text x=\"{key:.0}\" y=\"{:.0}\" fill=\"{c}\">{}</text>",
+            h - 4.0,
+            name(kind)
+        );
+        key += 10.0 + 7.0 * name(kind).len() as f64;
+    }
+    let _infallible =
+        writeln!(svg, "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">u [T]</text>", w - 10.0, h - 4.0);
+    svg + "</svg>\n"
+}
+
+/// Force over u: smallest, median and largest of the passes.
+struct Curves {
+    low: Vec<(f64, f64)>,
+    middle: Vec<(f64, f64)>,
+    high: Vec<(f64, f64)>,
+}
+
+impl Curves {
+    /// None for a kind that never touched.
+    fn of(passes: &[Pass], kind: Kind) -> Option<Curves> {
+        let touching = passes.iter().any(|p| p.first_touch[kind as usize].is_some());
+        let bins = passes.iter().map(|p| p.force_n.len()).min()?;
+        if !touching {
+            return None;
+        }
+        let mut curves = Curves { low: Vec::new(), middle: Vec::new(), high: Vec::new() };
+        // Every bin round the first contact, every fourth elsewhere.
+        for bin in 0..bins {
+            let u = Pass::u_of(bin);
+            if u < SHOWN.0 || u > SHOWN.1 || (u > 3.0 && !bin.is_multiple_of(BINS_PER_PITCH / 50)) {
+                continue;
+            }
+            let mut forces: Vec<f64> = passes.iter().map(|p| p.force_n[bin][kind as usize]).collect();
+            forces.sort_by(f64::total_cmp);
+            let peak = passes.iter().map(|p| p.peak_n[bin][kind as usize]).fold(0.0, f64::max);
+            curves.low.push((u, forces[0]));
+            curves.middle.push((u, forces[forces.len() / 2]));
+            curves.high.push((u, peak));
+        }
+        Some(curves)
+    }
+}
