@@ -71,24 +71,20 @@ pub struct Watch {
     open: Vec<Option<Pass>>,
     last_along_m: Vec<f64>,
     pub done: Vec<Pass>,
-    /// Speed of the joints of the arriving span by phase of the tooth period: sum and count.
-    speed: Vec<(f64, u32)>,
-    /// Tension of the arriving span: sum, count, and order-z/2 and order-z parts as (cos, sin) sums.
-    tension: TensionSums,
+    /// Mean speed and tension of the joints of the arriving span.
+    speed: OrderSums,
+    tension: OrderSums,
     span_m: (f64, f64),
 }
 
-/// Sums over steps of the mean tension of the arriving span.
+/// Sums over steps: of a value, and of its parts at orders z/2 and z of the sprocket as (cos, sin).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct TensionSums {
+struct OrderSums {
     n: f64,
     sum: f64,
     half_order: (f64, f64),
     full_order: (f64, f64),
 }
-
-/// Bins of the tooth period for the span's speed.
-const SPEED_BINS: usize = 40;
 
 impl Pass {
     fn new(link: usize, start_s: f64, pitches: f64) -> Pass {
@@ -161,8 +157,8 @@ impl Watch {
             open: vec![None; links],
             last_along_m: vec![f64::NAN; links],
             done: Vec::new(),
-            speed: vec![(0.0, 0); SPEED_BINS],
-            tension: TensionSums::default(),
+            speed: OrderSums::default(),
+            tension: OrderSums::default(),
             // Links wholly between the sprockets, two pitches from either.
             span_m: (-span.length_m + 2.0 * 2.0 * model.chain.lever[0], -2.0 * 2.0 * model.chain.lever[0]),
         }
@@ -228,16 +224,8 @@ impl Watch {
 
     fn sum_span(&mut self, t: f64, speed: f64, tension: f64) {
         let phase = t / self.period_s;
-        let bin = ((phase - libm::floor(phase)) * SPEED_BINS as f64) as usize % SPEED_BINS;
-        self.speed[bin].0 += speed;
-        self.speed[bin].1 += 1;
-        let sums = &mut self.tension;
-        let (s1, c1) = crate::units::sin_cos(2.0 * PI * phase);
-        let (s2, c2) = crate::units::sin_cos(PI * phase);
-        sums.n += 1.0;
-        sums.sum += tension;
-        sums.full_order = (sums.full_order.0 + tension * c1, sums.full_order.1 + tension * s1);
-        sums.half_order = (sums.half_order.0 + tension * c2, sums.half_order.1 + tension * s2);
+        self.speed.add(phase, speed);
+        self.tension.add(phase, tension);
     }
 
     fn follow(&mut self, link: usize, t: f64, model: &Model, scratch: &Scratch) {
@@ -260,19 +248,31 @@ impl Watch {
         }
     }
 
-    /// Tooth-order variation of the speed of the arriving span: peak to peak of its mean over the phase, relative.
+    /// Tooth-order variation of the speed of the arriving span: peak to peak of its part at order z, relative.
     pub fn speed_ripple(&self) -> f64 {
-        let means: Vec<f64> = self.speed.iter().filter(|b| b.1 > 0).map(|b| b.0 / f64::from(b.1)).collect();
-        let (low, high) = means.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
-        let mean = means.iter().sum::<f64>() / means.len().max(1) as f64;
-        if means.is_empty() { f64::NAN } else { (high - low) / mean }
+        let s = &self.speed;
+        2.0 * s.amplitude(s.full_order) / (s.sum / s.n)
     }
 
     /// Mean tension of the arriving span, and its amplitudes at orders z/2 and z of the sprocket [N].
     pub fn tension_n(&self) -> (f64, f64, f64) {
         let s = &self.tension;
-        let amplitude = |(c, s_): (f64, f64)| 2.0 / s.n * c.hypot(s_);
-        (s.sum / s.n, amplitude(s.half_order), amplitude(s.full_order))
+        (s.sum / s.n, s.amplitude(s.half_order), s.amplitude(s.full_order))
+    }
+}
+
+impl OrderSums {
+    fn add(&mut self, phase: f64, value: f64) {
+        let (s1, c1) = crate::units::sin_cos(2.0 * PI * phase);
+        let (s2, c2) = crate::units::sin_cos(PI * phase);
+        self.n += 1.0;
+        self.sum += value;
+        self.full_order = (self.full_order.0 + value * c1, self.full_order.1 + value * s1);
+        self.half_order = (self.half_order.0 + value * c2, self.half_order.1 + value * s2);
+    }
+
+    fn amplitude(&self, (cos, sin): (f64, f64)) -> f64 {
+        2.0 / self.n * libm::hypot(cos, sin)
     }
 }
 
