@@ -34,6 +34,7 @@ pub struct Drive {
     pub title: String,
     pub chain: ChainSpec,
     pub links: usize,
+    pub scatter: ScatterSpec,
     pub joint: JointSpec,
     pub tooth_contact: ContactSpec,
     pub guide_contact: ContactSpec,
@@ -109,6 +110,14 @@ pub struct JointSpec {
     pub clearance_m: f64,
     pub friction: f64,
     pub stick_speed_rad_s: f64,
+}
+
+/// How links differ from each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScatterSpec {
+    /// Standard deviation of the pitch [m].
+    pub pitch_m: f64,
+    pub seed: u64,
 }
 
 /// A contact pair.
@@ -322,6 +331,12 @@ fn read(root: &Table<'_>) -> Drive {
     let title = root.text("title").unwrap_or_default();
     let chain_table = root.table("chain");
     let (chain, links) = read_chain(&chain_table);
+    let scatter_table = chain_table.table("scatter");
+    let scatter = ScatterSpec {
+        pitch_m: scatter_table.number("pitch_um", UM, 0.0..=500.0).unwrap_or(0.0),
+        seed: scatter_table.integer("seed", 0..=i64::MAX).unwrap_or(1) as u64,
+    };
+    scatter_table.finish();
     let joint = read_joint(&chain_table.table("joint"));
     chain_table.finish();
     let contact = root.table("contact");
@@ -358,6 +373,7 @@ fn read(root: &Table<'_>) -> Drive {
         title,
         chain,
         links,
+        scatter,
         joint,
         tooth_contact,
         guide_contact,

@@ -185,6 +185,21 @@ impl ChainModel {
         }
     }
 
+    /// Pitches that scatter: every link longer or shorter by a normally distributed length of standard deviation `sigma_m`.
+    pub fn scatter(&mut self, sigma_m: f64, seed: u64) {
+        let mut random = SplitMix(seed);
+        for i in 0..self.n_links {
+            // Box-Muller; both halves of the pair would do, one is taken.
+            let radius = libm::sqrt(-2.0 * libm::log(1.0 - random.uniform()));
+            let deviation = radius * crate::units::sin_cos(2.0 * std::f64::consts::PI * random.uniform()).1;
+            self.lever[i] += 0.5 * sigma_m * deviation;
+        }
+        for j in 0..self.n_links {
+            let (link, front) = self.bush_carrier(j);
+            self.bush_lever[j] = if front { self.lever[link] } else { -self.lever[link] };
+        }
+    }
+
     /// Link that carries the bush of joint `j`, and whether at its front.
     pub fn bush_carrier(&self, j: usize) -> (usize, bool) {
         let front = self.bush_on_front[j + 1] == 1.0;
@@ -198,6 +213,20 @@ impl ChainModel {
         if i == 0 {
             self.inverse_inertia[self.n_links] = 0.0;
         }
+    }
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014): the same numbers everywhere from one seed.
+struct SplitMix(u64);
+
+impl SplitMix {
+    /// In 0 .. 1.
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 
@@ -249,9 +278,13 @@ impl Model {
             friction_arm_m: drive.joint.friction * 0.5 * drive.chain.pin_diameter_m(),
             stick_speed_rad_s: drive.joint.stick_speed_rad_s,
         };
+        let mut chain = ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH);
+        if drive.scatter.pitch_m > 0.0 {
+            chain.scatter(drive.scatter.pitch_m, drive.scatter.seed);
+        }
         Ok(Model {
             step_s: f64::NAN,
-            chain: ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH),
+            chain,
             sprockets,
             guides,
             contour: placed.contour.clone(),

@@ -83,13 +83,13 @@ pub fn forces(
     power_friction: &mut [f64],
 ) {
     let n = power_damping.len();
-    let (fx, fy) = (&mut force_x[1..=n], &mut force_y[1..=n]);
-    let (m, pf, pd) = (&mut torque[1..=n], &mut power_friction[..n], &mut power_damping[..n]);
+    let (fx, fy) = (&mut force_x[1..n + 1], &mut force_y[1..n + 1]);
+    let (m, pf, pd) = (&mut torque[1..n + 1], &mut power_friction[..n], &mut power_damping[..n]);
     let (ax, ay, avx, avy) = (&ends.front_x[..n], &ends.front_y[..n], &ends.front_vx[..n], &ends.front_vy[..n]);
-    let (bx, by) = (&ends.rear_x[1..=n], &ends.rear_y[1..=n]);
-    let (bvx, bvy) = (&ends.rear_vx[1..=n], &ends.rear_vy[1..=n]);
-    let (w0, w1) = (&ends.omega[..n], &ends.omega[1..=n]);
-    let (j0, j1) = (&ends.inverse_inertia[..n], &ends.inverse_inertia[1..=n]);
+    let (bx, by) = (&ends.rear_x[1..n + 1], &ends.rear_y[1..n + 1]);
+    let (bvx, bvy) = (&ends.rear_vx[1..n + 1], &ends.rear_vy[1..n + 1]);
+    let (w0, w1) = (&ends.omega[..n], &ends.omega[1..n + 1]);
+    let (j0, j1) = (&ends.inverse_inertia[..n], &ends.inverse_inertia[1..n + 1]);
     let (k, c) = (joint.stiffness_n_per_m, joint.damping_n_s_per_m);
     let with_clearance = joint.clearance_m > 0.0;
     for j in 0..n {

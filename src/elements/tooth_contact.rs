@@ -132,11 +132,6 @@ pub struct Lanes {
     pub cos: Column,
     pub sin: Column,
     pub lever: Column,
-    /// Of contours that are no circles about the joint: the contact point seen from it, against the normal and along the
-    /// tangent [m]; and the link's angular acceleration one step back. Bushes and plate ends leave them alone.
-    pub radius: Column,
-    pub offset: Column,
-    pub alpha: Column,
     pub inverse_mass: Column,
     pub inverse_inertia: Column,
     /// Direction of the gap axis in the sprocket's frame.
@@ -164,6 +159,15 @@ pub struct Lanes {
     pub force_y: Column,
     pub moment: Column,
     pub torque: Column,
+}
+
+/// What lanes of other contours of a link have besides: the contact point seen from the joint, against the normal and along
+/// the tangent [m]; the link's angular acceleration one step back.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OffJoint {
+    pub radius: Column,
+    pub offset: Column,
+    pub alpha: Column,
 }
 
 impl Lanes {
@@ -240,22 +244,37 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
 
 /// Rates and effective masses of all lanes.
 #[inline(always)]
-fn rates<const CONTOUR: bool>(half_step: f64, omega: f64, lanes: &mut Lanes) {
+fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
-        let mut lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
-        let (mut opening, mut opening_rate) = (vx * nx + vy * ny, lanes.ax[i] * nx + lanes.ay[i] * ny);
-        if CONTOUR {
-            lever_n -= lanes.offset[i];
-            opening -= (lanes.omega[i] - omega) * lanes.offset[i];
-            opening_rate -= lanes.alpha[i] * lanes.offset[i];
-        }
+        let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
         let w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
-        lanes.free_rate[i] = half_step * own - opening;
-        lanes.free_acceleration[i] = own - opening_rate;
+        lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny);
+        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny);
+        let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
+        let fresh = lanes.age[i] == 0.0;
+        let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
+        lanes.approach[i] = if touching { approach } else { 0.0 };
+        lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
+    }
+}
+
+/// The same where the contact point lies off the normal through the joint.
+#[inline(always)]
+fn contour_rates(half_step: f64, omega: f64, off: &OffJoint, lanes: &mut Lanes) {
+    for i in 0..LANES {
+        let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
+        let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
+        let offset = off.offset[i];
+        let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx) - offset;
+        let w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
+        let own = w_n * lanes.normal_force[i];
+        lanes.mobility[i] = w_n;
+        lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny - (lanes.omega[i] - omega) * offset);
+        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny - off.alpha[i] * offset);
         let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
         let fresh = lanes.age[i] == 0.0;
         let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
@@ -267,13 +286,21 @@ fn rates<const CONTOUR: bool>(half_step: f64, omega: f64, lanes: &mut Lanes) {
 /// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
-    any_forces::<false>(law, mu, stick_speed, radius, step, omega, lanes);
+    any_forces::<false>(law, mu, stick_speed, radius, step, omega, &OffJoint::default(), lanes);
 }
 
 /// As [`forces`], for contours with their own `radius` and `offset` in every lane.
 #[inline(always)]
-pub fn contour_forces(law: &ContactLaw, mu: f64, stick_speed: f64, step: f64, omega: f64, lanes: &mut Lanes) {
-    any_forces::<true>(law, mu, stick_speed, 0.0, step, omega, lanes);
+pub fn contour_forces(
+    law: &ContactLaw,
+    mu: f64,
+    stick_speed: f64,
+    step: f64,
+    omega: f64,
+    off: &OffJoint,
+    lanes: &mut Lanes,
+) {
+    any_forces::<true>(law, mu, stick_speed, 0.0, step, omega, off, lanes);
 }
 
 #[inline(always)]
@@ -284,10 +311,15 @@ fn any_forces<const CONTOUR: bool>(
     one_radius: f64,
     step: f64,
     omega: f64,
+    off: &OffJoint,
     lanes: &mut Lanes,
 ) {
     let half = 0.5 * step;
-    rates::<CONTOUR>(half, omega, lanes);
+    if CONTOUR {
+        contour_rates(half, omega, off, lanes);
+    } else {
+        rates(half, omega, lanes);
+    }
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
         for i in 0..LANES {
@@ -300,7 +332,7 @@ fn any_forces<const CONTOUR: bool>(
         quadrature(law, one_radius, step, lanes);
     }
     for i in 0..LANES {
-        let radius = if CONTOUR { lanes.radius[i] } else { one_radius };
+        let radius = if CONTOUR { off.radius[i] } else { one_radius };
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
@@ -317,7 +349,7 @@ fn any_forces<const CONTOUR: bool>(
         let fy = fn_ * ny + ft * nx;
         lanes.force_x[i] = fx;
         lanes.force_y[i] = fy;
-        let moment = if CONTOUR { -radius * ft - lanes.offset[i] * fn_ } else { -radius * ft };
+        let moment = if CONTOUR { -radius * ft - off.offset[i] * fn_ } else { -radius * ft };
         lanes.moment[i] = moment;
         lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy - moment;
     }

@@ -90,6 +90,8 @@ pub struct Scratch {
     stale_blocks: [Vec<u8>; 4],
     /// The same of the bushes.
     stale_bushes: Vec<u8>,
+    /// Lanes that are being worked on: kept, because clearing them for every body takes longer than filling them.
+    lanes: Option<Box<Lanes>>,
     /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
     contour_ends: [ContactMemory; 6],
     contour_rate: [Vec<f64>; 6],
@@ -186,6 +188,7 @@ impl Scratch {
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
             stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
             stale_bushes: vec![2; n / LANES],
+            lanes: Some(Box::default()),
             contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
             contour_rate: std::array::from_fn(|_| column()),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
@@ -332,9 +335,9 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
     joints(model, scratch);
     for windows in &scratch.tooth_windows {
         for w in windows.iter().filter(|w| w.shared) {
-            scratch.bush_x[w.start + 1..=w.end].fill(0.0);
-            scratch.bush_y[w.start + 1..=w.end].fill(0.0);
-            scratch.bush_moment[w.start + 1..=w.end].fill(0.0);
+            scratch.bush_x[w.start + 1..w.end + 1].fill(0.0);
+            scratch.bush_y[w.start + 1..w.end + 1].fill(0.0);
+            scratch.bush_moment[w.start + 1..w.end + 1].fill(0.0);
         }
     }
     for k in 0..model.sprockets.len() {
@@ -508,8 +511,8 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let tip_reach_m =
         body.tip_radius_m + body.bush_radius_m + reach_m + model.chain.joint.clearance_m + JOINT_STRETCH_M;
     let mut partial = [0.0; LANES];
-    let mut block = Lanes::default();
-    let lanes = &mut block;
+    let mut block = scratch.lanes.take().unwrap_or_default();
+    let lanes = &mut *block;
     for w in 0..scratch.tooth_windows[k].len() {
         let Window { start, end, shared } = scratch.tooth_windows[k][w];
         for at in (start..end).step_by(LANES) {
@@ -550,13 +553,14 @@ fn teeth(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
                     scratch.bush_moment[at + 1 + i] += lanes.moment[i];
                 }
             } else {
-                put(&mut scratch.bush_x[1..=n], at, lanes.force_x);
-                put(&mut scratch.bush_y[1..=n], at, lanes.force_y);
-                put(&mut scratch.bush_moment[1..=n], at, lanes.moment);
+                put(&mut scratch.bush_x[1..n + 1], at, lanes.force_x);
+                put(&mut scratch.bush_y[1..n + 1], at, lanes.force_y);
+                put(&mut scratch.bush_moment[1..n + 1], at, lanes.moment);
                 keep(lanes, &state.bushes, &mut scratch.bushes, n, at);
             }
         }
     }
+    scratch.lanes = Some(block);
     scratch.chain_torque[k] = partial.iter().sum();
 }
 
@@ -567,7 +571,7 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
     let (f, r) = (&s.front, &s.rear);
     let w = &s.wrapped;
     BushColumns {
-        on_front: &c.bush_on_front[1..=n],
+        on_front: &c.bush_on_front[1..n + 1],
         front: [
             &f.x[..n],
             &f.y[..n],
@@ -581,16 +585,16 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
             &w.alpha[..n],
         ],
         rear: [
-            &r.x[1..=n],
-            &r.y[1..=n],
-            &r.vx[1..=n],
-            &r.vy[1..=n],
-            &s.omega[1..=n],
-            &w.cos[1..=n],
-            &w.sin[1..=n],
-            &w.ax[1..=n],
-            &w.ay[1..=n],
-            &w.alpha[1..=n],
+            &r.x[1..n + 1],
+            &r.y[1..n + 1],
+            &r.vx[1..n + 1],
+            &r.vy[1..n + 1],
+            &s.omega[1..n + 1],
+            &w.cos[1..n + 1],
+            &w.sin[1..n + 1],
+            &w.ax[1..n + 1],
+            &w.ay[1..n + 1],
+            &w.alpha[1..n + 1],
         ],
         constants: [
             &c.bush_lever[..n],
@@ -614,12 +618,16 @@ fn clear_bushes(state: &State, scratch: &mut Scratch, n: usize, at: usize) {
         return;
     }
     *stale -= 1;
-    let mut nothing = Lanes::default();
-    nothing.let_go();
-    put(&mut scratch.bush_x[1..=n], at, nothing.force_x);
-    put(&mut scratch.bush_y[1..=n], at, nothing.force_y);
-    put(&mut scratch.bush_moment[1..=n], at, nothing.moment);
-    keep(&nothing, &state.bushes, &mut scratch.bushes, n, at);
+    let nothing = [0.0; LANES];
+    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
+        put(&mut column[1..n + 1], at, nothing);
+    }
+    let (past, memory) = (&state.bushes, &mut scratch.bushes);
+    for column in [&mut memory.normal_force, &mut memory.tangential_force, &mut memory.age, &mut memory.approach] {
+        put(column, at, nothing);
+    }
+    put(&mut memory.lost_damping, at, take(&past.lost_damping, at));
+    put(&mut memory.lost_friction, at, take(&past.lost_friction, at));
 }
 
 /// Puts lanes that are nearer to another body out of reach.
@@ -762,8 +770,8 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.guides[k].body;
     let n = model.chain.padded;
     let reach_m = scratch.fastest_m_s * model.step_s;
-    let mut block = Lanes::default();
-    let lanes = &mut block;
+    let mut block = scratch.lanes.take().unwrap_or_default();
+    let lanes = &mut *block;
     for w in 0..scratch.guide_windows[k].len() {
         let Window { start, end, shared } = scratch.guide_windows[k][w];
         for at in (start..end).step_by(LANES) {
@@ -805,6 +813,7 @@ fn guide(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
             }
         }
     }
+    scratch.lanes = Some(block);
 }
 
 #[inline(always)]
@@ -881,13 +890,13 @@ fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
     let c = &model.chain;
     let n = c.padded;
     let (cos, sin) = (&state.links.cos[..n], &state.links.sin[..n]);
-    let (jx0, jx1) = (&scratch.joint_x[..n], &scratch.joint_x[1..=n]);
-    let (jy0, jy1) = (&scratch.joint_y[..n], &scratch.joint_y[1..=n]);
-    let (jm0, jm1) = (&scratch.joint_torque[..n], &scratch.joint_torque[1..=n]);
-    let (bx0, bx1) = (&scratch.bush_x[..n], &scratch.bush_x[1..=n]);
-    let (by0, by1) = (&scratch.bush_y[..n], &scratch.bush_y[1..=n]);
-    let (bm0, bm1) = (&scratch.bush_moment[..n], &scratch.bush_moment[1..=n]);
-    let (on0, on1) = (&c.bush_on_front[..n], &c.bush_on_front[1..=n]);
+    let (jx0, jx1) = (&scratch.joint_x[..n], &scratch.joint_x[1..n + 1]);
+    let (jy0, jy1) = (&scratch.joint_y[..n], &scratch.joint_y[1..n + 1]);
+    let (jm0, jm1) = (&scratch.joint_torque[..n], &scratch.joint_torque[1..n + 1]);
+    let (bx0, bx1) = (&scratch.bush_x[..n], &scratch.bush_x[1..n + 1]);
+    let (by0, by1) = (&scratch.bush_y[..n], &scratch.bush_y[1..n + 1]);
+    let (bm0, bm1) = (&scratch.bush_moment[..n], &scratch.bush_moment[1..n + 1]);
+    let (on0, on1) = (&c.bush_on_front[..n], &c.bush_on_front[1..n + 1]);
     let (gx, gy, gm) = (&scratch.guide_x[..n], &scratch.guide_y[..n], &scratch.guide_moment[..n]);
     let (lever, im, ij) = (&c.lever[..n], &c.inverse_mass[..n], &c.inverse_inertia[..n]);
     let (ax, ay, al) = (&mut scratch.ax[..n], &mut scratch.ay[..n], &mut scratch.alpha[..n]);

@@ -3,16 +3,17 @@
 
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, add_guide_forces, load_ends, recall};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
-use crate::elements::tooth_contact::{self, Lanes};
+use crate::elements::tooth_contact::{self, Lanes, OffJoint};
 use crate::geometry::{Vec2, perp};
 use crate::model::Model;
 use crate::state::State;
 
 /// Contacts of all bodies that ends of links touch.
+#[inline(never)]
 pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
     let Some(contour) = &model.contour else { return };
     let reach_m = 2.0 * scratch.fastest_m_s * model.step_s;
-    let mut block = Lanes::default();
+    let mut block = scratch.lanes.take().unwrap_or_default();
     for k in 0..model.end_bodies.len() {
         let body = &model.end_bodies[k];
         let (rotor, omega) = turning(model, state, body);
@@ -32,14 +33,15 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                         near |= touch.is_some();
                         near |= state.contour_ends[set].age[link] != 0.0;
                     }
-                    let lanes = &mut block;
+                    let lanes = &mut *block;
                     if near {
                         load_ends(model, state, scratch, at, sign, body.origin, lanes);
-                        lanes.alpha.copy_from_slice(&state.links.alpha[at..at + LANES]);
-                        place(&touches, lanes);
+                        let mut off = OffJoint::default();
+                        off.alpha.copy_from_slice(&state.links.alpha[at..at + LANES]);
+                        place(&touches, lanes, &mut off);
                         recall(&state.contour_ends[set], at, lanes);
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
-                        tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, lanes);
+                        tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
                         add_guide_forces(scratch, at, lanes);
                         if let Some(rotor) = body.rotor {
                             scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
@@ -52,6 +54,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
             }
         }
     }
+    scratch.lanes = Some(block);
 }
 
 /// Cosine and sine of the angle of a body, and its speed at the node.
@@ -80,18 +83,18 @@ pub(crate) fn pose(model: &Model, state: &State, body: &EndBody, link: usize, fr
 }
 
 /// Contact points as the forces need them.
-fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes) {
+fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes, off: &mut OffJoint) {
     for (i, touch) in touches.iter().enumerate() {
         let Some(t) = touch else {
             (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (-1.0, 0.0, 1.0);
-            (lanes.radius[i], lanes.offset[i], lanes.body_radius[i]) = (0.0, 0.0, 0.0);
+            (off.radius[i], off.offset[i], lanes.body_radius[i]) = (0.0, 0.0, 0.0);
             continue;
         };
         let from_joint = t.point - Vec2::new(lanes.x[i], lanes.y[i]);
         lanes.penetration[i] = t.penetration_m;
         (lanes.normal_x[i], lanes.normal_y[i]) = (t.normal.x, t.normal.y);
-        lanes.radius[i] = -from_joint.dot(&t.normal);
-        lanes.offset[i] = from_joint.dot(&perp(t.normal));
+        off.radius[i] = -from_joint.dot(&t.normal);
+        off.offset[i] = from_joint.dot(&perp(t.normal));
         lanes.body_radius[i] = t.body_radius_m;
     }
 }
