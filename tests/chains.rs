@@ -47,7 +47,7 @@ fn the_silent_chain_meets_its_closed_forms() {
     let omega = 3000.0 * 2.0 * std::f64::consts::PI / 60.0;
     // At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with links of 7.3 g, stands beside the tooth
     // frequency of 1 kHz: the link touches slower than the kinematics say. Softer joints are clear of it.
-    for (stiffness, bounds) in [(8e6, (0.20, 0.12)), (3e7, (0.35, 0.12))] {
+    for (stiffness, bounds) in [(8e6, (0.20, 0.12)), (3e7, (0.35, 0.15))] {
         let set = format!("chain.joint.stiffness_n_per_m={stiffness}");
         let drives = [drive("silent-20-40", &[&set]), drive("bush-20-40", &[&set])];
         let all = measured(&drives, 50.0);

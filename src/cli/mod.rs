@@ -7,6 +7,7 @@ mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
 mod run;
+mod tune;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use std::io::Write;
@@ -26,6 +27,8 @@ enum Verb {
     Run(run::RunArgs),
     /// Compare drives by the impacts on their drivers: bush, silent and abutment chain unless told otherwise
     Compare(compare::CompareArgs),
+    /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
+    Tune(tune::TuneArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
     /// Read a drive, assemble it, and say what follows from it
@@ -95,6 +98,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
     match cli.verb {
         Verb::Run(args) => run::run(&args),
         Verb::Compare(args) => compare::run(&args),
+        Verb::Tune(args) => tune::run(&args),
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),

@@ -5,6 +5,7 @@
 //! rho v^2 is taken from the tension: what presses links onto a sprocket is T - rho v^2.
 
 pub mod merge;
+pub mod tune;
 
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;

@@ -1,0 +1,119 @@
+//! A search for an abutment chain's free numbers: who carries the load at entry, along the wrap and at exit is decided by the
+//! design tension T*, the root relief and the preload together, and the bounds of impact-free engagement are met in a corner
+//! of that space only. Pattern search on the worst margin: every number up and down by its step, the best kept; the steps
+//! halve when nothing is better. Deterministic.
+
+use super::{CompareError, Plan, Summary, run};
+use crate::drive::{ChainSpec, Drive};
+use crate::engagement::Kind;
+use std::sync::atomic::AtomicBool;
+
+/// A number that is searched: its place in the drive file, unit, value and step.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Free {
+    pub path: String,
+    pub value: f64,
+    pub step: f64,
+}
+
+/// How far a bound is kept: 1 - value / bound, negative when it is broken.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Margin {
+    pub name: &'static str,
+    pub value: f64,
+    pub bound: f64,
+    pub unit: &'static str,
+    pub margin: f64,
+}
+
+/// What a search found.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Tuned {
+    pub start: Vec<Margin>,
+    pub best: Vec<Margin>,
+    pub values: Vec<Free>,
+    pub runs: usize,
+}
+
+/// Simulated time of one trial after assembling [s].
+const TRIAL_S: f64 = 28e-3;
+/// Rounds of the search at most.
+const MOST_ROUNDS: usize = 5;
+
+/// The bounds of impact-free engagement and what was measured.
+pub fn margins(s: &Summary) -> Vec<Margin> {
+    let (window, lap) = s.largest_n();
+    let pressing = s.tight_tension_n - s.centrifugal_tension_n;
+    let ring = s.kind(Kind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
+    let rise = s.tooth().map_or(0.0, |k| k.rise_t);
+    let below = |name, value: f64, bound: f64, unit| Margin { name, value, bound, unit, margin: 1.0 - value / bound };
+    vec![
+        below("fastest first touch", s.fastest_touch_m_s(), 0.03 * s.turning_speed_m_s, "m/s"),
+        below("largest force, engaging", window, 130.0, "N"),
+        below("largest force, lap", lap, 150.0, "N"),
+        below("ring force", ring, 0.30 * pressing, "N"),
+        below("speed ripple", 100.0 * s.speed_ripple, 0.15, "%"),
+        Margin { name: "rise of the tooth force", value: rise, bound: 0.2, unit: "T", margin: rise / 0.2 - 1.0 },
+        Margin {
+            name: "sequence in order",
+            value: s.sequence.unwrap_or(0.0),
+            bound: 0.99,
+            unit: "",
+            // Kept or broken; more than kept is no merit.
+            margin: if s.sequence.unwrap_or(0.0) >= 0.99 { f64::INFINITY } else { -1.0 },
+        },
+    ]
+}
+
+/// The smallest margin.
+pub fn worst(margins: &[Margin]) -> f64 {
+    margins.iter().map(|m| m.margin).fold(f64::INFINITY, f64::min)
+}
+
+/// Searches from the drive's own values. None for a drive without abutments.
+pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) -> Result<Option<Tuned>, CompareError> {
+    let ChainSpec::Abutment(chain) = drive.chain else { return Ok(None) };
+    let mut values = vec![
+        Free { path: "chain.smartchain.design_tension_n".into(), value: chain.design_tension_n, step: 20.0 },
+        Free { path: "preload.tension_n".into(), value: drive.preload.tension_n, step: 15.0 },
+    ];
+    for s in &drive.sprockets {
+        let path = format!("sprockets.{}.root_relief_um", s.name);
+        values.push(Free { path, value: s.root_relief_m * 1e6, step: 8.0 });
+    }
+    let trial = |values: &[Free]| -> Result<Vec<Margin>, CompareError> {
+        let mut overrides = drive.overrides.clone();
+        overrides.extend(values.iter().map(|f| format!("{}={}", f.path, f.value)));
+        let changed = Drive::parse(&drive.name, &drive.text, &overrides).map_err(CompareError::Drive)?;
+        let plan = Plan { duration_s: TRIAL_S, recorded_s: 0.0, every_s: 1e-3 };
+        Ok(margins(&run(std::slice::from_ref(&changed), plan, stop)?[0].summary))
+    };
+    let start = trial(&values)?;
+    let mut best = start.clone();
+    let mut runs = 1;
+    told(runs, worst(&best));
+    for _ in 0..MOST_ROUNDS {
+        let mut moves = Vec::new();
+        for i in 0..values.len() {
+            for sign in [1.0, -1.0] {
+                let mut moved = values.clone();
+                moved[i].value = (moved[i].value + sign * moved[i].step).max(0.0);
+                moves.push(moved);
+            }
+        }
+        runs += moves.len();
+        // A set that cannot be assembled or breaks down is no candidate; only a stop ends the search.
+        let tried = super::in_parallel(moves, |moved: Vec<Free>| match trial(&moved) {
+            Ok(margins) => Ok(Some((moved, margins))),
+            Err(CompareError::Interrupted) => Err(CompareError::Interrupted),
+            Err(_) => Ok(None),
+        })?;
+        let winner = tried.into_iter().flatten().max_by(|a, b| worst(&a.1).total_cmp(&worst(&b.1)));
+        match winner {
+            Some((moved, margins)) if worst(&margins) > worst(&best) => (values, best) = (moved, margins),
+            _ => values.iter_mut().for_each(|f| f.step *= 0.5),
+        }
+        told(runs, worst(&best));
+    }
+    Ok(Some(Tuned { start, best, values, runs }))
+}
