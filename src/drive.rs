@@ -290,6 +290,20 @@ impl Drive {
                 );
             }
         }
+        let contours = match self.chain {
+            ChainSpec::Bush(_) => Vec::new(),
+            ChainSpec::Silent(_) => vec![("sprocket", self.tooth_contact.law)],
+            ChainSpec::Abutment(_) => vec![("ring", self.ring_contact.law), ("guide", self.guide_contact.law)],
+        };
+        for (name, law) in contours {
+            if matches!(law, ContactLaw::HertzLine(_)) {
+                error(
+                    &format!("contact.{name}.hertz_line"),
+                    "flanks and abutments have no constant radius for Hertz's law".into(),
+                    "take the linear law, or one with a restitution",
+                );
+            }
+        }
         if matches!(self.chain, ChainSpec::Silent(_)) && self.guides.iter().any(|g| g.side == GuideSide::Inside) {
             error(
                 "guides.fixed",

@@ -91,6 +91,7 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         let mut sets = vec![
             format!("chain.smartchain.design_tension_n={design_n}"),
             format!("guides.fixed.tight.clearance_um={guide_um}"),
+            "preload.tension_n=330".to_string(),
         ];
         for friction in ["chain.joint", "contact.sprocket", "contact.ring", "contact.guide"] {
             sets.push(format!("{friction}.friction=0"));

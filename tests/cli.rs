@@ -125,6 +125,28 @@ fn geometry_of_silent_chain_prints_the_worked_numbers_and_draws() {
 }
 
 #[test]
+fn compare_judges_and_records_the_three_chains() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_str().expect("text");
+    let out = json(&pitchline(&["compare", "--duration", "24ms", "--recorded", "2ms", "-o", path, "--json"]));
+    assert_eq!(out["drives"].as_array().map(Vec::len), Some(3));
+    assert_eq!(out["impact_free"], true, "{:#}", out["claims"]);
+    let page = std::fs::read_to_string(folder.path().join("compare.html")).expect("a report");
+    assert!(page.contains("<svg") && !page.contains("http"), "needs nothing else");
+    let recording = pitchline::recording::mcap::read(&folder.path().join("compare.mcap")).expect("reads");
+    assert!(recording.complete && recording.frames.len() > 30);
+    assert_eq!(recording.header.links.len(), 270);
+    assert_eq!(recording.header.bodies.iter().filter(|b| b.rotor).count(), 6);
+    // Silent and abutment chain lie below the bush chain, and every contact names a body that is there.
+    let frame = &recording.frames[0];
+    assert!(frame.links.y_m[100] < frame.links.y_m[10] && frame.links.y_m[200] < frame.links.y_m[100]);
+    assert!(frame.contacts.body.iter().all(|b| (*b as usize) < recording.header.bodies.len()));
+    let wrong = pitchline(&["compare", "--no-output", "--set", "bush:chain.joint.friction=0"]);
+    assert_eq!(wrong.status.code(), Some(2), "{}", stderr(&wrong));
+    assert_eq!(pitchline(&["tune", "bush-20-40"]).status.code(), Some(2));
+}
+
+#[test]
 fn drives_check_and_completions_answer() {
     assert!(stdout(&pitchline(&["drives"])).contains("bush-20-40"));
     let text = stdout(&pitchline(&["drives", "bush-20-40"]));
@@ -153,6 +175,7 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
     };
     let noise: Vec<u8> = (0..10_000_000_u64).map(|i| (i.wrapping_mul(6_364_136_223_846_793_005) >> 56) as u8).collect();
     let directory = folder.path().to_str().expect("text").to_string();
+    let set = |drive: &str, value: &str| vec![drive.to_string(), "--set".into(), value.to_string()];
     let cases: Vec<(Vec<String>, i32, Vec<&str>)> = vec![
         (
             vec![changed("key.toml", "pitch_mm = 8.0", "pich_mm = 8.0")],
@@ -208,6 +231,23 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
             vec!["cannot write", "a.mcap"],
         ),
         (vec!["bush-20-40".into(), "--duration".into(), "3".into()], 2, vec!["unit"]),
+        (set("smartchain-20-40", "chain.smartchain.teeth=24"), 2, vec!["made for 24 teeth", "fewest teeth"]),
+        (
+            set("smartchain-20-40", "chain.smartchain.design_tension_n=1e6"),
+            2,
+            vec!["stretches a link", "2 % of the pitch"],
+        ),
+        (set("smartchain-20-40", "chain.smartchain.abutment_mm=-1"), 2, vec!["abutment_mm", "outside"]),
+        (set("smartchain-20-40", "sprockets.driver.ring=round"), 2, vec!["sprockets.driver.ring", "conjugate"]),
+        (set("smartchain-20-40", "guides.fixed.tight.side=outside"), 2, vec!["abutments lie inside the loop"]),
+        (set("silent-20-40", "guides.fixed.tight.side=inside"), 2, vec!["teeth inside the loop"]),
+        (set("silent-20-40", "sprockets.driver.teeth=11"), 2, vec!["13 ..= 150"]),
+        (set("silent-20-40", "chain.silent.toe_radius_mm=3"), 2, vec!["at most 2.6667 mm"]),
+        (
+            vec![changed("two.toml", "[chain.joint]", "[chain.silent]\nlinks = 90\n\n[chain.joint]")],
+            2,
+            vec!["more than one type"],
+        ),
     ];
     for (rest, code, messages) in cases {
         let mut args = vec!["run", "--duration", "1ms"];

@@ -120,7 +120,7 @@ fn table(summaries: &[&Summary]) -> String {
         for (i, k) in s.kinds.iter().enumerate() {
             let _infallible = writeln!(
                 text,
-                "{:<18} {:<16} {:>7} {:>8.3} {:>8.4} {:>8.4} {:>10.1} {:>8.1} {:>9.1} {:>8.3}",
+                "{:<18} {:<16} {:>7} {:>8.3} {:>8.4} {:>8.4} {:>10.1} {:>8.1} {:>9.1} {:>8}",
                 if i == 0 { s.drive.as_str() } else { "" },
                 format!("{:?}", k.kind),
                 k.passes,
@@ -130,7 +130,7 @@ fn table(summaries: &[&Summary]) -> String {
                 k.peak_window_n,
                 k.peak_lap_n,
                 k.second_pitch_n,
-                k.rise_t
+                if k.rise_t.is_nan() { "-".to_string() } else { format!("{:.3}", k.rise_t) }
             );
         }
         let _infallible = writeln!(

@@ -43,7 +43,7 @@ pub fn run(args: &TuneArgs) -> Result<Outcome, Failure> {
             "worst_margin": worst(&tuned.best),
         }));
     }
-    let mut text = format!("{:<26} {:>10} {:>12} {:>12} {:>9}\n", "bound", "at most", "as given", "tuned", "margin");
+    let mut text = format!("{:<26} {:>10} {:>12} {:>12} {:>9}\n", "bound", "limit", "as given", "tuned", "margin");
     for (before, after) in tuned.start.iter().zip(&tuned.best) {
         let _infallible = writeln!(
             text,

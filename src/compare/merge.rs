@@ -12,6 +12,7 @@ const ROOM_M: f64 = 30e-3;
 /// How the parts of one run are numbered in the merged recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
+    name: String,
     first_link: u32,
     /// New index of each body.
     bodies: Vec<u32>,
@@ -54,7 +55,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
             numbers.push(*next as u32);
             *next += 1;
         }
-        parts.push(Part { first_link, bodies: numbers, down_m });
+        parts.push(Part { name: short.to_string(), first_link, bodies: numbers, down_m });
         let (low, high) = scene_bounds(header);
         down_m += (high[1] - low[1]).max(0.0) + ROOM_M;
         merged.drive_text += &format!("# ---- {}\n{}\n", header.drive_name, header.drive_text);
@@ -149,6 +150,7 @@ pub fn event(part: &Part, event: &Event) -> Event {
     Event {
         link: event.link + part.first_link,
         body: part.bodies.get(event.body as usize).copied().unwrap_or(event.body),
+        text: format!("{}: {}", part.name, event.text),
         ..event.clone()
     }
 }

@@ -12,6 +12,7 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::end_contact::EndShape;
 use crate::elements::rotor::Rotor;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
@@ -479,17 +480,15 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
     let mut bodies: Vec<BodyInfo> = model
         .sprockets
         .iter()
-        .map(|s| BodyInfo {
+        .enumerate()
+        .map(|(k, s)| BodyInfo {
             path: format!("sprockets.{}", s.name),
             rotor: true,
             x_m: s.body.centre.x,
             y_m: s.body.centre.y,
             angle_rad: 0.0,
             teeth: s.geometry.teeth(),
-            outline: s
-                .geometry
-                .profile()
-                .map(|p| outline(&s.name, &p, &[(Vec2::zeros(), 0.4 * s.geometry.root_radius_m())])),
+            outline: s.geometry.profile().map(|p| outline(&s.name, &p, &sprocket_circles(model, k))),
         })
         .collect();
     bodies.extend(model.guides.iter().map(|g| BodyInfo {
@@ -531,6 +530,19 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
         static_tension_n: report.static_mean_tension_n,
         assembly: report.lines(),
     }
+}
+
+/// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
+fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
+    let mut circles = vec![(Vec2::zeros(), 0.4 * model.sprockets[k].geometry.root_radius_m())];
+    for body in model.end_bodies.iter().filter(|b| b.rotor == Some(k)) {
+        match &body.shape {
+            EndShape::Circle { radius_m } => circles.push((Vec2::zeros(), *radius_m)),
+            EndShape::Lobes { ring, .. } => circles.push((Vec2::zeros(), ring.valley_radius_m)),
+            EndShape::Face { .. } | EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => {}
+        }
+    }
+    circles
 }
 
 fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {

@@ -95,7 +95,7 @@ fn table(runs: &[Run]) -> String {
             let _infallible = writeln!(
                 text,
                 "<tr><td>{}</td><td>{}</td><td>{:.3}</td><td>{:.4}</td><td>{:.4}</td><td>{:.1}</td><td>{:.1}</td>\
-                 <td>{:.1}</td><td>{:.3}</td></tr>",
+                 <td>{:.1}</td><td>{}</td></tr>",
                 name(k.kind),
                 k.passes,
                 k.first_touch_t,
@@ -104,7 +104,7 @@ fn table(runs: &[Run]) -> String {
                 k.peak_window_n,
                 k.peak_lap_n,
                 k.second_pitch_n,
-                k.rise_t
+                if k.rise_t.is_nan() { "-".to_string() } else { format!("{:.3}", k.rise_t) }
             );
         }
     }

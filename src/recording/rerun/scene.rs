@@ -78,9 +78,13 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
     ["chain", &outline.name].into_iter().map(rerun::external::re_log_types::EntityPathPart::new).collect()
 }
 
-/// Last part of a body's path.
-pub fn short_name(body: &BodyInfo) -> &str {
-    body.path.rsplit('.').next().unwrap_or(&body.path)
+/// Last part of a body's path; of one drive among several, with its name.
+pub fn short_name(body: &BodyInfo) -> String {
+    let last = body.path.rsplit('.').next().unwrap_or(&body.path);
+    match body.path.split('.').next() {
+        Some("sprockets" | "guides") | None => last.to_string(),
+        Some(drive) => format!("{drive} {last}"),
+    }
 }
 
 /// Logs everything that stands still.
@@ -259,7 +263,7 @@ fn blend(share: f64, colours: &[[u8; 3]]) -> [u8; 3] {
 /// Names of the curves, in the order in which the sink writes them.
 fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
-    let forces = rotors().chain(["guides"]).map(|name| format!("{name} [N]"));
+    let forces = rotors().chain(["guides".to_string()]).map(|name| format!("{name} [N]"));
     let named = |names: Vec<String>| SeriesLines::new().with_names(names);
     stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
