@@ -43,7 +43,7 @@ pub const RESIDUAL_N: f64 = 1e-6;
 const MOST_ITERATIONS: usize = 400;
 /// Residual that is borne after this many iterations [N]: without friction a chain may slide round plain rings with hardly
 /// any force, and that last one is not worth the search.
-const SOFT_RESIDUAL_N: f64 = 1e-3;
+const SOFT_RESIDUAL_N: f64 = 1e-2;
 const SOFT_AFTER: usize = 100;
 /// Residual below which the residual alone may judge a step [N].
 const END_GAME_N: f64 = 1.0;

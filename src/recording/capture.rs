@@ -185,7 +185,8 @@ fn sprocket_contacts(
             // Both bodies at the deepest point of the bush, where the force acts.
             let surface = perp(p - normal * pair.radius - sprocket.body.centre) * speeds[k];
             let shape = (hit.tooth, hit.segment, hit.body_radius_m);
-            rows.push(row(model, &pair, shape, on_body, normal, hit.touch.penetration_m, v, surface, links));
+            let points = (on_body, p - normal * pair.radius);
+            rows.push(row(model, &pair, shape, points, normal, hit.touch.penetration_m, v - surface, links));
         }
     }
 }
@@ -231,7 +232,8 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                     _ => Segment::GuideLeadOut,
                 };
                 let shape = (0, segment, b.end_radius_m);
-                rows.push(row(model, &pair, shape, on_body, normal, penetration, v, Vec2::zeros(), links));
+                let points = (on_body, p - normal * pair.radius);
+                rows.push(row(model, &pair, shape, points, normal, penetration, v, links));
             }
         }
     }
@@ -267,52 +269,24 @@ fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, 
                 let surface = body.rotor.map_or(Vec2::zeros(), |r| perp(t.point) * speeds[r]);
                 let shape = (t.tooth, t.segment, t.body_radius_m);
                 let on_body = point + t.normal * t.penetration_m;
-                rows.push(row_at(model, &pair, shape, on_body, point, t.normal, t.penetration_m, v, surface, links));
+                rows.push(row(model, &pair, shape, (on_body, point), t.normal, t.penetration_m, v - surface, links));
             }
         }
     }
 }
 
+/// A contact; `relative`: velocity of the joint less that of the body's surface at the contact.
 fn row(
     model: &Model,
     pair: &Pair<'_>,
     (tooth, segment, body_radius): (u32, Segment, f64),
-    on_body: Vec2,
+    (on_body, on_link): (Vec2, Vec2),
     normal: Vec2,
     penetration: f64,
-    velocity: Vec2,
-    surface_velocity: Vec2,
+    relative: Vec2,
     links: &Links,
 ) -> Row {
-    let on_link = pair.centre - normal * pair.radius;
-    row_at(
-        model,
-        pair,
-        (tooth, segment, body_radius),
-        on_body,
-        on_link,
-        normal,
-        penetration,
-        velocity,
-        surface_velocity,
-        links,
-    )
-}
-
-/// A contact at any point of the link.
-fn row_at(
-    model: &Model,
-    pair: &Pair<'_>,
-    (tooth, segment, body_radius): (u32, Segment, f64),
-    on_body: Vec2,
-    on_link: Vec2,
-    normal: Vec2,
-    penetration: f64,
-    velocity: Vec2,
-    surface_velocity: Vec2,
-    links: &Links,
-) -> Row {
-    let v = velocity + perp(on_link - pair.centre) * links.omega_rad_s[pair.link] - surface_velocity;
+    let v = relative + perp(on_link - pair.centre) * links.omega_rad_s[pair.link];
     let rate = pair.rate;
     let slide = v.dot(&perp(normal));
     let radii = PairRadii { bush_m: pair.radius, body_m: body_radius };
