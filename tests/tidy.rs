@@ -92,9 +92,11 @@ fn modules_use_only_what_stands_above_them() {
         "model",
         "statics",
         "integrate",
+        "engagement",
         "assemble",
         "recording",
         "simulate",
+        "compare",
         "render",
         "cli",
     ];

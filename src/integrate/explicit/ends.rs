@@ -1,7 +1,8 @@
 //! The part of a step that concerns links' own contours: abutments and toothed flanks. Geometry link by link, forces many
 //! at a time; what is near which body is looked up with the other windows.
 
-use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, add_guide_forces, load_ends, recall};
+use super::guides::{add_guide_forces, load_ends};
+use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, recall};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
 use crate::elements::tooth_contact::{self, Lanes, OffJoint};
 use crate::geometry::{Vec2, perp};
