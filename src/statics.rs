@@ -116,6 +116,9 @@ fn line_search(
     let residual = system.residual(model);
     // Not longer than half a millimetre a step: contacts are found within one tooth gap.
     let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * 4e-3)).fold(0.0, f64::max);
+    // Nor may a sprocket that nothing holds yet turn its teeth past the chain.
+    let rims = free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.sprockets[*k].geometry.pitch_radius_m());
+    let longest = rims.fold(longest, f64::max);
     let mut factor = if longest > 5e-4 { 5e-4 / longest } else { 1.0 };
     let full = factor == 1.0;
     for halving in 0..30 {

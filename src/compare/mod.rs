@@ -84,6 +84,8 @@ pub struct Summary {
     pub sequence: Option<f64>,
     /// Distance of the seated forces of even and odd links in the first pitch after seating, over their sum.
     pub odd_even_asymmetry: f64,
+    /// u of the first touch in the teeth, even less odd links, medians [T].
+    pub odd_even_first_touch_t: f64,
 }
 
 /// Why a comparison ended early.
@@ -191,6 +193,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         speed_ripple: watch.speed_ripple(),
         sequence: model.contour_sets()[2].then(|| sequence(passes)),
         odd_even_asymmetry: asymmetry(passes),
+        odd_even_first_touch_t: odd_even_first_touch(passes),
     }
 }
 
@@ -231,6 +234,16 @@ fn sequence(passes: &[Pass]) -> f64 {
         at.windows(2).all(|w| matches!(w, [Some(a), Some(b)] if a < b))
     };
     passes.iter().filter(right).count() as f64 / passes.len().max(1) as f64
+}
+
+/// Median u of the first touch in the teeth, even less odd links.
+fn odd_even_first_touch(passes: &[Pass]) -> f64 {
+    let of = |odd: usize| {
+        let tooth = [Kind::Bush, Kind::FlankTrailing];
+        let first = |p: &Pass| tooth.into_iter().find_map(|k| p.first_touch[k as usize]).map(|t| t.0);
+        median(passes.iter().filter(|p| p.link % 2 == odd).filter_map(first))
+    };
+    of(0) - of(1)
 }
 
 /// (even - odd) / (even + odd) of the mean tooth force over the pitch that begins a twentieth after the first touch.
