@@ -361,9 +361,8 @@ fn read(root: &Table<'_>) -> Drive {
     };
     let tooth_contact = read_contact(&contact.table("sprocket"), width_m);
     let guide_contact = read_contact(&contact.table("guide"), width_m);
-    let ring = contact.table("ring");
     let ring_contact = match chain {
-        ChainSpec::Abutment(_) => read_contact(&ring, width_m),
+        ChainSpec::Abutment(_) => read_contact(&contact.table("ring"), width_m),
         _ => tooth_contact,
     };
     contact.finish();

@@ -6,6 +6,7 @@
 //! link otherwise. Forces are the means over a step that the scheme works with. First touch of a kind: the first step of the
 //! pass in which it carries force; its speed is the approach speed there.
 
+use crate::elements::end_contact::LinkContour;
 use crate::integrate::explicit::Scratch;
 use crate::model::{Model, Toothing};
 use crate::state::State;
@@ -75,11 +76,22 @@ pub struct Watch {
     speed: OrderSums,
     tension: OrderSums,
     span_m: (f64, f64),
+    /// Furthest that a joint of the span lies from the line through the axis [m].
+    reach_m: f64,
 }
 
-/// Sums over steps: of a value, and of its parts at orders z/2 and z of the sprocket as (cos, sin).
+/// Sums over steps: of a value, and of its parts at orders z/2 and z of the sprocket as (cos, sin). Only whole double tooth
+/// periods count: over a piece of one the mean itself has parts at every order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct OrderSums {
+    whole: Sums,
+    open: Sums,
+    /// Number of the double period that is open.
+    number: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sums {
     n: f64,
     sum: f64,
     half_order: (f64, f64),
@@ -159,6 +171,7 @@ impl Watch {
             done: Vec::new(),
             speed: OrderSums::default(),
             tension: OrderSums::default(),
+            reach_m: s.geometry.pitch_radius_m() + 2.0 * model.chain.lever[0],
             // Links wholly between the sprockets, two pitches from either.
             span_m: (-span.length_m + 2.0 * 2.0 * model.chain.lever[0], -2.0 * 2.0 * model.chain.lever[0]),
         }
@@ -182,8 +195,8 @@ impl Watch {
             let d = joint - centre;
             let along = d.dot(&self.direction);
             let aside = crate::geometry::cross(self.direction, d);
-            // On the arriving side of the loop: the axis lies to the left of the span.
-            if aside < 0.0 {
+            // On the arriving span, which has the axis on its left: not further out than the teeth reach.
+            if aside < 0.0 && -aside < self.reach_m {
                 let before = std::mem::replace(&mut self.last_along_m[link], along);
                 let gate = self.origin_m + PASS_FROM * pitch;
                 if before < gate && along >= gate {
@@ -250,27 +263,41 @@ impl Watch {
 
     /// Tooth-order variation of the speed of the arriving span: peak to peak of its part at order z, relative.
     pub fn speed_ripple(&self) -> f64 {
-        let s = &self.speed;
+        let s = &self.speed.whole;
         2.0 * s.amplitude(s.full_order) / (s.sum / s.n)
     }
 
     /// Mean tension of the arriving span, and its amplitudes at orders z/2 and z of the sprocket [N].
     pub fn tension_n(&self) -> (f64, f64, f64) {
-        let s = &self.tension;
+        let s = &self.tension.whole;
         (s.sum / s.n, s.amplitude(s.half_order), s.amplitude(s.full_order))
     }
 }
 
 impl OrderSums {
     fn add(&mut self, phase: f64, value: f64) {
+        let number = libm::floor(0.5 * phase);
+        if number != self.number {
+            self.whole.n += self.open.n;
+            self.whole.sum += self.open.sum;
+            for (whole, open) in
+                [(&mut self.whole.full_order, self.open.full_order), (&mut self.whole.half_order, self.open.half_order)]
+            {
+                *whole = (whole.0 + open.0, whole.1 + open.1);
+            }
+            (self.open, self.number) = (Sums::default(), number);
+        }
         let (s1, c1) = crate::units::sin_cos(2.0 * PI * phase);
         let (s2, c2) = crate::units::sin_cos(PI * phase);
-        self.n += 1.0;
-        self.sum += value;
-        self.full_order = (self.full_order.0 + value * c1, self.full_order.1 + value * s1);
-        self.half_order = (self.half_order.0 + value * c2, self.half_order.1 + value * s2);
+        let open = &mut self.open;
+        open.n += 1.0;
+        open.sum += value;
+        open.full_order = (open.full_order.0 + value * c1, open.full_order.1 + value * s1);
+        open.half_order = (open.half_order.0 + value * c2, open.half_order.1 + value * s2);
     }
+}
 
+impl Sums {
     fn amplitude(&self, (cos, sin): (f64, f64)) -> f64 {
         2.0 / self.n * libm::hypot(cos, sin)
     }
@@ -281,7 +308,8 @@ fn forces(model: &Model, scratch: &Scratch, link: usize, joints: bool) -> [(f64,
     let mut all = [(0.0, 0.0); KINDS.len()];
     let (bushes, _) = scratch.memories();
     let ends = scratch.contour_memories();
-    if joints || model.contour_sets()[2] {
+    let abutments = matches!(model.contour, Some(LinkContour::Abutments { .. }));
+    if joints || abutments {
         all[Kind::Bush as usize] = (bushes.normal_force[link], bushes.approach[link]);
     }
     if model.contour.is_none() {
@@ -291,16 +319,15 @@ fn forces(model: &Model, scratch: &Scratch, link: usize, joints: bool) -> [(f64,
         let m = &ends[set];
         if m.is_empty() { (0.0, 0.0) } else { (m.normal_force[link], m.approach[link]) }
     };
-    let silent = model.sprockets.iter().any(|s| s.geometry.iso().is_none());
-    if silent {
+    let larger = |a: (f64, f64), b: (f64, f64)| if a.0 > b.0 { a } else { b };
+    if !abutments {
         all[Kind::FlankLeading as usize] = of(0);
         all[Kind::FlankTrailing as usize] = of(1);
-        let (front, rear) = (of(2), of(3));
-        all[Kind::InnerFlank as usize] = if front.0 > rear.0 { front } else { rear };
+        all[Kind::InnerFlank as usize] = larger(of(2), of(3));
     } else {
         all[Kind::RingFront as usize] = of(0);
         all[Kind::RingRear as usize] = of(1);
-        all[Kind::Guide as usize] = of(4);
+        all[Kind::Guide as usize] = larger(of(4), of(5));
     }
     all
 }

@@ -480,7 +480,11 @@ fn build_end_bodies(
             }
             (Toothing::Iso(sprocket), Some(_), Some(ring)) => {
                 // Bushes lie ahead of the gap's axis on a sprocket that the chain drives, behind it on one that drives.
-                let ahead = if matches!(s.rotor, Rotor::Driven { .. }) { -sense } else { sense };
+                let load_nm: f64 = match drive.sprockets[k].outer {
+                    OuterSpec::Load { torque_nm, .. } => torque_nm,
+                    OuterSpec::Speed { .. } => -total_load_nm(drive),
+                };
+                let ahead = if load_nm < 0.0 { -sense } else { sense };
                 let turn_rad = ahead * working_angle_rad(sprocket);
                 bodies.push(body(0, EndShape::Lobes { ring: Box::new(ring.clone()), seats: seats(), turn_rad }));
             }
@@ -505,6 +509,15 @@ fn build_end_bodies(
         });
     }
     bodies
+}
+
+/// What all loads together take [N m].
+fn total_load_nm(drive: &Drive) -> f64 {
+    let load = |s: &SprocketDrive| match s.outer {
+        OuterSpec::Load { torque_nm, .. } => torque_nm,
+        OuterSpec::Speed { .. } => 0.0,
+    };
+    drive.sprockets.iter().map(load).sum()
 }
 
 /// Angle by which a nominal bush on the pitch circle stands off its gap's axis when it just touches the flank [rad].

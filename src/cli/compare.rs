@@ -1,6 +1,7 @@
 //! `pitchline compare`: drives side by side, judged by the impacts on their drivers.
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
+use crate::assemble::AssemblyError;
 use crate::compare::{CompareError, Plan, Run, Summary, merge, run as compare, verdict};
 use crate::recording::{ViewOptions, create, extensions};
 use std::fmt::Write;
@@ -28,7 +29,7 @@ pub struct CompareArgs {
     /// Write nothing
     #[arg(long)]
     no_output: bool,
-    /// Replace a value of every drive that has it, or of one: NAME:PATH=VALUE
+    /// Replace a value of every drive, or of one of them: NAME:PATH=VALUE
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Print JSON
@@ -67,8 +68,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     let runs = match compare(&drives, plan, &stop) {
         Ok(runs) => runs,
         Err(CompareError::Interrupted) => return Ok(Outcome::Interrupted),
-        Err(e @ CompareError::Step { .. }) => return Err(Failure::World(e.to_string())),
-        Err(e) => return Err(Failure::Input(e.to_string())),
+        Err(e) => return Err(failure(&e)),
     };
     let wall_s = started.elapsed().as_secs_f64();
     let summaries: Vec<&Summary> = runs.iter().map(|r| &r.summary).collect();
@@ -82,7 +82,11 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
             .map_err(|e| Failure::World(format!("cannot write {}: {e}", page.display())))?;
         outputs.push(page);
     }
-    let holds = claims.iter().all(|c| c.holds);
+    let holds = claims.iter().filter(|c| !c.contrast).all(|c| c.holds);
+    let speeds = || summaries.iter().map(|s| s.turning_speed_m_s);
+    if speeds().any(|v| (v / summaries[0].turning_speed_m_s - 1.0).abs() > 0.02) {
+        eprintln!("warning: the drivers turn at different speeds; the recording shows the first one's crank angle");
+    }
     if args.json {
         return print_json(&serde_json::json!({
             "drives": summaries,
@@ -109,6 +113,16 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         let _infallible = writeln!(text, "wrote {}", path.display());
     }
     print_out(&text)
+}
+
+/// Whose fault it is.
+pub(super) fn failure(e: &CompareError) -> Failure {
+    match e {
+        CompareError::Step { .. } | CompareError::Assembly { error: AssemblyError::RunIn(_), .. } => {
+            Failure::World(e.to_string())
+        }
+        _ => Failure::Input(e.to_string()),
+    }
 }
 
 fn table(summaries: &[&Summary]) -> String {

@@ -33,8 +33,7 @@ pub fn run(args: &TuneArgs) -> Result<Outcome, Failure> {
             return Err(Failure::Input(format!("`{}` has no abutment chain ([chain.smartchain]) to tune", args.drive)));
         }
         Err(CompareError::Interrupted) => return Ok(Outcome::Interrupted),
-        Err(e @ CompareError::Step { .. }) => return Err(Failure::World(e.to_string())),
-        Err(e) => return Err(Failure::Input(e.to_string())),
+        Err(e) => return Err(super::compare::failure(&e)),
     };
     if args.json {
         return print_json(&serde_json::json!({
@@ -73,5 +72,5 @@ fn shown(value: f64, unit: &str) -> String {
 }
 
 fn margin(m: &Margin) -> String {
-    if m.margin.is_infinite() { "kept".into() } else { format!("{:+.1} %", 100.0 * m.margin) }
+    format!("{:+.1} %", 100.0 * m.margin)
 }

@@ -30,9 +30,16 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
     let (mut next_rotor, mut next_other) = (0, rotors);
     let mut bodies = vec![None; runs.iter().map(|h| h.bodies.len()).sum()];
     let mut parts = Vec::new();
-    let mut down_m = 0.0;
-    for header in runs {
-        let short = header.drive_name.split('-').next().unwrap_or(&header.drive_name);
+    let mut bottom_m: Option<f64> = None;
+    let first_word = |h: &Header| h.drive_name.split(['-', '.']).next().unwrap_or("drive").to_string();
+    for (index, header) in runs.iter().enumerate() {
+        // Two drives with one first word are told apart by their number.
+        let word = first_word(header);
+        let alone = runs.iter().filter(|h| first_word(h) == word).count() == 1;
+        let short = if alone { word } else { format!("{word} {}", index + 1) };
+        let (low, high) = scene_bounds(header);
+        let down_m = bottom_m.map_or(0.0, |bottom| high[1] + ROOM_M - bottom);
+        bottom_m = Some(low[1] - down_m);
         let first_outline = merged.link_outlines.len() as u32;
         let first_link = merged.links.len() as u32;
         merged.links.extend(header.links.iter().map(|l| {
@@ -55,9 +62,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
             numbers.push(*next as u32);
             *next += 1;
         }
-        parts.push(Part { name: short.to_string(), first_link, bodies: numbers, down_m });
-        let (low, high) = scene_bounds(header);
-        down_m += (high[1] - low[1]).max(0.0) + ROOM_M;
+        parts.push(Part { name: short.clone(), first_link, bodies: numbers, down_m });
         merged.drive_text += &format!("# ---- {}\n{}\n", header.drive_name, header.drive_text);
         merged.overrides.extend(header.overrides.iter().map(|o| format!("{short}: {o}")));
         merged.assembly.extend(header.assembly.iter().map(|a| format!("{short}: {a}")));

@@ -10,6 +10,7 @@ pub mod tune;
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;
 use crate::drive::Drive;
+use crate::elements::end_contact::LinkContour;
 use crate::engagement::{KINDS, Kind, Pass, Watch};
 use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
@@ -19,7 +20,7 @@ use crate::recording::frame::{Event, Frame, Header};
 use crate::simulate::{Span, first_touches};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Engagement window [T] and where the exit begins, counted from the end of the wrap.
+/// Engagement window [T].
 pub const WINDOW_T: (f64, f64) = (-2.0, 3.0);
 
 /// How long, and what is recorded of it.
@@ -53,7 +54,7 @@ pub struct KindSummary {
     /// Approach speed at first touch [m/s].
     pub approach_median_m_s: f64,
     pub approach_max_m_s: f64,
-    /// Largest force in the engagement window, over the whole lap, and from one pitch before the end of the wrap on [N].
+    /// Largest force in the engagement window, over the whole lap, and from two pitches before the end of the wrap on [N].
     pub peak_window_n: f64,
     pub peak_lap_n: f64,
     pub peak_exit_n: f64,
@@ -91,9 +92,19 @@ pub struct Summary {
 /// Why a comparison ended early.
 #[derive(Debug)]
 pub enum CompareError {
-    Assembly { drive: String, error: AssemblyError },
-    Step { drive: String, error: StepError },
+    Assembly {
+        drive: String,
+        error: AssemblyError,
+    },
+    Step {
+        drive: String,
+        error: StepError,
+    },
     Drive(Report),
+    /// No link passed the driver of this drive.
+    NothingSeen {
+        drive: String,
+    },
     Interrupted,
 }
 
@@ -103,6 +114,12 @@ impl std::fmt::Display for CompareError {
             CompareError::Assembly { drive, error } => write!(f, "{drive} cannot be assembled: {error}"),
             CompareError::Step { drive, error } => write!(f, "{drive}: {error}"),
             CompareError::Drive(report) => write!(f, "{report}"),
+            CompareError::NothingSeen { drive } => write!(
+                f,
+                "{drive}: no link passed the driver in this time\n\
+                 help: a pass takes the wrap and six pitches, make `--duration` longer; drives must run forwards \
+                 (`speed_rpm` above 0) with the driver inside the loop"
+            ),
             CompareError::Interrupted => write!(f, "interrupted: nothing was compared"),
         }
     }
@@ -110,7 +127,7 @@ impl std::fmt::Display for CompareError {
 
 impl std::error::Error for CompareError {}
 
-/// Assembles and runs all drives, two at a time, at the smallest of their steps.
+/// Assembles and runs all drives, each on a thread of its own, at the smallest of their steps.
 pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, CompareError> {
     let assembled = in_parallel(drives.iter().collect(), |drive: &Drive| {
         assemble(drive).map_err(|error| CompareError::Assembly { drive: drive.name.clone(), error })
@@ -124,7 +141,7 @@ pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, 
     })
 }
 
-/// Runs jobs on as many threads as there are cores; the first error in their order counts.
+/// Runs every job on a thread of its own; the first error in their order counts.
 fn in_parallel<J: Send, R: Send>(
     jobs: Vec<J>,
     work: impl Fn(J) -> Result<R, CompareError> + Sync,
@@ -159,6 +176,9 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         }
         explicit::advance(&model, &mut state, &mut scratch);
     }
+    if watch.done.is_empty() {
+        return Err(CompareError::NothingSeen { drive: drive.name.clone() });
+    }
     let summary = summarise(drive, &model, &watch);
     let (name, title) = (drive.name.clone(), drive.title.clone());
     Ok(Run { name, title, header, frames, events, passes: watch.done, summary })
@@ -191,7 +211,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         centrifugal_tension_n: per_length * model.chain_speed_m_s.powi(2),
         turning_speed_m_s: pitch * model.sprockets[model.driver].nominal_speed_rad_s.abs(),
         speed_ripple: watch.speed_ripple(),
-        sequence: model.contour_sets()[2].then(|| sequence(passes)),
+        sequence: matches!(model.contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
         odd_even_asymmetry: asymmetry(passes),
         odd_even_first_touch_t: odd_even_first_touch(passes),
     }
@@ -246,7 +266,7 @@ fn odd_even_first_touch(passes: &[Pass]) -> f64 {
     of(0) - of(1)
 }
 
-/// (even - odd) / (even + odd) of the mean tooth force over the pitch that begins a twentieth after the first touch.
+/// (even - odd) / (even + odd) of the mean tooth force over u = 1 to 2.
 fn asymmetry(passes: &[Pass]) -> f64 {
     let tooth = [Kind::Bush, Kind::FlankTrailing];
     let mean = |odd: usize| {
@@ -290,61 +310,88 @@ impl Summary {
 /// A claim and what was measured.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Claim {
+    /// About another chain, for contrast: no part of the verdict on the abutment chain.
+    pub contrast: bool,
     pub claim: String,
     pub measured: String,
     pub holds: bool,
 }
 
-/// Impact-free engagement, held against the other drives: None when there is no abutment chain among them.
+/// Impact-free engagement of every abutment chain among them, held against the other drives; None when there is none.
 pub fn verdict(summaries: &[&Summary]) -> Option<Vec<Claim>> {
-    let smart = summaries.iter().find(|s| s.sequence.is_some())?;
+    let abutments: Vec<&&Summary> = summaries.iter().filter(|s| s.sequence.is_some()).collect();
+    let first = abutments.first()?;
+    let mut claims: Vec<Claim> = abutments.iter().flat_map(|s| own_claims(s)).collect();
+    for other in summaries.iter().filter(|s| s.sequence.is_none()) {
+        claims.extend(contrasts(first, other));
+    }
+    Some(claims)
+}
+
+fn own_claims(smart: &Summary) -> Vec<Claim> {
     let speed = smart.turning_speed_m_s;
     let pressing = smart.tight_tension_n - smart.centrifugal_tension_n;
     let fastest = smart.fastest_touch_m_s();
     let (window, lap) = smart.largest_n();
     let ring = smart.kind(Kind::RingFront).map_or(f64::NAN, |k| k.peak_window_n);
     let rise = smart.tooth().map_or(f64::NAN, |k| k.rise_t);
-    let mut claims = vec![
-        claim("every first touch on the driver is slower than 3 % of p omega", fastest <= 0.03 * speed, || {
-            format!("{fastest:.4} m/s, {:.1} % of {speed:.3} m/s", 100.0 * fastest / speed)
-        }),
-        claim("no contact exceeds 130 N while a link engages", window <= 130.0, || format!("{window:.1} N")),
-        claim("no contact exceeds 150 N over the whole lap", lap <= 150.0, || format!("{lap:.1} N")),
-        claim("the ring carries at most 0.30 of T - rho v^2", ring <= 0.30 * pressing, || {
-            format!("{ring:.1} N, {:.3} of {pressing:.0} N", ring / pressing)
-        }),
-        claim("the tooth force builds up over at least 0.2 tooth periods", rise >= 0.2, || format!("{rise:.2} T")),
-    ];
-    if let Some(order) = smart.sequence {
-        claims.push(claim(
+    let order = smart.sequence.unwrap_or(0.0);
+    let claim = |text: &str, holds: bool, measured: String| Claim {
+        contrast: false,
+        claim: format!("{}: {text}", smart.drive),
+        measured,
+        holds,
+    };
+    vec![
+        claim(
+            "every first touch on the driver is slower than 3 % of p omega",
+            fastest <= 0.03 * speed,
+            format!("{fastest:.4} m/s, {:.1} % of {speed:.3} m/s", 100.0 * fastest / speed),
+        ),
+        claim("no contact exceeds 130 N while a link engages", window <= 130.0, format!("{window:.1} N")),
+        claim("no contact exceeds 150 N over the whole lap", lap <= 150.0, format!("{lap:.1} N")),
+        claim(
+            "the ring carries at most 0.30 of T - rho v^2",
+            ring <= 0.30 * pressing,
+            format!("{ring:.1} N, {:.3} of {pressing:.0} N", ring / pressing),
+        ),
+        claim("the tooth force builds up over at least 0.2 tooth periods", rise >= 0.2, format!("{rise:.2} T")),
+        claim(
             "guide, ring, bush, both abutments, in this order, in 99 % of passes",
             order >= 0.99,
-            || format!("{:.1} % of {}", 100.0 * order, smart.passes),
-        ));
-    }
-    claims.push(claim("tooth-order speed ripple of the tight span below 0.15 %", smart.speed_ripple < 1.5e-3, || {
-        format!("{:.3} %", 100.0 * smart.speed_ripple)
-    }));
-    for other in summaries.iter().filter(|s| s.sequence.is_none()) {
-        let Some(tooth) = other.tooth() else { continue };
-        let strikes = tooth.approach_median_m_s;
-        claims.push(claim(
-            &format!("{} strikes its teeth at more than 10 % of p omega", other.drive),
-            strikes > 0.1 * speed,
-            || format!("{strikes:.3} m/s, {:.0} % and {:.0} times as fast", 100.0 * strikes / speed, strikes / fastest),
-        ));
-        // A bush lands on a seat, a flank rolls onto a flank: expected from the kinematics of both.
-        let (faster, sharper) = if tooth.kind == Kind::Bush { (20.0, 30.0) } else { (5.0, 10.0) };
-        let text =
-            format!("{} is at least {faster} times as fast and loads its teeth {sharper} times faster", other.drive);
-        let (times, rises) = (strikes / fastest, rise / tooth.rise_t);
-        claims.push(claim(&text, times >= faster && rises >= sharper, || {
-            format!("{times:.0} times; {rises:.0} times, in {:.3} T", tooth.rise_t)
-        }));
-    }
-    Some(claims)
+            format!("{:.1} % of {}", 100.0 * order, smart.passes),
+        ),
+        claim(
+            "tooth-order speed ripple of the tight span below 0.15 %",
+            smart.speed_ripple < 1.5e-3,
+            format!("{:.3} %", 100.0 * smart.speed_ripple),
+        ),
+    ]
 }
 
-fn claim(text: &str, holds: bool, measured: impl Fn() -> String) -> Claim {
-    Claim { claim: text.to_string(), measured: measured(), holds }
+fn contrasts(smart: &Summary, other: &Summary) -> Vec<Claim> {
+    let Some(tooth) = other.tooth() else { return Vec::new() };
+    let (fastest, rise) = (smart.fastest_touch_m_s(), smart.tooth().map_or(f64::NAN, |k| k.rise_t));
+    let (strikes, speed) = (tooth.approach_median_m_s, other.turning_speed_m_s);
+    let (times, rises) = (strikes / fastest, rise / tooth.rise_t);
+    // A bush lands on a seat, a flank rolls onto a flank: expected from the kinematics of both.
+    let (faster, sharper) = if tooth.kind == Kind::Bush { (20.0, 30.0) } else { (5.0, 10.0) };
+    let claim = |text: String, holds: bool, measured: String| Claim {
+        contrast: true,
+        claim: format!("{}: {text}", other.drive),
+        measured,
+        holds,
+    };
+    vec![
+        claim(
+            "strikes its teeth at more than 10 % of p omega".into(),
+            strikes > 0.1 * speed,
+            format!("{strikes:.3} m/s, {:.0} % and {times:.0} times as fast", 100.0 * strikes / speed),
+        ),
+        claim(
+            format!("at least {faster} times as fast, and its teeth are loaded {sharper} times faster"),
+            times >= faster && rises >= sharper,
+            format!("{times:.0} times; {rises:.0} times, in {:.3} T", tooth.rise_t),
+        ),
+    ]
 }

@@ -35,8 +35,8 @@ pub struct Tuned {
     pub runs: usize,
 }
 
-/// Simulated time of one trial after assembling [s].
-const TRIAL_S: f64 = 28e-3;
+/// Passes in one trial.
+const PASSES: f64 = 12.0;
 /// Rounds of the search at most.
 const MOST_ROUNDS: usize = 5;
 
@@ -61,14 +61,16 @@ pub fn margins(s: &Summary) -> Vec<Margin> {
             bound: 0.99,
             unit: "",
             // Kept or broken; more than kept is no merit.
-            margin: if s.sequence.unwrap_or(0.0) >= 0.99 { f64::INFINITY } else { -1.0 },
+            margin: if s.sequence.unwrap_or(0.0) >= 0.99 { 1.0 } else { -1.0 },
         },
     ]
 }
 
 /// The smallest margin.
 pub fn worst(margins: &[Margin]) -> f64 {
-    margins.iter().map(|m| m.margin).fold(f64::INFINITY, f64::min)
+    // What could not be measured is not kept.
+    let known = |m: &Margin| if m.margin.is_nan() { f64::NEG_INFINITY } else { m.margin };
+    margins.iter().map(known).fold(f64::INFINITY, f64::min)
 }
 
 /// Searches from the drive's own values. None for a drive without abutments.
@@ -86,7 +88,11 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
         let mut overrides = drive.overrides.clone();
         overrides.extend(values.iter().map(|f| format!("{}={}", f.path, f.value)));
         let changed = Drive::parse(&drive.name, &drive.text, &overrides).map_err(CompareError::Drive)?;
-        let plan = Plan { duration_s: TRIAL_S, recorded_s: 0.0, every_s: 1e-3 };
+        let period_s = (changed.chain.pitch_m() / changed.chain_speed_m_s()).abs();
+        // A pass takes half a turn and some pitches.
+        let teeth = changed.sprockets.get(changed.driver()).map_or(0.0, |s| f64::from(s.teeth));
+        let periods = 2.0 * libm::ceil(0.5 * (0.5 * teeth + 6.0 + PASSES));
+        let plan = Plan { duration_s: periods * period_s, recorded_s: 0.0, every_s: 1e-3 };
         Ok(margins(&run(std::slice::from_ref(&changed), plan, stop)?[0].summary))
     };
     let start = trial(&values)?;

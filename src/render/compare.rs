@@ -71,8 +71,9 @@ pub fn html(runs: &[Run], claims: &[Claim], recordings: &[String]) -> String {
     for run in runs {
         let _infallible = writeln!(
             page,
-            "<details><summary>{}</summary><pre>{}</pre></details>",
+            "<details><summary>{}</summary><p>overrides: {}</p><pre>{}</pre></details>",
             escape(&run.name),
+            if run.header.overrides.is_empty() { "none".into() } else { escape(&run.header.overrides.join(", ")) },
             escape(&run.header.drive_text)
         );
     }

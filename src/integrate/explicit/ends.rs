@@ -87,7 +87,8 @@ pub(crate) fn pose(model: &Model, state: &State, body: &EndBody, link: usize, fr
 fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes, off: &mut OffJoint) {
     for (i, touch) in touches.iter().enumerate() {
         let Some(t) = touch else {
-            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (-1.0, 0.0, 1.0);
+            // Further off than any speed brings it back: padding has a kilometre for an arm.
+            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (-1e9, 0.0, 1.0);
             (off.radius[i], off.offset[i], lanes.body_radius[i]) = (0.0, 0.0, 0.0);
             continue;
         };
