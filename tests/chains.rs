@@ -46,8 +46,8 @@ fn the_silent_chain_meets_its_closed_forms() {
     let sprocket = SilentSprocket::new(spec).expect("20 teeth");
     let omega = 3000.0 * 2.0 * std::f64::consts::PI / 60.0;
     // At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with links of 7.3 g, stands beside the tooth
-    // frequency of 1 kHz: the link touches slower than the kinematics say. Softer joints are clear of it.
-    for (stiffness, bounds) in [(8e6, (0.20, 0.12)), (3e7, (0.35, 0.15))] {
+    // frequency of 1 kHz: the link touches slower than the kinematics say, and the forces swing. Softer joints are clear of it.
+    for (stiffness, bounds) in [(8e6, (0.20, 0.12)), (3e7, (0.35, 0.20))] {
         let set = format!("chain.joint.stiffness_n_per_m={stiffness}");
         // The bush chain with links as heavy, so that the kinds of contact are compared and not the masses.
         let masses = ["inner.mass_g", "outer.mass_g", "inner.inertia_g_mm2", "outer.inertia_g_mm2"];
