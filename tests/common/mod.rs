@@ -52,15 +52,7 @@ pub fn watch(model: &Model, state: &mut State, steps: u64, mut look: impl FnMut(
 /// The same State for another step size: velocities belong to half a step before the positions.
 pub fn for_step(state: &State, old_step_s: f64, new_step_s: f64) -> State {
     let mut state = state.clone();
-    let shift = 0.5 * (old_step_s - new_step_s);
-    for i in 0..state.links.x.len() {
-        state.links.vx[i] += shift * state.links.ax[i];
-        state.links.vy[i] += shift * state.links.ay[i];
-        state.links.omega[i] += shift * state.links.alpha[i];
-    }
-    for k in 0..state.rotors.omega.len() {
-        state.rotors.omega[k] += shift * state.rotors.alpha[k];
-    }
+    state.restep(old_step_s, new_step_s);
     state
 }
 

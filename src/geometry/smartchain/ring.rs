@@ -179,27 +179,6 @@ impl LobedRing {
         })
     }
 
-    /// A ring of constant radius for abutments that it does not fit, for comparison: `tooth` is one arc.
-    pub fn plain(transition: Transition, radius_m: f64) -> LobedRing {
-        let half_rad = PI / f64::from(transition.teeth);
-        let half = |start_rad: f64| Element::Arc { centre: Vec2::zeros(), radius_m, start_rad, sweep_rad: half_rad };
-        let tooth = vec![half(0.5 * PI - half_rad), half(0.5 * PI)];
-        LobedRing {
-            transition,
-            valley_radius_m: radius_m,
-            crest_radius_m: radius_m,
-            envelope_end_radius_m: radius_m,
-            flank_start_rad: 0.0,
-            envelope_end_rad: 0.0,
-            exact_until: 0.0,
-            crest_kink_rad: 0.0,
-            max_deviation_m: 0.0,
-            arcs: tooth.iter().map(RingArc::new).collect(),
-            tooth,
-            crest_arc: 0,
-        }
-    }
-
     /// The whole outline, tooth 0 about +y.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         let seat = self.transition.seat_angle_rad();
@@ -214,31 +193,17 @@ impl LobedRing {
     /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
     pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
-        let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
-        let mut least: Option<RingContact> = None;
-        let mut offer = |found: Option<RingContact>| {
-            if let Some(new) = found.filter(|new| least.is_none_or(|old| new.gap_m < old.gap_m)) {
-                least = Some(new);
-            }
-        };
-        for arc in &self.arcs {
-            let placed = RingArc {
-                centre: axis + turned(arc.centre),
-                radius_m: arc.radius_m,
-                start: axis + turned(arc.start),
-                end: axis + turned(arc.end),
-                normal_start: turned(arc.normal_start),
-                normal_end: turned(arc.normal_end),
-            };
-            offer(placed.contact(abutment));
-        }
-        let (before, after) = (&self.arcs[self.crest_arc], &self.arcs[self.crest_arc + 1]);
-        let crest = axis + turned(before.end);
-        let foot = abutment.closest_to_point(crest);
-        if within(turned(before.normal_end), turned(after.normal_start), -foot.normal) {
-            offer(Some(RingContact::at(&foot, foot.distance_m, 0.0)));
-        }
-        least
+        let arcs = self.arcs.iter().filter_map(|arc| arc.placed(axis, turn).contact(abutment));
+        arcs.chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
+    }
+
+    /// Contact of the crest's corner, where the abutment's normal lies between those of its two sides.
+    fn crest_contact(&self, abutment: &ConvexContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+        let before = self.arcs[self.crest_arc].placed(axis, turn);
+        let after = self.arcs[self.crest_arc + 1].placed(axis, turn);
+        let foot = abutment.closest_to_point(before.end);
+        within(before.normal_end, after.normal_start, -foot.normal)
+            .then(|| RingContact::at(&foot, foot.distance_m, 0.0))
     }
 
     /// As [`LobedRing::contact`], quickly: `turn` is the unit vector at `turn_rad`. A binary search over the elements on
@@ -265,25 +230,20 @@ impl LobedRing {
             let here = (first + self.arcs[first..last].partition_point(ahead)).min(last);
             let neighbours = [here, here.saturating_sub(1).max(first), (here + 1).min(last)];
             let found = neighbours.into_iter().find_map(|k| self.arcs[k].placed(axis, turn).contact(abutment));
-            if let Some(new) = found.filter(|new| least.is_none_or(|old| new.gap_m < old.gap_m)) {
-                least = Some(new);
-            }
+            least = least.into_iter().chain(found).reduce(nearer);
         }
-        let (before, after) = (&self.arcs[self.crest_arc], &self.arcs[self.crest_arc + 1]);
-        let crest = axis + turned(before.end);
-        let foot = abutment.closest_to_point(crest);
-        if within(turned(before.normal_end), turned(after.normal_start), -foot.normal)
-            && least.is_none_or(|old| foot.distance_m < old.gap_m)
-        {
-            least = Some(RingContact::at(&foot, foot.distance_m, 0.0));
-        }
-        least
+        least.into_iter().chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
     }
 
     /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
     pub fn seat_turn_rad(&self, tau: f64) -> f64 {
         seat_turn_rad(&self.transition, tau)
     }
+}
+
+/// The contact with the smaller gap; the first of two alike.
+fn nearer(a: RingContact, b: RingContact) -> RingContact {
+    if b.gap_m < a.gap_m { b } else { a }
 }
 
 impl RingContact {

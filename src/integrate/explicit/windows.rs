@@ -1,7 +1,8 @@
 //! Who is near whom: runs of joints near each sprocket and of links near each guide, looked up every so many steps with a
 //! margin that they cannot cross in between. What lies outside touches nothing, so looking more or less often changes no bit.
 
-use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, seat_of};
+use super::teeth::seat_of;
+use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
 use crate::model::Model;
 use crate::state::State;
 

@@ -1,0 +1,413 @@
+//! Reading a drive file, table by table: which keys there are, their units and ranges. A key that nothing here asks for is
+//! unknown.
+
+use super::reader::{Places, Table};
+use super::{
+    ChainSpec, ContactSpec, Drive, GuideSpec, JointSpec, OuterSpec, PreloadSpec, RingForm, RunSpec, ScatterSpec,
+    SprocketDrive,
+};
+use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
+use crate::geometry::chain::abutment::AbutmentChain;
+use crate::geometry::chain::bush::{BushChain, RowSpec};
+use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
+use crate::geometry::guide::GuideSide;
+use crate::geometry::route::Wrap;
+use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
+use crate::units::{MM, RPM, UM};
+use std::f64::consts::PI;
+
+/// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
+pub(super) fn drive(root: &Table<'_>) -> Drive {
+    let title = root.text("title").unwrap_or_default();
+    let chain_table = root.table("chain");
+    let (chain, links) = read_chain(&chain_table);
+    let scatter_table = chain_table.table("scatter");
+    let scatter = ScatterSpec {
+        pitch_m: scatter_table.number("pitch_um", UM, 0.0..=500.0).unwrap_or(0.0),
+        seed: scatter_table.integer("seed", 0..=i64::MAX).unwrap_or(1) as u64,
+    };
+    scatter_table.finish();
+    let joint = read_joint(&chain_table.table("joint"));
+    chain_table.finish();
+    let contact = root.table("contact");
+    let width_m = match chain {
+        ChainSpec::Bush(c) => c.inner_width_m,
+        ChainSpec::Silent(c) => c.pack_thickness_m,
+        ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
+    };
+    let tooth_contact = read_contact(&contact.table("sprocket"), width_m);
+    let guide_contact = read_contact(&contact.table("guide"), width_m);
+    let ring_contact = match chain {
+        ChainSpec::Abutment(_) => read_contact(&contact.table("ring"), width_m),
+        _ => tooth_contact,
+    };
+    contact.finish();
+    let (sprockets, names) = read_sprockets(root);
+    let guides = read_guides(root, &names);
+    let preload = read_preload(&root.table("preload"), &names);
+    let run_table = root.table("run");
+    let run = RunSpec {
+        step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
+        run_in_s: run_table.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
+        settle_s: run_table.number("settle_ms", 1e-3, 0.0..=10_000.0).unwrap_or(10e-3),
+    };
+    run_table.finish();
+    root.finish();
+    let places = Places::empty();
+    let (name, text, overrides) = (String::new(), String::new(), Vec::new());
+    Drive {
+        name,
+        text,
+        overrides,
+        title,
+        chain,
+        links,
+        scatter,
+        joint,
+        tooth_contact,
+        guide_contact,
+        ring_contact,
+        sprockets,
+        guides,
+        preload,
+        run,
+        places,
+    }
+}
+
+/// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.
+const DEFAULT_CONTACT_LENGTH_M: f64 = 5.0 * MM;
+
+/// The chain of the one type that is given, and its number of links.
+fn read_chain(t: &Table<'_>) -> (ChainSpec, usize) {
+    let links = |t: &Table<'_>| t.required_integer("links", 10..=2000) as usize;
+    let (silent, smart) = (t.table("silent"), t.table("smartchain"));
+    let bush = t.table("bush");
+    let given = [bush.is_present(), silent.is_present(), smart.is_present()].iter().filter(|p| **p).count();
+    if given > 1 {
+        t.error("`chain` has more than one type".into(), Some("keep one of bush, silent, smartchain".into()));
+    }
+    if silent.is_present() {
+        let result = (ChainSpec::Silent(read_silent_chain(&silent)), links(&silent));
+        silent.finish();
+        result
+    } else if smart.is_present() {
+        let result = (ChainSpec::Abutment(read_abutment_chain(&smart)), links(&smart));
+        smart.finish();
+        result
+    } else {
+        let result = (ChainSpec::Bush(read_bush_chain(&bush)), links(&bush));
+        bush.finish();
+        result
+    }
+}
+
+fn read_silent_chain(t: &Table<'_>) -> SilentChain {
+    let row = |key: &str| {
+        let row = t.table(key);
+        let spec = SilentRowSpec {
+            pin_pitch_m: row.number("pin_pitch_mm", MM, 1.0..=200.0),
+            flank_pitch_m: row.number("flank_pitch_mm", MM, 1.0..=200.0),
+            mass_kg: row.number("mass_g", 1e-3, 1e-3..=1e5),
+            inertia_kg_m2: row.number("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        };
+        row.finish();
+        spec
+    };
+    let pitch_m = t.required("pitch_mm", MM, 1.0..=200.0);
+    let standard = SilentLinkForm::standard(pitch_m);
+    SilentChain {
+        pitch_m,
+        form: SilentLinkForm {
+            flank_angle_rad: t.number("flank_angle_deg", PI / 180.0, 10.0..=45.0).unwrap_or(standard.flank_angle_rad),
+            face_distance_m: t.number("face_distance_mm", MM, 0.1..=100.0).unwrap_or(standard.face_distance_m),
+            inside_projection_m: t
+                .number("inside_projection_mm", MM, -100.0..=100.0)
+                .unwrap_or(standard.inside_projection_m),
+            toe_radius_m: t.number("toe_radius_mm", MM, 0.01..=100.0).unwrap_or(standard.toe_radius_m),
+            crotch_radius_m: t.number("crotch_radius_mm", MM, 0.01..=100.0).unwrap_or(standard.crotch_radius_m),
+        },
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        pin_length_m: t.required("pin_length_mm", MM, 0.1..=500.0),
+        pack_thickness_m: t.required("pack_thickness_mm", MM, 0.05..=200.0),
+        density_kg_m3: t.number("density_kg_per_m3", 1.0, 100.0..=30_000.0).unwrap_or(7850.0),
+        even: row("inner"),
+        odd: row("outer"),
+    }
+}
+
+fn read_abutment_chain(t: &Table<'_>) -> AbutmentChain {
+    let pitch = |key: &str| {
+        let row = t.table(key);
+        let pitch = row.number("pitch_mm", MM, 1.0..=200.0);
+        row.finish();
+        pitch
+    };
+    AbutmentChain {
+        pitch_m: t.required("pitch_mm", MM, 1.0..=200.0),
+        bush_diameter_m: t.required("bush_diameter_mm", MM, 0.2..=150.0),
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        plate_height_m: t.required("plate_height_mm", MM, 0.3..=300.0),
+        mass_kg: t.required("mass_g", 1e-3, 1e-3..=1e5),
+        inertia_kg_m2: t.required("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        abutment_distance_m: t.required("abutment_mm", MM, 0.1..=200.0),
+        teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
+        design_tension_n: t.required("design_tension_n", 1.0, 0.0..=1e6),
+        alternate: t.choice("bushes", &[("every_link", false), ("every_other_link", true)]).unwrap_or(false),
+        pitches_m: [pitch("inner"), pitch("outer")],
+    }
+}
+
+fn read_bush_chain(t: &Table<'_>) -> BushChain {
+    let row = |key: &str| {
+        let row = t.table(key);
+        let spec = RowSpec {
+            pitch_m: row.number("pitch_mm", MM, 1.0..=200.0),
+            mass_kg: row.number("mass_g", 1e-3, 1e-3..=1e5),
+            inertia_kg_m2: row.number("inertia_g_mm2", 1e-9, 1e-3..=1e9),
+        };
+        row.finish();
+        spec
+    };
+    BushChain {
+        pitch_m: t.required("pitch_mm", MM, 1.0..=200.0),
+        bush_diameter_m: t.required("bush_diameter_mm", MM, 0.2..=150.0),
+        pin_diameter_m: t.required("pin_diameter_mm", MM, 0.1..=150.0),
+        inner_width_m: t.required("inner_width_mm", MM, 0.1..=500.0),
+        plate_height_m: t.required("plate_height_mm", MM, 0.3..=300.0),
+        plate_thickness_m: t.required("plate_thickness_mm", MM, 0.05..=50.0),
+        density_kg_m3: t.number("density_kg_per_m3", 1.0, 100.0..=30_000.0).unwrap_or(7850.0),
+        inner: row("inner"),
+        outer: row("outer"),
+    }
+}
+
+fn read_joint(t: &Table<'_>) -> JointSpec {
+    let stiffness_n_per_m = t.required("stiffness_n_per_m", 1.0, 1e3..=1e13);
+    let direct = t.number("damping_n_s_per_m", 1.0, 0.0..=1e7);
+    let ratio = t.number("damping_ratio", 1.0, 0.0..=10.0);
+    let mode = t.number("damping_mode_hz", 1.0, 0.1..=1e6);
+    let damping_n_s_per_m = match (direct, ratio, mode) {
+        (Some(c), None, None) => c,
+        // Stiffness-proportional: a mode at omega in which the joints are the springs has zeta = c omega / (2 k).
+        (None, Some(zeta), Some(hz)) => 2.0 * zeta * stiffness_n_per_m / (2.0 * PI * hz),
+        _ => {
+            t.error(
+                format!("the damping of `{}` is not stated in one way", t.path()),
+                Some(
+                    "write `damping_n_s_per_m`, or `damping_ratio` together with the `damping_mode_hz` it refers to"
+                        .into(),
+                ),
+            );
+            f64::NAN
+        }
+    };
+    let joint = JointSpec {
+        stiffness_n_per_m,
+        damping_n_s_per_m,
+        clearance_m: t.number("clearance_um", UM, 0.0..=1000.0).unwrap_or(0.0),
+        friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
+        stick_speed_rad_s: t.number("stick_speed_rad_s", 1.0, 1e-3..=1e5).unwrap_or(10.0),
+    };
+    t.finish();
+    joint
+}
+
+fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
+    let mut laws = Vec::new();
+    let linear = t.table("linear");
+    if linear.is_present() {
+        laws.push(ContactLaw::Linear {
+            stiffness_n_per_m: linear.required("stiffness_n_per_m", 1.0, 1e2..=1e13),
+            damping_n_s_per_m: linear.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
+        });
+        linear.finish();
+    }
+    let hertz = t.table("hertz_line");
+    if hertz.is_present() {
+        let compliance = |t: &Table<'_>, which: &str| {
+            let e = t.required(&format!("{which}_youngs_modulus_gpa"), 1e9, 1e-3..=2000.0);
+            let nu = t.number(&format!("{which}_poisson_ratio"), 1.0, 0.0..=0.499).unwrap_or(0.3);
+            (1.0 - nu * nu) / e
+        };
+        laws.push(ContactLaw::HertzLine(HertzLine {
+            length_m: hertz.number("length_mm", MM, 0.1..=1000.0).unwrap_or(default_length_m),
+            compliance_body_per_pa: compliance(&hertz, "body"),
+            compliance_bush_per_pa: compliance(&hertz, "chain"),
+            damping_n_s_per_m: hertz.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
+        }));
+        hertz.finish();
+    }
+    for (key, hysteresis) in [
+        ("lankarani_nikravesh", lankarani_nikravesh_hysteresis as fn(f64) -> f64),
+        ("restitution", restitution_hysteresis as fn(f64) -> f64),
+    ] {
+        let law = t.table(key);
+        if law.is_present() {
+            let e = law.required("restitution", 1.0, 0.01..=1.0);
+            laws.push(ContactLaw::Power {
+                stiffness_n_per_m_n: law.required("stiffness_n_per_m_n", 1.0, 1e2..=1e16),
+                exponent: law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.5),
+                hysteresis: if e.is_finite() { hysteresis(e) } else { f64::NAN },
+            });
+            law.finish();
+        }
+    }
+    let spec = ContactSpec {
+        law: laws
+            .first()
+            .copied()
+            .unwrap_or(ContactLaw::Linear { stiffness_n_per_m: f64::NAN, damping_n_s_per_m: 0.0 }),
+        friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
+        stick_speed_m_s: t.number("stick_speed_m_s", 1.0, 1e-6..=100.0).unwrap_or(0.05),
+    };
+    if laws.len() != 1 {
+        t.error(
+            format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
+            Some("add one of the tables linear, hertz_line, lankarani_nikravesh, restitution below it".into()),
+        );
+    }
+    t.finish();
+    spec
+}
+
+fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
+    let table = root.table("sprockets");
+    let speeds = root.table("speeds");
+    let constant_speeds = speeds.table("constant");
+    let loads = root.table("loads");
+    let constant_loads = loads.table("constant");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let speed = constant_speeds.table(&name);
+        let load = constant_loads.table(&name);
+        let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
+        let outer = if speed.is_present() {
+            if load.is_present() {
+                load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
+            }
+            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+        } else {
+            if inertia.is_none() {
+                t.error(
+                    format!("`{name}` has neither a speed nor an inertia"),
+                    Some(format!("add `inertia_kg_m2` here, or a table `[speeds.constant.{name}]` with `speed_rpm`")),
+                );
+            }
+            let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
+            OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
+        };
+        speed.finish();
+        load.finish();
+        all.push(SprocketDrive {
+            teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
+            form: t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]).unwrap_or(GapForm::Max),
+            tip_diameter_m: t.number("tip_diameter_mm", MM, 1.0..=10_000.0),
+            root_relief_m: t.number("root_relief_um", UM, 0.0..=2000.0).unwrap_or(0.0),
+            ring: t
+                .choice("ring", &[("conjugate", RingForm::Conjugate), ("plain", RingForm::Plain)])
+                .unwrap_or(RingForm::Conjugate),
+            x_m: t.number("x_mm", MM, -1e5..=1e5).unwrap_or(0.0),
+            y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
+            wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
+            outer,
+            name,
+        });
+        t.finish();
+    }
+    for t in [&constant_speeds, &speeds, &constant_loads, &loads] {
+        t.finish();
+    }
+    order_by_route(root, all)
+}
+
+/// Sorts the sprockets by `route`, the order in which the chain meets them.
+fn order_by_route(root: &Table<'_>, all: Vec<SprocketDrive>) -> (Vec<SprocketDrive>, Vec<String>) {
+    let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
+    let route = root.texts("route").unwrap_or_else(|| names.clone());
+    let mut sorted = Vec::new();
+    for name in &route {
+        match all.iter().find(|s| s.name == *name) {
+            Some(s) => sorted.push(s.clone()),
+            None => root.error(
+                format!("`route` names `{name}`, which is no sprocket"),
+                Some(format!("sprockets here: {}", names.join(", "))),
+            ),
+        }
+    }
+    if sorted.len() < 2 {
+        root.error(
+            "a drive needs at least two sprockets in its route".into(),
+            Some("add `[sprockets.NAME]` tables and `route = [...]`".into()),
+        );
+    }
+    let mut seen = route.clone();
+    seen.sort();
+    seen.dedup();
+    if seen.len() != route.len() || route.len() != names.len() {
+        root.error(
+            "`route` must name every sprocket once".into(),
+            Some(format!("sprockets here: {}", names.join(", "))),
+        );
+    }
+    let names = sorted.iter().map(|s| s.name.clone()).collect();
+    (sorted, names)
+}
+
+fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
+    let guides = root.table("guides");
+    let fixed = guides.table("fixed");
+    let mut all = Vec::new();
+    for (name, t) in fixed.tables() {
+        let span = t.texts("span").unwrap_or_default();
+        let from = names.iter().position(|n| Some(n) == span.first());
+        let to = names.iter().position(|n| Some(n) == span.get(1));
+        let span = match (from, to) {
+            (Some(a), Some(b)) if span.len() == 2 && (a + 1) % names.len() == b => a,
+            _ => {
+                let spans: Vec<String> = (0..names.len())
+                    .map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()]))
+                    .collect();
+                t.error(
+                    format!("`{}.span` is no span of the route", t.path()),
+                    Some(format!("spans here: {}", spans.join(", "))),
+                );
+                0
+            }
+        };
+        all.push(GuideSpec {
+            span,
+            side: t
+                .choice("side", &[("inside", GuideSide::Inside), ("outside", GuideSide::Outside)])
+                .unwrap_or(GuideSide::Inside),
+            start_m: t.required("start_mm", MM, -1000.0..=1e5),
+            end_m: t.required("end_mm", MM, -1000.0..=1e5),
+            clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
+            end_radius_m: t.number("end_radius_mm", MM, 0.1..=1e4).unwrap_or(20.0 * MM),
+            name,
+        });
+        t.finish();
+    }
+    fixed.finish();
+    guides.finish();
+    all
+}
+
+fn read_preload(t: &Table<'_>, names: &[String]) -> PreloadSpec {
+    let tension_n = t.required("tension_n", 1.0, 0.0..=1e6);
+    let moves = t.text("moves");
+    let index = match &moves {
+        None => names.len().saturating_sub(1),
+        Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
+            t.error(
+                format!("`preload.moves` = \"{name}\" is no sprocket"),
+                Some(format!("sprockets here: {}", names.join(", "))),
+            );
+            0
+        }),
+    };
+    let preload =
+        PreloadSpec { tension_n, moves: index, direction_rad: t.number("direction_deg", PI / 180.0, -360.0..=360.0) };
+    t.finish();
+    preload
+}
