@@ -130,13 +130,27 @@ pub fn assemble(drive: &Drive) -> Result<Assembly, AssemblyError> {
     assemble_with(drive, Isa::detect())
 }
 
-/// As [`assemble`], with a given vector unit.
-pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
+/// A drive tightened and compiled, without the State that assembling ends in.
+pub struct Compiled {
+    pub model: Model,
+    bound: StepBound,
+    /// Mean tension at rest over the phases of the driver [N].
+    tensions_n: Vec<f64>,
+}
+
+/// Compiles a drive up to its Model: for runs that go on from a recorded State.
+pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
-    let (shift, tensions) = tighten(drive, &placed)?;
+    let (shift, tensions_n) = tighten(drive, &placed)?;
     let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
+    Ok(Compiled { model, bound, tensions_n })
+}
+
+/// As [`assemble`], with a given vector unit.
+pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
+    let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;

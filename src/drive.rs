@@ -44,6 +44,7 @@ pub struct Drive {
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
     pub preload: PreloadSpec,
+    pub effects: Effects,
     pub run: RunSpec,
     pub places: Places,
 }
@@ -189,6 +190,31 @@ pub struct PreloadSpec {
     pub direction_rad: Option<f64>,
 }
 
+/// What departs from the ideal drive.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Effects {
+    pub gap_errors: Vec<GapError>,
+    pub pitch_errors: Vec<PitchError>,
+}
+
+/// A tooth gap that stands further out than the others of its sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GapError {
+    /// Index of the sprocket.
+    pub sprocket: usize,
+    pub gap: u32,
+    /// Negative: cut too deep [m].
+    pub outward_m: f64,
+}
+
+/// A link that is longer or shorter than the others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PitchError {
+    pub name: String,
+    pub link: usize,
+    pub length_m: f64,
+}
+
 /// How it is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunSpec {
@@ -316,6 +342,23 @@ impl Drive {
                 "sprockets",
                 "this chain has teeth or abutments on one side only, and a sprocket is wrapped outside".into(),
                 "wrap all sprockets inside",
+            );
+        }
+        for e in &self.effects.gap_errors {
+            let s = &self.sprockets[e.sprocket];
+            if e.gap >= s.teeth || matches!(self.chain, ChainSpec::Silent(_)) {
+                error(
+                    &format!("effects.gap_error.{}.gap", s.name),
+                    format!("sprocket `{}` has no gap {} that seats a bush", s.name, e.gap),
+                    &format!("bush and abutment chains: 0 to {}", s.teeth - 1),
+                );
+            }
+        }
+        for e in self.effects.pitch_errors.iter().filter(|e| e.link >= self.links) {
+            error(
+                &format!("effects.pitch_error.{}.link", e.name),
+                format!("the chain has no link {}", e.link),
+                &format!("links are numbered 0 to {}", self.links - 1),
             );
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();

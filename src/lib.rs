@@ -3,7 +3,9 @@
 //! See ARCHITECTURE.md for the map. The way through: a drive file is read ([`drive`]), compiled ([`model`]), assembled
 //! ([`assemble`]), stepped ([`integrate`]), captured into frames and written to sinks ([`recording`], [`simulate`]).
 
+pub mod analysis;
 pub mod assemble;
+pub mod breakpoint;
 pub mod cli;
 pub mod compare;
 pub mod contact;
@@ -12,10 +14,12 @@ pub mod drive;
 pub mod elements;
 pub mod engagement;
 pub mod geometry;
+pub mod impacts;
 pub mod integrate;
 pub mod model;
 pub mod recording;
 pub mod render;
+pub mod replay;
 pub mod simulate;
 pub mod state;
 pub mod statics;

@@ -194,6 +194,16 @@ impl ChainModel {
             let deviation = radius * crate::units::sin_cos(2.0 * std::f64::consts::PI * random.uniform()).1;
             self.lever[i] += 0.5 * sigma_m * deviation;
         }
+        self.renew_bush_levers();
+    }
+
+    /// Makes link `i` longer.
+    pub fn lengthen(&mut self, i: usize, length_m: f64) {
+        self.lever[i] += 0.5 * length_m;
+        self.renew_bush_levers();
+    }
+
+    fn renew_bush_levers(&mut self) {
         for j in 0..self.n_links {
             let (link, front) = self.bush_carrier(j);
             self.bush_lever[j] = if front { self.lever[link] } else { -self.lever[link] };
@@ -281,6 +291,9 @@ impl Model {
         let mut chain = ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH);
         if drive.scatter.pitch_m > 0.0 {
             chain.scatter(drive.scatter.pitch_m, drive.scatter.seed);
+        }
+        for e in &drive.effects.pitch_errors {
+            chain.lengthen(e.link, e.length_m);
         }
         Ok(Model {
             step_s: f64::NAN,
@@ -442,7 +455,9 @@ fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'sta
         tip_diameter_m: s.tip_diameter_m,
     };
     let sprocket = Sprocket::new(spec).map_err(|e| (e.to_string(), key))?;
-    let relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
+    let mut relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
+    let own = drive.effects.gap_errors.iter().find(|e| drive.sprockets[e.sprocket].name == s.name);
+    relieved.shifted_gap = own.map(|e| (e.gap, e.outward_m));
     Ok(Toothing::Iso(relieved))
 }
 

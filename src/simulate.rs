@@ -1,18 +1,27 @@
-//! The loop: step, take frames, hand them to sinks; keyframes, events, interruption.
+//! The loop: step, take frames, hand them to sinks; keyframes, impacts, breakpoints, interruption.
+//!
+//! With a window round breakpoints, what is recorded is held back for as long as the window reaches back; at a hit the run is
+//! repeated from a snapshot of the State before the window and recorded densely, to the bit the same steps.
 
+use crate::breakpoint::scratch::BreakWatch;
+use crate::breakpoint::{Hit, Subject};
+use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::Sink;
 use crate::recording::capture::Camera;
-use crate::recording::frame::{Energy, Event, Feature, Frame, Header};
+use crate::recording::frame::{Energy, Event, Feature, Frame, Header, Impact, Keyframe, Segment};
 use crate::state::State;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A keyframe at least every so many frames.
 pub const FRAMES_PER_KEYFRAME: u64 = 1000;
 /// First touches slower than this are no events [m/s]: a wrapped bush that lifts off and comes back.
 const SLOWEST_EVENT_M_S: f64 = 0.02;
+/// Hits that are kept; more are only counted.
+const MOST_HITS: usize = 10_000;
 
 /// How long and how densely.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,10 +40,28 @@ impl Span {
     }
 }
 
+/// Where a run stops, or looks closer.
+pub struct Breaks {
+    pub watches: Vec<BreakWatch>,
+    /// Hits after which the run ends; None: it goes on.
+    pub hits: Option<usize>,
+    pub around: Option<Around>,
+}
+
+/// A window round a hit that is recorded more densely.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Around {
+    /// Before and after.
+    pub steps: u64,
+    pub steps_per_frame: u64,
+}
+
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ending {
     Done,
+    /// At a breakpoint.
+    Hit,
     /// Stopped from outside after a whole step.
     Interrupted,
     Broke(StepError),
@@ -52,6 +79,38 @@ pub struct Summary {
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
     pub stored_last_j: f64,
+    pub hits: Vec<Hit>,
+    pub impacts: u64,
+}
+
+/// Everything a run needs besides the model and its State.
+pub struct Job<'a> {
+    pub header: &'a Header,
+    pub span: Span,
+    pub breaks: Option<Breaks>,
+    /// Has looked at the steps before, where there were any.
+    pub impacts: ImpactWatch,
+    pub camera: Camera,
+}
+
+/// Something on its way to the sinks.
+enum Item {
+    Frame(Box<Frame>),
+    Keyframe(Box<Keyframe>),
+    Event(Event),
+    Impact(Impact),
+}
+
+/// Takes what a run yields to the sinks, held back where windows may still change it.
+struct Recorder<'a, 's> {
+    model: &'a Model,
+    sinks: &'s mut [Box<dyn Sink>],
+    camera: Camera,
+    held: VecDeque<(u64, Item)>,
+    hold_steps: u64,
+    frames: u64,
+    since_keyframe: u64,
+    energies: Option<(f64, Energy)>,
 }
 
 /// Runs `span` from `state`, a frame at its first and last step and in between. `stop` ends it after a step; `progress` is
@@ -64,66 +123,274 @@ pub fn run(
     span: Span,
     sinks: &mut [Box<dyn Sink>],
     stop: &AtomicBool,
+    progress: impl FnMut(u64),
+) -> anyhow::Result<Summary> {
+    let job = Job { header, span, breaks: None, impacts: ImpactWatch::new(model), camera: Camera::default() };
+    run_job(model, state, scratch, job, sinks, stop, progress)
+}
+
+/// As [`run`], with breakpoints.
+pub fn run_job(
+    model: &Model,
+    state: &mut State,
+    scratch: &mut Scratch,
+    job: Job<'_>,
+    sinks: &mut [Box<dyn Sink>],
+    stop: &AtomicBool,
     mut progress: impl FnMut(u64),
 ) -> anyhow::Result<Summary> {
+    let Job { header, span, mut breaks, mut impacts, camera } = job;
     let first = state.step;
     let last = first + span.steps;
-    let mut camera = Camera::default();
-    let mut frames = 0;
-    let mut energies: Option<(f64, Energy)> = None;
-    let mut take =
-        |state: &State, scratch: &Scratch, sinks: &mut [Box<dyn Sink>], frames: &mut u64| -> anyhow::Result<()> {
-            let frame = camera.take(model, state, scratch);
-            for sink in sinks.iter_mut() {
-                sink.frame(&frame)?;
-            }
-            if frames.is_multiple_of(FRAMES_PER_KEYFRAME) && !sinks.is_empty() {
-                let keyframe = state.keyframe();
-                for sink in sinks.iter_mut() {
-                    sink.keyframe(&keyframe)?;
-                }
-            }
-            for event in first_touches(&frame, header, span.steps_per_frame) {
-                for sink in sinks.iter_mut() {
-                    sink.event(&event)?;
-                }
-            }
-            let stored_first = energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
-            energies = Some((stored_first, frame.energy));
-            *frames += 1;
-            progress(frame.step);
-            Ok(())
-        };
+    // Impacts are for sinks and for breakpoints: without either nobody asks.
+    let wants_impacts =
+        !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));
+    let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
+    impacts.follows_forces = !sinks.is_empty() || over;
+    let around = breaks.as_ref().and_then(|b| b.around);
+    let late = (WATCHED_PERIODS * impacts.period_steps()).ceil() as u64 + 1;
+    let mut recorder = Recorder {
+        model,
+        sinks,
+        camera,
+        held: VecDeque::new(),
+        hold_steps: around.map_or(0, |a| a.steps + late),
+        frames: 0,
+        since_keyframe: 0,
+        energies: None,
+    };
+    let mut snapshots: VecDeque<State> = VecDeque::new();
+    let mut hits: Vec<Hit> = Vec::new();
+    let (mut n_impacts, mut dense_until, mut stop_at) = (0, None::<u64>, last);
     let mut ending = Ending::Done;
     loop {
-        let due = (state.step - first).is_multiple_of(span.steps_per_frame) || state.step == last;
+        let dense = dense_until.is_some_and(|until| state.step <= until);
+        let every = if dense { around.map_or(1, |a| a.steps_per_frame) } else { span.steps_per_frame };
+        let mut due = (state.step - first).is_multiple_of(every) || state.step == stop_at;
         let interrupted = stop.load(Ordering::Relaxed);
         if let Err(e) = explicit::evaluate(model, state, scratch) {
             ending = Ending::Broke(e);
             break;
         }
-        if due || interrupted {
-            take(state, scratch, sinks, &mut frames)?;
+        if wants_impacts {
+            impacts.look(model, state, scratch);
         }
+        let (touched, over) =
+            if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
+        if let Some(breaks) = &mut breaks {
+            let found = look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over]);
+            let enough = breaks.hits.is_some_and(|most| hits.len() + found.len() >= most);
+            for hit in &found {
+                recorder.put(hit.step, Item::Event(hit_event(hit, header)));
+            }
+            if let (Some(around), Some(hit)) = (around, found.first()) {
+                let from = hit.step.saturating_sub(around.steps).max(first);
+                let until = found.iter().map(|h| h.step).max().unwrap_or(state.step) + around.steps;
+                dense_until = Some(until);
+                let start = snapshots.iter().rev().find(|s| s.step <= from);
+                if let Some(start) = start {
+                    recorder.again(start, from, state.step.min(until + 1), around.steps_per_frame)?;
+                }
+                due |= state.step <= until;
+            }
+            let room = MOST_HITS.saturating_sub(hits.len());
+            hits.extend(found.iter().take(room).cloned());
+            if enough && ending == Ending::Done {
+                ending = Ending::Hit;
+                let tail = around.map_or(0, |a| a.steps);
+                stop_at = stop_at.min(hits.last().map_or(state.step, |h| h.step) + tail).max(state.step);
+                due |= state.step == stop_at;
+            }
+        }
+        for impact in &touched {
+            if impact.approach_speed_m_s > SLOWEST_EVENT_M_S {
+                recorder.put(impact.step, Item::Event(touch_event(impact, header)));
+            }
+        }
+        n_impacts += over.len() as u64;
+        for impact in over {
+            recorder.put(state.step, Item::Impact(impact));
+        }
+        if due || interrupted {
+            recorder.frame(state, scratch);
+            progress(state.step);
+        }
+        recorder.let_go(state.step)?;
         if interrupted {
             ending = Ending::Interrupted;
             break;
         }
-        if state.step == last {
+        if state.step == stop_at {
             break;
+        }
+        if let Some(around) = around
+            && (state.step - first).is_multiple_of((around.steps / 2).max(1))
+        {
+            let oldest = state.step.saturating_sub(recorder.hold_steps);
+            // The newest one that is old enough stays.
+            while snapshots.get(1).is_some_and(|s| s.step <= oldest) {
+                snapshots.pop_front();
+            }
+            snapshots.push_back(state.clone());
         }
         explicit::advance(model, state, scratch);
     }
-    let (stored_first_j, energy) = energies.unwrap_or_default();
+    for impact in impacts.finish() {
+        n_impacts += 1;
+        recorder.put(state.step, Item::Impact(impact));
+    }
+    recorder.hold_steps = 0;
+    recorder.let_go(u64::MAX)?;
+    let (stored_first_j, energy) = recorder.energies.unwrap_or_default();
     Ok(Summary {
         ending,
         steps: state.step - first,
-        frames,
+        frames: recorder.frames,
         state_hash: state.hash(),
         energy,
         stored_first_j,
         stored_last_j: energy.stored_j(),
+        hits,
+        impacts: n_impacts,
     })
+}
+
+fn look(
+    breaks: &mut Breaks,
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    camera: &mut Camera,
+    [touched, over]: [&[Impact]; 2],
+) -> Vec<Hit> {
+    let mut found = Vec::new();
+    for watch in &mut breaks.watches {
+        found.extend(watch.look(model, state, scratch, camera));
+        if !(touched.is_empty() && over.is_empty()) {
+            found.extend(watch.look_at_impacts(touched, false, || camera.take(model, state, scratch)));
+            found.extend(watch.look_at_impacts(over, true, || camera.take(model, state, scratch)));
+        }
+    }
+    found
+}
+
+impl Recorder<'_, '_> {
+    /// Takes the frame of a step, and a keyframe where one is due.
+    fn frame(&mut self, state: &State, scratch: &Scratch) {
+        let frame = self.camera.take(self.model, state, scratch);
+        let stored_first = self.energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
+        self.energies = Some((stored_first, frame.energy));
+        self.put(state.step, Item::Frame(Box::new(frame)));
+        if self.since_keyframe == 0 && !self.sinks.is_empty() {
+            self.put(state.step, Item::Keyframe(Box::new(state.keyframe())));
+        }
+        self.since_keyframe = (self.since_keyframe + 1) % FRAMES_PER_KEYFRAME;
+    }
+
+    fn put(&mut self, step: u64, item: Item) {
+        self.held.push_back((step, item));
+    }
+
+    /// Runs once more from `start` and records `from` .. `until` densely instead of what is held of it.
+    fn again(&mut self, start: &State, from: u64, until: u64, steps_per_frame: u64) -> anyhow::Result<()> {
+        let (model, mut state) = (self.model, start.clone());
+        let mut scratch = Scratch::new(model);
+        let in_window = |step: u64| (from..until).contains(&step);
+        self.held.retain(|(step, item)| !(in_window(*step) && matches!(item, Item::Frame(_) | Item::Keyframe(_))));
+        while state.step < until {
+            explicit::evaluate(model, &state, &mut scratch)?;
+            if in_window(state.step) && (state.step - from).is_multiple_of(steps_per_frame) {
+                let frame = self.camera.take(model, &state, &scratch);
+                self.held.push_back((state.step, Item::Frame(Box::new(frame))));
+                if state.step == from && !self.sinks.is_empty() {
+                    self.held.push_back((state.step, Item::Keyframe(Box::new(state.keyframe()))));
+                }
+            }
+            explicit::advance(model, &mut state, &mut scratch);
+        }
+        self.held.make_contiguous().sort_by_key(|(step, _)| *step);
+        Ok(())
+    }
+
+    /// Hands on what no window can change any more.
+    fn let_go(&mut self, step: u64) -> anyhow::Result<()> {
+        while self.held.front().is_some_and(|(at, _)| self.hold_steps == 0 || at + self.hold_steps < step) {
+            let Some((_, item)) = self.held.pop_front() else { break };
+            self.frames += u64::from(matches!(item, Item::Frame(_)));
+            for sink in self.sinks.iter_mut() {
+                match &item {
+                    Item::Frame(frame) => sink.frame(frame)?,
+                    Item::Keyframe(keyframe) => sink.keyframe(keyframe)?,
+                    Item::Event(event) => sink.event(event)?,
+                    Item::Impact(impact) => sink.impact(impact)?,
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A first touch as an event.
+pub fn touch_event(impact: &Impact, header: &Header) -> Event {
+    Event {
+        step: impact.step,
+        t_s: impact.t_s,
+        kind: "first_touch".into(),
+        text: format!(
+            "{} at {:.3} m/s, t = {:.4} ms",
+            touch_text(impact.link, impact.feature, impact.body, Some((impact.tooth, impact.segment)), header),
+            impact.approach_speed_m_s,
+            impact.t_s * 1e3
+        ),
+        link: impact.link,
+        body: impact.body,
+        value: impact.approach_speed_m_s,
+    }
+}
+
+/// Who touches what, in words.
+pub fn touch_text(link: u32, feature: u32, body: u32, place: Option<(u32, u32)>, header: &Header) -> String {
+    let info = header.bodies.get(body as usize);
+    let path = info.map_or("?", |b| b.path.as_str());
+    let place = match (place, info.is_some_and(|b| b.rotor)) {
+        (Some((tooth, segment)), true) => format!(" tooth gap {tooth}, {}", Segment::name(segment)),
+        (Some((_, segment)), false) => format!(", {}", Segment::name(segment)),
+        (None, _) => String::new(),
+    };
+    format!("link {link} ({}) touches {path}{place}", Feature::name(feature))
+}
+
+/// A hit as an event.
+pub fn hit_event(hit: &Hit, header: &Header) -> Event {
+    let (link, body) = match hit.subject {
+        Subject::Contact { link, body, .. } => (link, body),
+        Subject::Link(link) => (link, 0),
+        Subject::Joint(_) | Subject::Drive => (0, 0),
+    };
+    Event {
+        step: hit.step,
+        t_s: hit.t_s,
+        kind: "break".into(),
+        text: format!("{}, t = {:.4} ms", hit_text(hit, header), hit.t_s * 1e3),
+        link,
+        body,
+        value: 0.0,
+    }
+}
+
+/// What fulfilled a breakpoint, in words.
+pub fn hit_text(hit: &Hit, header: &Header) -> String {
+    match (hit.subject, hit.impact) {
+        (Subject::Contact { link, feature, body }, Some(impact)) => {
+            let place = Some((impact.tooth, impact.segment));
+            let text = touch_text(link, feature, body, place, header);
+            format!("{text} at {:.3} m/s", impact.approach_speed_m_s)
+        }
+        (Subject::Contact { link, feature, body }, None) => touch_text(link, feature, body, None, header),
+        (Subject::Link(link), _) => format!("link {link}"),
+        (Subject::Joint(joint), _) => format!("joint {joint}"),
+        (Subject::Drive, _) => "the drive".to_string(),
+    }
 }
 
 /// First touches of links with teeth and rings since the frame before.
@@ -135,23 +402,18 @@ pub fn first_touches(frame: &Frame, header: &Header, steps_per_frame: u64) -> Ve
         .filter(|i| header.bodies.get(c.body[*i] as usize).is_some_and(|b| b.rotor))
         .map(|i| {
             let t_s = (frame.t_s - c.age_s[i]).max(0.0);
-            let body = header.bodies.get(c.body[i] as usize).map_or("?", |b| b.path.as_str());
-            let end = Feature::name(c.feature[i]);
-            Event {
+            let impact = Impact {
+                link: c.link[i],
+                feature: c.feature[i],
+                body: c.body[i],
+                tooth: c.tooth[i],
+                segment: c.segment[i],
                 step: (t_s / header.step_s).round() as u64,
                 t_s,
-                kind: "first_touch".into(),
-                text: format!(
-                    "link {} ({end}) touches {body} tooth gap {} at {:.3} m/s, t = {:.4} ms",
-                    c.link[i],
-                    c.tooth[i],
-                    c.approach_speed_m_s[i],
-                    t_s * 1e3
-                ),
-                link: c.link[i],
-                body: c.body[i],
-                value: c.approach_speed_m_s[i],
-            }
+                approach_speed_m_s: c.approach_speed_m_s[i],
+                ..Impact::default()
+            };
+            touch_event(&impact, header)
         })
         .collect()
 }

@@ -6,8 +6,11 @@ mod drives;
 mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
+mod impacts;
+mod replay;
 mod run;
 mod tune;
+mod zoom;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use std::io::Write;
@@ -29,6 +32,12 @@ enum Verb {
     Compare(compare::CompareArgs),
     /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
     Tune(tune::TuneArgs),
+    /// List every impact of a recording, and what stands out among them
+    Impacts(impacts::ImpactsArgs),
+    /// Record a part of a recording once more, every step of it if wanted
+    Zoom(zoom::ZoomArgs),
+    /// Run a recording's drive again and compare, or finish a file that was cut off
+    Replay(replay::ReplayArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
     /// Read a drive, assemble it, and say what follows from it
@@ -47,6 +56,8 @@ enum Verb {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Done,
+    /// Compared, and not the same.
+    Differs,
     /// Stopped by Ctrl-C; files are finished.
     Interrupted,
 }
@@ -55,6 +66,7 @@ impl Outcome {
     pub fn code(self) -> u8 {
         match self {
             Outcome::Done => 0,
+            Outcome::Differs => 1,
             Outcome::Interrupted => 130,
         }
     }
@@ -99,6 +111,9 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Run(args) => run::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Tune(args) => tune::run(&args),
+        Verb::Impacts(args) => impacts::run(&args),
+        Verb::Zoom(args) => zoom::run(&args),
+        Verb::Replay(args) => replay::run(&args),
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
@@ -168,10 +183,33 @@ fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, 
 
 /// Assembles a drive.
 fn assemble(drive: &crate::drive::Drive) -> Result<crate::assemble::Assembly, Failure> {
+    crate::assemble::assemble(drive).map_err(assembly_failure)
+}
+
+fn assembly_failure(e: crate::assemble::AssemblyError) -> Failure {
     use crate::assemble::AssemblyError;
-    crate::assemble::assemble(drive).map_err(|e| match e {
+    match e {
         AssemblyError::Input(report) => Failure::Input(report.to_string()),
         AssemblyError::Statics { .. } => Failure::Input(format!("the drive cannot be assembled: {e}")),
         AssemblyError::RunIn(_) => Failure::World(e.to_string()),
-    })
+    }
+}
+
+/// Index of the body of a recording with this path, or whose path ends in this name.
+fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<usize, Failure> {
+    let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
+    if let Some(k) = header.bodies.iter().position(|b| b.path == name || last(&b.path) == name) {
+        return Ok(k);
+    }
+    let known: Vec<String> = header.bodies.iter().map(|b| last(&b.path)).collect();
+    let help = match crate::diag::nearest(name, known.iter().map(String::as_str)) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("there are: {}", known.join(", ")),
+    };
+    Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
+}
+
+/// Opens a recording: one that is not there, or is none, is the user's mistake.
+fn open_recording(path: &Path) -> Result<crate::recording::reader::Reader, Failure> {
+    crate::recording::reader::Reader::open(path).map_err(|e| Failure::Input(format!("{e:#}")))
 }

@@ -1,12 +1,19 @@
-//! `pitchline run`: assembles a drive, runs it, records it.
+//! `pitchline run`: assembles a drive, or goes on from a recording; runs it, stops where it is told to, records it.
 
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
-use crate::assemble::Assembly;
+use crate::assemble::{Assembly, AssemblyReport, compile};
+use crate::breakpoint::scratch::BreakWatch;
+use crate::breakpoint::{Breakpoint, Names};
 use crate::drive::Drive;
+use crate::impacts::ImpactWatch;
 use crate::integrate::explicit::Scratch;
-use crate::recording::frame::Header;
+use crate::model::Model;
+use crate::recording::capture::Camera;
+use crate::recording::frame::{Energy, Header, Parent};
 use crate::recording::{Output, Sink, ViewOptions, capture, create, extensions};
-use crate::simulate::{Ending, Span, Summary, run as simulate};
+use crate::replay::{Replay, drive_of, resting};
+use crate::simulate::{Around, Breaks, Ending, Job, Span, Summary, hit_text, run_job};
+use crate::state::State;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,7 +23,26 @@ use std::time::Instant;
 #[derive(clap::Args, Debug)]
 pub struct RunArgs {
     /// Drive file or bundled name (see `pitchline drives`)
-    drive: String,
+    #[arg(required_unless_present = "resume", conflicts_with = "resume")]
+    drive: Option<String>,
+    /// Go on from a recording instead: from its end, or from --at; --set then makes a branch of its own
+    #[arg(long, value_name = "REC")]
+    resume: Option<PathBuf>,
+    /// Where to go on from, e.g. 12.3ms
+    #[arg(long, value_name = "T", requires = "resume", value_parser = time)]
+    at: Option<f64>,
+    /// Stop where this becomes true, e.g. 'contact.normal_force > 500 N'; may be given several times
+    #[arg(long = "break", value_name = "EXPR")]
+    breaks: Vec<String>,
+    /// Stop after this many hits [default: 1, or none with --around]
+    #[arg(long, value_name = "N", requires = "breaks", value_parser = clap::value_parser!(u64).range(1..))]
+    hits: Option<u64>,
+    /// Do not stop: record densely for this long before and after each hit
+    #[arg(long, value_name = "T", requires = "breaks", value_parser = duration)]
+    around: Option<f64>,
+    /// Time between two frames in there [default: every step]
+    #[arg(long, value_name = "T", requires = "around", value_parser = duration)]
+    around_every: Option<f64>,
     /// Recording to write, .mcap or .rrd; may be given several times [default: recordings/DRIVE.mcap and .rrd]
     #[arg(short, long = "output", value_name = "FILE")]
     output: Vec<PathBuf>,
@@ -40,7 +66,13 @@ pub struct RunArgs {
     json: bool,
 }
 
-/// A time with its unit, in seconds.
+/// A point in time with its unit, in seconds.
+pub(super) fn time(text: &str) -> Result<f64, String> {
+    let number = text.trim().trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    if number.trim().parse() == Ok(0.0) { Ok(0.0) } else { duration(text) }
+}
+
+/// A length of time with its unit, in seconds.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
     let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
     let parsed = units.iter().find_map(|(unit, factor)| {
@@ -54,28 +86,49 @@ pub(super) fn duration(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Where a run starts.
+struct Start {
+    drive: Drive,
+    model: Model,
+    state: State,
+    header: Header,
+    /// Has looked at the steps before, where there were any.
+    impacts: ImpactWatch,
+    report: Option<AssemblyReport>,
+}
+
 pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
-    let drive = load_drive(&args.drive, &args.set)?;
+    let drive = match (&args.drive, &args.resume) {
+        (Some(drive), _) => load_drive(drive, &args.set)?,
+        (None, Some(recording)) => resumed_drive(recording, &args.set)?,
+        (None, None) => return Err(Failure::Input("give a drive, or --resume with a recording".into())),
+    };
+    let breakpoints = parse_breaks(&args.breaks, &drive)?;
     let paths = output_paths(args, &drive)?;
-    let assembly = assemble(&drive)?;
-    let span = Span::new(args.duration, args.every, assembly.model.step_s);
-    let header = capture::header(&drive, &assembly.model, &assembly.report, span.steps_per_frame);
+    let mut start = match &args.resume {
+        None => assembled(drive)?,
+        Some(recording) => resumed(args, recording, drive)?,
+    };
+    let step_s = start.model.step_s;
+    let span = Span::new(args.duration, args.every, step_s);
+    start.header.steps_per_frame = span.steps_per_frame;
     let view = ViewOptions { picture_interval_s: args.picture_every };
-    let mut sinks = open(&paths, &header, view)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    // Fails only where a handler was set before: then that one stands.
-    let _set = ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    });
+    let mut sinks = open(&paths, &start.header, view)?;
+    let stop = stop_on_interrupt();
     let started = Instant::now();
-    let Assembly { model, mut state, report } = assembly;
+    let Start { drive, model, mut state, header, impacts, report } = start;
     let mut scratch = Scratch::new(&model);
-    let bar = progress_bar(span.steps, model.step_s);
-    let result =
-        simulate(&model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |step| bar.set_position(step));
+    let first = state.step;
+    let bar = progress_bar(span.steps, step_s);
+    let job = Job {
+        header: &header,
+        span,
+        breaks: breaks(args, breakpoints, &model),
+        impacts,
+        camera: Camera::since(header.ledger_origin),
+    };
+    let progress = |step: u64| bar.set_position(step - first);
+    let result = run_job(&model, &mut state, &mut scratch, job, &mut sinks, &stop, progress);
     bar.finish_and_clear();
     let wall_s = started.elapsed().as_secs_f64();
     let summary = match result {
@@ -89,20 +142,142 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
             return Err(Failure::World(format!("{e:#}\nwhat was written up to there is kept in {written}")));
         }
     };
-    let mut outputs = Vec::new();
-    for sink in &mut sinks {
-        let path = sink.path().to_path_buf();
-        outputs.push(Output { bytes: sink.finish()?, path });
-    }
+    let outputs = finish(&mut sinks)?;
     if let Ending::Broke(e) = &summary.ending {
         return Err(Failure::World(format!("{e}\nthe {} frames before it are kept", summary.frames)));
     }
     if args.json {
-        print_json(&json(&drive, &header, &report, &summary, &outputs, wall_s, &scratch))?;
+        print_json(&json(&drive, &header, report.as_ref(), &summary, &outputs, wall_s, &scratch))?;
     } else {
         print_out(&text(&header, &summary, &outputs, wall_s))?;
     }
     Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
+}
+
+/// Set by Ctrl-C; a second one ends the program at once.
+pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    // Fails only where a handler was set before: then that one stands.
+    let _set = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    });
+    stop
+}
+
+/// Finishes all files.
+pub(super) fn finish(sinks: &mut [Box<dyn Sink>]) -> Result<Vec<Output>, Failure> {
+    let mut outputs = Vec::new();
+    for sink in sinks {
+        let path = sink.path().to_path_buf();
+        outputs.push(Output { bytes: sink.finish()?, path });
+    }
+    Ok(outputs)
+}
+
+fn assembled(drive: Drive) -> Result<Start, Failure> {
+    let Assembly { model, state, report } = assemble(&drive)?;
+    let mut header = capture::header(&drive, &model, &report, 1);
+    header.ledger_origin = Some(ledger_at(&model, &state)?);
+    let impacts = ImpactWatch::new(&model);
+    Ok(Start { drive, model, state, header, impacts, report: Some(report) })
+}
+
+fn ledger_at(model: &Model, state: &State) -> Result<Energy, Failure> {
+    capture::ledger_at(model, state).map_err(|e| Failure::World(e.to_string()))
+}
+
+/// The drive of a recording, with further overrides that are the user's own.
+fn resumed_drive(recording: &Path, set: &[String]) -> Result<Drive, Failure> {
+    let reader = super::open_recording(recording)?;
+    let header = reader.header();
+    drive_of(recording, header, &[])?;
+    let all: Vec<String> = header.overrides.iter().chain(set).cloned().collect();
+    Drive::parse(&header.drive_name, &header.drive_text, &all).map_err(|report| Failure::Input(report.to_string()))
+}
+
+/// Goes on from a recording; changed values of the drive take effect there.
+fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Failure> {
+    let mut replay = Replay::open(recording)?;
+    let heads = replay.reader.heads()?;
+    let (Some(begin), Some(end)) = (heads.first(), heads.last()) else {
+        return Err(Failure::Input(format!("{} holds no frames", recording.display())));
+    };
+    if let Some(loss) = replay.reader.loss() {
+        eprintln!("note: {loss}");
+    }
+    let step = args.at.map_or(end.step, |t_s| replay.step_at(t_s));
+    if !(begin.step..=end.step).contains(&step) {
+        return Err(Failure::Input(format!(
+            "--at lies outside the recording, which goes from {:.4} to {:.4} ms",
+            begin.t_s * 1e3,
+            end.t_s * 1e3
+        )));
+    }
+    let changed = !args.set.is_empty();
+    let visit = replay.visit(step, |_, _| ())?;
+    let parent: Parent = replay.parent(&visit.state, changed);
+    if !changed {
+        let header = Header { parent: Some(parent), ledger_origin: replay.origin, ..replay.header().clone() };
+        let Replay { drive, model, .. } = replay;
+        return Ok(Start { drive, model, state: visit.state, header, impacts: visit.impacts, report: None });
+    }
+    let model = compile(&drive).map_err(super::assembly_failure)?.model;
+    let mut state = resting(&model);
+    state.restore(&visit.state.keyframe()).map_err(|e| {
+        Failure::Input(format!("these changes make another State of the drive, and the run cannot go on from it: {e}"))
+    })?;
+    let (old_step_s, new_step_s) = (replay.model.step_s, model.step_s);
+    if old_step_s != new_step_s {
+        state.restep(old_step_s, new_step_s);
+        state.step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
+    }
+    // A branch keeps its own accounts.
+    state.clear_ledger();
+    let old = replay.header();
+    let mut header = capture::header_of(&drive, &model, old.static_tension_n, old.assembly.clone(), 1);
+    (header.parent, header.ledger_origin) = (Some(parent), Some(ledger_at(&model, &state)?));
+    let impacts = ImpactWatch::new(&model);
+    Ok(Start { drive, model, state, header, impacts, report: None })
+}
+
+/// Reads the break expressions; all mistakes at once.
+pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<Breakpoint>, Failure> {
+    let names = Names {
+        bodies: drive
+            .sprockets
+            .iter()
+            .map(|s| format!("sprockets.{}", s.name))
+            .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
+            .collect(),
+        sprockets: drive.sprockets.len(),
+        links: drive.links,
+    };
+    let (mut good, mut bad) = (Vec::new(), Vec::new());
+    for expression in expressions {
+        match Breakpoint::parse(expression, &names) {
+            Ok(breakpoint) => good.push(breakpoint),
+            Err(report) => bad.push(report.to_string()),
+        }
+    }
+    if bad.is_empty() { Ok(good) } else { Err(Failure::Input(bad.join("\n\n"))) }
+}
+
+fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Option<Breaks> {
+    if breakpoints.is_empty() {
+        return None;
+    }
+    let steps = |t_s: f64| (t_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
+    let around =
+        args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: args.around_every.map_or(1, steps) });
+    let hits = match (args.hits, around) {
+        (Some(hits), _) => Some(hits as usize),
+        (None, Some(_)) => None,
+        (None, None) => Some(1),
+    };
+    Some(Breaks { watches: breakpoints.into_iter().map(|b| BreakWatch::new(b, model)).collect(), hits, around })
 }
 
 /// Where to write, checked before anything is computed.
@@ -112,10 +287,22 @@ fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> 
     }
     let paths = if args.output.is_empty() {
         std::fs::create_dir_all("recordings").map_err(|e| Failure::World(format!("cannot make recordings/: {e}")))?;
-        extensions().iter().map(|e| Path::new("recordings").join(format!("{}.{e}", drive.name))).collect()
+        let name = match (&args.resume, args.at) {
+            (None, _) => drive.name.clone(),
+            (Some(_), None) => format!("{}-resumed", drive.name),
+            (Some(_), Some(t_s)) => format!("{}-from-{:.3}ms", drive.name, t_s * 1e3),
+        };
+        extensions().iter().map(|e| Path::new("recordings").join(format!("{name}.{e}"))).collect()
     } else {
         args.output.clone()
     };
+    let inputs: Vec<&Path> = args.drive.iter().map(Path::new).chain(args.resume.as_deref()).collect();
+    check_outputs(&paths, &inputs)?;
+    Ok(paths)
+}
+
+/// Recordings that can be written, none of them over an input.
+pub(super) fn check_outputs(paths: &[PathBuf], inputs: &[&Path]) -> Result<(), Failure> {
     for (i, path) in paths.iter().enumerate() {
         let shown = path.display();
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
@@ -129,16 +316,19 @@ fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> 
         if paths[..i].contains(path) {
             return Err(Failure::Input(format!("{shown} is given twice")));
         }
-        if let (Ok(a), Ok(b)) = (path.canonicalize(), Path::new(&args.drive).canonicalize())
-            && a == b
-        {
-            return Err(Failure::Input(format!("{shown} is the drive itself; it is not overwritten")));
+        for input in inputs {
+            if let (Ok(a), Ok(b)) = (path.canonicalize(), input.canonicalize())
+                && a == b
+            {
+                let what = if input.extension().is_some_and(|e| e == "toml") { "the drive" } else { "the input" };
+                return Err(Failure::Input(format!("{shown} is {what} itself; it is not overwritten")));
+            }
         }
     }
-    Ok(paths)
+    Ok(())
 }
 
-fn open(paths: &[PathBuf], header: &Header, view: ViewOptions) -> Result<Vec<Box<dyn Sink>>, Failure> {
+pub(super) fn open(paths: &[PathBuf], header: &Header, view: ViewOptions) -> Result<Vec<Box<dyn Sink>>, Failure> {
     let mut sinks = Vec::new();
     for path in paths {
         sinks.push(create(path, header, view)?);
@@ -146,8 +336,11 @@ fn open(paths: &[PathBuf], header: &Header, view: ViewOptions) -> Result<Vec<Box
     Ok(sinks)
 }
 
+/// Hits in the text that is printed; JSON has more.
+const HITS_PRINTED: usize = 20;
+
 /// On stderr, and only on a terminal.
-fn progress_bar(steps: u64, step_s: f64) -> ProgressBar {
+pub(super) fn progress_bar(steps: u64, step_s: f64) -> ProgressBar {
     let bar = ProgressBar::new(steps);
     let template = "{bar:40} {percent:>3} %  {msg}  {elapsed} elapsed, {eta} to go";
     if let Ok(style) = ProgressStyle::with_template(template) {
@@ -160,7 +353,7 @@ fn progress_bar(steps: u64, step_s: f64) -> ProgressBar {
 fn json(
     drive: &Drive,
     header: &Header,
-    report: &crate::assemble::AssemblyReport,
+    report: Option<&AssemblyReport>,
     summary: &Summary,
     outputs: &[Output],
     wall_s: f64,
@@ -176,6 +369,15 @@ fn json(
         "frames": summary.frames,
         "wall_s": wall_s,
         "interrupted": summary.ending == Ending::Interrupted,
+        "stopped_at_break": summary.ending == Ending::Hit,
+        "from_s": header.parent.as_ref().map_or(0.0, |p| p.t_s),
+        "impacts": summary.impacts,
+        "hits": summary.hits.iter().map(|h| serde_json::json!({
+            "step": h.step,
+            "t_s": h.t_s,
+            "what": hit_text(h, header),
+            "subject": subject_json(h, header),
+        })).collect::<Vec<_>>(),
         "vector_unit": scratch.isa,
         "state_hash": format!("{:016x}", summary.state_hash),
         "outputs": outputs.iter().map(|o| serde_json::json!({ "path": o.path, "bytes": o.bytes })).collect::<Vec<_>>(),
@@ -199,13 +401,33 @@ fn json(
     })
 }
 
+fn subject_json(hit: &crate::breakpoint::Hit, header: &Header) -> serde_json::Value {
+    use crate::breakpoint::Subject;
+    use crate::recording::frame::Feature;
+    match hit.subject {
+        Subject::Drive => serde_json::Value::Null,
+        Subject::Link(link) => serde_json::json!({ "link": link }),
+        Subject::Joint(joint) => serde_json::json!({ "joint": joint }),
+        Subject::Contact { link, feature, body } => serde_json::json!({
+            "link": link,
+            "feature": Feature::name(feature),
+            "body": header.bodies.get(body as usize).map(|b| b.path.as_str()),
+            "tooth": hit.impact.map(|i| i.tooth),
+        }),
+    }
+}
+
 fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> String {
     let simulated = summary.steps as f64 * header.step_s;
     let e = &summary.energy;
     let mut lines = vec![format!(
         "{}{}: {:.3} ms in {} steps of {:.3} us, {} frames, {:.2} s ({:.2} s per simulated second)",
         header.drive_name,
-        if summary.ending == Ending::Interrupted { " (interrupted)" } else { "" },
+        match summary.ending {
+            Ending::Interrupted => " (interrupted)",
+            Ending::Hit => " (stopped at a breakpoint)",
+            _ => "",
+        },
         simulated * 1e3,
         summary.steps,
         header.step_s * 1e6,
@@ -213,6 +435,21 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> 
         wall_s,
         wall_s / simulated
     )];
+    if let Some(parent) = &header.parent {
+        let branch = if parent.changed { "a branch of" } else { "goes on from" };
+        lines.push(format!(
+            "  {branch} {} at {:.4} ms, state {:016x}",
+            parent.recording,
+            parent.t_s * 1e3,
+            parent.state_hash
+        ));
+    }
+    for hit in summary.hits.iter().take(HITS_PRINTED) {
+        lines.push(format!("  break at {:.4} ms, step {}: {}", hit.t_s * 1e3, hit.step, hit_text(hit, header)));
+    }
+    if summary.hits.len() > HITS_PRINTED {
+        lines.push(format!("  ... and {} more hits", summary.hits.len() - HITS_PRINTED));
+    }
     lines.extend(header.assembly.iter().map(|l| format!("  {}", l.replacen(" = ", ": ", 1))));
     lines.push(format!(
         "  energy: {:.3} J in, {:.3} J out, {:.3} J lost, {:+.3} J stored; error {:+.2e} of the work put in",

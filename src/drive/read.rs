@@ -3,8 +3,8 @@
 
 use super::reader::{Places, Table};
 use super::{
-    ChainSpec, ContactSpec, Drive, GuideSpec, JointSpec, OuterSpec, PreloadSpec, RingForm, RunSpec, ScatterSpec,
-    SprocketDrive,
+    ChainSpec, ContactSpec, Drive, Effects, GapError, GuideSpec, JointSpec, OuterSpec, PitchError, PreloadSpec,
+    RingForm, RunSpec, ScatterSpec, SprocketDrive,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::chain::abutment::AbutmentChain;
@@ -45,6 +45,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let (sprockets, names) = read_sprockets(root);
     let guides = read_guides(root, &names);
     let preload = read_preload(&root.table("preload"), &names);
+    let effects = read_effects(&root.table("effects"), &names);
     let run_table = root.table("run");
     let run = RunSpec {
         step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
@@ -70,9 +71,36 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         sprockets,
         guides,
         preload,
+        effects,
         run,
         places,
     }
+}
+
+fn read_effects(t: &Table<'_>, sprockets: &[String]) -> Effects {
+    let (gap_table, pitch_table) = (t.table("gap_error"), t.table("pitch_error"));
+    let mut effects = Effects::default();
+    for (name, t) in gap_table.tables() {
+        let gap = t.required_integer("gap", 0..=1000) as u32;
+        let outward_m = t.required("outward_um", UM, -500.0..=500.0);
+        match sprockets.iter().position(|s| *s == name) {
+            Some(sprocket) => effects.gap_errors.push(GapError { sprocket, gap, outward_m }),
+            None => {
+                t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))))
+            }
+        }
+        t.finish();
+    }
+    for (name, t) in pitch_table.tables() {
+        let link = t.required_integer("link", 0..=100_000) as usize;
+        let length_m = t.required("length_um", UM, -500.0..=500.0);
+        effects.pitch_errors.push(PitchError { name, link, length_m });
+        t.finish();
+    }
+    gap_table.finish();
+    pitch_table.finish();
+    t.finish();
+    effects
 }
 
 /// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.

@@ -46,6 +46,8 @@ pub struct ToothedBody {
     /// Directions of the gap axes in the sprocket's frame.
     pub seat_cos: Vec<f64>,
     pub seat_sin: Vec<f64>,
+    /// How far each gap stands further out [m].
+    pub seat_shift: Vec<f64>,
     pub law: ContactLaw,
     pub friction: f64,
     pub stick_speed_m_s: f64,
@@ -69,6 +71,7 @@ impl ToothedBody {
             half_gap_tan: 0.0,
             seat_cos: Vec::new(),
             seat_sin: Vec::new(),
+            seat_shift: Vec::new(),
             law,
             friction,
             stick_speed_m_s,
@@ -101,6 +104,7 @@ impl ToothedBody {
             half_gap_tan: sin_half / cos_half,
             seat_cos,
             seat_sin,
+            seat_shift: (0..s.spec.teeth).map(|k| s.gap_shift_m(k)).collect(),
             law,
             friction,
             stick_speed_m_s,
@@ -137,6 +141,8 @@ pub struct Lanes {
     /// Direction of the gap axis in the sprocket's frame.
     pub seat_cos: Column,
     pub seat_sin: Column,
+    /// How far that gap stands further out [m].
+    pub seat_shift: Column,
     /// Memory of the contact: mean forces of the last step, age, approach speed.
     pub normal_force: Column,
     pub tangential_force: Column,
@@ -214,7 +220,7 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
     for i in 0..LANES {
         let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
         let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
-        let radial = lanes.x[i] * gx + lanes.y[i] * gy;
+        let radial = lanes.x[i] * gx + lanes.y[i] * gy - lanes.seat_shift[i];
         let lateral = gx * lanes.y[i] - gy * lanes.x[i];
         let side = if lateral < 0.0 { -1.0 } else { 1.0 };
         let u = lateral * side;

@@ -75,6 +75,8 @@ pub struct Sprocket {
     pub seat_pressure_angle_rad: f64,
     /// Smallest gap between flank and the bush while its link swings in or out [m]; negative: undercut needed.
     pub articulation_clearance_m: f64,
+    /// A gap that stands further out than the others (damage, a chip, an error of manufacture), and by how much [m].
+    pub shifted_gap: Option<(u32, f64)>,
 }
 
 /// Why no tooth can be made, each with the number that would do.
@@ -213,6 +215,7 @@ impl Sprocket {
             tip_land_m: flank.tip_land_m(tip_radius_m, half_pitch_angle),
             seat_pressure_angle_rad: 0.5 * PI - 0.5 * seat_angle_rad - half_pitch_angle,
             articulation_clearance_m: 0.0,
+            shifted_gap: None,
         };
         sprocket.articulation_clearance_m = sprocket.swing_clearance_m();
         if sprocket.articulation_clearance_m < -SWING_TOLERANCE_M {
@@ -238,6 +241,11 @@ impl Sprocket {
         }
         self.articulation_clearance_m = self.swing_clearance_m();
         Ok(self)
+    }
+
+    /// How far gap `tooth` stands further out than the others [m].
+    pub fn gap_shift_m(&self, tooth: u32) -> f64 {
+        self.shifted_gap.filter(|(gap, _)| *gap == tooth).map_or(0.0, |(_, outward_m)| outward_m)
     }
 
     /// Angle between two gaps [rad].

@@ -66,6 +66,11 @@ struct Pair<'a> {
 }
 
 impl Camera {
+    /// For frames whose ledger was opened with these energies.
+    pub fn since(origin: Option<Energy>) -> Camera {
+        Camera { origin }
+    }
+
     /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
     pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
         let n = state.n_links;
@@ -97,6 +102,15 @@ impl Camera {
             energy: since(&total, &origin),
         }
     }
+}
+
+/// All energies at `state`: where a ledger begins that is opened there.
+pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
+    let mut scratch = Scratch::new(model);
+    crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
+    let (links, speeds) = (links_at(model, state, &scratch), speeds_at(model, state, &scratch));
+    let rows = rows_at(model, state, &scratch, &links, &speeds);
+    Ok(ledger(model, state, &scratch, &links, &speeds, &rows))
 }
 
 /// The contacts alone, for looking at every step.
@@ -391,7 +405,9 @@ fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds
     e.lost_pin_friction_j = state.lost_pin_friction[..n].iter().sum::<f64>() + 0.5 * h * pin_friction;
     let (bushes, ends) = scratch.memories();
     // Totals before and after this step: at the node in its middle, their mean.
-    let lost = |past: &[f64], now: &[f64]| 0.5 * (past.iter().sum::<f64>() + now.iter().sum::<f64>());
+    // Behind the last link a ghost of the first stands in the padding: what that loses is nobody's.
+    let own = |column: &[f64]| column[..n.min(column.len())].iter().sum::<f64>();
+    let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
     e.lost_contact_damping_j = lost(&state.bushes.lost_damping, &bushes.lost_damping);
     e.lost_contact_friction_j = lost(&state.bushes.lost_friction, &bushes.lost_friction);
     for (past, now) in state.guide_ends.iter().zip(ends) {
@@ -449,6 +465,17 @@ impl Energy {
 
 /// The header of a run.
 pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_frame: u64) -> Header {
+    header_of(drive, model, report.static_mean_tension_n, report.lines(), steps_per_frame)
+}
+
+/// As [`header`], for a run that goes on from a recorded State.
+pub fn header_of(
+    drive: &Drive,
+    model: &Model,
+    static_tension_n: f64,
+    assembly: Vec<String>,
+    steps_per_frame: u64,
+) -> Header {
     let n = model.chain.n_links;
     let rows = model.rows.len();
     let mut bodies: Vec<BodyInfo> = model
@@ -501,8 +528,10 @@ pub fn header(drive: &Drive, model: &Model, report: &AssemblyReport, steps_per_f
             })
             .collect(),
         chain_speed_m_s: model.chain_speed_m_s,
-        static_tension_n: report.static_mean_tension_n,
-        assembly: report.lines(),
+        static_tension_n,
+        assembly,
+        parent: None,
+        ledger_origin: None,
     }
 }
 

@@ -52,6 +52,30 @@ pub struct Header {
     /// How the drive was assembled, as `key = value unit` lines.
     #[prost(string, repeated, tag = "14")]
     pub assembly: Vec<String>,
+    /// The recording that this one goes on from, or was cut out of.
+    #[prost(message, optional, tag = "15")]
+    pub parent: Option<Parent>,
+    /// All energies when the ledger was opened; frames count losses and work from there.
+    #[prost(message, optional, tag = "16")]
+    pub ledger_origin: Option<Energy>,
+}
+
+/// Where a recording begins that did not begin with an assembled drive.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Parent {
+    /// File name of the recording it comes from.
+    #[prost(string, tag = "1")]
+    pub recording: String,
+    /// Its State where this one begins, before anything was changed.
+    #[prost(uint64, tag = "2")]
+    pub step: u64,
+    #[prost(double, tag = "3")]
+    pub t_s: f64,
+    #[prost(fixed64, tag = "4")]
+    pub state_hash: u64,
+    /// True: values of the drive were changed there; a branch of its own.
+    #[prost(bool, tag = "5")]
+    pub changed: bool,
 }
 
 /// One link: its row and rigid-body data.
@@ -368,6 +392,55 @@ pub struct Event {
     pub value: f64,
 }
 
+/// A part of a link meets a body after it was free of it for two tooth periods; see [`crate::impacts`] for the definitions.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub struct Impact {
+    #[prost(uint32, tag = "1")]
+    pub link: u32,
+    /// What of the link touches: see [`Feature`].
+    #[prost(uint32, tag = "2")]
+    pub feature: u32,
+    /// Index into [`Header::bodies`].
+    #[prost(uint32, tag = "3")]
+    pub body: u32,
+    /// Tooth gap of a sprocket, as in [`Contacts`].
+    #[prost(uint32, tag = "4")]
+    pub tooth: u32,
+    /// Element of the body: see [`Segment`].
+    #[prost(uint32, tag = "5")]
+    pub segment: u32,
+    /// Step of the first touch, and its time [s].
+    #[prost(uint64, tag = "6")]
+    pub step: u64,
+    #[prost(double, tag = "7")]
+    pub t_s: f64,
+    /// Closing speed along the normal there [m/s].
+    #[prost(double, tag = "8")]
+    pub approach_speed_m_s: f64,
+    /// Largest normal force within the first two tooth periods [N], and its time after the first touch [s].
+    #[prost(double, tag = "9")]
+    pub peak_force_n: f64,
+    #[prost(double, tag = "10")]
+    pub peak_after_s: f64,
+    /// Integral of the normal force from the first touch until it has fallen to half its peak again, or the two part [N s].
+    #[prost(double, tag = "11")]
+    pub impulse_n_s: f64,
+    /// From a tenth to nine tenths of the peak [s].
+    #[prost(double, tag = "12")]
+    pub rise_time_s: f64,
+    /// Mean normal force over the second tooth period [N].
+    #[prost(double, tag = "13")]
+    pub second_period_mean_n: f64,
+    /// Place of the first touch on the body [m].
+    #[prost(double, tag = "14")]
+    pub x_m: f64,
+    #[prost(double, tag = "15")]
+    pub y_m: f64,
+    /// How long it was watched [s]: less than two tooth periods where the recording ends.
+    #[prost(double, tag = "16")]
+    pub watched_s: f64,
+}
+
 /// What of a link touches something (`Contacts::feature`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
@@ -421,6 +494,24 @@ pub enum Segment {
     GuideLeadOut = 7,
     /// Ring of an abutment chain's sprocket.
     Ring = 8,
+}
+
+impl Segment {
+    /// In words, of a `Contacts::segment`.
+    pub fn name(segment: u32) -> &'static str {
+        const NAMES: [&str; 9] = [
+            "seat",
+            "clockwise flank",
+            "counterclockwise flank",
+            "tip corner",
+            "tip land",
+            "guide face",
+            "guide lead-in",
+            "guide lead-out",
+            "ring",
+        ];
+        NAMES.get(segment as usize).copied().unwrap_or("unknown part")
+    }
 }
 
 /// A few scalars per frame, for plot panels.

@@ -6,12 +6,14 @@
 //! /pitchline/frame     Frame, every frame    /scene     foxglove.SceneUpdate: outlines once, force arrows at the picture rate
 //! /pitchline/signals   Signals, every frame  /events    foxglove.Log
 //! /pitchline/keyframe  Keyframe              /pitchline/event  Event
+//! /pitchline/impact    Impact, two tooth periods after the touch that it tells of
 //! ```
 //! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole, so that a killed run leaves a file that is complete
 //! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file.
 
 use super::foxglove_scene as scene;
-use super::frame::{Event, Frame, Header, Keyframe, Signals};
+use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
+use super::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::Context;
 use mcap::records::{MessageHeader, Metadata};
@@ -33,7 +35,7 @@ pub const FRAMES_PER_CHUNK: u64 = 128;
 const FAST_LEVEL: i32 = -3;
 
 /// Topics in the order in which they are registered.
-pub const TOPICS: [(&str, &str); 8] = [
+pub const TOPICS: [(&str, &str); 9] = [
     ("/pitchline/header", "pitchline.Header"),
     ("/pitchline/frame", "pitchline.Frame"),
     ("/pitchline/signals", "pitchline.Signals"),
@@ -42,6 +44,7 @@ pub const TOPICS: [(&str, &str); 8] = [
     ("/tf", "foxglove.FrameTransforms"),
     ("/scene", "foxglove.SceneUpdate"),
     ("/events", "foxglove.Log"),
+    ("/pitchline/impact", "pitchline.Impact"),
 ];
 const HEADER: usize = 0;
 const FRAME: usize = 1;
@@ -51,6 +54,7 @@ const EVENT: usize = 4;
 const TRANSFORMS: usize = 5;
 const SCENE: usize = 6;
 const LOG: usize = 7;
+const IMPACT: usize = 8;
 
 /// Writes an MCAP file.
 pub struct McapSink {
@@ -197,6 +201,10 @@ impl Sink for McapSink {
         })
     }
 
+    fn impact(&mut self, impact: &Impact) -> anyhow::Result<()> {
+        self.guarded(|sink| sink.write(IMPACT, nanoseconds(impact.t_s), impact))
+    }
+
     fn finish(&mut self) -> anyhow::Result<u64> {
         self.guarded(|sink| match &mut sink.writer {
             Some(writer) => writer.finish().map(|_| ()),
@@ -223,54 +231,33 @@ impl Drop for McapSink {
     }
 }
 
-/// A recording read back.
+/// A recording read back as a whole.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
     pub header: Header,
     pub frames: Vec<Frame>,
     pub keyframes: Vec<Keyframe>,
     pub events: Vec<Event>,
+    pub impacts: Vec<Impact>,
     /// True when the file ends as a finished recording does.
     pub complete: bool,
 }
 
-/// Reads a recording, also one that was cut off: then `complete` is false and the frames go up to the last whole chunk.
+/// Reads a whole recording, also one that was cut off: then `complete` is false and the frames go up to the last whole chunk.
 pub fn read(path: &Path) -> anyhow::Result<Recording> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let named = |what: &str| format!("{}: {what}", path.display());
-    let mut recording = Recording { complete: bytes.ends_with(mcap::MAGIC), ..Recording::default() };
-    let options = mcap::read::Options::IgnoreEndMagic | mcap::read::Options::ValidateChunkCrcs;
-    let stream = mcap::MessageStream::new_with_options(&bytes, options).with_context(|| named("is no MCAP file"))?;
-    let mut has_header = false;
-    for message in stream {
-        let message = match message {
-            Ok(message) => message,
-            // The end of a file that was cut off: what came before is whole.
-            Err(_) if !recording.complete && has_header => break,
-            Err(e) => return Err(e).with_context(|| named("is damaged")),
-        };
-        let topic = message.channel.topic.as_str();
-        let data = message.data.as_ref();
-        let damaged = || named(&format!("a message of {topic} cannot be read"));
-        match topic {
-            "/pitchline/header" => {
-                recording.header = Header::decode(data).with_context(damaged)?;
-                let version = recording.header.format_version;
-                anyhow::ensure!(
-                    version <= super::frame::FORMAT_VERSION,
-                    "{}: recorded by {} in format {version}; this program reads up to {}: use a newer one",
-                    path.display(),
-                    recording.header.program,
-                    super::frame::FORMAT_VERSION
-                );
-                has_header = true;
-            }
-            "/pitchline/frame" => recording.frames.push(Frame::decode(data).with_context(damaged)?),
-            "/pitchline/keyframe" => recording.keyframes.push(Keyframe::decode(data).with_context(damaged)?),
-            "/pitchline/event" => recording.events.push(Event::decode(data).with_context(damaged)?),
-            _ => {}
+    let mut reader = Reader::open(path)?;
+    let mut recording =
+        Recording { header: reader.header().clone(), complete: reader.complete(), ..Recording::default() };
+    let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
+    reader.each(wanted, WHOLE, |entry| {
+        match entry {
+            Entry::Frame(frame) => recording.frames.push(*frame),
+            Entry::Head(_) => {}
+            Entry::Keyframe(keyframe) => recording.keyframes.push(*keyframe),
+            Entry::Event(event) => recording.events.push(event),
+            Entry::Impact(impact) => recording.impacts.push(impact),
         }
-    }
-    anyhow::ensure!(has_header, "{}", named("holds no pitchline recording"));
+        Ok(Flow::On)
+    })?;
     Ok(recording)
 }

@@ -6,11 +6,12 @@ pub mod channels;
 pub mod foxglove_scene;
 pub mod frame;
 pub mod mcap;
+pub mod reader;
 #[cfg(feature = "rerun")]
 pub mod rerun;
 pub mod view_geometry;
 
-use frame::{Event, Frame, Header, Keyframe};
+use frame::{Event, Frame, Header, Impact, Keyframe};
 use std::path::{Path, PathBuf};
 
 /// A place where a recording goes. Calls come in order of time; `finish` comes last and once.
@@ -18,6 +19,8 @@ pub trait Sink {
     fn frame(&mut self, frame: &Frame) -> anyhow::Result<()>;
     fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()>;
     fn event(&mut self, event: &Event) -> anyhow::Result<()>;
+    /// Comes when its two tooth periods are over; its time is that of the touch.
+    fn impact(&mut self, impact: &Impact) -> anyhow::Result<()>;
     /// Writes what is buffered and closes the file; returns its size [bytes].
     fn finish(&mut self) -> anyhow::Result<u64>;
     fn path(&self) -> &Path;

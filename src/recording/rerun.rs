@@ -9,7 +9,7 @@ mod scene;
 mod table;
 mod writer;
 
-use super::frame::{BodyInfo, Event, Frame, Header, Keyframe, Links};
+use super::frame::{BodyInfo, Event, Frame, Header, Impact, Keyframe, Links};
 use super::view_geometry::scene_bounds;
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::{Context, Result};
@@ -171,6 +171,11 @@ impl Sink for RerunSink {
         self.events.f64(4).push(*value);
         self.events.end_row(1);
         self.send_blocks(false)
+    }
+
+    /// The event of its first touch is in the log already.
+    fn impact(&mut self, _impact: &Impact) -> Result<()> {
+        Ok(())
     }
 
     fn finish(&mut self) -> Result<u64> {

@@ -40,6 +40,9 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                         let mut off = OffJoint::default();
                         off.alpha.copy_from_slice(&state.links.alpha[at..at + LANES]);
                         place(&touches, lanes, &mut off);
+                        for (tooth, touch) in scratch.contour_tooth[set][at..].iter_mut().zip(&touches) {
+                            *tooth = touch.map_or(*tooth, |t| t.tooth);
+                        }
                         recall(&state.contour_ends[set], at, lanes);
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
                         tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
@@ -114,6 +117,7 @@ fn keep(model: &Model, state: &State, scratch: &mut Scratch, k: usize, set: usiz
             memory.lost_damping[link] = past.lost_damping[link] + lanes.lost_damping[i];
             memory.lost_friction[link] = past.lost_friction[link] + lanes.lost_friction[i];
             scratch.contour_rate[set][link] = lanes.rate[i];
+            scratch.contour_depth[set][link] = lanes.penetration[i];
         }
     }
 }

@@ -44,6 +44,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
                 for i in 0..LANES {
                     if !shared || scratch.nearest_guide[body.side][at + i] == k {
                         scratch.guide_rate[set][at + i] = lanes.rate[i];
+                        scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
                 }
                 if shared {

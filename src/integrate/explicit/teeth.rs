@@ -12,7 +12,7 @@ struct BushColumns<'a> {
     on_front: &'a [f64],
     front: [&'a [f64]; 10],
     rear: [&'a [f64]; 10],
-    constants: [&'a [f64]; 5],
+    constants: [&'a [f64]; 6],
     memory: [&'a [f64]; 4],
 }
 
@@ -61,6 +61,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
             for i in 0..LANES {
                 if !shared || scratch.nearest_sprocket[at + i] == k {
                     scratch.bush_rate[at + i] = lanes.rate[i];
+                    scratch.bush_depth[at + i] = lanes.penetration[i];
                 }
             }
             if shared {
@@ -120,6 +121,7 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
             &c.bush_inverse_inertia[..n],
             &s.seat_cos[k][..n],
             &s.seat_sin[k][..n],
+            &s.seat_shift[k][..n],
         ],
         memory: [&m.normal_force[..n], &m.tangential_force[..n], &m.age[..n], &m.approach[..n]],
     }
@@ -169,6 +171,7 @@ fn load_bushes(c: &BushColumns<'_>, n: usize, at: usize, centre: Vec2, lanes: &m
     lanes.inverse_inertia = take(c.constants[2], at);
     lanes.seat_cos = take(c.constants[3], at);
     lanes.seat_sin = take(c.constants[4], at);
+    lanes.seat_shift = take(c.constants[5], at);
     lanes.normal_force = take(c.memory[0], at);
     lanes.tangential_force = take(c.memory[1], at);
     lanes.age = take(c.memory[2], at);
@@ -190,11 +193,15 @@ fn chosen(on_front: Column, front: Column, rear: Column) -> Column {
 #[inline(never)]
 fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
     let body = &model.sprockets[k].body;
+    scratch.reseats += 1;
     for i in 0..LANES {
         let j = at + i;
         let seat = seat_of(model, k, turning.cos, turning.sin, lanes.x[i], lanes.y[i]);
         scratch.seat_cos[k][j] = body.seat_cos[seat];
         scratch.seat_sin[k][j] = body.seat_sin[seat];
+        scratch.seat_shift[k][j] = body.seat_shift[seat];
+        scratch.seat_index[k][j] = seat as u32;
+        lanes.seat_shift[i] = scratch.seat_shift[k][j];
         lanes.seat_cos[i] = scratch.seat_cos[k][j];
         lanes.seat_sin[i] = scratch.seat_sin[k][j];
     }

@@ -37,6 +37,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
             scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
             scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
+            scratch.seat_shift[k][j] = sprocket.body.seat_shift[seat];
+            scratch.seat_index[k][j] = seat as u32;
         }
         scratch.tooth_windows[k] = windows;
     }

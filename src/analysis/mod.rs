@@ -1,0 +1,3 @@
+//! What recordings tell: plain results from Headers, Frames and Impacts.
+
+pub mod suspects;

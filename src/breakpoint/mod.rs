@@ -1,0 +1,419 @@
+//! Breakpoints: expressions over the quantities of a frame and the impacts of a step, looked at in every step.
+//!
+//! A hit is a contact (a link, or a joint) that fulfils the expression and did not in the step before; an impact that fulfils
+//! it; or, where the expression asks about neither, the step in which it becomes true. Whether it is true is decided as it
+//! would be from a frame of that step. Taking a frame costs more than a step does, so columns that the step has computed
+//! anyway are looked at first: they differ from a frame's by rounding only, and a frame is taken where they lie within
+//! [`SLACK`] of the bound, and for quantities that no step computes.
+
+pub mod parse;
+pub mod quantities;
+pub mod scratch;
+
+use crate::diag::Report;
+use crate::recording::frame::{Frame, Impact};
+use quantities::{Quantity, Scope, What};
+
+/// Relative difference below which a comparison from a step's own columns is not trusted.
+const SLACK: f64 = 1e-7;
+
+/// What a drive calls its bodies, and how many links it has.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Names {
+    /// Paths as in the header of a recording: sprockets first.
+    pub bodies: Vec<String>,
+    pub sprockets: usize,
+    pub links: usize,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Expr {
+    Any(Vec<Expr>),
+    All(Vec<Expr>),
+    Not(Box<Expr>),
+    Compare(Compare),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Compare {
+    Numbers {
+        left: Number,
+        operator: Operator,
+        right: Number,
+    },
+    /// Whether the body, feature or segment is one of a set, or none.
+    Name {
+        quantity: &'static Quantity,
+        set: Vec<u32>,
+        member: bool,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// In SI.
+    Constant(f64),
+    Quantity {
+        quantity: &'static Quantity,
+        /// Of a link, joint or sprocket.
+        index: Option<usize>,
+        absolute: bool,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operator {
+    Above,
+    AtLeast,
+    Below,
+    AtMost,
+    Equal,
+    Unequal,
+}
+
+/// What `contact`, `impact`, `link` and `joint` without an index stand for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bound<'a> {
+    /// Row of the contacts, or lane of a part.
+    pub contact: Option<usize>,
+    pub impact: Option<&'a Impact>,
+    pub link: Option<usize>,
+    pub joint: Option<usize>,
+}
+
+/// What fulfils an expression.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Subject {
+    Drive,
+    Contact { link: u32, feature: u32, body: u32 },
+    Link(u32),
+    Joint(u32),
+}
+
+/// A place where the run stops.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hit {
+    pub step: u64,
+    pub t_s: f64,
+    pub subject: Subject,
+    /// Of an impact.
+    pub impact: Option<Impact>,
+}
+
+/// Where values come from. None: not known here.
+pub trait Values {
+    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64>;
+    fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32>;
+    /// Relative uncertainty of the numbers.
+    fn slack(&self) -> f64;
+}
+
+/// A checked expression.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Breakpoint {
+    pub text: String,
+    pub expr: Expr,
+    pub uses: Uses,
+}
+
+/// What an expression asks about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Uses {
+    pub contact: bool,
+    pub impact: bool,
+    /// Peak, rise time or impulse: known two tooth periods after the touch.
+    pub impact_over: bool,
+    /// Link or joint without an index.
+    pub any_link: bool,
+    pub any_joint: bool,
+    /// Anything but impacts.
+    pub frame: bool,
+    /// Anything that changes while the same parts touch the same teeth.
+    pub varying: bool,
+}
+
+impl Breakpoint {
+    /// Reads and checks an expression.
+    pub fn parse(text: &str, names: &Names) -> Result<Breakpoint, Report> {
+        let expr = parse::parse(text, names)?;
+        let mut uses = Uses::default();
+        note(&expr, &mut uses);
+        Ok(Breakpoint { text: text.to_string(), expr, uses })
+    }
+
+    /// Everything in a frame that fulfils the expression, sorted. Expressions about impacts: see [`Breakpoint::impact_holds`].
+    pub fn holding(&self, frame: &Frame) -> Vec<Subject> {
+        let mut found = Vec::new();
+        let c = &frame.contacts;
+        if self.uses.contact {
+            for row in 0..c.link.len() {
+                let bound = Bound { contact: Some(row), link: Some(c.link[row] as usize), ..Bound::default() };
+                if self.holds_for(frame, bound) {
+                    found.push(Subject::Contact { link: c.link[row], feature: c.feature[row], body: c.body[row] });
+                }
+            }
+        } else if self.uses.any_link {
+            let links = (0..frame.links.x_m.len())
+                .filter(|i| self.holds_for(frame, Bound { link: Some(*i), ..Bound::default() }));
+            found.extend(links.map(|i| Subject::Link(i as u32)));
+        } else if self.uses.any_joint {
+            let joints = (0..frame.joints.force_x_n.len())
+                .filter(|j| truth(&self.expr, frame, &Bound { joint: Some(*j), ..Bound::default() }) == Some(true));
+            found.extend(joints.map(|j| Subject::Joint(j as u32)));
+        } else if truth(&self.expr, frame, &Bound::default()) == Some(true) {
+            found.push(Subject::Drive);
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// For some joint, where the expression asks about any.
+    fn holds_for(&self, frame: &Frame, bound: Bound<'_>) -> bool {
+        if !self.uses.any_joint {
+            return truth(&self.expr, frame, &bound) == Some(true);
+        }
+        (0..frame.joints.force_x_n.len())
+            .any(|j| truth(&self.expr, frame, &Bound { joint: Some(j), ..bound }) == Some(true))
+    }
+
+    /// Whether an impact fulfils the expression, in the frame of a step.
+    pub fn impact_holds(&self, impact: &Impact, frame: &Frame) -> bool {
+        self.holds_for(frame, Bound { impact: Some(impact), link: Some(impact.link as usize), ..Bound::default() })
+    }
+}
+
+fn note(expr: &Expr, uses: &mut Uses) {
+    let mut quantity = |q: &Quantity, index: Option<usize>| match q.scope {
+        Scope::Contact => {
+            (uses.contact, uses.frame) = (true, true);
+            uses.varying |= !matches!(q.what, What::Link | What::Tooth | What::Body | What::Feature);
+        }
+        Scope::Impact => {
+            uses.impact = true;
+            uses.impact_over |= matches!(q.what, What::PeakForce | What::RiseTime | What::Impulse);
+        }
+        Scope::Link => {
+            uses.any_link |= index.is_none();
+            (uses.frame, uses.varying) = (true, true);
+        }
+        Scope::Joint => {
+            uses.any_joint |= index.is_none();
+            (uses.frame, uses.varying) = (true, true);
+        }
+        Scope::Sprocket | Scope::Energy | Scope::Run => (uses.frame, uses.varying) = (true, true),
+    };
+    match expr {
+        Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
+        Expr::Not(inner) => note(inner, uses),
+        Expr::Compare(Compare::Name { quantity: q, .. }) => quantity(q, None),
+        Expr::Compare(Compare::Numbers { left, right, .. }) => {
+            for number in [left, right] {
+                if let Number::Quantity { quantity: q, index, .. } = number {
+                    quantity(q, *index);
+                }
+            }
+        }
+    }
+}
+
+/// Whether an expression is true; None where the values leave it open.
+pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<bool> {
+    match expr {
+        Expr::Not(inner) => truth(inner, values, bound).map(|t| !t),
+        Expr::All(parts) => {
+            let mut all = Some(true);
+            for part in parts {
+                match truth(part, values, bound) {
+                    Some(false) => return Some(false),
+                    Some(true) => {}
+                    None => all = None,
+                }
+            }
+            all
+        }
+        Expr::Any(parts) => {
+            let mut any = Some(false);
+            for part in parts {
+                match truth(part, values, bound) {
+                    Some(true) => return Some(true),
+                    Some(false) => {}
+                    None => any = None,
+                }
+            }
+            any
+        }
+        Expr::Compare(Compare::Name { quantity, set, member }) => {
+            values.name(quantity.what, bound).map(|name| set.contains(&name) == *member)
+        }
+        Expr::Compare(Compare::Numbers { left, operator, right }) => {
+            let (a, b) = (number(left, values, bound)?, number(right, values, bound)?);
+            let exact = [left, right].iter().all(|n| is_exact(n));
+            let slack = if exact { 0.0 } else { values.slack() * (a.abs() + b.abs()) };
+            if slack > 0.0 && (a - b).abs() <= slack {
+                return None;
+            }
+            Some(operator.holds(a, b))
+        }
+    }
+}
+
+/// Indices, and numbers that both ways to a value give to the bit.
+fn is_exact(number: &Number) -> bool {
+    match number {
+        Number::Constant(_) => true,
+        Number::Quantity { quantity, .. } => {
+            matches!(quantity.what, What::Link | What::Tooth | What::Step | What::Time | What::CrankAngle)
+        }
+    }
+}
+
+fn number(number: &Number, values: &impl Values, bound: &Bound<'_>) -> Option<f64> {
+    match number {
+        Number::Constant(value) => Some(*value),
+        Number::Quantity { quantity, index, absolute } => {
+            let value = values.number(quantity, *index, bound)?;
+            Some(if *absolute { value.abs() } else { value })
+        }
+    }
+}
+
+impl Operator {
+    pub fn holds(self, a: f64, b: f64) -> bool {
+        match self {
+            Operator::Above => a > b,
+            Operator::AtLeast => a >= b,
+            Operator::Below => a < b,
+            Operator::AtMost => a <= b,
+            Operator::Equal => a == b,
+            Operator::Unequal => a != b,
+        }
+    }
+}
+
+/// Values of impacts: the same wherever the others come from.
+fn impact_number(what: What, impact: &Impact) -> f64 {
+    match what {
+        What::ApproachSpeed => impact.approach_speed_m_s,
+        What::PeakForce => impact.peak_force_n,
+        What::RiseTime => impact.rise_time_s,
+        What::Impulse => impact.impulse_n_s,
+        What::Link => f64::from(impact.link),
+        What::Tooth => f64::from(impact.tooth),
+        _ => f64::NAN,
+    }
+}
+
+fn impact_name(what: What, impact: &Impact) -> Option<u32> {
+    match what {
+        What::Body => Some(impact.body),
+        What::Feature => Some(impact.feature),
+        What::Segment => Some(impact.segment),
+        _ => None,
+    }
+}
+
+impl Values for Frame {
+    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64> {
+        match quantity.scope {
+            Scope::Contact => contact_number(self, quantity.what, bound.contact?),
+            Scope::Impact => bound.impact.map(|impact| impact_number(quantity.what, impact)),
+            Scope::Link => link_number(self, quantity.what, index.or(bound.link)?),
+            Scope::Joint => {
+                let (j, joints) = (index.or(bound.joint)?, &self.joints);
+                match quantity.what {
+                    What::Force => Some(libm::hypot(*joints.force_x_n.get(j)?, *joints.force_y_n.get(j)?)),
+                    _ => joints.friction_torque_nm.get(j).copied(),
+                }
+            }
+            Scope::Sprocket => {
+                let (k, r) = (index?, &self.rotors);
+                let column = match quantity.what {
+                    What::Speed => &r.speed_rad_s,
+                    What::Angle => &r.angle_rad,
+                    What::Torque => &r.chain_torque_nm,
+                    _ => &r.outer_torque_nm,
+                };
+                column.get(k).copied()
+            }
+            Scope::Energy => {
+                let e = &self.energy;
+                Some(match quantity.what {
+                    // Nothing put in yet: nothing to be a share of.
+                    What::Error if e.work_in_j == 0.0 => 0.0,
+                    What::Error => e.error_j / e.work_in_j.abs(),
+                    What::ErrorJ => e.error_j,
+                    What::Kinetic => e.kinetic_j,
+                    What::Elastic => e.elastic_joint_j + e.elastic_contact_j,
+                    What::WorkIn => e.work_in_j,
+                    What::WorkOut => e.work_out_j,
+                    _ => e.lost_j(),
+                })
+            }
+            Scope::Run => Some(match quantity.what {
+                What::Time => self.t_s,
+                What::Step => self.step as f64,
+                _ => self.crank_angle_rad,
+            }),
+        }
+    }
+
+    fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32> {
+        if let Some(impact) = bound.impact {
+            return impact_name(what, impact);
+        }
+        let (c, row) = (&self.contacts, bound.contact?);
+        match what {
+            What::Body => c.body.get(row).copied(),
+            What::Feature => c.feature.get(row).copied(),
+            What::Segment => c.segment.get(row).copied(),
+            _ => None,
+        }
+    }
+
+    fn slack(&self) -> f64 {
+        0.0
+    }
+}
+
+fn contact_number(frame: &Frame, what: What, row: usize) -> Option<f64> {
+    let c = &frame.contacts;
+    let column = match what {
+        What::Penetration => &c.penetration_m,
+        What::NormalForce => &c.normal_force_n,
+        What::TangentialForce => &c.tangential_force_n,
+        What::ApproachSpeed => &c.approach_speed_m_s,
+        What::NormalSpeed => &c.normal_speed_m_s,
+        What::TangentialSpeed => &c.tangential_speed_m_s,
+        What::Age => &c.age_s,
+        What::Stick => return c.stick.get(row).map(|s| f64::from(u8::from(*s))),
+        What::Link => return c.link.get(row).map(|l| f64::from(*l)),
+        What::Tooth => return c.tooth.get(row).map(|t| f64::from(*t)),
+        _ => return None,
+    };
+    column.get(row).copied()
+}
+
+fn link_number(frame: &Frame, what: What, i: usize) -> Option<f64> {
+    let l = &frame.links;
+    match what {
+        What::Tension => {
+            let (s, c) = libm::sincos(*l.angle_rad.get(i)?);
+            let j = &frame.joints;
+            let rear = (i + j.force_x_n.len() - 1) % j.force_x_n.len();
+            // The link feels the opposite of the force in its front joint.
+            let front_pull = j.force_x_n[i] * c + j.force_y_n[i] * s;
+            let rear_pull = j.force_x_n[rear] * c + j.force_y_n[rear] * s;
+            Some(-0.5 * (front_pull + rear_pull))
+        }
+        What::Speed => Some(libm::hypot(*l.vx_m_s.get(i)?, *l.vy_m_s.get(i)?)),
+        What::VelocityX => l.vx_m_s.get(i).copied(),
+        What::VelocityY => l.vy_m_s.get(i).copied(),
+        What::Omega => l.omega_rad_s.get(i).copied(),
+        What::X => l.x_m.get(i).copied(),
+        What::Y => l.y_m.get(i).copied(),
+        What::Angle => l.angle_rad.get(i).copied(),
+        What::Link => Some(i as f64),
+        _ => None,
+    }
+}

@@ -1,0 +1,210 @@
+//! What a break expression can ask about: one row per quantity, with its dimension and what it is.
+
+/// What kind of number a quantity is, with the units it is written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dimension {
+    Length,
+    Speed,
+    Force,
+    Time,
+    Angle,
+    AngularSpeed,
+    Torque,
+    Energy,
+    Impulse,
+    /// Counts, indices and shares.
+    Number,
+    /// Name of a body, a feature or a segment.
+    Name,
+}
+
+/// Unit, dimension, factor to SI. Longer names come before those that they begin with.
+pub const UNITS: [(&str, Dimension, f64); 28] = [
+    ("mm/s", Dimension::Speed, 1e-3),
+    ("m/s", Dimension::Speed, 1.0),
+    ("rad/s", Dimension::AngularSpeed, 1.0),
+    ("deg/s", Dimension::AngularSpeed, std::f64::consts::PI / 180.0),
+    ("rpm", Dimension::AngularSpeed, std::f64::consts::PI / 30.0),
+    ("mN s", Dimension::Impulse, 1e-3),
+    ("mNs", Dimension::Impulse, 1e-3),
+    ("N s", Dimension::Impulse, 1.0),
+    ("Ns", Dimension::Impulse, 1.0),
+    ("N m", Dimension::Torque, 1.0),
+    ("Nm", Dimension::Torque, 1.0),
+    ("kN", Dimension::Force, 1e3),
+    ("N", Dimension::Force, 1.0),
+    ("rad", Dimension::Angle, 1.0),
+    ("deg", Dimension::Angle, std::f64::consts::PI / 180.0),
+    ("nm", Dimension::Length, 1e-9),
+    ("um", Dimension::Length, 1e-6),
+    ("\u{b5}m", Dimension::Length, 1e-6),
+    ("\u{3bc}m", Dimension::Length, 1e-6),
+    ("mm", Dimension::Length, 1e-3),
+    ("mJ", Dimension::Energy, 1e-3),
+    ("J", Dimension::Energy, 1.0),
+    ("ms", Dimension::Time, 1e-3),
+    ("us", Dimension::Time, 1e-6),
+    ("\u{b5}s", Dimension::Time, 1e-6),
+    ("m", Dimension::Length, 1.0),
+    ("s", Dimension::Time, 1.0),
+    ("%", Dimension::Number, 1e-2),
+];
+
+impl Dimension {
+    /// In words, with an article.
+    pub fn name(self) -> &'static str {
+        match self {
+            Dimension::Length => "a length",
+            Dimension::Speed => "a speed",
+            Dimension::Force => "a force",
+            Dimension::Time => "a time",
+            Dimension::Angle => "an angle",
+            Dimension::AngularSpeed => "an angular speed",
+            Dimension::Torque => "a torque",
+            Dimension::Energy => "an energy",
+            Dimension::Impulse => "an impulse",
+            Dimension::Number => "a number without unit",
+            Dimension::Name => "a name in quotes",
+        }
+    }
+
+    /// Units to write it in.
+    pub fn units(self) -> String {
+        let own = UNITS.iter().filter(|(name, dimension, _)| *dimension == self && name.is_ascii());
+        own.map(|(name, ..)| *name).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// What a quantity belongs to. A quantity of a contact, an impact, a link or a joint without an index means any of them; within
+/// one expression always the same one, and `link` with `contact` or `impact` is the link that touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    Contact,
+    Impact,
+    Link,
+    Joint,
+    Sprocket,
+    Energy,
+    Run,
+}
+
+impl Scope {
+    pub fn name(self) -> &'static str {
+        match self {
+            Scope::Contact => "contact",
+            Scope::Impact => "impact",
+            Scope::Link => "link",
+            Scope::Joint => "joint",
+            Scope::Sprocket => "sprocket",
+            Scope::Energy => "energy",
+            Scope::Run => "",
+        }
+    }
+}
+
+/// Which value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    Penetration,
+    NormalForce,
+    TangentialForce,
+    ApproachSpeed,
+    NormalSpeed,
+    TangentialSpeed,
+    Age,
+    Stick,
+    Link,
+    Tooth,
+    Body,
+    Feature,
+    Segment,
+    PeakForce,
+    RiseTime,
+    Impulse,
+    Tension,
+    Speed,
+    VelocityX,
+    VelocityY,
+    Omega,
+    X,
+    Y,
+    Angle,
+    Force,
+    Torque,
+    OuterTorque,
+    Error,
+    ErrorJ,
+    Kinetic,
+    Elastic,
+    WorkIn,
+    WorkOut,
+    Lost,
+    Time,
+    Step,
+    CrankAngle,
+}
+
+/// A row of the catalogue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantity {
+    pub scope: Scope,
+    pub name: &'static str,
+    pub what: What,
+    pub dimension: Dimension,
+    pub meaning: &'static str,
+}
+
+const fn row(scope: Scope, name: &'static str, what: What, dimension: Dimension, meaning: &'static str) -> Quantity {
+    Quantity { scope, name, what, dimension, meaning }
+}
+
+/// All of them.
+pub const QUANTITIES: [Quantity; 47] = [
+    row(Scope::Contact, "penetration", What::Penetration, Dimension::Length, "depth of overlap along the normal"),
+    row(Scope::Contact, "normal_force", What::NormalForce, Dimension::Force, "force on the link along the normal"),
+    row(Scope::Contact, "tangential_force", What::TangentialForce, Dimension::Force, "friction force on the link"),
+    row(Scope::Contact, "approach_speed", What::ApproachSpeed, Dimension::Speed, "closing speed at first touch"),
+    row(Scope::Contact, "normal_speed", What::NormalSpeed, Dimension::Speed, "rate of penetration"),
+    row(Scope::Contact, "tangential_speed", What::TangentialSpeed, Dimension::Speed, "sliding speed of the link"),
+    row(Scope::Contact, "age", What::Age, Dimension::Time, "time since first touch"),
+    row(Scope::Contact, "stick", What::Stick, Dimension::Number, "1 while friction is below its limit, else 0"),
+    row(Scope::Contact, "link", What::Link, Dimension::Number, "index of the link"),
+    row(Scope::Contact, "tooth", What::Tooth, Dimension::Number, "tooth gap of a sprocket, from its mark"),
+    row(Scope::Contact, "body", What::Body, Dimension::Name, "sprocket or guide that is touched"),
+    row(Scope::Contact, "feature", What::Feature, Dimension::Name, "what of the link touches"),
+    row(Scope::Contact, "segment", What::Segment, Dimension::Name, "which part of the body is touched"),
+    row(Scope::Impact, "approach_speed", What::ApproachSpeed, Dimension::Speed, "closing speed at first touch"),
+    row(Scope::Impact, "peak_force", What::PeakForce, Dimension::Force, "largest force within two tooth periods"),
+    row(Scope::Impact, "rise_time", What::RiseTime, Dimension::Time, "from a tenth to nine tenths of the peak"),
+    row(Scope::Impact, "impulse", What::Impulse, Dimension::Impulse, "until the force has fallen to half its peak"),
+    row(Scope::Impact, "link", What::Link, Dimension::Number, "index of the link"),
+    row(Scope::Impact, "tooth", What::Tooth, Dimension::Number, "tooth gap of a sprocket, from its mark"),
+    row(Scope::Impact, "body", What::Body, Dimension::Name, "sprocket or guide that is touched"),
+    row(Scope::Impact, "feature", What::Feature, Dimension::Name, "what of the link touches"),
+    row(Scope::Impact, "segment", What::Segment, Dimension::Name, "which part of the body is touched"),
+    row(Scope::Link, "tension", What::Tension, Dimension::Force, "pull along the link, mean of both joints"),
+    row(Scope::Link, "speed", What::Speed, Dimension::Speed, "of the centre of mass"),
+    row(Scope::Link, "omega", What::Omega, Dimension::AngularSpeed, "angular velocity"),
+    row(Scope::Link, "x", What::X, Dimension::Length, "centre of mass"),
+    row(Scope::Link, "y", What::Y, Dimension::Length, "centre of mass"),
+    row(Scope::Link, "angle", What::Angle, Dimension::Angle, "heading, rear joint to front joint"),
+    row(Scope::Joint, "force", What::Force, Dimension::Force, "magnitude of the force in the joint"),
+    row(Scope::Joint, "friction_torque", What::Torque, Dimension::Torque, "on the link in front"),
+    row(Scope::Sprocket, "speed", What::Speed, Dimension::AngularSpeed, "angular velocity"),
+    row(Scope::Sprocket, "angle", What::Angle, Dimension::Angle, "turned since step 0, plus that at assembly"),
+    row(Scope::Sprocket, "chain_torque", What::Torque, Dimension::Torque, "of the chain on the sprocket"),
+    row(Scope::Sprocket, "outer_torque", What::OuterTorque, Dimension::Torque, "of drive or load on the sprocket"),
+    row(Scope::Energy, "error", What::Error, Dimension::Number, "what does not add up, as a share of the work put in"),
+    row(Scope::Energy, "error_j", What::ErrorJ, Dimension::Energy, "what does not add up"),
+    row(Scope::Energy, "kinetic", What::Kinetic, Dimension::Energy, "of links and free sprockets"),
+    row(Scope::Energy, "elastic", What::Elastic, Dimension::Energy, "in joints and contacts"),
+    row(Scope::Energy, "work_in", What::WorkIn, Dimension::Energy, "of the drives"),
+    row(Scope::Energy, "work_out", What::WorkOut, Dimension::Energy, "on the loads"),
+    row(Scope::Energy, "lost", What::Lost, Dimension::Energy, "all losses"),
+    row(Scope::Run, "time", What::Time, Dimension::Time, "since the start of the recording"),
+    row(Scope::Run, "step", What::Step, Dimension::Number, "steps since the start of the recording"),
+    row(Scope::Run, "crank_angle", What::CrankAngle, Dimension::Angle, "turned by the driver"),
+    row(Scope::Link, "vx", What::VelocityX, Dimension::Speed, "velocity of the centre of mass, x"),
+    row(Scope::Link, "vy", What::VelocityY, Dimension::Speed, "velocity of the centre of mass, y"),
+    row(Scope::Link, "index", What::Link, Dimension::Number, "index of the link"),
+];

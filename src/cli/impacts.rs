@@ -1,0 +1,212 @@
+//! `pitchline impacts`: every impact of a recording, and what stands out among them.
+
+use super::{Failure, Outcome, print_json, print_out};
+use crate::analysis::suspects::{Suspect, suspects};
+use crate::recording::frame::{Feature, Header, Impact, Segment};
+use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Debug)]
+pub struct ImpactsArgs {
+    /// Recording (.mcap)
+    recording: PathBuf,
+    /// Order of the list
+    #[arg(long, value_enum, default_value = "time")]
+    sort: Sort,
+    /// Print only the first N of that order [default: 20; all with --json]
+    #[arg(long, value_name = "N")]
+    top: Option<usize>,
+    /// Only impacts on this sprocket or guide
+    #[arg(long, visible_alias = "body", value_name = "NAME")]
+    sprocket: Option<String>,
+    /// Only those of this link
+    #[arg(long, value_name = "N")]
+    link: Option<u32>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum Sort {
+    Time,
+    Peak,
+    Approach,
+    Impulse,
+    Rise,
+}
+
+/// Lines of the table unless told otherwise.
+const PRINTED: usize = 20;
+/// Suspects that are printed.
+const SUSPECTS: usize = 5;
+
+pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
+    let mut reader = super::open_recording(&args.recording)?;
+    if let Some(loss) = reader.loss() {
+        eprintln!("note: {loss}");
+    }
+    let header = reader.header().clone();
+    let body = args.sprocket.as_ref().map(|name| super::body_named(&header, name)).transpose()?;
+    if let Some(link) = args.link
+        && link as usize >= header.links.len()
+    {
+        return Err(Failure::Input(format!(
+            "there is no link {link}; they are numbered 0 to {}",
+            header.links.len() - 1
+        )));
+    }
+    let (all, heads) = read(&mut reader)?;
+    let suspects = suspects(&all, &header);
+    let mut list: Vec<(usize, &Impact)> = all
+        .iter()
+        .enumerate()
+        .filter(|(_, i)| body.is_none_or(|b| i.body as usize == b) && args.link.is_none_or(|l| i.link == l))
+        .collect();
+    let found = list.len();
+    let key = |i: &Impact| match args.sort {
+        Sort::Time => -i.t_s,
+        Sort::Peak => i.peak_force_n,
+        Sort::Approach => i.approach_speed_m_s,
+        Sort::Impulse => i.impulse_n_s,
+        Sort::Rise => -i.rise_time_s,
+    };
+    list.sort_by(|a, b| key(b.1).total_cmp(&key(a.1)));
+    list.truncate(args.top.unwrap_or(if args.json { usize::MAX } else { PRINTED }));
+    if args.json {
+        return print_json(&serde_json::json!({
+            "recording": args.recording,
+            "drive": header.drive_name,
+            "impacts_in_all": all.len(),
+            "found": found,
+            "suspects": suspects,
+            "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
+        }));
+    }
+    print_out(&text(&args.recording, &header, &heads, &list, (found, all.len()), &suspects))
+}
+
+/// All impacts in order of time, and the frames' steps.
+fn read(reader: &mut Reader) -> Result<(Vec<Impact>, Vec<FrameHead>), Failure> {
+    let (mut impacts, mut heads) = (Vec::new(), Vec::new());
+    let wanted = Wanted { heads: true, impacts: true, ..Wanted::default() };
+    reader.each(wanted, WHOLE, |entry| {
+        match entry {
+            Entry::Impact(impact) => impacts.push(impact),
+            Entry::Head(head) => heads.push(head),
+            _ => {}
+        }
+        Ok(Flow::On)
+    })?;
+    impacts.sort_by_key(|i| (i.step, i.link, i.feature, i.body));
+    Ok((impacts, heads))
+}
+
+/// Impact `number` in the order of time.
+pub(super) fn numbered(reader: &mut Reader, number: usize) -> Result<Impact, Failure> {
+    let (impacts, _) = read(reader)?;
+    impacts.get(number).copied().ok_or_else(|| {
+        let path = reader.path().display();
+        Failure::Input(if impacts.is_empty() {
+            format!("{path} holds no impacts; record it anew: `pitchline run`")
+        } else {
+            format!("there is no impact {number} in {path}; they are numbered 0 to {}", impacts.len() - 1)
+        })
+    })
+}
+
+/// Number of the first frame at or after the touch.
+fn frame_of(impact: &Impact, heads: &[FrameHead]) -> Option<usize> {
+    let at = heads.partition_point(|h| h.step < impact.step);
+    (at < heads.len()).then_some(at)
+}
+
+fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recording: &Path) -> serde_json::Value {
+    let body = header.bodies.get(i.body as usize);
+    serde_json::json!({
+        "number": number,
+        "link": i.link,
+        "feature": Feature::name(i.feature),
+        "body": body.map(|b| b.path.as_str()),
+        "tooth": body.filter(|b| b.rotor).map(|_| i.tooth),
+        "segment": Segment::name(i.segment),
+        "step": i.step,
+        "t_s": i.t_s,
+        "frame": frame_of(i, heads),
+        "approach_speed_m_s": i.approach_speed_m_s,
+        "peak_force_n": i.peak_force_n,
+        "peak_after_s": i.peak_after_s,
+        "impulse_n_s": i.impulse_n_s,
+        "rise_time_s": i.rise_time_s,
+        "second_period_mean_n": i.second_period_mean_n,
+        "watched_s": i.watched_s,
+        "x_m": i.x_m,
+        "y_m": i.y_m,
+        "open_in_rerun": open_in_rerun(number, recording),
+        "open_in_foxglove": open_in_foxglove(i),
+    })
+}
+
+/// The viewer cannot be told a time, but a recording that begins and ends round it can be made.
+fn open_in_rerun(number: usize, recording: &Path) -> String {
+    format!(
+        "pitchline zoom {} --impact {number} -o impact-{number}.rrd && rerun impact-{number}.rrd",
+        recording.display()
+    )
+}
+
+/// Foxglove's playback bar takes a time of day; recordings begin with 1970.
+fn open_in_foxglove(i: &Impact) -> String {
+    let ns = crate::recording::mcap::nanoseconds(i.t_s);
+    let (s, ns) = (ns / 1_000_000_000, ns % 1_000_000_000);
+    format!("1970-01-01T{:02}:{:02}:{:02}.{ns:09}Z", s / 3600, s / 60 % 60, s % 60)
+}
+
+fn text(
+    recording: &Path,
+    header: &Header,
+    heads: &[FrameHead],
+    list: &[(usize, &Impact)],
+    (found, all): (usize, usize),
+    suspects: &[Suspect],
+) -> String {
+    let mut lines = vec![format!("{}: {found} of {all} impacts, {} shown", recording.display(), list.len())];
+    if all == 0 {
+        lines.push("  none; recordings of earlier versions hold none: record it anew".into());
+    }
+    if !list.is_empty() {
+        lines.push(
+            "   no.  frame     t [ms]  link  part               body             tooth  where                  v [m/s]  peak [N]  rise [us]  impulse [mN s]"
+                .into(),
+        );
+    }
+    for (number, i) in list {
+        let body = header.bodies.get(i.body as usize);
+        let tooth = body.filter(|b| b.rotor).map_or("-".to_string(), |_| i.tooth.to_string());
+        lines.push(format!(
+            "{number:6} {:6} {:10.4} {:5}  {:18} {:16} {tooth:>5}  {:22} {:7.3}  {:8.1}  {:9.2}  {:14.3}",
+            frame_of(i, heads).map_or("-".to_string(), |f| f.to_string()),
+            i.t_s * 1e3,
+            i.link,
+            Feature::name(i.feature),
+            body.map_or("?", |b| b.path.rsplit('.').next().unwrap_or(&b.path)),
+            Segment::name(i.segment),
+            i.approach_speed_m_s,
+            i.peak_force_n,
+            i.rise_time_s * 1e6,
+            i.impulse_n_s * 1e3,
+        ));
+    }
+    if suspects.is_empty() {
+        lines.push("what stands out: no tooth, link, guide or row".into());
+    } else {
+        lines.push("what stands out:".into());
+        lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));
+    }
+    if let Some((number, i)) = list.first() {
+        lines.push(format!("open impact {number}: {}", open_in_rerun(*number, recording)));
+        lines.push(format!("  or in Foxglove go to {}; the log /events has them all", open_in_foxglove(i)));
+        lines.push(format!("  why: pitchline explain {} --impact {number}", recording.display()));
+    }
+    lines.join("\n") + "\n"
+}

@@ -1,0 +1,130 @@
+//! `pitchline replay`: runs a recording's drive again and compares, or finishes a file that was cut off.
+
+use super::run::{check_outputs, progress_bar, stop_on_interrupt};
+use super::{Failure, Outcome, print_json, print_out};
+use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
+use crate::recording::{ViewOptions, create};
+use crate::replay::{Replay, Verdict, verify};
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Debug)]
+pub struct ReplayArgs {
+    /// Recording (.mcap)
+    recording: PathBuf,
+    /// Run the recorded drive again and compare every frame and keyframe, to the bit
+    #[arg(long, required_unless_present = "repair")]
+    verify: bool,
+    /// Copy what is whole of a file that was cut off or damaged into a finished one
+    #[arg(long, conflicts_with = "verify", requires = "output")]
+    repair: bool,
+    /// File that --repair writes
+    #[arg(short, long = "output", value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &ReplayArgs) -> Result<Outcome, Failure> {
+    match &args.output {
+        Some(output) if args.repair => repair(args, output),
+        _ => verified(args),
+    }
+}
+
+fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
+    // What cannot be opened is the user's mistake; what cannot be run again is the recording's.
+    super::open_recording(&args.recording)?;
+    let mut replay = Replay::open(&args.recording)?;
+    let loss = replay.reader.loss();
+    let last = replay.reader.heads()?.last().map_or(0, |h| h.step);
+    let bar = progress_bar(last, replay.model.step_s);
+    let verdict = verify(&mut replay, &stop_on_interrupt(), |step| bar.set_position(step))?;
+    bar.finish_and_clear();
+    let Some(verdict) = verdict else { return Ok(Outcome::Interrupted) };
+    if let Some(loss) = &loss {
+        eprintln!("note: {loss}");
+    }
+    if args.json {
+        let mut value = serde_json::json!(verdict);
+        value["recording"] = serde_json::json!(args.recording);
+        value["complete"] = serde_json::json!(loss.is_none());
+        print_json(&value)?;
+    } else {
+        print_out(&text(&args.recording, &verdict))?;
+    }
+    Ok(if verdict.mismatches == 0 { Outcome::Done } else { Outcome::Differs })
+}
+
+fn text(path: &Path, verdict: &Verdict) -> String {
+    let how = if verdict.assembled { "assembled anew and run again" } else { "run again from its first keyframe" };
+    let mut lines = vec![format!(
+        "{}: {how}: {} of {} frames and keyframes differ; last state {}",
+        path.display(),
+        verdict.mismatches,
+        verdict.frames + verdict.keyframes,
+        verdict.state_hash
+    )];
+    if let Some(first) = &verdict.first {
+        lines.push(format!(
+            "  first at frame {}, step {}, {:.6} ms: {}",
+            first.frame,
+            first.step,
+            first.t_s * 1e3,
+            first.what
+        ));
+    }
+    lines.join("\n") + "\n"
+}
+
+/// Copies message by message, until the first that cannot be read.
+fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
+    check_outputs(&[output.to_path_buf()], &[&args.recording])?;
+    let mut reader = super::open_recording(&args.recording)?;
+    let mut sink = create(output, reader.header(), ViewOptions::default())?;
+    let loss = reader.loss();
+    let (frames, until, damage) = copy(&mut reader, sink.as_mut())?;
+    let bytes = sink.finish()?;
+    let lost = damage.or(loss);
+    if args.json {
+        return print_json(&serde_json::json!({
+            "output": output, "bytes": bytes, "frames": frames, "until_s": until, "lost": lost,
+        }));
+    }
+    let lost = lost.map_or(String::new(), |l| format!("  {l}\n"));
+    print_out(&format!("wrote {}: {frames} frames, up to {:.4} ms\n{lost}", output.display(), until * 1e3))
+}
+
+/// Frames copied, the time of the last one, and what stopped the copy before the end.
+pub(super) fn copy(
+    reader: &mut Reader,
+    sink: &mut dyn crate::recording::Sink,
+) -> Result<(u64, f64, Option<String>), Failure> {
+    let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
+    let (mut frames, mut until) = (0, 0.0);
+    let mut cannot_write = None;
+    let read = reader.each(wanted, WHOLE, |entry| {
+        let written = match &entry {
+            Entry::Frame(frame) => {
+                frames += 1;
+                until = frame.t_s;
+                sink.frame(frame)
+            }
+            Entry::Keyframe(keyframe) => sink.keyframe(keyframe),
+            Entry::Event(event) => sink.event(event),
+            Entry::Impact(impact) => sink.impact(impact),
+            Entry::Head(_) => Ok(()),
+        };
+        Ok(match written {
+            Ok(()) => Flow::On,
+            Err(e) => {
+                cannot_write = Some(e);
+                Flow::Enough
+            }
+        })
+    });
+    if let Some(e) = cannot_write {
+        return Err(e.into());
+    }
+    Ok((frames, until, read.err().map(|e| format!("{e:#}"))))
+}

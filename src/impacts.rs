@@ -1,0 +1,255 @@
+//! Impacts, found at every step of a run: which part of which link met what, how fast, how hard.
+//!
+//! Definitions, for one part of one link (a bush, a plate end, an abutment, a flank: what carries a contact memory of its own):
+//! * tooth period: pitch / nominal chain speed.
+//! * first touch: the first step in which it carries force after two tooth periods without any. Its time is that step's; its
+//!   approach speed is the closing speed along the normal there.
+//! * peak: the largest normal force of any step within the two tooth periods from the first touch on, whatever it touches in
+//!   between; forces are the means over a step that the scheme works with.
+//! * impulse: integral of the force from the first touch until it has fallen to half its peak again, or the two part.
+//! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a step
+//!   before the first touch.
+//! * second period mean: what it carries when the impact is over.
+//!
+//! A part that touches already when the watch begins is not counted before it has come free.
+
+use crate::elements::tooth_contact::LANES;
+use crate::integrate::explicit::{Part, Scratch};
+use crate::model::Model;
+use crate::recording::capture::contacts_at;
+use crate::recording::frame::{Contacts, Impact};
+use crate::state::{ContactMemory, State};
+
+/// Tooth periods for which an impact is watched, and for which a part must have been free before.
+pub const WATCHED_PERIODS: f64 = 2.0;
+
+/// Contact memories of one kind of part.
+struct Parts {
+    of: Part,
+    /// Step in which each lane last carried force; None: not since the watch began.
+    last: Vec<Option<u64>>,
+    /// Index into the open impacts.
+    open: Vec<Option<usize>>,
+}
+
+struct Open {
+    impact: Impact,
+    parts: usize,
+    lane: usize,
+    placed: bool,
+    /// Normal force of every step since the first touch [N].
+    force_n: Vec<f64>,
+}
+
+/// Watches a run. Look at every step, after its evaluation.
+pub struct ImpactWatch {
+    period_steps: f64,
+    step_s: f64,
+    /// False: only first touches are wanted.
+    pub follows_forces: bool,
+    started: bool,
+    parts: Vec<Parts>,
+    open: Vec<Option<Open>>,
+    free: Vec<usize>,
+    unplaced: usize,
+    /// Impacts whose place has become known since they were last taken.
+    touched: Vec<Impact>,
+    done: Vec<Impact>,
+}
+
+impl ImpactWatch {
+    pub fn new(model: &Model) -> ImpactWatch {
+        let n = model.chain.n_links;
+        let pitch_m = 2.0 * model.chain.lever.first().copied().unwrap_or(0.0);
+        let period_s = pitch_m / model.chain_speed_m_s.abs().max(1e-12);
+        ImpactWatch {
+            period_steps: (period_s / model.step_s).max(1.0),
+            step_s: model.step_s,
+            follows_forces: true,
+            started: false,
+            parts: Part::of(model)
+                .into_iter()
+                .map(|of| Parts { of, last: vec![None; n], open: vec![None; n] })
+                .collect(),
+            open: Vec::new(),
+            free: Vec::new(),
+            unplaced: 0,
+            touched: Vec::new(),
+            done: Vec::new(),
+        }
+    }
+
+    /// Looks at the step that has just been evaluated.
+    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+        let step = state.step;
+        let apart = (WATCHED_PERIODS * self.period_steps) as u64;
+        for p in 0..self.parts.len() {
+            let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
+            let (past, now) = (&past_memory(state, of).age, &scratch.memory(of).age);
+            for block in (0..n.div_ceil(LANES)).filter(|block| !scratch.is_idle(of, *block)) {
+                let at = block * LANES;
+                if !changes(&past[at..at + LANES], &now[at..at + LANES]) {
+                    continue;
+                }
+                for lane in at..(at + LANES).min(n) {
+                    if now[lane] == 0.0 && past[lane] > 0.0 {
+                        self.parts[p].last[lane] = Some(step.saturating_sub(1));
+                    }
+                    let free = self.parts[p].last[lane].is_none_or(|last| step - last > apart);
+                    let begins = now[lane] == 1.0 && free && self.parts[p].open[lane].is_none();
+                    if begins && self.started {
+                        self.begin(model, p, lane, step, scratch.memory(of).approach[lane]);
+                    }
+                }
+            }
+        }
+        self.started = true;
+        self.follow(scratch, step);
+        if self.unplaced > 0 {
+            self.place(model, &contacts_at(model, state, scratch));
+        }
+    }
+
+    fn begin(&mut self, model: &Model, parts: usize, lane: usize, step: u64, approach_m_s: f64) {
+        let (link, feature) = self.parts[parts].of.feature(model, lane);
+        let t_s = step as f64 * self.step_s;
+        let impact = Impact {
+            link: link as u32,
+            feature: feature as u32,
+            step,
+            t_s,
+            approach_speed_m_s: approach_m_s,
+            ..Impact::default()
+        };
+        let open = Open { impact, parts, lane, placed: false, force_n: Vec::new() };
+        self.unplaced += 1;
+        let at = match self.free.pop() {
+            Some(at) => at,
+            None => {
+                self.open.push(None);
+                self.open.len() - 1
+            }
+        };
+        self.open[at] = Some(open);
+        self.parts[parts].open[lane] = Some(at);
+    }
+
+    fn follow(&mut self, scratch: &Scratch, step: u64) {
+        let window = (WATCHED_PERIODS * self.period_steps) as u64;
+        for at in 0..self.open.len() {
+            let Some(open) = &mut self.open[at] else { continue };
+            if step - open.impact.step >= window {
+                self.close(at);
+                continue;
+            }
+            if !self.follows_forces {
+                continue;
+            }
+            let memory = scratch.memory(self.parts[open.parts].of);
+            let touches = memory.age[open.lane] > 0.0;
+            open.force_n.push(if touches { memory.normal_force[open.lane] } else { 0.0 });
+        }
+    }
+
+    /// Finds what was touched: from the first node at which the two overlap.
+    fn place(&mut self, model: &Model, contacts: &Contacts) {
+        for open in self.open.iter_mut().flatten().filter(|o| !o.placed) {
+            let (link, feature) = (open.impact.link, open.impact.feature);
+            let part = self.parts[open.parts].of;
+            let same = |i: &usize| {
+                contacts.link[*i] == link
+                    && contacts.feature[*i] == feature
+                    && part.touches(model, contacts.body[*i] as usize)
+            };
+            let Some(i) = (0..contacts.link.len()).find(same) else { continue };
+            let impact = &mut open.impact;
+            (impact.body, impact.tooth, impact.segment) = (contacts.body[i], contacts.tooth[i], contacts.segment[i]);
+            (impact.x_m, impact.y_m) = (contacts.point_body_x_m[i], contacts.point_body_y_m[i]);
+            open.placed = true;
+            self.unplaced -= 1;
+            self.touched.push(*impact);
+        }
+    }
+
+    fn close(&mut self, at: usize) {
+        let Some(open) = self.open[at].take() else { return };
+        self.free.push(at);
+        self.parts[open.parts].open[open.lane] = None;
+        if !open.placed {
+            // Met and parted between two nodes, or the watch ended: nobody can say what it was.
+            self.unplaced -= 1;
+            return;
+        }
+        self.done.push(measured(open, self.step_s, self.period_steps));
+    }
+
+    /// Impacts that have begun and whose place is known, each once; forces are not known yet.
+    pub fn take_touched(&mut self) -> Vec<Impact> {
+        std::mem::take(&mut self.touched)
+    }
+
+    /// Impacts that are over, each once.
+    pub fn take_done(&mut self) -> Vec<Impact> {
+        std::mem::take(&mut self.done)
+    }
+
+    pub fn period_steps(&self) -> f64 {
+        self.period_steps
+    }
+
+    pub fn has_news(&self) -> bool {
+        !(self.touched.is_empty() && self.done.is_empty())
+    }
+
+    /// The run ends: what is open is closed, with the time that it was watched.
+    pub fn finish(&mut self) -> Vec<Impact> {
+        (0..self.open.len()).for_each(|at| self.close(at));
+        self.take_done()
+    }
+}
+
+/// Memory of a part a step ago.
+fn past_memory(state: &State, part: Part) -> &ContactMemory {
+    match part {
+        Part::Bushes => &state.bushes,
+        Part::Guides(set) => &state.guide_ends[set],
+        Part::Contours(set) => &state.contour_ends[set],
+    }
+}
+
+/// Whether any lane of a block begins or ends to touch: a look at all of them at once.
+fn changes(past: &[f64], now: &[f64]) -> bool {
+    let mut any = 0_u64;
+    for (p, n) in past.iter().zip(now) {
+        any |= u64::from(*n == 1.0) | (u64::from(*n == 0.0) & u64::from(*p > 0.0));
+    }
+    any != 0
+}
+
+fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {
+    let mut impact = open.impact;
+    let f = &open.force_n;
+    let (at, peak) =
+        f.iter().copied().enumerate().fold((0, 0.0), |best, (i, f)| if f > best.1 { (i, f) } else { best });
+    impact.peak_force_n = peak;
+    impact.peak_after_s = at as f64 * step_s;
+    let end = (at..f.len()).find(|i| f[*i] <= 0.5 * peak).unwrap_or(f.len());
+    let parted = (0..end).find(|i| *i > 0 && f[*i] == 0.0).unwrap_or(end);
+    let until = if parted > at { parted } else { end };
+    impact.impulse_n_s = f[..until].iter().sum::<f64>() * step_s;
+    let force = |i: usize| if i == 0 { 0.0 } else { f[i - 1] };
+    // Where the force crosses a level between steps i - 1 and i, counted from the step before the touch.
+    let crossing = |i: usize, level: f64| {
+        let (a, b) = (force(i - 1), force(i));
+        (i - 1) as f64 + if b > a { (level - a) / (b - a) } else { 0.0 }
+    };
+    if peak > 0.0 {
+        let high = (1..=f.len()).find(|i| force(*i) >= 0.9 * peak).unwrap_or(1);
+        let low = (1..=high).rev().find(|i| force(i - 1) <= 0.1 * peak).unwrap_or(1);
+        impact.rise_time_s = (crossing(high, 0.9 * peak) - crossing(low, 0.1 * peak)) * step_s;
+    }
+    let second = f.get(period_steps as usize..).unwrap_or_default();
+    impact.second_period_mean_n = second.iter().sum::<f64>() / second.len().max(1) as f64;
+    impact.watched_s = f.len() as f64 * step_s;
+    impact
+}

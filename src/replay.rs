@@ -1,0 +1,346 @@
+//! Going back: a recording holds its drive and, every so often, its whole State, so that any part of it can be run again to
+//! the bit, looked at step by step, or gone on from.
+
+use crate::assemble::{AssemblyError, assemble, compile};
+use crate::drive::Drive;
+use crate::impacts::ImpactWatch;
+use crate::integrate::explicit::{self, Scratch};
+use crate::model::Model;
+use crate::recording::capture::Camera;
+use crate::recording::frame::{Energy, Frame, Header, Keyframe, Parent};
+use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
+use crate::state::State;
+use anyhow::{Context, anyhow, bail, ensure};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A recording and the model of its drive.
+pub struct Replay {
+    pub reader: Reader,
+    pub drive: Drive,
+    pub model: Model,
+    /// Where its ledger was opened.
+    pub origin: Option<Energy>,
+}
+
+/// A State on the way.
+pub struct Visit {
+    pub state: State,
+    pub scratch: Scratch,
+    /// Has looked at every step since the keyframe.
+    pub impacts: ImpactWatch,
+    /// Step of that keyframe.
+    pub since: u64,
+}
+
+impl Replay {
+    /// Opens a recording and compiles its drive.
+    pub fn open(path: &Path) -> anyhow::Result<Replay> {
+        let mut reader = Reader::open(path)?;
+        let drive = drive_of(path, reader.header(), &[])?;
+        let model = compile(&drive).map_err(|e| cannot_compile(path, &e))?.model;
+        let (recorded, ours) = (reader.header().step_s, model.step_s);
+        ensure!(
+            recorded == ours,
+            "{}: recorded by {} with a step of {:.6} us, and this program takes {:.6} us for its drive; record it anew",
+            path.display(),
+            reader.header().program,
+            recorded * 1e6,
+            ours * 1e6
+        );
+        let origin = match reader.header().ledger_origin {
+            Some(origin) => Some(origin),
+            None => first_origin(&mut reader, &model)?,
+        };
+        Ok(Replay { reader, drive, model, origin })
+    }
+
+    pub fn header(&self) -> &Header {
+        self.reader.header()
+    }
+
+    pub fn camera(&self) -> Camera {
+        Camera::since(self.origin)
+    }
+
+    /// Step at a time.
+    pub fn step_at(&self, t_s: f64) -> u64 {
+        (t_s / self.model.step_s).round() as u64
+    }
+
+    /// The State at `step`, run from the keyframe before it; `look` is shown every step that is evaluated on the way, that of
+    /// the keyframe too. The step itself is neither evaluated nor shown.
+    pub fn visit(&mut self, step: u64, mut look: impl FnMut(&State, &Scratch)) -> anyhow::Result<Visit> {
+        let path = self.reader.path().display().to_string();
+        // Half a step more: keyframes are found by their time in nanoseconds.
+        let t_s = (step as f64 + 0.5) * self.model.step_s;
+        let mut keyframe = self.reader.keyframe_before(t_s)?;
+        if keyframe.as_ref().is_some_and(|k| k.step > step) {
+            keyframe = self.reader.keyframe_before((step as f64 - 0.5) * self.model.step_s)?;
+        }
+        let keyframe = keyframe.with_context(|| format!("{path} holds no keyframe before {:.6} ms", t_s * 1e3))?;
+        let mut state = resting(&self.model);
+        state.restore(&keyframe).map_err(|e| anyhow!("{path}: the keyframe of step {}: {e}", keyframe.step))?;
+        let mut scratch = Scratch::new(&self.model);
+        let mut impacts = ImpactWatch::new(&self.model);
+        while state.step < step {
+            explicit::evaluate(&self.model, &state, &mut scratch)?;
+            impacts.look(&self.model, &state, &scratch);
+            look(&state, &scratch);
+            explicit::advance(&self.model, &mut state, &mut scratch);
+        }
+        // What happened before is told by the recording itself.
+        impacts.take_touched();
+        impacts.take_done();
+        Ok(Visit { state, scratch, impacts, since: keyframe.step })
+    }
+
+    /// Where a recording begins that is cut out of this one, or goes on from it.
+    pub fn parent(&self, state: &State, changed: bool) -> Parent {
+        let name = self.reader.path().file_name().map(|n| n.to_string_lossy().into_owned());
+        Parent {
+            recording: name.unwrap_or_default(),
+            step: state.step,
+            t_s: state.step as f64 * self.model.step_s,
+            state_hash: state.hash(),
+            changed,
+        }
+    }
+}
+
+/// The drive of a recording, with further overrides.
+pub fn drive_of(path: &Path, header: &Header, overrides: &[String]) -> anyhow::Result<Drive> {
+    let merged = header.drive_text.starts_with("# ---- ");
+    if merged {
+        bail!("{} holds several drives side by side; record each on its own to run it again", path.display());
+    }
+    let all: Vec<String> = header.overrides.iter().chain(overrides).cloned().collect();
+    Drive::parse(&header.drive_name, &header.drive_text, &all)
+        .map_err(|report| anyhow!("{}: its drive cannot be read\n{report}", path.display()))
+}
+
+fn cannot_compile(path: &Path, e: &AssemblyError) -> anyhow::Error {
+    anyhow!("{}: its drive cannot be compiled\n{e}", path.display())
+}
+
+/// A State of the right shape.
+pub fn resting(model: &Model) -> State {
+    let c = &model.chain;
+    State::at_rest(c.n_links, c.padded, model.sprockets.len(), model.guide_sides(), model.contour_sets())
+}
+
+/// Of recordings that do not say where their ledger was opened: at the first keyframe.
+fn first_origin(reader: &mut Reader, model: &Model) -> anyhow::Result<Option<Energy>> {
+    let Some(keyframe) = reader.first_keyframe()? else { return Ok(None) };
+    let mut state = resting(model);
+    state.restore(&keyframe).map_err(|e| anyhow!("{}: the first keyframe: {e}", reader.path().display()))?;
+    Ok(Some(crate::recording::capture::ledger_at(model, &state)?))
+}
+
+/// What verifying found.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Verdict {
+    pub frames: u64,
+    pub keyframes: u64,
+    /// Frames and keyframes that the run does not reproduce.
+    pub mismatches: u64,
+    /// True: the drive was assembled anew and gave the first State; false: it began with a keyframe of its parent.
+    pub assembled: bool,
+    pub first: Option<Mismatch>,
+    pub state_hash: String,
+}
+
+/// The first difference.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Mismatch {
+    /// Number of the frame in the recording.
+    pub frame: u64,
+    pub step: u64,
+    pub t_s: f64,
+    /// What differs, with both values.
+    pub what: String,
+}
+
+/// Runs the recorded drive again and compares every frame and keyframe, to the bit. None: stopped from outside.
+pub fn verify(
+    replay: &mut Replay,
+    stop: &AtomicBool,
+    mut progress: impl FnMut(u64),
+) -> anyhow::Result<Option<Verdict>> {
+    let mut verdict = Verdict::default();
+    let first = replay.reader.first_keyframe()?;
+    let mut first = first.with_context(|| format!("{} holds no keyframe", replay.reader.path().display()))?;
+    let mut state = resting(&replay.model);
+    let mut notes: Vec<Mismatch> = Vec::new();
+    let mut note = |verdict: &mut Verdict, frame: u64, step: u64, t_s: f64, what: String| {
+        verdict.mismatches += 1;
+        if notes.is_empty() {
+            notes.push(Mismatch { frame, step, t_s, what });
+        }
+    };
+    if replay.header().parent.is_none() {
+        let assembly = assemble(&replay.drive).map_err(|e| cannot_compile(replay.reader.path(), &e))?;
+        verdict.assembled = true;
+        let ours = assembly.state.keyframe();
+        if ours != first {
+            note(&mut verdict, 0, 0, 0.0, keyframe_difference(&first, &ours, "the drive, assembled anew,"));
+            first = ours;
+        }
+    }
+    if let Err(e) = state.restore(&first) {
+        // Its columns may still be taken as they are, to see where it leads.
+        note(&mut verdict, 0, first.step, first.step as f64 * replay.model.step_s, format!("the first keyframe: {e}"));
+    }
+    let (model, mut camera) = (&replay.model, Camera::since(replay.origin));
+    let mut scratch = Scratch::new(model);
+    let mut evaluated = false;
+    let mut stopped = false;
+    let wanted = Wanted { frames: true, keyframes: true, ..Wanted::default() };
+    replay.reader.each(wanted, WHOLE, |entry| {
+        if stop.load(Ordering::Relaxed) {
+            stopped = true;
+            return Ok(Flow::Enough);
+        }
+        match entry {
+            Entry::Frame(theirs) => {
+                while state.step < theirs.step {
+                    if !std::mem::take(&mut evaluated) {
+                        explicit::evaluate(model, &state, &mut scratch)?;
+                    }
+                    explicit::advance(model, &mut state, &mut scratch);
+                }
+                if !evaluated {
+                    explicit::evaluate(model, &state, &mut scratch)?;
+                    evaluated = true;
+                }
+                let ours = camera.take(model, &state, &scratch);
+                if ours != *theirs {
+                    let frame = verdict.frames;
+                    note(&mut verdict, frame, theirs.step, theirs.t_s, frame_difference(&theirs, &ours));
+                }
+                verdict.frames += 1;
+                progress(theirs.step);
+            }
+            Entry::Keyframe(theirs) => {
+                verdict.keyframes += 1;
+                let ours = state.keyframe();
+                if ours != *theirs {
+                    let t_s = theirs.step as f64 * model.step_s;
+                    let frame = verdict.frames.saturating_sub(1);
+                    let what = keyframe_difference(&theirs, &ours, "the run");
+                    note(&mut verdict, frame, theirs.step, t_s, what);
+                }
+            }
+            Entry::Head(_) | Entry::Event(_) | Entry::Impact(_) => {}
+        }
+        Ok(Flow::On)
+    })?;
+    verdict.first = notes.pop();
+    verdict.state_hash = format!("{:016x}", state.hash());
+    Ok((!stopped).then_some(verdict))
+}
+
+fn keyframe_difference(theirs: &Keyframe, ours: &Keyframe, who: &str) -> String {
+    if theirs.step != ours.step {
+        return format!("a keyframe of step {} where {who} is at step {}", theirs.step, ours.step);
+    }
+    for (a, b) in theirs.columns.iter().zip(&ours.columns) {
+        if a.name != b.name || a.values.len() != b.values.len() {
+            return format!("column `{}` of the keyframe, `{}` of {who}", a.name, b.name);
+        }
+        if let Some(i) = (0..a.values.len()).find(|i| a.values[*i].to_bits() != b.values[*i].to_bits()) {
+            return format!("{}[{i}]: recorded {:e}, {who} gives {:e}", a.name, a.values[i], b.values[i]);
+        }
+    }
+    format!("state hash: recorded {:016x}, {who} gives {:016x}", theirs.state_hash, ours.state_hash)
+}
+
+/// The first value that differs between a recorded frame and ours.
+pub fn frame_difference(theirs: &Frame, ours: &Frame) -> String {
+    let mut found = None;
+    each_column(theirs, |name, a| {
+        if found.is_some() {
+            return;
+        }
+        each_column(ours, |other, b| {
+            if other != name || found.is_some() {
+                return;
+            }
+            if a.len() != b.len() {
+                found = Some(format!("{name}: {} rows recorded, the run gives {}", a.len(), b.len()));
+            } else if let Some(i) = (0..a.len()).find(|i| a[*i].to_bits() != b[*i].to_bits()) {
+                found = Some(format!("{name}[{i}]: recorded {:e}, the run gives {:e}", a[i], b[i]));
+            }
+        });
+    });
+    found.unwrap_or_else(|| {
+        format!("state hash: recorded {:016x}, the run gives {:016x}", theirs.state_hash, ours.state_hash)
+    })
+}
+
+/// Every number of a frame, column by column, under the names of its channels.
+pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
+    let Frame { step, t_s, state_hash: _, crank_angle_rad, links, joints, contacts, rotors, energy } = frame;
+    f("step", &[*step as f64]);
+    f("t_s", &[*t_s]);
+    f("crank_angle_rad", &[*crank_angle_rad]);
+    f("links.x_m", &links.x_m);
+    f("links.y_m", &links.y_m);
+    f("links.angle_rad", &links.angle_rad);
+    f("links.vx_m_s", &links.vx_m_s);
+    f("links.vy_m_s", &links.vy_m_s);
+    f("links.omega_rad_s", &links.omega_rad_s);
+    f("joints.force_x_n", &joints.force_x_n);
+    f("joints.force_y_n", &joints.force_y_n);
+    f("joints.friction_torque_nm", &joints.friction_torque_nm);
+    let c = contacts;
+    let whole = |column: &[u32]| -> Vec<f64> { column.iter().map(|v| f64::from(*v)).collect() };
+    for (name, column) in [
+        ("contacts.link", &c.link),
+        ("contacts.feature", &c.feature),
+        ("contacts.body", &c.body),
+        ("contacts.tooth", &c.tooth),
+        ("contacts.segment", &c.segment),
+    ] {
+        f(name, &whole(column));
+    }
+    for (name, column) in [
+        ("contacts.point_body_x_m", &c.point_body_x_m),
+        ("contacts.point_body_y_m", &c.point_body_y_m),
+        ("contacts.point_link_x_m", &c.point_link_x_m),
+        ("contacts.point_link_y_m", &c.point_link_y_m),
+        ("contacts.normal_x", &c.normal_x),
+        ("contacts.normal_y", &c.normal_y),
+        ("contacts.penetration_m", &c.penetration_m),
+        ("contacts.approach_speed_m_s", &c.approach_speed_m_s),
+        ("contacts.normal_speed_m_s", &c.normal_speed_m_s),
+        ("contacts.tangential_speed_m_s", &c.tangential_speed_m_s),
+        ("contacts.normal_force_n", &c.normal_force_n),
+        ("contacts.tangential_force_n", &c.tangential_force_n),
+        ("contacts.age_s", &c.age_s),
+    ] {
+        f(name, column);
+    }
+    f("contacts.stick", &c.stick.iter().map(|s| f64::from(u8::from(*s))).collect::<Vec<_>>());
+    f("rotors.angle_rad", &rotors.angle_rad);
+    f("rotors.speed_rad_s", &rotors.speed_rad_s);
+    f("rotors.chain_torque_nm", &rotors.chain_torque_nm);
+    f("rotors.outer_torque_nm", &rotors.outer_torque_nm);
+    let e = energy;
+    for (name, value) in [
+        ("energy.kinetic_j", e.kinetic_j),
+        ("energy.elastic_joint_j", e.elastic_joint_j),
+        ("energy.elastic_contact_j", e.elastic_contact_j),
+        ("energy.work_in_j", e.work_in_j),
+        ("energy.work_out_j", e.work_out_j),
+        ("energy.lost_pin_damping_j", e.lost_pin_damping_j),
+        ("energy.lost_pin_friction_j", e.lost_pin_friction_j),
+        ("energy.lost_contact_damping_j", e.lost_contact_damping_j),
+        ("energy.lost_contact_friction_j", e.lost_contact_friction_j),
+        ("energy.lost_guide_damping_j", e.lost_guide_damping_j),
+        ("energy.lost_guide_friction_j", e.lost_guide_friction_j),
+        ("energy.error_j", e.error_j),
+    ] {
+        f(name, &[value]);
+    }
+}
