@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod silent;
+pub mod snapshot;
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::smartchain::{Abutment, LobedRing};
