@@ -7,6 +7,7 @@ mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
 mod run;
+mod snapshot;
 mod tune;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -29,6 +30,8 @@ enum Verb {
     Compare(compare::CompareArgs),
     /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
     Tune(tune::TuneArgs),
+    /// Draw frames of a recording, as SVG or PNG
+    Snapshot(snapshot::SnapshotArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
     /// Read a drive, assemble it, and say what follows from it
@@ -99,6 +102,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Run(args) => run::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Tune(args) => tune::run(&args),
+        Verb::Snapshot(args) => snapshot::run(&args),
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
