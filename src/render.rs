@@ -1,7 +1,9 @@
 //! Drawings as SVG: exact contours, arcs as arcs.
 
 pub mod compare;
+pub mod png;
 pub mod silent;
+pub mod snapshot;
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::smartchain::{Abutment, LobedRing};

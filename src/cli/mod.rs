@@ -9,6 +9,7 @@ mod geometry_smartchain;
 mod impacts;
 mod replay;
 mod run;
+mod snapshot;
 mod tune;
 mod zoom;
 
@@ -38,6 +39,8 @@ enum Verb {
     Zoom(zoom::ZoomArgs),
     /// Run a recording's drive again and compare, or finish a file that was cut off
     Replay(replay::ReplayArgs),
+    /// Draw frames of a recording, as SVG or PNG
+    Snapshot(snapshot::SnapshotArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
     /// Read a drive, assemble it, and say what follows from it
@@ -114,6 +117,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Impacts(args) => impacts::run(&args),
         Verb::Zoom(args) => zoom::run(&args),
         Verb::Replay(args) => replay::run(&args),
+        Verb::Snapshot(args) => snapshot::run(&args),
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),

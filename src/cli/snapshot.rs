@@ -1,0 +1,358 @@
+//! `pitchline snapshot`: frames of a recording as a drawing.
+
+use super::{Failure, Outcome, print_json, print_out};
+use crate::recording::frame::{Frame, Header};
+use crate::replay::Replay;
+use crate::render::png;
+use crate::render::snapshot::{Around, Drawing, Options, draw};
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Debug)]
+pub struct SnapshotArgs {
+    /// Recording to draw from, .mcap
+    recording: PathBuf,
+    /// What instant: 12.3ms, frame:250, or a film strip such as 12.30ms..12.40ms/6
+    #[arg(long, value_name = "T", value_parser = instant)]
+    at: At,
+    /// What to look at: a sprocket or guide (driver, sprockets.driver), or a link (37, link:37) [default: the whole drive]
+    #[arg(long, value_name = "WHAT")]
+    around: Option<String>,
+    /// Width of the view [default: what fits; six pitches round a link]
+    #[arg(long, value_name = "W", value_parser = width)]
+    width_mm: Option<f64>,
+    /// Draw the forces in the joints too
+    #[arg(long)]
+    joints: bool,
+    /// Drawing to write, .svg or .png
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Draw the very step instead of the recorded frame nearest to it: runs the drive again from the keyframe before
+    #[arg(long)]
+    exact: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Pixels of a PNG per user unit of its SVG: a drawing 992 units wide gets 300 dots per inch across 168 mm of paper.
+const PIXELS_PER_UNIT: f64 = 2.0;
+/// Narrowest view [mm]: viewers of SVG keep coordinates in single precision, 240 mm to 1.5e-5 mm, half a pixel here.
+const NARROWEST_MM: f64 = 0.05;
+/// Most panels of a film strip: six rows of four.
+const MOST_PANELS: usize = 24;
+
+/// Which frames are asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum At {
+    /// The frame nearest to this time [s].
+    Time(f64),
+    /// The frame with this number, from 0.
+    Frame(usize),
+    /// `count` times, the first and the last included [s].
+    Strip { from_s: f64, to_s: f64, count: usize },
+}
+
+fn time_s(text: &str) -> Result<f64, String> {
+    let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
+    let parsed = units.iter().find_map(|(unit, factor)| {
+        let number = text.trim().strip_suffix(unit)?;
+        number.trim().parse::<f64>().ok().map(|n| n * factor)
+    });
+    match parsed {
+        Some(t) if t.is_finite() && t >= 0.0 => Ok(t),
+        Some(_) => Err(format!("`{text}` must be zero or more")),
+        None => Err(format!("`{text}`: write a number with its unit: us, ms or s, e.g. 12.3ms, or frame:250")),
+    }
+}
+
+fn instant(text: &str) -> Result<At, String> {
+    if let Some(number) = text.trim().strip_prefix("frame:") {
+        let parsed = number.trim().parse();
+        return parsed.map(At::Frame).map_err(|_| format!("`{number}` is no frame number; frames count from 0"));
+    }
+    let Some((from, rest)) = text.split_once("..") else { return time_s(text).map(At::Time) };
+    let Some((to, count)) = rest.split_once('/') else {
+        return Err("a film strip needs the number of its pictures, e.g. 12.30ms..12.40ms/6".into());
+    };
+    let (from_s, to_s) = (time_s(from)?, time_s(to)?);
+    match count.trim().parse::<usize>() {
+        _ if to_s <= from_s => Err(format!("`{to}` must be later than `{from}`")),
+        Ok(count) if (2..=MOST_PANELS).contains(&count) => Ok(At::Strip { from_s, to_s, count }),
+        _ => Err(format!("a film strip has 2 to {MOST_PANELS} pictures, not `{count}`")),
+    }
+}
+
+fn width(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(w) if (NARROWEST_MM..=1e5).contains(&w) => Ok(w),
+        _ => Err(format!("write millimetres from {NARROWEST_MM} to 100000, e.g. 40")),
+    }
+}
+
+/// What the output's extension says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Svg,
+    Png,
+}
+
+pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
+    let kind = output_kind(args)?;
+    let (header, frames) = read_frames(&args.recording, args.at, args.exact)?;
+    for frame in &frames {
+        check_columns(&header, frame, &args.recording)?;
+    }
+    let around = match &args.around {
+        None => Around::Drive,
+        Some(what) => resolve(what, &header)?,
+    };
+    let options = Options { around, width_mm: args.width_mm, joints: args.joints };
+    let drawing = draw(&header, &frames.iter().collect::<Vec<_>>(), options);
+    let bytes = match kind {
+        Kind::Svg => drawing.svg.clone().into_bytes(),
+        Kind::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
+    };
+    let shown = args.output.display();
+    std::fs::write(&args.output, bytes).map_err(|e| Failure::World(format!("cannot write {shown}: {e}")))?;
+    if args.json {
+        return print_json(&json(args, kind, &frames, &drawing));
+    }
+    let list: Vec<String> = frames.iter().map(|f| format!("  t = {:.4} ms, step {}\n", f.t_s * 1e3, f.step)).collect();
+    print_out(&format!("wrote {shown}\n{}", list.concat()))
+}
+
+/// Checked before anything is read.
+fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
+    let shown = args.output.display();
+    if args.output.is_dir() {
+        return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
+    }
+    if let (Ok(a), Ok(b)) = (args.output.canonicalize(), args.recording.canonicalize())
+        && a == b
+    {
+        return Err(Failure::Input(format!("{shown} is the recording itself; it is not overwritten")));
+    }
+    match args.output.extension().and_then(|e| e.to_str()) {
+        Some("svg") => Ok(Kind::Svg),
+        Some("png") => Ok(Kind::Png),
+        _ => Err(Failure::Input(format!("{shown}: drawings end in .svg or .png"))),
+    }
+}
+
+/// Header and the frames asked for, in order of time: the recorded ones nearest to the instants, or with `exact` the steps
+/// nearest to them, run again from the keyframe before.
+fn read_frames(path: &Path, at: At, exact: bool) -> Result<(Header, Vec<Frame>), Failure> {
+    let mut reader = super::open_recording(path)?;
+    if let Some(loss) = reader.loss() {
+        eprintln!("note: {loss}");
+    }
+    let heads = reader.heads()?;
+    let header = reader.header().clone();
+    let times_s: Vec<f64> = heads.iter().map(|h| h.t_s).collect();
+    let interval_s = header.steps_per_frame as f64 * header.step_s;
+    if exact && !times_s.is_empty() {
+        return Ok((header, exact_frames(path, at, &times_s)?));
+    }
+    let numbers = pick(&times_s, interval_s, at).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?;
+    let mut frames = Vec::new();
+    for number in numbers {
+        let found = reader.frame_near(times_s[number])?;
+        frames.extend(found.map(|(_, frame)| frame));
+    }
+    Ok((header, frames))
+}
+
+/// Frames of the steps nearest to the instants.
+fn exact_frames(path: &Path, at: At, times_s: &[f64]) -> Result<Vec<Frame>, Failure> {
+    let (first, last) = (times_s[0], times_s[times_s.len() - 1]);
+    let wanted_s = match at {
+        At::Frame(number) => vec![*times_s.get(number).unwrap_or(&f64::NAN)],
+        At::Time(t) => vec![t],
+        At::Strip { from_s, to_s, count } => {
+            (0..count).map(|k| from_s + (to_s - from_s) * k as f64 / (count - 1) as f64).collect()
+        }
+    };
+    let mut replay = Replay::open(path)?;
+    let mut frames: Vec<Frame> = Vec::new();
+    for t_s in wanted_s {
+        let step = replay.step_at(t_s);
+        if !(replay.step_at(first)..=replay.step_at(last)).contains(&step) || !t_s.is_finite() {
+            let (first, last) = (first * 1e3, last * 1e3);
+            return Err(Failure::Input(format!(
+                "{}: not recorded at {:.4} ms; the recording goes from {first:.4} to {last:.4} ms",
+                path.display(),
+                t_s * 1e3
+            )));
+        }
+        if frames.last().is_none_or(|f| f.step != step) {
+            let mut visit = replay.visit(step, |_, _| ())?;
+            crate::integrate::explicit::evaluate(&replay.model, &visit.state, &mut visit.scratch)
+                .map_err(|e| Failure::World(e.to_string()))?;
+            frames.push(replay.camera().take(&replay.model, &visit.state, &visit.scratch));
+        }
+    }
+    Ok(frames)
+}
+
+/// Numbers of the frames asked for, each once. `times_s`: of all frames, ascending.
+fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> {
+    let (Some(&first), Some(&last)) = (times_s.first(), times_s.last()) else {
+        return Err("holds no frames".into());
+    };
+    let nearest = |t: f64| {
+        let after = times_s.partition_point(|s| *s < t).min(times_s.len() - 1);
+        let before = after.saturating_sub(1);
+        if (t - times_s[before]).abs() <= (times_s[after] - t).abs() { before } else { after }
+    };
+    let wanted_s: Vec<f64> = match at {
+        At::Frame(number) if number < times_s.len() => return Ok(vec![number]),
+        At::Frame(number) => {
+            return Err(format!("has no frame {number}; its frames are 0 to {}", times_s.len() - 1));
+        }
+        At::Time(t) => vec![t],
+        At::Strip { from_s, to_s, count } => {
+            let share = |k: usize| k as f64 / (count - 1) as f64;
+            (0..count).map(|k| from_s + (to_s - from_s) * share(k)).collect()
+        }
+    };
+    // Half a frame beyond its ends the nearest frame is as near as within; a billionth more for rounding.
+    let slack_s = 0.5 * interval_s * (1.0 + 1e-9);
+    if let Some(t) = wanted_s.iter().find(|t| **t < first - slack_s || **t > last + slack_s) {
+        let (t, first, last) = (t * 1e3, first * 1e3, last * 1e3);
+        return Err(format!("{t:.4} ms was not recorded; the recording goes from {first:.4} to {last:.4} ms"));
+    }
+    let mut numbers: Vec<usize> = wanted_s.iter().map(|t| nearest(*t)).collect();
+    for (t, i) in wanted_s.iter().zip(&numbers) {
+        let off_s = (times_s[*i] - t).abs();
+        if off_s > slack_s {
+            let (t, found) = (t * 1e3, times_s[*i] * 1e3);
+            eprintln!(
+                "note: the frame nearest to {t:.4} ms is at {found:.4} ms, {:.1} us off; frames are missing there",
+                off_s * 1e6
+            );
+        }
+    }
+    numbers.dedup();
+    if numbers.len() < wanted_s.len() {
+        eprintln!(
+            "note: {} instants asked for lie within {} frames, {:.3} us apart; each is drawn once",
+            wanted_s.len(),
+            numbers.len(),
+            interval_s * 1e6
+        );
+    }
+    Ok(numbers)
+}
+
+/// Refuses a frame that does not fit its header, so that drawing can rely on it.
+fn check_columns(header: &Header, frame: &Frame, path: &Path) -> Result<(), Failure> {
+    let (l, j, c) = (&frame.links, &frame.joints, &frame.contacts);
+    let n = header.links.len();
+    let links = [&l.x_m, &l.y_m, &l.angle_rad].iter().all(|column| column.len() == n);
+    let joints = j.force_x_n.len() <= n && j.force_x_n.len() == j.force_y_n.len();
+    let count = c.link.len();
+    let contacts = [&c.point_body_x_m, &c.point_body_y_m, &c.normal_x, &c.normal_y]
+        .into_iter()
+        .chain([&c.normal_force_n, &c.tangential_force_n, &c.penetration_m])
+        .all(|column| column.len() == count);
+    if links && joints && contacts && c.body.len() == count {
+        return Ok(());
+    }
+    let (shown, t) = (path.display(), frame.t_s * 1e3);
+    Err(Failure::World(format!("{shown} is damaged: columns of the frame at {t:.4} ms have different lengths")))
+}
+
+/// The link or body that `what` names.
+fn resolve(what: &str, header: &Header) -> Result<Around, Failure> {
+    let number = what.strip_prefix("link:").or_else(|| what.strip_prefix("link ")).unwrap_or(what).trim();
+    if let Ok(link) = number.parse::<usize>() {
+        let n = header.links.len();
+        if link >= n {
+            let last = n.saturating_sub(1);
+            return Err(Failure::Input(format!("there is no link {link}; the links are 0 to {last}")));
+        }
+        return Ok(Around::Link(link));
+    }
+    let last = |path: &'_ str| path.rsplit('.').next().unwrap_or_default().to_string();
+    let fits = |k: &usize| header.bodies[*k].path == what || last(&header.bodies[*k].path) == what;
+    // Several recordings in one have bodies of one name: then the whole path is needed.
+    let found: Vec<usize> = (0..header.bodies.len()).filter(fits).collect();
+    match found.as_slice() {
+        [k] => Ok(Around::Body(*k)),
+        [] => {
+            let lasts: Vec<String> = header.bodies.iter().map(|b| last(&b.path)).collect();
+            let names = header.bodies.iter().map(|b| b.path.as_str()).chain(lasts.iter().map(String::as_str));
+            let help = match crate::diag::nearest(what, names) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("name one of {}, or a link by its number", listed(header, |_| true)),
+            };
+            Err(Failure::Input(format!("nothing is called `{what}`\nhelp: {help}")))
+        }
+        several => Err(Failure::Input(format!(
+            "`{what}` is the name of several\nhelp: give the path: {}",
+            listed(header, |k| several.contains(&k))
+        ))),
+    }
+}
+
+fn listed(header: &Header, which: impl Fn(usize) -> bool) -> String {
+    let paths = header.bodies.iter().enumerate().filter(|(k, _)| which(*k)).map(|(_, b)| b.path.as_str());
+    paths.collect::<Vec<_>>().join(", ")
+}
+
+fn json(args: &SnapshotArgs, kind: Kind, frames: &[Frame], drawing: &Drawing) -> serde_json::Value {
+    let pixels = |units: f64| match kind {
+        Kind::Svg => units,
+        Kind::Png => (units * PIXELS_PER_UNIT).ceil(),
+    };
+    let newtons_per_mm = |units_per_n: Option<f64>| units_per_n.map(|u| drawing.units_per_mm / u);
+    serde_json::json!({
+        "path": args.output,
+        "width_px": pixels(drawing.width),
+        "height_px": pixels(drawing.height),
+        "px_per_mm": drawing.units_per_mm * if kind == Kind::Png { PIXELS_PER_UNIT } else { 1.0 },
+        "force_scale_n_per_mm": newtons_per_mm(drawing.contact_units_per_n),
+        "joint_force_scale_n_per_mm": newtons_per_mm(drawing.joint_units_per_n),
+        "frames": frames.iter().map(|f| serde_json::json!({
+            "step": f.step,
+            "t_s": f.t_s,
+            "crank_angle_deg": f.crank_angle_rad.to_degrees(),
+            "contacts": f.contacts.link.len(),
+        })).collect::<Vec<_>>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn picks_the_nearest_frame_and_refuses_what_was_not_recorded() {
+        // Two windows of a recording with a gap.
+        let times_s = [1.0, 1.1, 1.2, 3.0, 3.1];
+        let pick = |at| pick(&times_s, 0.1, at);
+        assert_eq!(pick(At::Time(1.14)), Ok(vec![1]));
+        assert_eq!(pick(At::Time(1.16)), Ok(vec![2]));
+        assert_eq!(pick(At::Time(2.5)), Ok(vec![3]));
+        assert_eq!(pick(At::Time(0.96)), Ok(vec![0]));
+        assert_eq!(pick(At::Time(3.15)), Ok(vec![4]));
+        assert!(pick(At::Time(0.94)).is_err() && pick(At::Time(3.16)).is_err());
+        assert_eq!(pick(At::Frame(4)), Ok(vec![4]));
+        assert!(pick(At::Frame(5)).is_err());
+        assert_eq!(pick(At::Strip { from_s: 1.0, to_s: 1.2, count: 3 }), Ok(vec![0, 1, 2]));
+        assert_eq!(pick(At::Strip { from_s: 1.0, to_s: 1.1, count: 6 }), Ok(vec![0, 1]));
+        assert!(super::pick(&[], 0.1, At::Time(1.0)).is_err());
+    }
+
+    #[test]
+    fn instants_are_read_with_their_units() {
+        assert_eq!(instant("0ms"), Ok(At::Time(0.0)));
+        assert_eq!(instant("frame:12"), Ok(At::Frame(12)));
+        assert_eq!(instant("1s..2s/3"), Ok(At::Strip { from_s: 1.0, to_s: 2.0, count: 3 }));
+        for wrong in
+            ["", "12", "-1ms", "NaNs", "infs", "frame:-1", "1s..2s", "2s..1s/3", "1s..2s/1", "1s..2s/25", "1s..2/4"]
+        {
+            assert!(instant(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,478 @@
+//! Frames of a recording as an SVG drawing to print: one panel an instant, all with the same view and the same scales.
+//!
+//! Contours stand in a group that turns millimetres of the world, y up, into user units of the page; arcs stay arcs.
+//! Arrows, numbers and the legend are drawn in user units (one pixel on a screen), y down. The arrow of a contact starts
+//! at its foot on the body and is the force on the link, f = n N + t T with t = n turned by +90 degrees.
+
+pub mod contours;
+mod forces;
+mod labels;
+mod legend;
+
+use crate::recording::frame::{Frame, Header, Outline};
+use crate::recording::view_geometry::{polyline, scene_bounds};
+use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
+use labels::{Rect, Taken, take, take_beside};
+use std::fmt::Write;
+
+/// What the view is centred on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Around {
+    /// All of it.
+    Drive,
+    /// Index into `Header::bodies`.
+    Body(usize),
+    /// Index into `Header::links`; the view follows it.
+    Link(usize),
+}
+
+/// What to draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    pub around: Around,
+    /// Width of the view [mm]; None: what fits.
+    pub width_mm: Option<f64>,
+    /// Forces in joints too.
+    pub joints: bool,
+}
+
+/// A drawing and what is known of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drawing {
+    pub svg: String,
+    /// Size of the page [user units].
+    pub width: f64,
+    pub height: f64,
+    /// User units per millimetre of the world.
+    pub units_per_mm: f64,
+    /// User units per newton; None where nothing is drawn with it.
+    pub contact_units_per_n: Option<f64>,
+    pub joint_units_per_n: Option<f64>,
+}
+
+/// Panels in a row before the next row begins.
+const MOST_IN_A_ROW: usize = 4;
+/// Width of a panel with 1, 2, 3 and 4 in a row [user units].
+const PANEL_WIDTH: [f64; MOST_IN_A_ROW] = [960.0, 600.0, 460.0, 400.0];
+const MARGIN: f64 = 16.0;
+const TITLE_HEIGHT: f64 = 34.0;
+/// View round a link [pitches], and its height as a share of its width.
+const LINK_VIEW_PITCHES: f64 = 6.0;
+const LINK_VIEW_ASPECT: f64 = 0.72;
+/// Pitch on the page from which every link and every gap has its number, and every contact its force [user units].
+const NUMBERED_PITCH: f64 = 38.0;
+/// Colours of the links' rows, in the order of `Header::link_outlines`; far apart also in grey.
+const ROW_COLOURS: [&str; 6] = ["#1f5fbf", "#c8641a", "#2f8a57", "#8d4bb4", "#a08a00", "#5a6b7b"];
+const INK: &str = "#223";
+const FORCE: &str = "#c8102e";
+const JOINT_FORCE: &str = "#0a7a5c";
+
+/// A panel's place on the page and what it shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Panel {
+    left: f64,
+    top: f64,
+    width: f64,
+    height: f64,
+    /// The point in its middle [m].
+    centre_m: [f64; 2],
+    units_per_m: f64,
+}
+
+impl Panel {
+    /// A point of the world on the page.
+    fn on_page(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [
+            self.left + 0.5 * self.width + (x - self.centre_m[0]) * self.units_per_m,
+            self.top + 0.5 * self.height - (y - self.centre_m[1]) * self.units_per_m,
+        ]
+    }
+
+    /// Whether any of a disc may be seen.
+    fn sees(&self, [x, y]: [f64; 2], radius_m: f64) -> bool {
+        let half = [0.5 * self.width / self.units_per_m, 0.5 * self.height / self.units_per_m];
+        (x - self.centre_m[0]).abs() <= half[0] + radius_m && (y - self.centre_m[1]).abs() <= half[1] + radius_m
+    }
+}
+
+/// Everything the parts of a drawing share.
+struct Sheet<'a> {
+    header: &'a Header,
+    options: Options,
+    units_per_m: f64,
+    /// Size of numbers in the panels [user units].
+    font: f64,
+    /// Width of contours' lines [user units].
+    stroke: f64,
+    contact_units_per_n: Option<f64>,
+    joint_units_per_n: Option<f64>,
+}
+
+impl Sheet<'_> {
+    /// Pitch of the chain on the page [user units].
+    fn pitch(&self) -> f64 {
+        pitch_m(self.header) * self.units_per_m
+    }
+}
+
+fn pitch_m(header: &Header) -> f64 {
+    header.links.first().map_or(8e-3, |l| l.pitch_m)
+}
+
+/// Draws frames of a recording, one panel each.
+///
+/// # Panics
+/// Without frames, with a link or body of `options.around` that is not there, and with columns shorter than the header's.
+pub fn draw(header: &Header, frames: &[&Frame], options: Options) -> Drawing {
+    assert!(!frames.is_empty(), "no frame to draw");
+    let [width_m, height_m] = view_size_m(header, frames, options);
+    let rows = frames.len().div_ceil(MOST_IN_A_ROW);
+    let columns = frames.len().div_ceil(rows);
+    let panel_width = PANEL_WIDTH[columns - 1];
+    let units_per_m = panel_width / width_m;
+    let panel_height = height_m * units_per_m;
+    let caption = if frames.len() == 1 { 0.0 } else { 36.0 };
+    let panels: Vec<Panel> = frames
+        .iter()
+        .enumerate()
+        .map(|(i, frame)| Panel {
+            left: MARGIN + (i % columns) as f64 * (panel_width + MARGIN),
+            top: TITLE_HEIGHT + caption + (i / columns) as f64 * (panel_height + caption + 8.0),
+            width: panel_width,
+            height: panel_height,
+            centre_m: centre_m(header, frames, frame, options, width_m),
+            units_per_m,
+        })
+        .collect();
+    let mut sheet = Sheet {
+        header,
+        options,
+        units_per_m,
+        font: if columns == 1 { 14.5 } else { 11.5 },
+        stroke: (pitch_m(header) * units_per_m / 60.0).clamp(0.6, 1.6),
+        contact_units_per_n: None,
+        joint_units_per_n: None,
+    };
+    sheet.contact_units_per_n = forces::contact_scale(&sheet, frames, &panels);
+    sheet.joint_units_per_n = if options.joints { forces::joint_scale(&sheet, frames, &panels) } else { None };
+    let width = MARGIN + columns as f64 * (panel_width + MARGIN);
+    let bottom = panels.iter().map(|p| p.top + p.height).fold(0.0, f64::max);
+    let entries = legend::entries(&sheet, width);
+    let height = bottom + legend::height(&entries);
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.2} {height:.2}\" width=\"{width:.2}\" \
+         height=\"{height:.2}\" font-family=\"sans-serif\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
+    );
+    push_title(&mut svg, &sheet, frames, width);
+    for (i, (frame, panel)) in frames.iter().zip(&panels).enumerate() {
+        push_panel(&mut svg, &sheet, frame, panel, i);
+        if frames.len() > 1 {
+            push_caption(&mut svg, frame, panel);
+        }
+    }
+    legend::push(&mut svg, &entries, bottom);
+    svg.push_str("</svg>\n");
+    Drawing {
+        svg,
+        width,
+        height,
+        units_per_mm: units_per_m * 1e-3,
+        contact_units_per_n: sheet.contact_units_per_n,
+        joint_units_per_n: sheet.joint_units_per_n,
+    }
+}
+
+/// Box round a body where it stands: (lower, upper) corner [m].
+fn body_box_m(header: &Header, frame: &Frame, k: usize) -> [[f64; 2]; 2] {
+    let pose = body_pose(header, frame, k);
+    let mut corners = [[pose.x_m, pose.y_m]; 2];
+    if header.bodies[k].rotor {
+        // The same at every angle, so that a film strip stands still.
+        let reach = header.bodies[k].outline.as_ref().map_or(0.0, tip_radius_m);
+        return [[pose.x_m - reach, pose.y_m - reach], [pose.x_m + reach, pose.y_m + reach]];
+    }
+    let points = header.bodies[k].outline.as_ref().map(polyline).unwrap_or_default();
+    for (i, p) in points.into_iter().map(|p| pose.apply(p)).enumerate() {
+        for a in 0..2 {
+            corners[0][a] = if i == 0 { p[a] } else { corners[0][a].min(p[a]) };
+            corners[1][a] = if i == 0 { p[a] } else { corners[1][a].max(p[a]) };
+        }
+    }
+    corners
+}
+
+fn tip_radius_m(outline: &Outline) -> f64 {
+    polyline(outline).into_iter().map(|[x, y]| x.hypot(y)).fold(0.0, f64::max)
+}
+
+/// Box of the whole drive, chain included: (lower, upper) corner [m].
+fn drive_box_m(header: &Header, frames: &[&Frame]) -> [[f64; 2]; 2] {
+    let (mut low, mut high) = scene_bounds(header);
+    for frame in frames {
+        for (x, y) in frame.links.x_m.iter().zip(&frame.links.y_m) {
+            low = [low[0].min(*x), low[1].min(*y)];
+            high = [high[0].max(*x), high[1].max(*y)];
+        }
+    }
+    [low, high]
+}
+
+/// Width and height of the view [m].
+fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2] {
+    let room_m = 2.2 * pitch_m(header);
+    let of_box = |[low, high]: [[f64; 2]; 2]| [high[0] - low[0] + room_m, high[1] - low[1] + room_m];
+    let [width, height] = match options.around {
+        Around::Drive => of_box(drive_box_m(header, frames)),
+        Around::Body(k) => of_box(body_box_m(header, frames[0], k)),
+        Around::Link(i) => {
+            let width = LINK_VIEW_PITCHES * header.links[i].pitch_m;
+            [width, LINK_VIEW_ASPECT * width]
+        }
+    };
+    // Neither a ribbon nor a tower.
+    let (width, height) = (width.max(height / 1.3), height.max(width * 0.3));
+    match options.width_mm {
+        None => [width, height],
+        // A part of the body is looked at as a link is.
+        Some(wanted) if wanted * 1e-3 < width - room_m && matches!(options.around, Around::Body(_)) => {
+            [wanted * 1e-3, wanted * 1e-3 * LINK_VIEW_ASPECT]
+        }
+        Some(wanted) => [wanted * 1e-3, wanted * 1e-3 * height / width],
+    }
+}
+
+/// The point in the middle of a frame's view [m].
+fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: Options, width_m: f64) -> [f64; 2] {
+    let middle = |[low, high]: [[f64; 2]; 2]| [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
+    match options.around {
+        Around::Drive => middle(drive_box_m(header, frames)),
+        Around::Link(i) => [frame.links.x_m[i], frame.links.y_m[i]],
+        Around::Body(k) => {
+            let corners = body_box_m(header, frames[0], k);
+            // A view that shows a part of the body shows where it is loaded most, the same place in all panels.
+            let part = width_m < corners[1][0] - corners[0][0];
+            let loaded = if part { forces::most_loaded_point_m(frames[0], k) } else { None };
+            loaded.unwrap_or(middle(corners))
+        }
+    }
+}
+
+fn push_title(svg: &mut String, sheet: &Sheet, frames: &[&Frame], width: f64) {
+    let around = match sheet.options.around {
+        Around::Drive => String::new(),
+        Around::Body(k) => format!(", around {}", sheet.header.bodies[k].path),
+        Around::Link(i) => format!(", around link {i}"),
+    };
+    let title = format!("{}{around}", sheet.header.drive_name);
+    push_text(svg, [MARGIN, 0.5 * TITLE_HEIGHT], 15.0, "start", INK, &title);
+    if let [frame] = frames {
+        push_text(svg, [width - MARGIN, 0.5 * TITLE_HEIGHT], 14.0, "end", INK, &instant(frame).join(", "));
+    }
+}
+
+fn push_caption(svg: &mut String, frame: &Frame, panel: &Panel) {
+    let [time, rest] = instant(frame);
+    push_text(svg, [panel.left, panel.top - 25.0], 13.0, "start", INK, &time);
+    push_text(svg, [panel.left, panel.top - 10.0], 11.0, "start", "#556", &rest);
+}
+
+/// When it was, in words: time; step and crank angle.
+fn instant(frame: &Frame) -> [String; 2] {
+    [
+        format!("t = {:.4} ms", frame.t_s * 1e3),
+        format!("step {}, crank {:.2}\u{b0}", frame.step, frame.crank_angle_rad.to_degrees()),
+    ]
+}
+
+fn push_panel(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, index: usize) {
+    let Panel { left, top, width, height, .. } = *panel;
+    let area = format!("x=\"{left:.2}\" y=\"{top:.2}\" width=\"{width:.2}\" height=\"{height:.2}\"");
+    let _infallible = writeln!(
+        svg,
+        "<clipPath id=\"panel{index}\"><rect {area}/></clipPath>\n\
+         <g class=\"panel\" clip-path=\"url(#panel{index})\">"
+    );
+    push_contours(svg, sheet, frame, panel);
+    let middle = [left + 0.5 * width, top + 0.5 * height];
+    let mut taken = Taken {
+        panel: Rect { centre: middle, half: [0.5 * width - 2.0, 0.5 * height - 2.0] },
+        boxes: Vec::new(),
+        strokes: Vec::new(),
+    };
+    if sheet.options.joints {
+        forces::push_joints(svg, sheet, frame, panel, &mut taken);
+    }
+    forces::push_contacts(svg, sheet, frame, panel, &mut taken);
+    push_link_numbers(svg, sheet, frame, panel, &mut taken);
+    push_body_names(svg, sheet, frame, panel, &mut taken);
+    push_gap_numbers(svg, sheet, frame, panel, &mut taken);
+    forces::push_contact_numbers(svg, sheet, frame, panel, &mut taken);
+    let _infallible = writeln!(svg, "</g>\n<rect {area} fill=\"none\" stroke=\"#aab\" stroke-width=\"0.8\"/>");
+}
+
+/// Bodies, then links over them, in millimetres of the world.
+fn push_contours(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel) {
+    let scale = sheet.units_per_m * 1e-3;
+    let [x0, y0] = panel.on_page([0.0, 0.0]);
+    let _infallible = writeln!(
+        svg,
+        "<g class=\"contours\" transform=\"matrix({scale} 0 0 {} {x0} {y0})\" stroke-width=\"{:.5}\" \
+         stroke-linejoin=\"round\">",
+        -scale,
+        sheet.stroke / scale
+    );
+    for (k, body) in sheet.header.bodies.iter().enumerate() {
+        let Some(outline) = &body.outline else { continue };
+        let pose = body_pose(sheet.header, frame, k);
+        if panel.sees([pose.x_m, pose.y_m], reach_m(outline)) {
+            let fill = if body.rotor { "#e4e6ea" } else { "#dfe8d8" };
+            push_outline(svg, outline, pose, sheet.units_per_m, (fill, 1.0, INK));
+        }
+    }
+    // Rows behind each other as in the chain: the first, which has the bushes, in front.
+    for row in (0..sheet.header.link_outlines.len()).rev() {
+        let outline = &sheet.header.link_outlines[row];
+        let (reach, colour) = (reach_m(outline), ROW_COLOURS[row % ROW_COLOURS.len()]);
+        for (i, _) in sheet.header.links.iter().enumerate().filter(|(_, l)| l.outline as usize == row) {
+            let pose = link_pose(frame, i);
+            if panel.sees([pose.x_m, pose.y_m], reach) {
+                push_outline(svg, outline, pose, sheet.units_per_m, (colour, 0.14, colour));
+            }
+        }
+    }
+    svg.push_str("</g>\n");
+}
+
+fn push_outline(
+    svg: &mut String,
+    outline: &Outline,
+    pose: Pose,
+    units_per_m: f64,
+    (fill, opacity, line): (&str, f64, &str),
+) {
+    let data = path_data(outline, pose, units_per_m);
+    let _infallible = if outline.closed {
+        writeln!(svg, "<path d=\"{data}\" fill=\"{fill}\" fill-opacity=\"{opacity}\" stroke=\"{line}\"/>")
+    } else {
+        writeln!(svg, "<path d=\"{data}\" fill=\"none\" stroke=\"{line}\"/>")
+    };
+    for c in &outline.circles {
+        let style = format!("fill=\"none\" stroke=\"{line}\" stroke-opacity=\"0.8\"");
+        let [x, y] = pose.apply([c.x_m, c.y_m]).map(mm);
+        let _infallible = if longest_arc_rad(c.radius_m, units_per_m) < LONGEST_ARC_RAD {
+            writeln!(svg, "<path class=\"circle\" d=\"{}\" {style}/>", circle_data(c, pose, units_per_m))
+        } else {
+            writeln!(svg, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{}\" {style}/>", mm(c.radius_m))
+        };
+    }
+}
+
+/// Every how many-th link or gap has its number: all in a close-up, few and round ones in a view of much.
+fn number_stride(pitch: f64) -> usize {
+    /// Distance of numbers where not all are there [user units].
+    const APART: f64 = 80.0;
+    if pitch >= NUMBERED_PITCH {
+        return 1;
+    }
+    [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= APART).unwrap_or(100)
+}
+
+fn push_link_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+    let stride = number_stride(sheet.pitch());
+    for (i, link) in sheet.header.links.iter().enumerate().step_by(stride) {
+        let pose = link_pose(frame, i);
+        // On the link where there is room, a little away from the teeth; outside of the loop otherwise.
+        let aside_m = if stride == 1 { -0.27 * link.pitch_m } else { -link.pitch_m };
+        let text = [i.to_string()];
+        let place = Rect::of_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
+        if take(taken, place) {
+            let colour = ROW_COLOURS[link.outline as usize % ROW_COLOURS.len()];
+            push_number(svg, &place, sheet.font, colour, &text);
+        }
+    }
+}
+
+/// Numbers of tooth gaps, below their roots.
+fn push_gap_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+    let stride = number_stride(sheet.pitch()) as u32;
+    let size = 0.85 * sheet.font;
+    for (k, body) in sheet.header.bodies.iter().enumerate().filter(|(_, b)| b.rotor && b.teeth > 0) {
+        let Some(outline) = &body.outline else { continue };
+        let root_m = polyline(outline).into_iter().map(|[x, y]| x.hypot(y)).fold(f64::INFINITY, f64::min);
+        let radius_m = root_m - 1.3 * size / sheet.units_per_m;
+        let pose = body_pose(sheet.header, frame, k);
+        for gap in (0..body.teeth).step_by(stride as usize) {
+            let (s, c) = crate::units::sin_cos(std::f64::consts::TAU * f64::from(gap) / f64::from(body.teeth));
+            let text = [gap.to_string()];
+            let place = Rect::of_text(&text, size, panel.on_page(pose.apply([radius_m * c, radius_m * s])));
+            if take(taken, place) {
+                push_number(svg, &place, size, "#667", &text);
+            }
+        }
+    }
+}
+
+/// What the bodies are called: sprockets on their axes, guides beside their middle.
+fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+    for (k, body) in sheet.header.bodies.iter().enumerate() {
+        let name = body.path.rsplit('.').next().unwrap_or(&body.path).to_string();
+        let [low, high] = body_box_m(sheet.header, frame, k);
+        let at = panel.on_page([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]);
+        if body.rotor {
+            let speed = frame.rotors.speed_rad_s.get(k).copied().unwrap_or(0.0) / crate::units::RPM;
+            let lines = [name, format!("{} teeth", body.teeth), format!("{speed:.0} rpm")];
+            let place = Rect::of_text(&lines, sheet.font, at);
+            if take(taken, place) {
+                push_number(svg, &place, sheet.font, INK, &lines);
+            }
+        } else {
+            let lines = [format!("guide {name}")];
+            let like = Rect::of_text(&lines, sheet.font, at);
+            let inside = Rect { centre: at, half: [0.0; 2] }.lies_in(&taken.panel);
+            // Towards the inside of most loops, away from the chain: below the upper guide, above the lower one.
+            if inside && let Some(place) = take_beside(taken, like, [at, at]) {
+                push_number(svg, &place, sheet.font, INK, &lines);
+            }
+        }
+    }
+}
+
+/// The largest of 1, 2, 5 times a power of ten that is not above `v`.
+fn round_below(v: f64) -> f64 {
+    // Powers by repeated tens: exact, so that they print as written.
+    let (mut up, mut down) = (1.0, 1.0);
+    while up * 10.0 <= v && up < 1e12 {
+        up *= 10.0;
+    }
+    while up / down > v && down < 1e12 {
+        down *= 10.0;
+    }
+    [5.0, 2.0, 1.0].into_iter().map(|f| f * up / down).find(|r| *r <= v).unwrap_or(up / down)
+}
+
+/// Lines of text in their box, on a white ground that follows the letters.
+fn push_number(svg: &mut String, place: &Rect, size: f64, colour: &str, lines: &[String]) {
+    let line = 2.0 * place.half[1] / lines.len() as f64;
+    for (i, text) in lines.iter().enumerate() {
+        let y = place.centre[1] - place.half[1] + (i as f64 + 0.5) * line;
+        push_text(svg, [place.centre[0], y], size, "middle", colour, text);
+    }
+}
+
+/// A line of text whose middle height is at `y`.
+fn push_text(svg: &mut String, [x, y]: [f64; 2], size: f64, anchor: &str, colour: &str, text: &str) {
+    let _infallible = writeln!(
+        svg,
+        "<text x=\"{x:.2}\" y=\"{:.2}\" font-size=\"{size:.1}\" text-anchor=\"{anchor}\" fill=\"{colour}\" \
+         stroke=\"#fff\" stroke-width=\"2.5\" stroke-linejoin=\"round\" paint-order=\"stroke\">{}</text>",
+        y + 0.35 * size,
+        escape(text)
+    );
+}
+
+/// Text as XML bears it: no marks of its own, no control characters.
+fn escape(text: &str) -> String {
+    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    shown.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
