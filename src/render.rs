@@ -1,6 +1,7 @@
 //! Drawings as SVG: exact contours, arcs as arcs.
 
 pub mod compare;
+pub mod free_body;
 pub mod png;
 pub mod silent;
 pub mod snapshot;

@@ -1,3 +1,5 @@
 //! What recordings tell: plain results from Headers, Frames and Impacts.
 
+pub mod diff;
+pub mod explain;
 pub mod suspects;

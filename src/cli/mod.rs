@@ -2,7 +2,9 @@
 
 mod check;
 mod compare;
+mod diff;
 mod drives;
+mod explain;
 mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
@@ -35,6 +37,10 @@ enum Verb {
     Tune(tune::TuneArgs),
     /// List every impact of a recording, and what stands out among them
     Impacts(impacts::ImpactsArgs),
+    /// Why a link does what it does: every force on it, and where they come from
+    Explain(explain::ExplainArgs),
+    /// Where two recordings part, in which body, by how much
+    Diff(diff::DiffArgs),
     /// Record a part of a recording once more, every step of it if wanted
     Zoom(zoom::ZoomArgs),
     /// Run a recording's drive again and compare, or finish a file that was cut off
@@ -115,6 +121,8 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Compare(args) => compare::run(&args),
         Verb::Tune(args) => tune::run(&args),
         Verb::Impacts(args) => impacts::run(&args),
+        Verb::Explain(args) => explain::run(&args),
+        Verb::Diff(args) => diff::run(&args),
         Verb::Zoom(args) => zoom::run(&args),
         Verb::Replay(args) => replay::run(&args),
         Verb::Snapshot(args) => snapshot::run(&args),

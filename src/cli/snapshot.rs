@@ -2,9 +2,9 @@
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::recording::frame::{Frame, Header};
-use crate::replay::Replay;
 use crate::render::png;
 use crate::render::snapshot::{Around, Drawing, Options, draw};
+use crate::replay::Replay;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args, Debug)]

@@ -528,3 +528,36 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
     word.copy_from_slice(&bytes[at..at + 4]);
     u32::from_le_bytes(word)
 }
+
+/// Frames of a recording one after the other, a chunk in memory at a time.
+pub struct Cursor<'a> {
+    reader: &'a mut Reader,
+    chunk: usize,
+    frames: std::collections::VecDeque<Frame>,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(reader: &'a mut Reader) -> Cursor<'a> {
+        Cursor { reader, chunk: 0, frames: std::collections::VecDeque::new() }
+    }
+
+    /// From the beginning again.
+    pub fn rewound(self) -> Cursor<'a> {
+        Cursor::new(self.reader)
+    }
+
+    pub fn next_frame(&mut self) -> anyhow::Result<Option<Frame>> {
+        while self.frames.is_empty() && self.chunk < self.reader.chunks.len() {
+            let frames = &mut self.frames;
+            let wanted = Wanted { frames: true, ..Wanted::default() };
+            self.reader.each_of(self.chunk, wanted, (0, u64::MAX), &mut |entry| {
+                if let Entry::Frame(frame) = entry {
+                    frames.push_back(*frame);
+                }
+                Ok(Flow::On)
+            })?;
+            self.chunk += 1;
+        }
+        Ok(self.frames.pop_front())
+    }
+}

@@ -9,6 +9,8 @@ mod forces;
 mod labels;
 mod legend;
 
+pub(crate) use forces::push_arrow;
+
 use crate::recording::frame::{Frame, Header, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};

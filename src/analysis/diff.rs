@@ -1,0 +1,278 @@
+//! Where two recordings part, in which body, by how much, and how the difference grows.
+//!
+//! With one step size frames of the same step are compared bit by bit. Otherwise, and where no steps are shared, the second
+//! recording is interpolated to the times of the first (poses by cubic Hermite polynomials through positions and velocities,
+//! everything else linearly), and differences below [`INTERPOLATED_M`] count as none.
+
+use crate::recording::frame::{Frame, Header};
+use crate::recording::reader::{Cursor, Reader};
+use crate::replay::{each_column, frame_difference};
+use crate::units::wrap_angle;
+
+/// Positions that differ by less are equal, where one recording is interpolated [m].
+const INTERPOLATED_M: f64 = 1e-9;
+/// Rows of the growth table for each power of ten in time.
+const ROWS_PER_DECADE: f64 = 3.0;
+
+/// The difference of two recordings.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Difference {
+    pub equal: bool,
+    /// What their headers say: drives, contours, links.
+    pub drives: Vec<String>,
+    pub frames_compared: u64,
+    pub frames_only_in_a: u64,
+    pub frames_only_in_b: u64,
+    pub interpolated: bool,
+    pub first: Option<First>,
+    pub growth: Vec<Growth>,
+}
+
+/// The first frame at which they part.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct First {
+    pub frame: u64,
+    pub step: u64,
+    pub t_s: f64,
+    /// `link 12`, or the path of a sprocket.
+    pub body: String,
+    /// By how much it is displaced there [m]; for a sprocket turned [rad].
+    pub distance: f64,
+    /// First value that differs, with both.
+    pub what: String,
+}
+
+/// The difference at one instant.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Growth {
+    pub t_s: f64,
+    /// Largest displacement of any link, and of which [m].
+    pub position_m: f64,
+    pub link: usize,
+    /// Largest difference of the force in any joint [N], and of the torque of the chain on any sprocket [N m].
+    pub joint_force_n: f64,
+    pub chain_torque_nm: f64,
+}
+
+/// Compares two recordings.
+pub fn diff(a: &mut Reader, b: &mut Reader) -> anyhow::Result<Difference> {
+    let (header_a, header_b) = (a.header().clone(), b.header().clone());
+    let (links_a, links_b) = (header_a.links.len(), header_b.links.len());
+    anyhow::ensure!(links_a == links_b, "the drives have {links_a} and {links_b} links: there is nothing to compare");
+    let same_step = header_a.step_s == header_b.step_s;
+    let mut result =
+        Difference { drives: headers(&header_a, &header_b), interpolated: !same_step, ..Difference::default() };
+    let (mut a, mut b) = (Cursor::new(a), Cursor::new(b));
+    if same_step {
+        by_step(&mut a, &mut b, &header_a, &mut result)?;
+    }
+    result.equal = result.first.is_none()
+        && result.drives.is_empty()
+        && !result.interpolated
+        && result.frames_only_in_a + result.frames_only_in_b == 0;
+    if same_step && (result.frames_compared > 0 || (result.frames_only_in_a == 0 || result.frames_only_in_b == 0)) {
+        return Ok(result);
+    }
+    (a, b) = (a.rewound(), b.rewound());
+    (result.interpolated, result.frames_only_in_a, result.frames_only_in_b) = (true, 0, 0);
+    by_time(&mut a, &mut b, &header_a, &mut result)?;
+    result.equal = result.first.is_none() && result.drives.is_empty() && result.frames_compared > 0;
+    Ok(result)
+}
+
+fn by_step(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut Difference) -> anyhow::Result<()> {
+    let (mut next_a, mut next_b) = (a.next_frame()?, b.next_frame()?);
+    let mut frame = 0;
+    loop {
+        match (&next_a, &next_b) {
+            (None, None) => return Ok(()),
+            (Some(fa), Some(fb)) if fa.step == fb.step => {
+                result.frames_compared += 1;
+                if fa != fb {
+                    note(result, header, frame, fa, fb);
+                }
+                (next_a, next_b) = (a.next_frame()?, b.next_frame()?);
+                frame += 1;
+            }
+            (Some(fa), fb) if fb.as_ref().is_none_or(|fb| fa.step < fb.step) => {
+                result.frames_only_in_a += 1;
+                next_a = a.next_frame()?;
+                frame += 1;
+            }
+            _ => {
+                result.frames_only_in_b += 1;
+                next_b = b.next_frame()?;
+            }
+        }
+    }
+}
+
+fn by_time(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut Difference) -> anyhow::Result<()> {
+    let (mut before, mut after) = (b.next_frame()?, b.next_frame()?);
+    let mut frame = 0;
+    while let Some(fa) = a.next_frame()? {
+        while after.as_ref().is_some_and(|f| f.t_s < fa.t_s) {
+            before = after;
+            after = b.next_frame()?;
+        }
+        match (&before, &after) {
+            (Some(low), Some(high)) if low.t_s <= fa.t_s => {
+                result.frames_compared += 1;
+                let between = interpolated(low, high, fa.t_s);
+                let growth = growth(&fa, &between);
+                if growth.position_m > INTERPOLATED_M {
+                    note(result, header, frame, &fa, &between);
+                }
+            }
+            _ => result.frames_only_in_a += 1,
+        }
+        frame += 1;
+    }
+    Ok(())
+}
+
+/// Poses between two frames; columns whose rows mean the same in both.
+fn interpolated(low: &Frame, high: &Frame, t_s: f64) -> Frame {
+    let h = high.t_s - low.t_s;
+    let u = if h > 0.0 { (t_s - low.t_s) / h } else { 0.0 };
+    let (u2, u3) = (u * u, u * u * u);
+    let hermite = |p0: f64, v0: f64, p1: f64, v1: f64| {
+        (2.0 * u3 - 3.0 * u2 + 1.0) * p0
+            + (u3 - 2.0 * u2 + u) * h * v0
+            + (3.0 * u2 - 2.0 * u3) * p1
+            + (u3 - u2) * h * v1
+    };
+    let mut f = low.clone();
+    f.t_s = t_s;
+    let (a, b) = (&low.links, &high.links);
+    for i in 0..a.x_m.len().min(b.x_m.len()) {
+        f.links.x_m[i] = hermite(a.x_m[i], a.vx_m_s[i], b.x_m[i], b.vx_m_s[i]);
+        f.links.y_m[i] = hermite(a.y_m[i], a.vy_m_s[i], b.y_m[i], b.vy_m_s[i]);
+        let turned = a.angle_rad[i] + wrap_angle(b.angle_rad[i] - a.angle_rad[i]);
+        f.links.angle_rad[i] = wrap_angle(hermite(a.angle_rad[i], a.omega_rad_s[i], turned, b.omega_rad_s[i]));
+    }
+    let linear = |to: &mut [f64], b: &[f64]| to.iter_mut().zip(b).for_each(|(a, b)| *a += u * (b - *a));
+    linear(&mut f.links.vx_m_s, &b.vx_m_s);
+    linear(&mut f.links.vy_m_s, &b.vy_m_s);
+    linear(&mut f.links.omega_rad_s, &b.omega_rad_s);
+    linear(&mut f.joints.force_x_n, &high.joints.force_x_n);
+    linear(&mut f.joints.force_y_n, &high.joints.force_y_n);
+    linear(&mut f.rotors.angle_rad, &high.rotors.angle_rad);
+    linear(&mut f.rotors.speed_rad_s, &high.rotors.speed_rad_s);
+    linear(&mut f.rotors.chain_torque_nm, &high.rotors.chain_torque_nm);
+    f
+}
+
+fn growth(a: &Frame, b: &Frame) -> Growth {
+    let (la, lb) = (&a.links, &b.links);
+    let mut g = Growth { t_s: a.t_s, position_m: 0.0, link: 0, joint_force_n: 0.0, chain_torque_nm: 0.0 };
+    for i in 0..la.x_m.len().min(lb.x_m.len()) {
+        let d = (la.x_m[i] - lb.x_m[i]).hypot(la.y_m[i] - lb.y_m[i]);
+        if d > g.position_m {
+            (g.position_m, g.link) = (d, i);
+        }
+    }
+    let (ja, jb) = (&a.joints, &b.joints);
+    for j in 0..ja.force_x_n.len().min(jb.force_x_n.len()) {
+        let d = (ja.force_x_n[j] - jb.force_x_n[j]).hypot(ja.force_y_n[j] - jb.force_y_n[j]);
+        g.joint_force_n = g.joint_force_n.max(d);
+    }
+    let torques = a.rotors.chain_torque_nm.iter().zip(&b.rotors.chain_torque_nm);
+    g.chain_torque_nm = torques.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    g
+}
+
+fn note(result: &mut Difference, header: &Header, number: u64, a: &Frame, b: &Frame) {
+    let now = growth(a, b);
+    let Some(first) = &result.first else {
+        let turned = a.rotors.angle_rad.iter().zip(&b.rotors.angle_rad).map(|(a, b)| (a - b).abs());
+        let rotor = turned.enumerate().fold((0, 0.0), |best, (k, d)| if d > best.1 { (k, d) } else { best });
+        let (body, distance) = if now.position_m > 0.0 {
+            (format!("link {}", now.link), now.position_m)
+        } else if rotor.1 > 0.0 {
+            (header.bodies.get(rotor.0).map_or("a sprocket".into(), |b| b.path.clone()), rotor.1)
+        } else {
+            (contact_body(header, a, b), 0.0)
+        };
+        let what = frame_difference(a, b).replace("recorded", "A has").replace("the run gives", "B has");
+        result.first = Some(First { frame: number, step: a.step, t_s: a.t_s, body, distance, what });
+        result.growth.push(now);
+        return;
+    };
+    // Evenly over the logarithm of the time since they parted.
+    let since = |t_s: f64| (t_s - first.t_s).max(1e-9);
+    let last = result.growth.last().map_or(first.t_s, |g| g.t_s);
+    if since(now.t_s) >= since(last) * libm::pow(10.0, 1.0 / ROWS_PER_DECADE) {
+        result.growth.push(now);
+    }
+}
+
+/// The body of the first contact that differs.
+fn contact_body(header: &Header, a: &Frame, b: &Frame) -> String {
+    let n = a.contacts.link.len();
+    let differs = |i: &usize| {
+        b.contacts.link.get(*i) != Some(&a.contacts.link[*i])
+            || b.contacts.normal_force_n.get(*i) != Some(&a.contacts.normal_force_n[*i])
+    };
+    let row = (0..n).find(differs);
+    match row {
+        Some(i) => format!(
+            "link {} on {}",
+            a.contacts.link[i],
+            header.bodies.get(a.contacts.body[i] as usize).map_or("?", |b| b.path.as_str())
+        ),
+        None => "the drive".into(),
+    }
+}
+
+/// What two headers say differently, a line each.
+fn headers(a: &Header, b: &Header) -> Vec<String> {
+    let mut lines = Vec::new();
+    if a.step_s != b.step_s {
+        lines.push(format!("step: {:.4} us in A, {:.4} us in B", a.step_s * 1e6, b.step_s * 1e6));
+    }
+    let only = |x: &Header, y: &Header| {
+        x.overrides.iter().filter(|o| !y.overrides.contains(o)).cloned().collect::<Vec<_>>().join(", ")
+    };
+    for (name, text) in [("A", only(a, b)), ("B", only(b, a))] {
+        if !text.is_empty() {
+            lines.push(format!("set only in {name}: {text}"));
+        }
+    }
+    for (la, lb) in a.drive_text.lines().zip(b.drive_text.lines()).filter(|(la, lb)| la != lb).take(10) {
+        lines.push(format!("drive file: `{}` in A, `{}` in B", la.trim(), lb.trim()));
+    }
+    for (i, (la, lb)) in a.links.iter().zip(&b.links).enumerate().filter(|(_, (la, lb))| la != lb).take(10) {
+        lines.push(format!(
+            "link {i}: {:.3} um longer in B, {:+.3e} kg heavier",
+            (lb.pitch_m - la.pitch_m) * 1e6,
+            lb.mass_kg - la.mass_kg
+        ));
+    }
+    for (ba, bb) in a.bodies.iter().zip(&b.bodies).filter(|(ba, bb)| ba != bb) {
+        if ba.path != bb.path {
+            lines.push(format!("a body is called {} in A and {} in B", ba.path, bb.path));
+            continue;
+        }
+        let moved = (ba.x_m - bb.x_m).hypot(ba.y_m - bb.y_m);
+        if moved > 0.0 || ba.angle_rad != bb.angle_rad {
+            let turned = (bb.angle_rad - ba.angle_rad).to_degrees();
+            lines.push(format!("{}: moved by {:.3} um, turned by {turned:.2e} deg in B", ba.path, moved * 1e6));
+        }
+        if ba.outline != bb.outline {
+            lines.push(format!("{}: another contour", ba.path));
+        }
+    }
+    lines
+}
+
+/// Whether two frames differ in more than rounding of their energies; for tests.
+pub fn same_motion(a: &Frame, b: &Frame) -> bool {
+    let mut same = a.state_hash == b.state_hash;
+    each_column(a, |name, left| {
+        if !name.starts_with("energy.") {
+            each_column(b, |other, right| same &= name != other || left == right);
+        }
+    });
+    same
+}

@@ -1,0 +1,437 @@
+//! Why a link does what it does at one instant: its free body, the history of its contacts, and where an approach speed came
+//! from.
+//!
+//! The instant is run again from the keyframe before it. Forces are those that the step works with (means over the step for
+//! contacts), so that their sum is mass times the change of velocity over the step, to rounding: what remains is printed. The
+//! moment is taken about the centre of mass.
+//!
+//! The closing speed of a bush at first touch, n the normal out of the tooth, is split without remainder. Let a be the joint
+//! ahead of the bush (the one that is on the sprocket already), r its distance from it along the link between them, which turns
+//! at w; the sprocket turns at W about its axis c:
+//! ```text
+//! v_close = - n . (v_bush - W x (p - c))
+//!         = - n . (-W x r)                        articulation: a straight span onto a turning sprocket, p W sin(...)
+//!           - n . (w x r)                         the arriving link turns already: the span moves sideways
+//!           - n . (v_a - W x (a - c))             the joint ahead moves on the sprocket: it rocks in its seat or is pulled
+//!           - n . (rest)                          the joint between link and bush stretches: a step in tension
+//! ```
+
+use crate::elements::rotor::Rotor;
+use crate::geometry::{Vec2, cross, perp};
+use crate::integrate::explicit::{self, Part, Scratch, ends};
+use crate::model::Model;
+use crate::recording::frame::{Feature, Segment};
+use crate::replay::Replay;
+use crate::state::State;
+use anyhow::{Context, ensure};
+
+/// One force on the link.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Force {
+    /// `joint`, `contact normal`, `contact friction`.
+    pub kind: &'static str,
+    /// What exerts it, in words.
+    pub cause: String,
+    /// Where it acts [m].
+    pub x_m: f64,
+    pub y_m: f64,
+    pub fx_n: f64,
+    pub fy_n: f64,
+    /// About the centre of mass, with a friction torque of the joint [N m].
+    pub moment_nm: f64,
+}
+
+/// A contact of the link.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Contact {
+    pub feature: &'static str,
+    pub body: String,
+    pub tooth: Option<u32>,
+    pub segment: &'static str,
+    pub penetration_m: f64,
+    pub normal_force_n: f64,
+    pub tangential_force_n: f64,
+    pub age_s: f64,
+    pub approach_speed_m_s: f64,
+    /// False: it touched before the keyframe from which the recording was run again.
+    pub history_is_whole: bool,
+    /// Largest force since first touch, and its time [N, s].
+    pub peak_force_n: f64,
+    pub peak_t_s: f64,
+    /// Since first touch: time [s], normal force [N], penetration [m].
+    pub history: Vec<[f64; 3]>,
+    pub approach: Option<Approach>,
+}
+
+/// Where the closing speed at first touch came from [m/s].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Approach {
+    pub t_s: f64,
+    /// Sum of the parts, with the velocities of that node.
+    pub closing_speed_m_s: f64,
+    pub parts: Vec<ApproachPart>,
+    /// Tension of the link then, and its mean over the tooth period before [N].
+    pub tension_n: f64,
+    pub tension_before_n: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ApproachPart {
+    pub cause: &'static str,
+    pub speed_m_s: f64,
+}
+
+/// Everything about one link at one instant.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FreeBody {
+    pub link: usize,
+    pub step: u64,
+    pub t_s: f64,
+    pub mass_kg: f64,
+    pub inertia_kg_m2: f64,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub angle_rad: f64,
+    pub forces: Vec<Force>,
+    pub sum_x_n: f64,
+    pub sum_y_n: f64,
+    pub sum_moment_nm: f64,
+    /// Change of velocity over the step, per time.
+    pub acceleration_x_m_s2: f64,
+    pub acceleration_y_m_s2: f64,
+    pub angular_acceleration_rad_s2: f64,
+    /// |sum of forces - m a|, and that as a share of the largest force.
+    pub remainder_n: f64,
+    pub remainder_share: f64,
+    /// The same of moments, as a share of the largest of them, or of the largest force on the lever of a joint.
+    pub remainder_moment_share: f64,
+    pub contacts: Vec<Contact>,
+}
+
+/// Longest history that is kept of a contact [values].
+const LONGEST_HISTORY: usize = 400;
+
+/// What a part of a link touches at a node, also where a little gap is left.
+struct Touch {
+    body: usize,
+    tooth: u32,
+    segment: Segment,
+    normal: Vec2,
+    /// On the link [m].
+    point: Vec2,
+}
+
+/// A lane that belongs to the link, and what has been seen of it.
+struct Lane {
+    part: Part,
+    lane: usize,
+    feature: Feature,
+    history: Vec<[f64; 3]>,
+    began: bool,
+    approach: Option<Approach>,
+}
+
+/// The free body of `link` at the step nearest to `t_s`.
+pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<FreeBody> {
+    let model = replay.model.clone();
+    ensure!(link < model.chain.n_links, "there is no link {link}");
+    let mut lanes = lanes_of(&model, link);
+    let mut tensions: Vec<f64> = Vec::new();
+    let visit = replay.visit(step, |state, scratch| watch(&model, state, scratch, link, &mut lanes, &mut tensions))?;
+    let (mut state, mut scratch) = (visit.state, visit.scratch);
+    explicit::evaluate(&model, &state, &mut scratch)?;
+    watch(&model, &state, &scratch, link, &mut lanes, &mut tensions);
+    let mut body = free_body(&model, &state, &scratch, link, lanes)?;
+    let before = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
+    explicit::advance(&model, &mut state, &mut scratch);
+    let after = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
+    let rate = |k: usize| (after[k] - before[k]) / model.step_s;
+    (body.acceleration_x_m_s2, body.acceleration_y_m_s2, body.angular_acceleration_rad_s2) =
+        (rate(0), rate(1), rate(2));
+    balance(&mut body, model.chain.lever[link]);
+    Ok(body)
+}
+
+fn balance(body: &mut FreeBody, lever_m: f64) {
+    let sum = |f: &dyn Fn(&Force) -> f64| body.forces.iter().map(f).sum::<f64>();
+    (body.sum_x_n, body.sum_y_n, body.sum_moment_nm) = (sum(&|f| f.fx_n), sum(&|f| f.fy_n), sum(&|f| f.moment_nm));
+    let largest = body.forces.iter().map(|f| f.fx_n.hypot(f.fy_n)).fold(0.0, f64::max);
+    let miss_x = body.sum_x_n - body.mass_kg * body.acceleration_x_m_s2;
+    let miss_y = body.sum_y_n - body.mass_kg * body.acceleration_y_m_s2;
+    let miss_moment = body.sum_moment_nm - body.inertia_kg_m2 * body.angular_acceleration_rad_s2;
+    body.remainder_n = miss_x.hypot(miss_y);
+    body.remainder_share = body.remainder_n / largest.max(1e-12);
+    let largest_moment = body.forces.iter().map(|f| f.moment_nm.abs()).fold(largest * lever_m, f64::max);
+    body.remainder_moment_share = miss_moment.abs() / largest_moment.max(1e-15);
+}
+
+fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
+    let n = model.chain.n_links;
+    let mut lanes = Vec::new();
+    for part in Part::of(model) {
+        let candidates = if part == Part::Bushes { vec![(link + n - 1) % n, link] } else { vec![link] };
+        for lane in candidates {
+            let (owner, feature) = part.feature(model, lane);
+            if owner == link {
+                lanes.push(Lane { part, lane, feature, history: Vec::new(), began: false, approach: None });
+            }
+        }
+    }
+    lanes
+}
+
+/// Looks at a step that has just been evaluated.
+fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &mut [Lane], tensions: &mut Vec<f64>) {
+    let tension = tension_n(model, state, scratch, link);
+    let t_s = state.step as f64 * model.step_s;
+    for lane in lanes {
+        let memory = scratch.memory(lane.part);
+        let age = memory.age[lane.lane];
+        if age == 0.0 {
+            (lane.began, lane.approach) = (false, None);
+            lane.history.clear();
+            continue;
+        }
+        if age == 1.0 {
+            lane.began = true;
+            lane.history.clear();
+            let before = mean_of_period(model, tensions);
+            lane.approach = approach(model, state, scratch, lane).map(|(closing_speed_m_s, parts)| Approach {
+                t_s,
+                closing_speed_m_s,
+                parts,
+                tension_n: tension,
+                tension_before_n: before,
+            });
+        }
+        lane.history.push([t_s, memory.normal_force[lane.lane], scratch.depth(lane.part, lane.lane)]);
+    }
+    tensions.push(tension);
+}
+
+/// Over the tooth period before.
+fn mean_of_period(model: &Model, tensions: &[f64]) -> f64 {
+    let period_s = 2.0 * model.chain.lever[0] / model.chain_speed_m_s.abs().max(1e-12);
+    let steps = ((period_s / model.step_s) as usize).clamp(1, tensions.len().max(1));
+    let last = &tensions[tensions.len().saturating_sub(steps)..];
+    if last.is_empty() { f64::NAN } else { last.iter().sum::<f64>() / last.len() as f64 }
+}
+
+/// Pull along the link, mean of both joints [N].
+fn tension_n(model: &Model, state: &State, scratch: &Scratch, link: usize) -> f64 {
+    let n = model.chain.n_links;
+    let (front, rear) = (scratch.joint_force(link), scratch.joint_force((link + n - 1) % n));
+    let l = &state.links;
+    -0.5 * ((front.0 + rear.0) * l.cos[link] + (front.1 + rear.1) * l.sin[link])
+}
+
+/// Position and velocity at the node of an end of a link.
+fn end_at(model: &Model, state: &State, scratch: &Scratch, link: usize, front: bool) -> (Vec2, Vec2) {
+    let (l, half) = (&state.links, 0.5 * model.step_s);
+    let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+    let arm = Vec2::new(l.cos[link], l.sin[link]) * lever;
+    // The predicted velocity that the step works with: with the accelerations of the step before.
+    let v = Vec2::new(l.vx[link] + half * l.ax[link], l.vy[link] + half * l.ay[link]);
+    let omega = l.omega[link] + half * l.alpha[link];
+    let _not_yet_moved = scratch;
+    (Vec2::new(l.x[link], l.y[link]) + arm, v + perp(arm) * omega)
+}
+
+fn omega_at(model: &Model, state: &State, link: usize) -> f64 {
+    state.links.omega[link] + 0.5 * model.step_s * state.links.alpha[link]
+}
+
+/// Speed of a rotor at the node [rad/s].
+fn rotor_speed(model: &Model, state: &State, k: usize) -> f64 {
+    let predicted = state.rotors.omega[k] + 0.5 * model.step_s * state.rotors.alpha[k];
+    match model.sprockets[k].rotor {
+        Rotor::Driven { .. } => state.rotors.omega[k],
+        Rotor::Free { .. } => predicted,
+    }
+}
+
+/// Closing speed and its parts, at the first touch of a lane.
+fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Option<(f64, Vec<ApproachPart>)> {
+    let touch = touch_at(model, state, scratch, lane.part, lane.lane)?;
+    let n = touch.normal;
+    let part = |cause: &'static str, v: Vec2| ApproachPart { cause, speed_m_s: -n.dot(&v) };
+    let (link, front) = match lane.part {
+        Part::Bushes => model.chain.bush_carrier(lane.lane),
+        Part::Guides(set) | Part::Contours(set) => (lane.lane, set % 2 == 0),
+    };
+    let rotor = touch.body < model.sprockets.len();
+    let spin = if rotor { rotor_speed(model, state, touch.body) } else { 0.0 };
+    let centre = if rotor { model.sprockets[touch.body].body.centre } else { Vec2::zeros() };
+    let surface = |p: Vec2| perp(p - centre) * spin;
+    let parts = if lane.part == Part::Bushes {
+        let links = model.chain.n_links;
+        // The link ahead of the bush's joint, in the direction of travel.
+        let forwards = model.chain_speed_m_s >= 0.0;
+        let ahead = if forwards { (lane.lane + 1) % links } else { lane.lane };
+        let (p, v) = end_at(model, state, scratch, link, front);
+        let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
+        let (seat, v_seat) = end_at(model, state, scratch, ahead, forwards);
+        let (r, w) = (here - seat, omega_at(model, state, ahead));
+        vec![
+            part("articulation: a straight span onto the turning sprocket", -perp(r) * spin),
+            part("the arriving link turns already (sideways motion of the span)", perp(r) * w),
+            part("the joint ahead moves on the sprocket", v_seat - surface(seat)),
+            part("the joint stretches (step in tension)", v - v_here - surface(p) + surface(here)),
+        ]
+    } else {
+        let l = &state.links;
+        let half = 0.5 * model.step_s;
+        let centre_of_mass = Vec2::new(l.x[link], l.y[link]);
+        let v = Vec2::new(l.vx[link] + half * l.ax[link], l.vy[link] + half * l.ay[link]);
+        let w = omega_at(model, state, link);
+        let mut parts = vec![part("the link moves", v), part("the link turns", perp(touch.point - centre_of_mass) * w)];
+        if rotor {
+            parts.push(part("the sprocket's surface moves", -surface(touch.point)));
+        }
+        parts
+    };
+    Some((parts.iter().map(|p| p.speed_m_s).sum(), parts))
+}
+
+/// What a lane touches, by exact detection.
+fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: usize) -> Option<Touch> {
+    let (body, tooth) = scratch.partner(model, part, lane)?;
+    let l = &state.links;
+    let joint = |link: usize, front: bool| {
+        let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+        Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link])
+    };
+    match part {
+        Part::Bushes => {
+            let sprocket = &model.sprockets[body];
+            let (link, front) = model.chain.bush_carrier(lane);
+            let p = joint(link, front);
+            let (cos, sin) = (state.rotors.cos[body], state.rotors.sin[body]);
+            let d = p - sprocket.body.centre;
+            let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
+            let radius_m = sprocket.body.bush_radius_m;
+            let hit = crate::contact::gap_contact(sprocket.geometry.iso()?, in_frame, radius_m);
+            let n = hit.touch.normal;
+            let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
+            Some(Touch { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })
+        }
+        Part::Guides(set) => {
+            let b = &model.guides.get(body.checked_sub(model.sprockets.len())?)?.body;
+            let p = joint(lane, set % 2 == 0);
+            let (d, up) = (p - b.origin, perp(b.along));
+            let (along, above) = (d.dot(&b.along), d.dot(&up));
+            let from = Vec2::new(along - along.clamp(0.0, b.length_m), above + b.end_radius_m);
+            let normal = (b.along * from.x + up * from.y) / from.norm();
+            let segment = if from.x == 0.0 { Segment::GuideFace } else { Segment::GuideLeadIn };
+            Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
+        }
+        Part::Contours(set) => {
+            let own = model.end_bodies.iter().find(|b| b.set == set / 2 && b.body == body)?;
+            let (rotor, _) = ends::turning(model, state, own);
+            let pose = ends::pose(model, state, own, lane, set % 2 == 0);
+            let t = own.touch(model.contour.as_ref()?, &pose, rotor, crate::elements::end_contact::FAR_M)?;
+            Some(Touch { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + own.origin })
+        }
+    }
+}
+
+fn free_body(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    link: usize,
+    lanes: Vec<Lane>,
+) -> anyhow::Result<FreeBody> {
+    let (n, l) = (model.chain.n_links, &state.links);
+    let centre = Vec2::new(l.x[link], l.y[link]);
+    let force = |kind, cause: String, at: Vec2, f: Vec2, torque: f64| Force {
+        kind,
+        cause,
+        x_m: at.x,
+        y_m: at.y,
+        fx_n: f.x,
+        fy_n: f.y,
+        moment_nm: cross(at - centre, f) + torque,
+    };
+    let mut forces = Vec::new();
+    for (joint, front, neighbour) in [(link, true, (link + 1) % n), ((link + n - 1) % n, false, (link + n - 1) % n)] {
+        let (x, y, torque) = scratch.joint_force(joint);
+        let sign = if front { -1.0 } else { 1.0 };
+        let (at, _) = end_at(model, state, scratch, link, front);
+        let cause = format!("{} joint, to link {neighbour}", if front { "front" } else { "rear" });
+        forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, torque * sign));
+    }
+    let mut contacts = Vec::new();
+    for lane in lanes {
+        let memory = scratch.memory(lane.part);
+        let (normal_n, friction_n) = (memory.normal_force[lane.lane], memory.tangential_force[lane.lane]);
+        if memory.age[lane.lane] == 0.0 {
+            continue;
+        }
+        let touch = touch_at(model, state, scratch, lane.part, lane.lane)
+            .with_context(|| format!("the contact of {} cannot be found again", Feature::name(lane.feature as u32)))?;
+        let rotor = touch.body < model.sprockets.len();
+        let body = if rotor {
+            format!("sprockets.{}", model.sprockets[touch.body].name)
+        } else {
+            format!("guides.fixed.{}", model.guides[touch.body - model.sprockets.len()].name)
+        };
+        let (feature, segment) = (Feature::name(lane.feature as u32), Segment::name(touch.segment as u32));
+        let place =
+            if rotor { format!("{body}, tooth gap {}, {segment}", touch.tooth) } else { format!("{body}, {segment}") };
+        forces.push(force(
+            "contact normal",
+            format!("{feature} on {place}"),
+            touch.point,
+            touch.normal * normal_n,
+            0.0,
+        ));
+        let friction = perp(touch.normal) * friction_n;
+        forces.push(force("contact friction", format!("{feature} on {place}: friction"), touch.point, friction, 0.0));
+        let peak = lane.history.iter().fold([0.0; 3], |best, h| if h[1] > best[1] { *h } else { best });
+        contacts.push(Contact {
+            feature,
+            body,
+            tooth: rotor.then_some(touch.tooth),
+            segment,
+            penetration_m: scratch.depth(lane.part, lane.lane),
+            normal_force_n: normal_n,
+            tangential_force_n: friction_n,
+            age_s: memory.age[lane.lane] * model.step_s,
+            approach_speed_m_s: memory.approach[lane.lane],
+            history_is_whole: lane.began,
+            peak_force_n: peak[1],
+            peak_t_s: peak[0],
+            history: thinned(lane.history),
+            approach: lane.approach,
+        });
+    }
+    Ok(FreeBody {
+        link,
+        step: state.step,
+        t_s: state.step as f64 * model.step_s,
+        mass_kg: model.chain.mass[link],
+        inertia_kg_m2: model.chain.inertia[link],
+        x_m: centre.x,
+        y_m: centre.y,
+        angle_rad: crate::units::atan2(l.sin[link], l.cos[link]),
+        forces,
+        sum_x_n: 0.0,
+        sum_y_n: 0.0,
+        sum_moment_nm: 0.0,
+        acceleration_x_m_s2: 0.0,
+        acceleration_y_m_s2: 0.0,
+        angular_acceleration_rad_s2: 0.0,
+        remainder_n: 0.0,
+        remainder_share: 0.0,
+        remainder_moment_share: 0.0,
+        contacts,
+    })
+}
+
+/// At most [`LONGEST_HISTORY`] values, evenly, the last one kept.
+fn thinned(history: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+    let stride = history.len().div_ceil(LONGEST_HISTORY).max(1);
+    let last = history.len().saturating_sub(1);
+    history.into_iter().enumerate().filter(|(i, _)| (last - i) % stride == 0).map(|(_, h)| h).collect()
+}
