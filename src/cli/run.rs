@@ -40,15 +40,20 @@ pub struct RunArgs {
     json: bool,
 }
 
-/// A time with its unit, in seconds.
+/// A time with its unit, in seconds; not zero.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
+    instant(text).and_then(|t| if t > 0.0 { Ok(t) } else { Err("must be positive".into()) })
+}
+
+/// A time with its unit, in seconds.
+pub(super) fn instant(text: &str) -> Result<f64, String> {
     let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
     let parsed = units.iter().find_map(|(unit, factor)| {
         let number = text.trim().strip_suffix(unit)?;
         number.trim().parse::<f64>().ok().map(|n| n * factor)
     });
     match parsed {
-        Some(t) if t.is_finite() && t > 0.0 => Ok(t),
+        Some(t) if t.is_finite() && t >= 0.0 => Ok(t),
         Some(_) => Err("must be positive".into()),
         None => Err("write a number with its unit: us, ms or s, e.g. 50us".into()),
     }

@@ -423,6 +423,24 @@ pub enum Segment {
     Ring = 8,
 }
 
+impl Segment {
+    /// In words, of a `Contacts::segment`.
+    pub fn name(segment: u32) -> &'static str {
+        const NAMES: [&str; 9] = [
+            "seat",
+            "clockwise flank",
+            "counterclockwise flank",
+            "tip corner",
+            "tip land",
+            "guide face",
+            "guide lead-in",
+            "guide lead-out",
+            "ring",
+        ];
+        NAMES.get(segment as usize).copied().unwrap_or("unknown part")
+    }
+}
+
 /// A few scalars per frame, for plot panels.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Signals {

@@ -8,6 +8,7 @@ pub mod frame;
 pub mod mcap;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+pub mod table;
 pub mod view_geometry;
 
 use frame::{Event, Frame, Header, Keyframe};
