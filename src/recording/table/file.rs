@@ -7,9 +7,9 @@ use super::Values::{self, Bool, Count, EveryF64, EveryU32, EveryU64, F64, Text, 
 use super::{ColumnInfo, Moment, Rows, Source, Table};
 use crate::recording::Output;
 use crate::recording::frame::{Event, Header};
-use anyhow::Context;
 use parquet::basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
+use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
@@ -255,8 +255,15 @@ fn write_csv(writer: &mut csv::Writer<File>, stores: &[Store], n: usize) -> csv:
     Ok(())
 }
 
-fn cannot_write(path: &Path) -> String {
-    format!("cannot write {}", path.display())
+/// What went wrong, and with which file.
+fn cannot_write(path: &Path, error: impl Into<anyhow::Error>) -> anyhow::Error {
+    let error = match error.into().downcast::<ParquetError>() {
+        // Says what it wraps and then names it as its cause: twice the same.
+        Ok(ParquetError::External(cause)) => anyhow::anyhow!("{cause}"),
+        Ok(other) => other.into(),
+        Err(other) => other,
+    };
+    error.context(format!("cannot write {}", path.display()))
 }
 
 /// A table on its way to its file. Given up without [`TableWriter::publish`], it leaves nothing behind.
@@ -291,8 +298,8 @@ impl TableWriter {
             rows: 0,
             bytes: 0,
         };
-        let file = File::create(&writer.temporary).with_context(|| cannot_write(path))?;
-        writer.sheet = Some(Sheet::create(file, format, &table, header).with_context(|| cannot_write(path))?);
+        let file = File::create(&writer.temporary).map_err(|e| cannot_write(path, e))?;
+        writer.sheet = Some(Sheet::create(file, format, &table, header).map_err(|e| cannot_write(path, e))?);
         match table.source {
             Source::Frame(_) | Source::Event(_) => {}
             Source::Body(rows) => {
@@ -338,7 +345,7 @@ impl TableWriter {
         if let Some(sheet) = &mut self.sheet
             && self.waiting > 0
         {
-            sheet.write(&self.stores, self.waiting).with_context(|| cannot_write(&self.path))?;
+            sheet.write(&self.stores, self.waiting).map_err(|e| cannot_write(&self.path, e))?;
         }
         self.stores.iter_mut().for_each(Store::clear);
         self.waiting = 0;
@@ -353,14 +360,14 @@ impl TableWriter {
     pub fn finish(&mut self) -> anyhow::Result<()> {
         self.write_group()?;
         if let Some(sheet) = self.sheet.take() {
-            self.bytes = sheet.finish().with_context(|| cannot_write(&self.path))?;
+            self.bytes = sheet.finish().map_err(|e| cannot_write(&self.path, e))?;
         }
         Ok(())
     }
 
     /// Gives the finished file its own name, in place of what was there.
     pub fn publish(self) -> anyhow::Result<(Output, u64)> {
-        std::fs::rename(&self.temporary, &self.path).with_context(|| cannot_write(&self.path))?;
+        std::fs::rename(&self.temporary, &self.path).map_err(|e| cannot_write(&self.path, e))?;
         Ok((Output { path: self.path.clone(), bytes: self.bytes }, self.rows))
     }
 }
