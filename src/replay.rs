@@ -216,7 +216,7 @@ pub fn verify(
                 let ours = camera.take(model, &state, &scratch);
                 if ours != *theirs {
                     let frame = verdict.frames;
-                    note(&mut verdict, frame, theirs.step, theirs.t_s, frame_difference(&theirs, &ours));
+                    note(&mut verdict, frame, theirs.step, theirs.t_s, frame_difference(theirs, &ours));
                 }
                 verdict.frames += 1;
                 progress(theirs.step);

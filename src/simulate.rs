@@ -166,7 +166,8 @@ pub fn run_job(
     loop {
         let dense = dense_until.is_some_and(|until| state.step <= until);
         let every = if dense { around.map_or(1, |a| a.steps_per_frame) } else { span.steps_per_frame };
-        let mut due = (state.step - first).is_multiple_of(every) || state.step == stop_at;
+        // On one grid from step 0 on, so that a run that goes on from a recording has frames where that has them.
+        let mut due = state.step.is_multiple_of(every) || state.step == first || state.step == stop_at;
         let interrupted = stop.load(Ordering::Relaxed);
         if let Err(e) = explicit::evaluate(model, state, scratch) {
             ending = Ending::Broke(e);
@@ -299,7 +300,7 @@ impl Recorder<'_, '_> {
         self.held.retain(|(step, item)| !(in_window(*step) && matches!(item, Item::Frame(_) | Item::Keyframe(_))));
         while state.step < until {
             explicit::evaluate(model, &state, &mut scratch)?;
-            if in_window(state.step) && (state.step - from).is_multiple_of(steps_per_frame) {
+            if in_window(state.step) && (state.step == from || state.step.is_multiple_of(steps_per_frame)) {
                 let frame = self.camera.take(model, &state, &scratch);
                 self.held.push_back((state.step, Item::Frame(Box::new(frame))));
                 if state.step == from && !self.sinks.is_empty() {

@@ -9,8 +9,9 @@ use crate::recording::reader::{Cursor, Reader};
 use crate::replay::{each_column, frame_difference};
 use crate::units::wrap_angle;
 
-/// Positions that differ by less are equal, where one recording is interpolated [m].
-const INTERPOLATED_M: f64 = 1e-9;
+/// Positions that differ by less are equal, where one recording is interpolated [m]: an impact between two frames that lie 50 us
+/// apart moves a link by up to some 5 um off the polynomial.
+const INTERPOLATED_M: f64 = 10e-6;
 /// Rows of the growth table for each power of ten in time.
 const ROWS_PER_DECADE: f64 = 3.0;
 
@@ -118,7 +119,7 @@ fn by_time(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut
         match (&before, &after) {
             (Some(low), Some(high)) if low.t_s <= fa.t_s => {
                 result.frames_compared += 1;
-                let between = interpolated(low, high, fa.t_s);
+                let between = interpolated(low, high, fa.t_s, fa.step);
                 let growth = growth(&fa, &between);
                 if growth.position_m > INTERPOLATED_M {
                     note(result, header, frame, &fa, &between);
@@ -132,7 +133,7 @@ fn by_time(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut
 }
 
 /// Poses between two frames; columns whose rows mean the same in both.
-fn interpolated(low: &Frame, high: &Frame, t_s: f64) -> Frame {
+fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     let h = high.t_s - low.t_s;
     let u = if h > 0.0 { (t_s - low.t_s) / h } else { 0.0 };
     let (u2, u3) = (u * u, u * u * u);
@@ -143,7 +144,7 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64) -> Frame {
             + (u3 - u2) * h * v1
     };
     let mut f = low.clone();
-    f.t_s = t_s;
+    (f.t_s, f.step) = (t_s, step);
     let (a, b) = (&low.links, &high.links);
     for i in 0..a.x_m.len().min(b.x_m.len()) {
         f.links.x_m[i] = hermite(a.x_m[i], a.vx_m_s[i], b.x_m[i], b.vx_m_s[i]);

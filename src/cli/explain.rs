@@ -1,6 +1,6 @@
 //! `pitchline explain`: the free body of one link at one instant, and why its contacts are what they are.
 
-use super::run::time;
+use super::run::instant;
 use super::{Failure, Outcome, print_json, print_out};
 use crate::analysis::explain::{FreeBody, explain};
 use crate::recording::frame::Feature;
@@ -16,7 +16,7 @@ pub struct ExplainArgs {
     #[arg(long, required_unless_present = "impact")]
     link: Option<usize>,
     /// The instant, e.g. 12.342ms
-    #[arg(long, value_parser = time, required_unless_present = "impact")]
+    #[arg(long, value_parser = instant, required_unless_present = "impact")]
     at: Option<f64>,
     /// At the peak of this impact instead: a number of `pitchline impacts`
     #[arg(long, value_name = "N", conflicts_with_all = ["link", "at"])]

@@ -5,6 +5,7 @@ mod compare;
 mod diff;
 mod drives;
 mod explain;
+mod export;
 mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
@@ -54,6 +55,8 @@ enum Verb {
     /// The numbers of a profile, and its drawing
     #[command(subcommand)]
     Geometry(geometry::GeometryVerb),
+    /// Turn a recording into Parquet or CSV tables
+    Export(export::ExportArgs),
     /// Print a completion script for a shell
     Completions {
         #[arg(value_enum)]
@@ -129,6 +132,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
+        Verb::Export(args) => export::run(&args),
         Verb::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "pitchline", &mut script);

@@ -29,7 +29,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "REC")]
     resume: Option<PathBuf>,
     /// Where to go on from, e.g. 12.3ms
-    #[arg(long, value_name = "T", requires = "resume", value_parser = time)]
+    #[arg(long, value_name = "T", requires = "resume", value_parser = instant)]
     at: Option<f64>,
     /// Stop where this becomes true, e.g. 'contact.normal_force > 500 N'; may be given several times
     #[arg(long = "break", value_name = "EXPR")]
@@ -66,21 +66,20 @@ pub struct RunArgs {
     json: bool,
 }
 
-/// A point in time with its unit, in seconds.
-pub(super) fn time(text: &str) -> Result<f64, String> {
-    let number = text.trim().trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    if number.trim().parse() == Ok(0.0) { Ok(0.0) } else { duration(text) }
+/// A time with its unit, in seconds; not zero.
+pub(super) fn duration(text: &str) -> Result<f64, String> {
+    instant(text).and_then(|t| if t > 0.0 { Ok(t) } else { Err("must be positive".into()) })
 }
 
-/// A length of time with its unit, in seconds.
-pub(super) fn duration(text: &str) -> Result<f64, String> {
+/// A time with its unit, in seconds.
+pub(super) fn instant(text: &str) -> Result<f64, String> {
     let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
     let parsed = units.iter().find_map(|(unit, factor)| {
         let number = text.trim().strip_suffix(unit)?;
         number.trim().parse::<f64>().ok().map(|n| n * factor)
     });
     match parsed {
-        Some(t) if t.is_finite() && t > 0.0 => Ok(t),
+        Some(t) if t.is_finite() && t >= 0.0 => Ok(t),
         Some(_) => Err("must be positive".into()),
         None => Err("write a number with its unit: us, ms or s, e.g. 50us".into()),
     }

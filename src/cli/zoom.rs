@@ -1,6 +1,6 @@
 //! `pitchline zoom`: a part of a recording once more, as densely as wanted, with the same steps to the bit.
 
-use super::run::{check_outputs, duration, finish, open, stop_on_interrupt, time};
+use super::run::{check_outputs, duration, finish, instant, open, stop_on_interrupt};
 use super::{Failure, Outcome, print_json, print_out};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, extensions};
@@ -13,7 +13,7 @@ pub struct ZoomArgs {
     /// Recording (.mcap)
     recording: PathBuf,
     /// Start of the window, e.g. 12.30ms
-    #[arg(long, value_parser = time, required_unless_present = "impact")]
+    #[arg(long, value_parser = instant, required_unless_present = "impact")]
     from: Option<f64>,
     /// Its end
     #[arg(long, value_parser = duration, required_unless_present = "impact")]

@@ -251,7 +251,7 @@ pub fn read(path: &Path) -> anyhow::Result<Recording> {
     let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
     reader.each(wanted, WHOLE, |entry| {
         match entry {
-            Entry::Frame(frame) => recording.frames.push(*frame),
+            Entry::Frame(frame) => recording.frames.push(frame.clone()),
             Entry::Head(_) => {}
             Entry::Keyframe(keyframe) => recording.keyframes.push(*keyframe),
             Entry::Event(event) => recording.events.push(event),

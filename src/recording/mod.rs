@@ -9,6 +9,7 @@ pub mod mcap;
 pub mod reader;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+pub mod table;
 pub mod view_geometry;
 
 use frame::{Event, Frame, Header, Impact, Keyframe};

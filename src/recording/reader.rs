@@ -38,8 +38,9 @@ pub struct Wanted {
 
 /// A message of a recording.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Entry {
-    Frame(Box<Frame>),
+pub enum Entry<'a> {
+    /// In a buffer that the next frame is read into.
+    Frame(&'a Frame),
     Head(FrameHead),
     Keyframe(Box<Keyframe>),
     Event(Event),
@@ -106,6 +107,7 @@ pub struct Reader {
     lost_bytes: u64,
     packed: Vec<u8>,
     unpacked: Vec<u8>,
+    frame: Frame,
 }
 
 impl Reader {
@@ -132,6 +134,7 @@ impl Reader {
             lost_bytes: 0,
             packed: Vec::new(),
             unpacked: Vec::new(),
+            frame: Frame::default(),
         };
         reader.find_chunks().with_context(|| format!("{shown} is damaged"))?;
         reader.read_header()?;
@@ -339,7 +342,7 @@ impl Reader {
         &mut self,
         wanted: Wanted,
         (from_s, to_s): (f64, f64),
-        mut each: impl FnMut(Entry) -> anyhow::Result<Flow>,
+        mut each: impl FnMut(Entry<'_>) -> anyhow::Result<Flow>,
     ) -> anyhow::Result<()> {
         let (from_ns, to_ns) = (nanoseconds(from_s), nanoseconds(to_s));
         for index in 0..self.chunks.len() {
@@ -361,19 +364,21 @@ impl Reader {
         index: usize,
         wanted: Wanted,
         (from_ns, to_ns): (u64, u64),
-        each: &mut dyn FnMut(Entry) -> anyhow::Result<Flow>,
+        each: &mut dyn FnMut(Entry<'_>) -> anyhow::Result<Flow>,
     ) -> anyhow::Result<Flow> {
         self.unpack(index)?;
         let unpacked = std::mem::take(&mut self.unpacked);
+        let mut frame = std::mem::take(&mut self.frame);
         let flow = self.records(index, &unpacked, &mut |topic, t_ns, data| {
             if t_ns < from_ns || t_ns > to_ns {
                 return Ok(Flow::On);
             }
             let entry = match topic {
                 Topic::Frame if wanted.frames => {
-                    let frame = Frame::decode(data)?;
+                    frame.clear();
+                    frame.merge(data)?;
                     check(&frame)?;
-                    Entry::Frame(Box::new(frame))
+                    Entry::Frame(&frame)
                 }
                 Topic::Frame if wanted.heads => Entry::Head(FrameHead::decode(data)?),
                 Topic::Keyframe if wanted.keyframes => Entry::Keyframe(Box::new(Keyframe::decode(data)?)),
@@ -383,18 +388,8 @@ impl Reader {
             };
             each(entry)
         });
-        self.unpacked = unpacked;
+        (self.unpacked, self.frame) = (unpacked, frame);
         flow
-    }
-
-    /// Everything at once, for short recordings.
-    pub fn read_all(&mut self, wanted: Wanted) -> anyhow::Result<Vec<Entry>> {
-        let mut all = Vec::new();
-        self.each(wanted, WHOLE, |entry| {
-            all.push(entry);
-            Ok(Flow::On)
-        })?;
-        Ok(all)
     }
 
     /// The last keyframe at or before `t_s`.
@@ -455,7 +450,7 @@ impl Reader {
         let mut found = None;
         self.each(Wanted { frames: true, ..Wanted::default() }, (at, at), |entry| {
             if let Entry::Frame(frame) = entry {
-                found = Some(*frame);
+                found = Some(frame.clone());
             }
             Ok(Flow::Enough)
         })?;
@@ -552,7 +547,7 @@ impl<'a> Cursor<'a> {
             let wanted = Wanted { frames: true, ..Wanted::default() };
             self.reader.each_of(self.chunk, wanted, (0, u64::MAX), &mut |entry| {
                 if let Entry::Frame(frame) = entry {
-                    frames.push_back(*frame);
+                    frames.push_back(frame.clone());
                 }
                 Ok(Flow::On)
             })?;
