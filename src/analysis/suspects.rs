@@ -1,35 +1,49 @@
-//! Which tooth, link, guide or row of links stands out among all impacts.
+//! Which tooth, link or body stands out among all impacts.
 //!
-//! Impacts are put into groups by one thing they have in common (tooth gap of a sprocket, joint of the chain, part of a guide)
-//! and compared with the other groups of the same kind on the same body, by the median of a quantity in each group. A group
-//! stands out when its median lies further from that of the others than [`SCORE`] times their own spread (1.4826 x median
-//! absolute deviation of the groups' medians, which is one standard deviation of normal noise), and by at least [`SHARE`] of it.
+//! Impacts of one part of links on one body (front bushes on the driver, say) are alike; how far one lies from their median, in
+//! robust standard deviations (1.4826 x median absolute deviation), is its departure. Impacts that have something else in
+//! common, a tooth gap or a joint of the chain, form groups; a group stands out when the median of its m departures times
+//! sqrt(m) is beyond [`SCORE`] and its difference is no trifle.
+//!
+//! What is wrong at one tooth or link disturbs those that arrive after it too, and forces also the one before. So among
+//! neighbours that stand out, the cause is the one that arrives first by what is known at first touch (time of arrival, approach
+//! speed); a joint names the link ahead of it. The others, and whatever shares most of its impacts with them, are taken for
+//! consequences, and the search goes on with what is left.
+//!
+//! What is the same for all teeth and links, another seat form or a guide in the way, shows only against another recording: see
+//! [`against`].
 
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
 
-/// Spreads from which on a group stands out.
+/// Departure of a group from which on it stands out: in bush-20-40, 0.2 s, none of some 260 groups by four quantities reaches 4.
 const SCORE: f64 = 6.0;
-/// Smallest departure that counts, as a share of the others' median.
-const SHARE: f64 = 0.1;
-/// Fewest groups that make a kind, and fewest impacts that make a group.
-const FEWEST_GROUPS: usize = 6;
+/// Smallest departure that counts, as a share of the median: of forces and speeds.
+const SHARE: f64 = 0.02;
+/// Smallest difference in time of arrival that counts [s].
+const LATE_S: f64 = 1e-6;
+/// Fewest impacts that make a median to compare with, and a group.
+const FEWEST: usize = 12;
+const FEWEST_IN_GROUP: usize = 2;
+/// Groups arriving after a cause that count as its consequences.
+const CONSEQUENCES: u32 = 8;
+/// Against another recording: a part of a body stands out when its impacts differ by this much in number, force or speed.
+const RATIO: f64 = 1.05;
 
 /// Something that stands out.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Suspect {
-    /// `tooth`, `joint`, `guide`, `sprocket`.
+    /// `tooth`, `link` or `body`.
     pub kind: &'static str,
     /// Path of the body.
     pub body: String,
     pub tooth: Option<u32>,
-    /// Links that meet in the joint, the one behind it first.
-    pub links: Option<[u32; 2]>,
+    pub link: Option<u32>,
     /// Quantity of the impacts that it stands out by, its median there and among the others.
     pub quantity: &'static str,
     pub median: f64,
     pub others: f64,
-    /// Distance in spreads of the others.
+    /// Departure in robust standard deviations, times the root of the number of impacts.
     pub score: f64,
     pub impacts: usize,
     /// Time of the first of them [s].
@@ -37,31 +51,274 @@ pub struct Suspect {
     pub text: String,
 }
 
-/// Quantities that groups are compared by: name, unit, factor for text.
-const QUANTITIES: [(&str, &str, f64); 3] =
-    [("peak_force_n", "N", 1.0), ("approach_speed_m_s", "m/s", 1.0), ("second_period_mean_n", "N", 1.0)];
+/// Quantities that groups are compared by: name, words, unit, factor for text.
+const QUANTITIES: [(&str, &str, &str, f64); 4] = [
+    ("peak_force_n", "peak force", "N", 1.0),
+    ("approach_speed_m_s", "approach speed", "m/s", 1.0),
+    ("second_period_mean_n", "force in the second tooth period", "N", 1.0),
+    ("arrival_s", "arrival", "us", 1e6),
+];
+const APPROACH: usize = 1;
+const ARRIVAL: usize = 3;
 
-fn quantity(i: &Impact, q: usize) -> f64 {
-    [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n][q]
+/// An impact, and its departures.
+struct Case<'a> {
+    impact: &'a Impact,
+    value: [f64; QUANTITIES.len()],
+    departure: [f64; QUANTITIES.len()],
 }
 
-/// What stands out, the furthest first.
+/// A group that stands out, before causes and consequences are told apart.
+struct Candidate<'a> {
+    /// Tooth gap, or joint.
+    key: u32,
+    is_tooth: bool,
+    q: usize,
+    suspect: Suspect,
+    impacts: Vec<&'a Impact>,
+}
+
+/// What stands out, causes first, the furthest first.
 pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
+    let links = header.links.len() as u32;
+    let forwards = header.chain_speed_m_s >= 0.0;
     for (body, info) in header.bodies.iter().enumerate().filter(|(_, b)| b.rotor) {
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).collect();
+        let mut cases = cases(own.iter().copied(), header);
+        let medians = depart(&mut cases);
+        let all: Vec<&Case<'_>> = cases.iter().collect();
+        let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
-            let by_tooth = groups(&own, |i| i.tooth);
-            outliers(&by_tooth, q, |tooth, score, median, others, group| {
-                found.push(suspect("tooth", &info.path, Some(tooth), None, q, (median, others, score), group));
-            });
-            let bushes: Vec<&Impact> = own.iter().copied().filter(|i| i.feature <= Feature::FrontBush as u32).collect();
-            let n = header.links.len() as u32;
-            let by_joint =
-                groups(&bushes, |i| if i.feature == Feature::FrontBush as u32 { i.link } else { (i.link + n - 1) % n });
-            outliers(&by_joint, q, |joint, score, median, others, group| {
-                let links = Some([joint, (joint + 1) % n]);
-                found.push(suspect("joint", &info.path, None, links, q, (median, others, score), group));
+            for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
+                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
+                candidates.extend(judged(suspect, (tooth, true, q), &group, &medians));
+            }
+            for (joint, group) in groups(&all, |i| joint_of(i, links)) {
+                let ahead = if forwards { (joint + 1) % links } else { joint };
+                let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
+                candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
+            }
+        }
+        // Step from one arrival to the next.
+        let tooth_step = if next_tooth_is_higher(&own, info.teeth) { 1 } else { info.teeth.max(1) - 1 };
+        let joint_step = if forwards { links - 1 } else { 1 };
+        found.extend(causes(candidates, (tooth_step, info.teeth.max(1)), (joint_step, links)));
+    }
+    found.sort_by(|a: &Suspect, b: &Suspect| b.score.total_cmp(&a.score));
+    found
+}
+
+/// Tells causes from consequences.
+fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u32)) -> Vec<Suspect> {
+    let mut found = Vec::new();
+    let touch = |c: &Candidate<'_>| c.q == ARRIVAL || c.q == APPROACH;
+    while let Some(top) = candidates
+        .iter()
+        .filter(|c| touch(c) || !candidates.iter().any(touch))
+        .max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score))
+    {
+        let (is_tooth, (step, n)) = (top.is_tooth, if top.is_tooth { tooth } else { joint });
+        let stands_out = |key: u32| candidates.iter().any(|c| c.is_tooth == is_tooth && c.key == key && touch(c));
+        let mut key = top.key;
+        // Backwards over its neighbours to the first that arrives; a gap of one is no gap.
+        let before = |key: u32, by: u32| (key + by * (n - step)) % n;
+        for _ in 0..CONSEQUENCES {
+            match (stands_out(before(key, 1)), stands_out(before(key, 2))) {
+                (true, _) => key = before(key, 1),
+                (false, true) => key = before(key, 2),
+                (false, false) => break,
+            }
+        }
+        let same = |c: &&Candidate<'_>| c.is_tooth == is_tooth && c.key == key;
+        let root = candidates.iter().filter(same).max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score));
+        let Some(root) = root.or(Some(top)) else { break };
+        found.push(root.suspect.clone());
+        // The one before it feels its force too.
+        let follows: Vec<u32> = (0..=CONSEQUENCES + 1).map(|by| (before(key, 1) + by * step) % n).collect();
+        let mut covered: Vec<(u64, u32)> = Vec::new();
+        for c in candidates.iter().filter(|c| c.is_tooth == is_tooth && follows.contains(&c.key)) {
+            covered.extend(c.impacts.iter().map(|i| (i.step, i.link)));
+        }
+        covered.sort_unstable();
+        let shares = |c: &Candidate<'_>| {
+            let of_it = c.impacts.iter().filter(|i| covered.binary_search(&(i.step, i.link)).is_ok()).count();
+            2 * of_it >= c.impacts.len()
+        };
+        candidates.retain(|c| !shares(c));
+    }
+    found
+}
+
+/// Whether the gap after one in order of arrival has the higher number.
+fn next_tooth_is_higher(impacts: &[&Impact], teeth: u32) -> bool {
+    let mut sorted: Vec<(u64, u32)> = impacts.iter().map(|i| (i.step, i.tooth)).collect();
+    sorted.sort_unstable();
+    let steps = |by: u32| sorted.windows(2).filter(|w| (w[0].1 + by) % teeth.max(1) == w[1].1).count();
+    steps(1) >= steps(teeth.max(1) - 1)
+}
+
+/// Joint that a bush sits on.
+fn joint_of(i: &Impact, links: u32) -> Option<u32> {
+    match i.feature {
+        f if f == Feature::FrontBush as u32 => Some(i.link),
+        f if f == Feature::RearBush as u32 => Some((i.link + links - 1) % links),
+        _ => None,
+    }
+}
+
+fn cases<'a>(impacts: impl Iterator<Item = &'a Impact>, header: &Header) -> Vec<Case<'a>> {
+    let pitch_m = header.links.iter().map(|l| l.pitch_m).sum::<f64>() / header.links.len().max(1) as f64;
+    let period_s = pitch_m / header.chain_speed_m_s.abs().max(1e-12);
+    let arrival = |t_s: f64| t_s - period_s * libm::round(t_s / period_s);
+    impacts
+        .map(|i| Case {
+            impact: i,
+            value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i.t_s)],
+            departure: [0.0; QUANTITIES.len()],
+        })
+        .collect()
+}
+
+/// Fills in departures, part by part; returns the medians of each part.
+fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
+    let mut medians = BTreeMap::new();
+    let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
+    for feature in 0..=Feature::FrontInnerFlank as u32 {
+        let own: Vec<usize> = (0..cases.len()).filter(|i| features[*i] == feature).collect();
+        if own.len() < FEWEST {
+            continue;
+        }
+        let mut of_part = [0.0; QUANTITIES.len()];
+        for q in 0..QUANTITIES.len() {
+            let values: Vec<f64> = own.iter().map(|i| cases[*i].value[q]).collect();
+            of_part[q] = median(values.clone());
+            let spread = 1.4826 * median(values.iter().map(|v| (v - of_part[q]).abs()).collect());
+            for i in &own {
+                cases[*i].departure[q] = (cases[*i].value[q] - of_part[q]) / spread.max(1e-12);
+            }
+        }
+        medians.insert(feature, of_part);
+    }
+    medians
+}
+
+fn groups<'a, 'b>(cases: &[&'a Case<'b>], key: impl Fn(&Impact) -> Option<u32>) -> BTreeMap<u32, Vec<&'a Case<'b>>> {
+    let mut all: BTreeMap<u32, Vec<&Case<'_>>> = BTreeMap::new();
+    for case in cases {
+        if let Some(key) = key(case.impact) {
+            all.entry(key).or_default().push(case);
+        }
+    }
+    all.retain(|_, group| group.len() >= FEWEST_IN_GROUP);
+    all
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+}
+
+fn blank(body: &str) -> Suspect {
+    Suspect {
+        kind: "",
+        body: body.to_string(),
+        tooth: None,
+        link: None,
+        quantity: "",
+        median: 0.0,
+        others: 0.0,
+        score: 0.0,
+        impacts: 0,
+        first_s: 0.0,
+        text: String::new(),
+    }
+}
+
+/// The group, if it stands out.
+fn judged<'a>(
+    suspect: Suspect,
+    (key, is_tooth, q): (u32, bool, usize),
+    group: &[&Case<'a>],
+    medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
+) -> Option<Candidate<'a>> {
+    let score = median(group.iter().map(|c| c.departure[q]).collect()).abs() * (group.len() as f64).sqrt();
+    let (here, others) = (
+        median(group.iter().map(|c| c.value[q]).collect()),
+        median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
+    );
+    let off = (here - others).abs();
+    let counts = if q == ARRIVAL { off >= LATE_S } else { off >= SHARE * others.abs() };
+    if score.is_nan() || score < SCORE || !counts {
+        return None;
+    }
+    let (quantity, words, unit, factor) = QUANTITIES[q];
+    let first_s = group.iter().map(|c| c.impact.t_s).fold(f64::INFINITY, f64::min);
+    let who = match (suspect.tooth, suspect.link) {
+        (Some(tooth), _) => format!("{}, tooth gap {tooth}", suspect.body),
+        (_, Some(link)) => format!("link {link}: the bush behind it on {}", suspect.body),
+        _ => suspect.body.clone(),
+    };
+    let how = if q == ARRIVAL {
+        format!("{:.2} us {}", off * factor, if here > others { "late" } else { "early" })
+    } else {
+        format!("{words} {:.3} {unit} where others have {:.3} {unit}", here * factor, others * factor)
+    };
+    let text = format!("{who}: {how} (score {score:.0}; {} impacts, first {:.4} ms)", group.len(), first_s * 1e3);
+    let suspect = Suspect { quantity, median: here, others, score, impacts: group.len(), first_s, text, ..suspect };
+    Some(Candidate { key, is_tooth, q, suspect, impacts: group.iter().map(|c| c.impact).collect() })
+}
+
+/// Parts of bodies whose impacts are others than in another recording: more or fewer, harder or faster. The most different first.
+pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
+    let mut found = Vec::new();
+    for info in &header.bodies {
+        let (mine, theirs) = (of_body(impacts, header, &info.path), of_body(other, other_header, &info.path));
+        let median_of = |all: &[&Impact], value: fn(&Impact) -> f64| median(all.iter().map(|i| value(i)).collect());
+        let compared: [(&'static str, &str, &str, f64, f64); 3] = [
+            ("impacts", "impacts", "", mine.len() as f64, theirs.len() as f64),
+            (
+                "peak_force_n",
+                "median peak force",
+                " N",
+                median_of(&mine, |i| i.peak_force_n),
+                median_of(&theirs, |i| i.peak_force_n),
+            ),
+            (
+                "approach_speed_m_s",
+                "median approach speed",
+                " m/s",
+                median_of(&mine, |i| i.approach_speed_m_s),
+                median_of(&theirs, |i| i.approach_speed_m_s),
+            ),
+        ];
+        for (quantity, words, unit, here, there) in compared {
+            let ratio = (here.max(there) + 1e-9) / (here.min(there) + 1e-9);
+            // A few impacts more or fewer are chance; nothing against something is not.
+            let few = quantity == "impacts" && (here - there).abs() < 2.0 * here.max(there).sqrt();
+            if ratio.is_nan() || ratio < RATIO || few {
+                continue;
+            }
+            let first_s = mine.iter().map(|i| i.t_s).fold(f64::INFINITY, f64::min);
+            let where_ = if mine.is_empty() {
+                String::new()
+            } else {
+                format!(", {}", crate::recording::frame::Segment::name(most_common(mine.iter().map(|i| i.segment))))
+            };
+            found.push(Suspect {
+                kind: "body",
+                quantity,
+                median: here,
+                others: there,
+                score: libm::log(ratio),
+                impacts: mine.len(),
+                first_s: if first_s.is_finite() { first_s } else { 0.0 },
+                text: format!(
+                    "{}{where_}: {words} {here:.3}{unit}, in the other recording {there:.3}{unit}",
+                    info.path
+                ),
+                ..blank(&info.path)
             });
         }
     }
@@ -69,73 +326,13 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     found
 }
 
-fn groups<'a>(impacts: &[&'a Impact], key: impl Fn(&Impact) -> u32) -> BTreeMap<u32, Vec<&'a Impact>> {
-    let mut all: BTreeMap<u32, Vec<&Impact>> = BTreeMap::new();
-    for i in impacts {
-        all.entry(key(i)).or_default().push(i);
-    }
-    all
+fn of_body<'a>(impacts: &'a [Impact], header: &Header, path: &str) -> Vec<&'a Impact> {
+    let body = header.bodies.iter().position(|b| b.path == path);
+    impacts.iter().filter(|i| Some(i.body as usize) == body).collect()
 }
 
-fn outliers(groups: &BTreeMap<u32, Vec<&Impact>>, q: usize, mut each: impl FnMut(u32, f64, f64, f64, &[&Impact])) {
-    if groups.len() < FEWEST_GROUPS {
-        return;
-    }
-    let medians: Vec<f64> = groups.values().map(|g| median(g.iter().map(|i| quantity(i, q)).collect())).collect();
-    let centre = median(medians.clone());
-    let spread = 1.4826 * median(medians.iter().map(|m| (m - centre).abs()).collect());
-    for ((key, group), m) in groups.iter().zip(&medians) {
-        let score = (m - centre).abs() / spread.max(1e-12);
-        if score >= SCORE && (m - centre).abs() >= SHARE * centre.abs() {
-            each(*key, score, *m, centre, group);
-        }
-    }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 {
-        return f64::NAN;
-    }
-    0.5 * (values[(n - 1) / 2] + values[n / 2])
-}
-
-fn suspect(
-    kind: &'static str,
-    body: &str,
-    tooth: Option<u32>,
-    links: Option<[u32; 2]>,
-    q: usize,
-    (median, others, score): (f64, f64, f64),
-    group: &[&Impact],
-) -> Suspect {
-    let (quantity, unit, factor) = QUANTITIES[q];
-    let first_s = group.iter().map(|i| i.t_s).fold(f64::INFINITY, f64::min);
-    let who = match (tooth, links) {
-        (Some(tooth), _) => format!("{body}, tooth gap {tooth}"),
-        (_, Some([a, b])) => format!("the joint of links {a} and {b}, on {body}"),
-        _ => body.to_string(),
-    };
-    let name = quantity.trim_end_matches("_n").trim_end_matches("_m_s").replace('_', " ");
-    let text = format!(
-        "{who}: {name} {:.3} {unit} where the others have {:.3} {unit} ({score:.0} spreads; {} impacts, the first at {:.4} ms)",
-        median * factor,
-        others * factor,
-        group.len(),
-        first_s * 1e3
-    );
-    Suspect {
-        kind,
-        body: body.to_string(),
-        tooth,
-        links,
-        quantity,
-        median,
-        others,
-        score,
-        impacts: group.len(),
-        first_s,
-        text,
-    }
+fn most_common(values: impl Iterator<Item = u32>) -> u32 {
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+    values.for_each(|v| *counts.entry(v).or_default() += 1);
+    counts.into_iter().max_by_key(|(_, n)| *n).map_or(0, |(v, _)| v)
 }

@@ -1,7 +1,7 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Failure, Outcome, print_json, print_out};
-use crate::analysis::suspects::{Suspect, suspects};
+use crate::analysis::suspects::{Suspect, against, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
 use std::path::{Path, PathBuf};
@@ -22,6 +22,9 @@ pub struct ImpactsArgs {
     /// Only those of this link
     #[arg(long, value_name = "N")]
     link: Option<u32>,
+    /// Say what differs from the impacts of this recording, of the same length
+    #[arg(long, value_name = "REC")]
+    against: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -57,7 +60,14 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
         )));
     }
     let (all, heads) = read(&mut reader)?;
-    let suspects = suspects(&all, &header);
+    let suspects = match &args.against {
+        None => suspects(&all, &header),
+        Some(path) => {
+            let mut other = super::open_recording(path)?;
+            let (their, _) = read(&mut other)?;
+            against(&all, &header, &their, other.header())
+        }
+    };
     let mut list: Vec<(usize, &Impact)> = all
         .iter()
         .enumerate()
@@ -198,7 +208,7 @@ fn text(
         ));
     }
     if suspects.is_empty() {
-        lines.push("what stands out: no tooth, link, guide or row".into());
+        lines.push("what stands out: nothing".into());
     } else {
         lines.push("what stands out:".into());
         lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));

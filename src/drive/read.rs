@@ -80,7 +80,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
 fn read_effects(t: &Table<'_>, sprockets: &[String]) -> Effects {
     let (gap_table, pitch_table) = (t.table("gap_error"), t.table("pitch_error"));
     let mut effects = Effects::default();
-    for (name, t) in gap_table.tables() {
+    for (name, t) in gap_table.tables_or_set() {
         let gap = t.required_integer("gap", 0..=1000) as u32;
         let outward_m = t.required("outward_um", UM, -500.0..=500.0);
         match sprockets.iter().position(|s| *s == name) {
@@ -91,7 +91,7 @@ fn read_effects(t: &Table<'_>, sprockets: &[String]) -> Effects {
         }
         t.finish();
     }
-    for (name, t) in pitch_table.tables() {
+    for (name, t) in pitch_table.tables_or_set() {
         let link = t.required_integer("link", 0..=100_000) as usize;
         let length_m = t.required("length_um", UM, -500.0..=500.0);
         effects.pitch_errors.push(PitchError { name, link, length_m });

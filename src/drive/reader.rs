@@ -361,6 +361,19 @@ impl<'a> Table<'a> {
         keys.iter().map(|k| (k.get_ref().to_string(), self.table(k.get_ref()))).collect()
     }
 
+    /// As [`Table::tables`], and those that only overrides name: effects are added to a drive that way.
+    pub fn tables_or_set(&self) -> Vec<(String, Table<'a>)> {
+        let mut all = self.tables();
+        let prefix = format!("{}.", self.path);
+        for o in &self.reader.overrides {
+            let name = o.path.strip_prefix(&prefix).and_then(|rest| rest.split_once('.')).map(|(name, _)| name);
+            if let Some(name) = name.filter(|name| all.iter().all(|(known, _)| known != name)) {
+                all.push((name.to_string(), Table { place: o.place.clone(), ..self.table(name) }));
+            }
+        }
+        all
+    }
+
     /// Ends the reading of this table: keys that nobody asked for are mistakes.
     pub fn finish(&self) {
         let Some(table) = self.table else { return };
