@@ -309,7 +309,9 @@ impl Parser<'_> {
         }
         let word = self.word_here();
         let next = self.text.get(word.clone()).unwrap_or_default().to_string();
-        if next.starts_with(|c: char| c.is_alphabetic()) && !["and", "or"].contains(&next.as_str()) {
+        // What goes on with a dot is another quantity.
+        let is_quantity = self.text.get(word.end..).is_some_and(|rest| rest.starts_with(['.', '[']));
+        if next.starts_with(|c: char| c.is_alphabetic()) && !["and", "or"].contains(&next.as_str()) && !is_quantity {
             let help = nearest(&next, UNITS.iter().map(|(name, ..)| *name)).map(|u| format!("did you mean `{u}`?"));
             let all = || UNITS.iter().map(|u| u.0).filter(|u| u.is_ascii()).collect::<Vec<_>>().join(", ");
             let help = help.unwrap_or_else(|| format!("known units: {}", all()));

@@ -146,14 +146,16 @@ impl StepValues<'_> {
         let mut sums = [0.0; LANES];
         let mut teeth = self.scratch.reseats();
         for (p, part) in self.parts.iter().enumerate() {
-            let age = &self.scratch.memory(*part).age;
+            let (age, depth) = (&self.scratch.memory(*part).age, self.scratch.depths(*part));
             let keys = &keys[p * padded..(p + 1) * padded];
             for (block, (a, k)) in age.chunks_exact(LANES).zip(keys.chunks_exact(LANES)).enumerate() {
                 if self.scratch.is_idle(*part, block) {
                     continue;
                 }
+                let d = &depth[block * LANES..(block + 1) * LANES];
                 for i in 0..LANES {
-                    sums[i] += if a[i] > 0.0 { k[i] } else { 0.0 };
+                    // A contact may begin and end half a step away from a node; frames show what overlaps at the node.
+                    sums[i] += if (a[i] > 0.0) & (d[i] > 0.0) { k[i] } else { 0.0 };
                 }
             }
             if let Part::Contours(set) = part {

@@ -9,7 +9,8 @@
 //! /pitchline/impact    Impact, two tooth periods after the touch that it tells of
 //! ```
 //! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole, so that a killed run leaves a file that is complete
-//! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file.
+//! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file. Only runs so slow that
+//! frames would wait longer than [`LONGEST_WAIT`] close them earlier; what is in the file is the same then, how it is cut is not.
 
 use super::foxglove_scene as scene;
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
@@ -23,12 +24,16 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Compiled `assets/pitchline.proto` (a FileDescriptorSet); a test holds the two together.
 pub const DESCRIPTOR: &[u8] = include_bytes!("../../assets/pitchline.desc");
 
 /// Frames after which a chunk is closed and handed to the system.
 pub const FRAMES_PER_CHUNK: u64 = 128;
+
+/// Longest time for which frames may wait in an open chunk: a slow run that is killed loses no more than this.
+const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
 /// zstd level: negative ones skip the entropy coding of literals, which mantissas of forces and positions do not reward. The
 /// writer takes it unsigned and hands its bits on as a signed number.
@@ -68,6 +73,7 @@ pub struct McapSink {
     sequence: u32,
     frames: u64,
     last_ns: u64,
+    flushed: Instant,
 }
 
 impl McapSink {
@@ -93,6 +99,7 @@ impl McapSink {
             sequence: 0,
             frames: 0,
             last_ns: 0,
+            flushed: Instant::now(),
         };
         sink.guarded(|sink| sink.write_head())?;
         Ok(sink)
@@ -145,6 +152,7 @@ impl McapSink {
     }
 
     fn flush(&mut self) -> mcap::McapResult<()> {
+        self.flushed = Instant::now();
         match &mut self.writer {
             Some(writer) => writer.flush(),
             None => Err(mcap::McapError::AttemptedWriteAfterFailure),
@@ -173,7 +181,8 @@ impl McapSink {
             self.write(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns))?;
         }
         self.frames += 1;
-        if self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
+        let waited = self.flushed.elapsed() > LONGEST_WAIT;
+        if waited || self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
     }
 }
 

@@ -369,6 +369,7 @@ impl Reader {
         self.unpack(index)?;
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
+        let (links, bodies) = (self.header.links.len(), self.header.bodies.len());
         let flow = self.records(index, &unpacked, &mut |topic, t_ns, data| {
             if t_ns < from_ns || t_ns > to_ns {
                 return Ok(Flow::On);
@@ -377,7 +378,7 @@ impl Reader {
                 Topic::Frame if wanted.frames => {
                     frame.clear();
                     frame.merge(data)?;
-                    check(&frame)?;
+                    check(&frame, links, bodies)?;
                     Entry::Frame(&frame)
                 }
                 Topic::Frame if wanted.heads => Entry::Head(FrameHead::decode(data)?),
@@ -477,8 +478,9 @@ fn topic(name: &str) -> Topic {
     }
 }
 
-/// Columns of one table have one length; readers index them by row.
-fn check(frame: &Frame) -> anyhow::Result<()> {
+/// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely
+/// on it.
+fn check(frame: &Frame, links: usize, bodies: usize) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
     let links = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
@@ -505,8 +507,12 @@ fn check(frame: &Frame) -> anyhow::Result<()> {
         &c.age_s,
     ];
     ensure!(whole && floats.iter().all(|c| c.len() == n), "columns of contacts have different lengths");
+    ensure!(frame.links.x_m.len() == links, "a frame of {} links in a recording of {links}", frame.links.x_m.len());
+    let inside = c.link.iter().all(|l| (*l as usize) < links) && c.body.iter().all(|b| (*b as usize) < bodies);
+    ensure!(inside, "a contact of a link or body that there is not");
     let r = &frame.rotors;
     let n = r.angle_rad.len();
+    ensure!(n <= bodies, "more rotors than bodies");
     let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
     ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
     Ok(())

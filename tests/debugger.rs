@@ -1,0 +1,355 @@
+//! Going back, stopping, asking why: a recording run again is the recording, hits are those of a scan over every step, forces
+//! add up, planted defects are found.
+
+mod common;
+
+use pitchline::analysis::explain::explain;
+use pitchline::analysis::suspects::{against, suspects};
+use pitchline::assemble::Assembly;
+use pitchline::breakpoint::scratch::BreakWatch;
+use pitchline::breakpoint::{Breakpoint, Names};
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::impacts::ImpactWatch;
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::recording::capture::{self, Camera, ledger_at};
+use pitchline::recording::frame::{Frame, Header, Impact};
+use pitchline::recording::reader::Reader;
+use pitchline::recording::{ViewOptions, create, mcap};
+use pitchline::replay::{Replay, verify};
+use pitchline::simulate::{Breaks, Job, Span, run_job};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// Assembles a bundled drive and records `steps` of it, a frame every `every` steps.
+fn record(bundled: usize, overrides: &[&str], path: &Path, steps: u64, every: u64) -> Header {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
+    let (name, text) = BUNDLED[bundled];
+    let drive = Drive::parse(name, text, &overrides).expect("a good drive");
+    let Assembly { model, mut state, report } = common::assembled(&drive);
+    let mut header = capture::header(&drive, &model, &report, every);
+    header.ledger_origin = Some(ledger_at(&model, &state).expect("holds"));
+    let mut sinks = vec![create(path, &header, ViewOptions::default()).expect("opens")];
+    let job = Job {
+        header: &header,
+        span: Span { steps, steps_per_frame: every },
+        breaks: None,
+        impacts: ImpactWatch::new(&model),
+        camera: Camera::since(header.ledger_origin),
+    };
+    let stop = AtomicBool::new(false);
+    run_job(&model, &mut state, &mut Scratch::new(&model), job, &mut sinks, &stop, |_| ()).expect("runs");
+    for sink in &mut sinks {
+        sink.finish().expect("finishes");
+    }
+    header
+}
+
+/// The same numbers everywhere: a linear congruential generator.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % n
+    }
+}
+
+/// Steps of each bundled drive that a test can afford.
+const STEPS: [u64; 3] = [4500, 1500, 1200];
+
+#[test]
+fn random_windows_run_again_are_the_recording_to_the_bit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for bundled in 0..BUNDLED.len() {
+        let path = folder.path().join("a.mcap");
+        record(bundled, &[], &path, STEPS[bundled], 1);
+        let mut replay = Replay::open(&path).expect("opens");
+        let hashes: Vec<u64> = replay.reader.heads().expect("heads").iter().map(|h| h.state_hash).collect();
+        let recorded = mcap::read(&path).expect("readable").frames;
+        let mut random = Random(7 + bundled as u64);
+        for _ in 0..20 {
+            let from = random.below(STEPS[bundled] - 40);
+            let visit = replay.visit(from, |_, _| ()).expect("goes there");
+            let (mut state, mut scratch) = (visit.state, visit.scratch);
+            let mut camera = replay.camera();
+            for step in from..from + 1 + random.below(40) {
+                assert_eq!(state.hash(), hashes[step as usize], "{} at step {step}", BUNDLED[bundled].0);
+                explicit::evaluate(&replay.model, &state, &mut scratch).expect("holds");
+                let frame = camera.take(&replay.model, &state, &scratch);
+                assert!(frame == recorded[step as usize], "{}: frame of step {step}", BUNDLED[bundled].0);
+                explicit::advance(&replay.model, &mut state, &mut scratch);
+            }
+        }
+        println!("{}: 20 windows equal", BUNDLED[bundled].0);
+    }
+}
+
+#[test]
+fn verify_says_which_frame_is_not_reproduced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, changed) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    for bundled in 0..BUNDLED.len() {
+        record(bundled, &[], &path, STEPS[bundled], 10);
+        let stop = AtomicBool::new(false);
+        let verdict = verify(&mut Replay::open(&path).expect("opens"), &stop, |_| ()).expect("runs").expect("ends");
+        assert_eq!((verdict.mismatches, verdict.assembled), (0, true), "{:?}", verdict.first);
+    }
+    record(0, &[], &path, 2000, 10);
+    let whole = mcap::read(&path).expect("readable");
+    let write = |header: &Header, change: &dyn Fn(usize, &mut Frame), change_keyframe: bool| {
+        let mut sink = create(&changed, header, ViewOptions::default()).expect("opens");
+        for (i, frame) in whole.frames.iter().enumerate() {
+            let mut frame = frame.clone();
+            change(i, &mut frame);
+            sink.frame(&frame).expect("writes");
+            for keyframe in whole.keyframes.iter().filter(|k| k.step == frame.step) {
+                let mut keyframe = keyframe.clone();
+                if change_keyframe {
+                    let v = &mut keyframe.columns[2].values[5];
+                    *v = f64::from_bits(v.to_bits() ^ 1);
+                }
+                sink.keyframe(&keyframe).expect("writes");
+            }
+        }
+        sink.finish().expect("finishes");
+        let stop = AtomicBool::new(false);
+        verify(&mut Replay::open(&changed).expect("opens"), &stop, |_| ()).expect("runs").expect("ends")
+    };
+    // One bit of one position.
+    let flip = |i: usize, f: &mut Frame| {
+        if i == 77 {
+            f.links.x_m[12] = f64::from_bits(f.links.x_m[12].to_bits() ^ 1);
+        }
+    };
+    let verdict = write(&whole.header, &flip, false);
+    let first = verdict.first.expect("a mismatch");
+    assert_eq!((verdict.mismatches, first.frame), (1, 77));
+    assert!(first.what.contains("links.x_m[12]"), "{}", first.what);
+    // One bit of the hash.
+    let verdict = write(&whole.header, &|i, f| f.state_hash ^= u64::from(i == 3), false);
+    assert_eq!((verdict.mismatches, verdict.first.map(|f| f.frame)), (1, Some(3)));
+    // A keyframe.
+    let verdict = write(&whole.header, &|_, _| (), true);
+    assert_eq!(verdict.first.map(|f| f.frame), Some(0));
+    // One digit of the drive.
+    let mut header = whole.header.clone();
+    header.drive_text = header.drive_text.replace("torque_nm = 20 ", "torque_nm = 21 ");
+    assert_ne!(header.drive_text, whole.header.drive_text);
+    let verdict = write(&header, &|_, _| (), false);
+    assert_eq!(verdict.first.map(|f| f.frame), Some(0));
+    assert!(verdict.mismatches > whole.frames.len() as u64 / 2);
+}
+
+fn names(header: &Header) -> Names {
+    Names {
+        bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
+        sprockets: header.bodies.iter().filter(|b| b.rotor).count(),
+        links: header.links.len(),
+    }
+}
+
+#[test]
+fn hits_are_those_of_a_scan_over_every_step() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let expressions = [
+        "contact.penetration > 5 um",
+        "contact.normal_force > 500 N or contact.normal_force < 2 N",
+        "contact.body == \"driver\" and contact.tooth == 7",
+        "contact.feature == 'rear plate end' and contact.normal_speed > 0.1 m/s",
+        "contact.tangential_speed > 0.2 m/s and not contact.stick == 1",
+        "contact.segment != 'seat' && contact.penetration >= 0.5um",
+        "link[12].tension < 300 N",
+        "link.tension < 150 N",
+        "abs(link.omega) > 400 rad/s",
+        "joint.force > 590 N",
+        "sprocket.driven.speed < 1499.6 rpm",
+        "energy.error > 0.01 %",
+        "contact.normal_force > 400 N and link.tension > 560 N",
+        "time > 3 ms and crank_angle < 60 deg",
+    ];
+    for bundled in 0..BUNDLED.len() {
+        let path = folder.path().join("a.mcap");
+        let header = record(bundled, &[], &path, STEPS[bundled], 1);
+        let recording = mcap::read(&path).expect("readable");
+        for expression in expressions {
+            let breakpoint = Breakpoint::parse(expression, &names(&header)).expect("a good expression");
+            // From the recording: whatever fulfils it in a frame and not in the one before.
+            let mut expected = Vec::new();
+            let mut before = Vec::new();
+            for frame in &recording.frames {
+                let now = breakpoint.holding(frame);
+                expected.extend(now.iter().filter(|s| !before.contains(*s)).map(|s| (frame.step, *s)));
+                before = now;
+            }
+            assert_eq!(hits(&path, breakpoint, None), expected, "{}: {expression}", BUNDLED[bundled].0);
+            println!("{}: {} hits of {expression}", BUNDLED[bundled].0, expected.len());
+        }
+        // Impacts: those of the recording.
+        let breakpoint = Breakpoint::parse("impact.approach_speed > 0.1 m/s", &names(&header)).expect("good");
+        let mut expected: Vec<u64> =
+            recording.impacts.iter().filter(|i| i.approach_speed_m_s > 0.1).map(|i| i.step).collect();
+        expected.sort_unstable();
+        let mut found: Vec<u64> = hits(&path, breakpoint, None).iter().map(|h| h.0).collect();
+        found.sort_unstable();
+        assert_eq!(found, expected);
+    }
+}
+
+/// Runs the recorded drive with a breakpoint, without recording.
+fn hits(path: &Path, breakpoint: Breakpoint, most: Option<usize>) -> Vec<(u64, pitchline::breakpoint::Subject)> {
+    let mut replay = Replay::open(path).expect("opens");
+    let last = replay.reader.heads().expect("heads").last().expect("frames").step;
+    let visit = replay.visit(0, |_, _| ()).expect("starts");
+    let (mut state, mut scratch) = (visit.state, visit.scratch);
+    let watch = BreakWatch::new(breakpoint, &replay.model);
+    let header = replay.header().clone();
+    let job = Job {
+        header: &header,
+        span: Span { steps: last, steps_per_frame: last },
+        breaks: Some(Breaks { watches: vec![watch], hits: most, around: None }),
+        impacts: ImpactWatch::new(&replay.model),
+        camera: replay.camera(),
+    };
+    let stop = AtomicBool::new(false);
+    let summary = run_job(&replay.model, &mut state, &mut scratch, job, &mut [], &stop, |_| ()).expect("runs");
+    summary.hits.iter().map(|h| (h.step, h.subject)).collect()
+}
+
+#[test]
+fn expressions_that_make_no_sense_are_refused_with_a_caret() {
+    let names = Names { bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()], sprockets: 1, links: 90 };
+    for (text, wanted) in [
+        ("contact.penetraton > 8 um", "did you mean `contact.penetration`"),
+        ("contact.penetration > 8", "write its unit: nm, um, mm, m"),
+        ("contact.penetration > 8 N", "is a length, and this is a force"),
+        ("contact.penetration > 8 umm", "did you mean `"),
+        ("contact.body == \"drivr\"", "did you mean \"driver\""),
+        ("contact.body > \"driver\"", "names are equal"),
+        ("link[90].tension < 0 N", "there is no link 90"),
+        ("link[x].tension < 0 N", "write an index"),
+        ("contact.tooth = 7", "equality is written `==`"),
+        ("(contact.tooth == 7", "a bracket is not closed"),
+        ("contact.tooth == 7 contact.link == 3", "go on with `and` or `or`"),
+        ("3 N > 2 N", "this never changes"),
+        ("penetration > 3 um", "did you mean"),
+        ("sprocket.drivr.speed > 1 rpm", "did you mean `sprocket.driver`"),
+        ("contact", "needs a quantity"),
+        ("", "is expected here"),
+        ("contact.tooth == 'seven", "does not end"),
+        ("contact.tooth == 1e999", "no number"),
+        ("\u{fc}\u{fc} > 3", "is expected here"),
+    ] {
+        let report = Breakpoint::parse(text, &names).expect_err(text).to_string();
+        assert!(report.contains(wanted) && report.contains("--break:1:"), "{text}: {report}");
+    }
+    let deep = format!("{}contact.tooth == 1{}", "(".repeat(5000), ")".repeat(5000));
+    assert!(Breakpoint::parse(&deep, &names).is_err());
+    assert!(Breakpoint::parse(&"!".repeat(4000), &names).is_err());
+}
+
+/// Share of the largest force that may be left over. Measured 2e-13.
+const REMAINDER: f64 = 1e-9;
+
+#[test]
+fn forces_on_a_link_add_up_to_its_acceleration() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut worst = 0.0_f64;
+    for (bundled, samples) in [(0, 800), (1, 150), (2, 60)] {
+        let path = folder.path().join("a.mcap");
+        let header = record(bundled, &[], &path, STEPS[bundled], 2);
+        let mut replay = Replay::open(&path).expect("opens");
+        let mut random = Random(3);
+        let mut contacts = 0;
+        for _ in 0..samples {
+            let (link, step) = (random.below(header.links.len() as u64) as usize, random.below(STEPS[bundled]));
+            let body = explain(&mut replay, link, step).expect("explains");
+            let worse = body.remainder_share.max(body.remainder_moment_share);
+            assert!(worse < REMAINDER, "{} link {link} step {step}: {worse:e}", BUNDLED[bundled].0);
+            worst = worst.max(worse);
+            contacts += body.contacts.len();
+            for a in body.contacts.iter().filter_map(|c| c.approach.as_ref()) {
+                let sum: f64 = a.parts.iter().map(|p| p.speed_m_s).sum();
+                assert!((sum - a.closing_speed_m_s).abs() < 1e-12);
+            }
+        }
+        assert!(contacts > samples / 5, "{contacts} contacts in {samples} samples");
+    }
+    println!("largest remainder {worst:.1e} of the largest force");
+}
+
+#[test]
+fn approach_speed_is_explained_by_its_parts() {
+    // At the touch itself the parts add up to the closing speed that the contact remembers.
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    record(0, &[], &path, 4500, 10);
+    let mut replay = Replay::open(&path).expect("opens");
+    let impacts = mcap::read(&path).expect("readable").impacts;
+    let mut seen = 0;
+    for impact in impacts.iter().filter(|i| i.body == 0) {
+        let body = explain(&mut replay, impact.link as usize, impact.step + 3).expect("explains");
+        let contact = body.contacts.iter().find(|c| c.tooth == Some(impact.tooth)).expect("still touching");
+        let approach = contact.approach.as_ref().expect("its first touch was seen");
+        // The remembered speed is that of the touch, without the contact's own force since then. Measured 1e-12.
+        assert!((approach.closing_speed_m_s - impact.approach_speed_m_s).abs() < 1e-6, "{approach:?}");
+        assert!(approach.parts[0].speed_m_s > 1.0, "articulation leads: {approach:?}");
+        seen += 1;
+    }
+    assert!(seen > 5, "{seen} impacts");
+}
+
+fn impacts_of(overrides: &[&str]) -> (Vec<Impact>, Header) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    // Two laps of the chain.
+    let header = record(0, overrides, &path, 87_000, 2000);
+    (mcap::read(&path).expect("readable").impacts, header)
+}
+
+#[test]
+fn planted_defects_are_named() {
+    let (healthy, header) = impacts_of(&[]);
+    assert!(suspects(&healthy, &header).is_empty(), "{:?}", suspects(&healthy, &header));
+    assert!(against(&healthy, &header, &healthy, &header).is_empty());
+    for (path, body, gap, um) in [
+        ("effects.gap_error.driver", "sprockets.driver", 7, 30),
+        ("effects.gap_error.driven", "sprockets.driven", 7, -30),
+    ] {
+        let (bad, _) = impacts_of(&[&format!("{path}.gap={gap}"), &format!("{path}.outward_um={um}")]);
+        let found = suspects(&bad, &header);
+        let first = found.first().expect("something stands out");
+        println!("{path} {um} um: {}", first.text);
+        assert_eq!((first.kind, first.body.as_str(), first.tooth), ("tooth", body, Some(gap)));
+    }
+    for (link, um) in [(37, 40), (36, 40), (37, -40)] {
+        let (bad, header) = impacts_of(&[
+            &format!("effects.pitch_error.long.link={link}"),
+            &format!("effects.pitch_error.long.length_um={um}"),
+        ]);
+        let found = suspects(&bad, &header);
+        let first = found.first().expect("something stands out");
+        println!("link {link} {um} um: {}", first.text);
+        assert_eq!((first.kind, first.link), ("link", Some(link)));
+    }
+    // What all teeth and links see alike shows against a healthy recording.
+    let (bad, header) = impacts_of(&["guides.fixed.tight.clearance_um=0"]);
+    let found = against(&bad, &header, &healthy, &header);
+    println!("guide: {}", found[0].text);
+    assert_eq!(found[0].body, "guides.fixed.tight");
+    let (bad, header) = impacts_of(&["sprockets.driver.gap_form=min"]);
+    let found = against(&bad, &header, &healthy, &header);
+    println!("seat form: {}", found[0].text);
+    assert!(found.iter().all(|s| s.body == "sprockets.driver"), "{found:?}");
+    assert_eq!(found[0].quantity, "approach_speed_m_s");
+}
+
+#[test]
+fn recordings_without_impacts_and_of_other_versions_say_what_to_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let mut header = record(0, &[], &path, 20, 10);
+    header.format_version += 1;
+    create(&path, &header, ViewOptions::default()).expect("opens").finish().expect("finishes");
+    let error = Reader::open(&path).err().expect("refused").to_string();
+    assert!(error.contains("use a newer one"), "{error}");
+}
