@@ -480,7 +480,7 @@ fn topic(name: &str) -> Topic {
 
 /// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely
 /// on it.
-fn check(frame: &Frame, links: usize, bodies: usize) -> anyhow::Result<()> {
+fn check(frame: &Frame, n_links: usize, n_bodies: usize) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
     let links = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
@@ -507,12 +507,12 @@ fn check(frame: &Frame, links: usize, bodies: usize) -> anyhow::Result<()> {
         &c.age_s,
     ];
     ensure!(whole && floats.iter().all(|c| c.len() == n), "columns of contacts have different lengths");
-    ensure!(frame.links.x_m.len() == links, "a frame of {} links in a recording of {links}", frame.links.x_m.len());
-    let inside = c.link.iter().all(|l| (*l as usize) < links) && c.body.iter().all(|b| (*b as usize) < bodies);
+    ensure!(frame.links.x_m.len() == n_links, "a frame of {} links in a recording of {n_links}", frame.links.x_m.len());
+    let inside = c.link.iter().all(|l| (*l as usize) < n_links) && c.body.iter().all(|b| (*b as usize) < n_bodies);
     ensure!(inside, "a contact of a link or body that there is not");
     let r = &frame.rotors;
     let n = r.angle_rad.len();
-    ensure!(n <= bodies, "more rotors than bodies");
+    ensure!(n <= n_bodies, "more rotors than bodies");
     let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
     ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
     Ok(())
