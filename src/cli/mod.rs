@@ -6,6 +6,7 @@ mod drives;
 mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
+mod live;
 mod run;
 mod tune;
 

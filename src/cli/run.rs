@@ -1,6 +1,6 @@
 //! `pitchline run`: assembles a drive, runs it, records it.
 
-use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
+use super::{Failure, Outcome, assemble, live, load_drive, print_json, print_out};
 use crate::assemble::Assembly;
 use crate::drive::Drive;
 use crate::integrate::explicit::Scratch;
@@ -35,6 +35,8 @@ pub struct RunArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    #[command(flatten)]
+    live: live::LiveArgs,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -61,8 +63,11 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let span = Span::new(args.duration, args.every, assembly.model.step_s);
     let header = capture::header(&drive, &assembly.model, &assembly.report, span.steps_per_frame);
     let view = ViewOptions { picture_interval_s: args.picture_every };
-    let mut sinks = open(&paths, &header, view)?;
     let stop = Arc::new(AtomicBool::new(false));
+    // Viewers before files, so that none is overwritten where a viewer is missing; behind them in the list.
+    let mut viewers = live::open(&args.live, &header, view, &stop)?;
+    let mut sinks = open(&paths, &header, view)?;
+    sinks.append(&mut viewers);
     let flag = Arc::clone(&stop);
     // Fails only where a handler was set before: then that one stands.
     let _set = ctrlc::set_handler(move || {
@@ -89,6 +94,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
             return Err(Failure::World(format!("{e:#}\nwhat was written up to there is kept in {written}")));
         }
     };
+    live::finish(&mut sinks.split_off(paths.len()));
     let mut outputs = Vec::new();
     for sink in &mut sinks {
         let path = sink.path().to_path_buf();
