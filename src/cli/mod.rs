@@ -9,6 +9,9 @@ mod geometry_smartchain;
 mod live;
 mod run;
 mod tune;
+mod view;
+#[cfg(feature = "web")]
+mod view_web;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use std::io::Write;
@@ -26,6 +29,8 @@ pub struct Cli {
 enum Verb {
     /// Simulate a drive and record it
     Run(run::RunArgs),
+    /// Open a recording in the Rerun viewer, or in a web browser
+    View(view::ViewArgs),
     /// Compare drives by the impacts on their drivers: bush, silent and abutment chain unless told otherwise
     Compare(compare::CompareArgs),
     /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
@@ -98,6 +103,7 @@ impl From<anyhow::Error> for Failure {
 pub fn run(cli: Cli) -> Result<Outcome, Failure> {
     match cli.verb {
         Verb::Run(args) => run::run(&args),
+        Verb::View(args) => view::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Tune(args) => tune::run(&args),
         Verb::Drives(args) => drives::run(&args),
