@@ -10,10 +10,14 @@ mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
 mod impacts;
+mod live;
 mod replay;
 mod run;
 mod snapshot;
 mod tune;
+mod view;
+#[cfg(feature = "web")]
+mod view_web;
 mod zoom;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -32,6 +36,8 @@ pub struct Cli {
 enum Verb {
     /// Simulate a drive and record it
     Run(run::RunArgs),
+    /// Open a recording in the Rerun viewer, or in a web browser
+    View(view::ViewArgs),
     /// Compare drives by the impacts on their drivers: bush, silent and abutment chain unless told otherwise
     Compare(compare::CompareArgs),
     /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
@@ -121,6 +127,7 @@ impl From<anyhow::Error> for Failure {
 pub fn run(cli: Cli) -> Result<Outcome, Failure> {
     match cli.verb {
         Verb::Run(args) => run::run(&args),
+        Verb::View(args) => view::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Tune(args) => tune::run(&args),
         Verb::Impacts(args) => impacts::run(&args),

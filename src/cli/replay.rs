@@ -6,6 +6,7 @@ use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use crate::recording::{ViewOptions, create};
 use crate::replay::{Replay, Verdict, verify};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(clap::Args, Debug)]
 pub struct ReplayArgs {
@@ -83,7 +84,7 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let mut reader = super::open_recording(&args.recording)?;
     let mut sink = create(output, reader.header(), ViewOptions::default())?;
     let loss = reader.loss();
-    let (frames, until, damage) = copy(&mut reader, sink.as_mut())?;
+    let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop_on_interrupt())?;
     let bytes = sink.finish()?;
     let lost = damage.or(loss);
     if args.json {
@@ -99,6 +100,7 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
 pub(super) fn copy(
     reader: &mut Reader,
     sink: &mut dyn crate::recording::Sink,
+    stop: &AtomicBool,
 ) -> Result<(u64, f64, Option<String>), Failure> {
     let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
     let (mut frames, mut until) = (0, 0.0);
@@ -116,6 +118,7 @@ pub(super) fn copy(
             Entry::Head(_) => Ok(()),
         };
         Ok(match written {
+            Ok(()) if stop.load(Ordering::Relaxed) => Flow::Enough,
             Ok(()) => Flow::On,
             Err(e) => {
                 cannot_write = Some(e);

@@ -1,6 +1,6 @@
 //! `pitchline run`: assembles a drive, or goes on from a recording; runs it, stops where it is told to, records it.
 
-use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
+use super::{Failure, Outcome, assemble, live, load_drive, print_json, print_out};
 use crate::assemble::{Assembly, AssemblyReport, compile};
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Breakpoint, Names};
@@ -61,6 +61,8 @@ pub struct RunArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    #[command(flatten)]
+    live: live::LiveArgs,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -112,8 +114,11 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let span = Span::new(args.duration, args.every, step_s);
     start.header.steps_per_frame = span.steps_per_frame;
     let view = ViewOptions { picture_interval_s: args.picture_every };
-    let mut sinks = open(&paths, &start.header, view)?;
     let stop = stop_on_interrupt();
+    // Viewers before files, so that none is overwritten where a viewer is missing; behind them in the list.
+    let mut viewers = live::open(&args.live, &start.header, view, &stop)?;
+    let mut sinks = open(&paths, &start.header, view)?;
+    sinks.append(&mut viewers);
     let started = Instant::now();
     let Start { drive, model, mut state, header, impacts, report } = start;
     let mut scratch = Scratch::new(&model);
@@ -141,6 +146,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
             return Err(Failure::World(format!("{e:#}\nwhat was written up to there is kept in {written}")));
         }
     };
+    live::finish(&mut sinks.split_off(paths.len()));
     let outputs = finish(&mut sinks)?;
     if let Ending::Broke(e) = &summary.ending {
         return Err(Failure::World(format!("{e}\nthe {} frames before it are kept", summary.frames)));

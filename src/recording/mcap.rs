@@ -51,15 +51,16 @@ pub const TOPICS: [(&str, &str); 9] = [
     ("/events", "foxglove.Log"),
     ("/pitchline/impact", "pitchline.Impact"),
 ];
-const HEADER: usize = 0;
-const FRAME: usize = 1;
-const SIGNALS: usize = 2;
-const KEYFRAME: usize = 3;
-const EVENT: usize = 4;
-const TRANSFORMS: usize = 5;
-const SCENE: usize = 6;
-const LOG: usize = 7;
-const IMPACT: usize = 8;
+/// Places of the topics in [`TOPICS`].
+pub const HEADER: usize = 0;
+pub const FRAME: usize = 1;
+pub const SIGNALS: usize = 2;
+pub const KEYFRAME: usize = 3;
+pub const EVENT: usize = 4;
+pub const TRANSFORMS: usize = 5;
+pub const SCENE: usize = 6;
+pub const LOG: usize = 7;
+pub const IMPACT: usize = 8;
 
 /// Writes an MCAP file.
 pub struct McapSink {

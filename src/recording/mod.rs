@@ -3,8 +3,11 @@
 
 pub mod capture;
 pub mod channels;
+#[cfg(feature = "live")]
+pub mod foxglove_live;
 pub mod foxglove_scene;
 pub mod frame;
+pub mod live;
 pub mod mcap;
 pub mod reader;
 #[cfg(feature = "rerun")]

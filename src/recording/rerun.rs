@@ -1,9 +1,10 @@
 //! The `.rrd` view of a recording, for the Rerun viewer. Numbers of every frame are kept in f64 under `state`; the drawing
 //! (f32, millimetres) and the curves come from them. Rows are gathered in blocks, because one message per block and entity is
 //! thirty times cheaper than one per row. The file is written on a thread of its own, one block behind: each block waits for the
-//! one before and learns whether it could be written.
+//! one before and learns whether it could be written. A viewer that watches the run gets the same rows, in smaller blocks.
 
 mod blueprint;
+mod live;
 mod rows;
 mod scene;
 mod table;
@@ -14,11 +15,14 @@ use super::view_geometry::scene_bounds;
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::{Context, Result};
 use blueprint::Look;
+use rerun::blueprint::components::PlayState;
+use rerun::sink::LogSink;
 use rerun::{RecordingStream, RecordingStreamBuilder, TextLog};
 use rows::{Curves, Numbers, Pictures};
 use scene::{ForceScale, MM_PER_M};
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 use table::{Table, Times, Values};
 use writer::Writer;
 
@@ -31,14 +35,26 @@ const NUMBER_ROWS: usize = 512;
 const PICTURE_ROWS: usize = 256;
 const CURVE_ROWS: usize = 2048;
 
-/// Writes an `.rrd` file.
+/// Where the rows go.
+enum End {
+    File {
+        file: File,
+        writer: Writer,
+    },
+    /// Over the network; what is gathered is sent every [`live::BLOCK_INTERVAL`].
+    Viewer {
+        last_block: Instant,
+    },
+}
+
+/// Writes an `.rrd` file, or shows the run to a viewer.
 pub struct RerunSink {
+    /// Of the file; of a viewer its address.
     path: PathBuf,
-    file: File,
+    end: End,
     header: Header,
     /// None once finished.
     stream: Option<RecordingStream>,
-    writer: Writer,
     recording: String,
     clock: PictureClock,
     scale: ForceScale,
@@ -59,21 +75,30 @@ impl RerunSink {
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> Result<RerunSink> {
         let file = File::create(path).with_context(|| cannot_write(path))?;
         let writer = Writer::new(file.try_clone()?).with_context(|| cannot_write(path))?;
-        let recording = recording_id(header);
+        let end = End::File { file, writer: writer.clone() };
+        RerunSink::begin(path.to_owned(), end, Box::new(writer), recording_id(header), header, view)
+    }
+
+    /// Sends everything that stands still to `sink`.
+    fn begin(
+        path: PathBuf,
+        end: End,
+        sink: Box<dyn LogSink>,
+        recording: String,
+        header: &Header,
+        view: ViewOptions,
+    ) -> Result<RerunSink> {
         let builder = RecordingStreamBuilder::new(APPLICATION).recording_id(recording.as_str());
         let (_, store, properties, batching, hooks, _) = builder.into_args();
-        let stream = RecordingStream::new(store, properties, batching, hooks, Box::new(writer.clone()))?;
+        let stream = RecordingStream::new(store, properties, batching, hooks, sink)?;
         stream.disable_timeline("log_time");
         stream.disable_timeline("log_tick");
-        stream.send_recording_name(header.drive_name.as_str())?;
         let scale = ForceScale::new(header);
-        scene::log(&stream, header, scale)?;
         let sink = RerunSink {
-            path: path.to_owned(),
+            path,
+            end,
             header: header.clone(),
-            file,
             stream: Some(stream),
-            writer,
             recording,
             clock: PictureClock::new(view),
             scale,
@@ -88,6 +113,9 @@ impl RerunSink {
             pictures: Pictures::new(header),
             events: events_table(),
         };
+        let stream = sink.stream()?;
+        stream.send_recording_name(header.drive_name.as_str())?;
+        scene::log(stream, header, scale)?;
         sink.check_written()?;
         Ok(sink)
     }
@@ -98,12 +126,29 @@ impl RerunSink {
 
     /// Waits until everything sent so far is in the file, or says why it is not.
     fn check_written(&self) -> Result<()> {
-        let flushed = self.stream()?.flush_blocking();
-        self.writer.check().and(flushed.map_err(anyhow::Error::from)).with_context(|| cannot_write(&self.path))
+        match &self.end {
+            End::File { writer, .. } => {
+                let flushed = self.stream()?.flush_blocking();
+                writer.check().and(flushed.map_err(anyhow::Error::from)).with_context(|| cannot_write(&self.path))
+            }
+            End::Viewer { .. } => live::flush(self.stream()?),
+        }
+    }
+
+    /// Whether a viewer has waited long enough for what is gathered.
+    fn viewer_waits(&mut self) -> bool {
+        match &mut self.end {
+            End::Viewer { last_block } if last_block.elapsed() >= live::BLOCK_INTERVAL => {
+                *last_block = Instant::now();
+                true
+            }
+            _ => false,
+        }
     }
 
     /// Sends the blocks that are full, or all there is.
     fn send_blocks(&mut self, all: bool) -> Result<()> {
+        let all = all || self.viewer_waits();
         let due = |times: &Times, rows: usize| times.len() >= if all { 1 } else { rows };
         let numbers = due(&self.number_times, NUMBER_ROWS);
         let curves = due(&self.curve_times, CURVE_ROWS);
@@ -132,7 +177,11 @@ impl RerunSink {
 
     fn send_layout(&mut self, close_ups: &[Look]) -> Result<()> {
         let drive = whole_drive(&self.header);
-        blueprint::send(self.stream()?, &self.recording, &drive, close_ups)?;
+        let play = match self.end {
+            End::File { .. } => PlayState::Paused,
+            End::Viewer { .. } => PlayState::Following,
+        };
+        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play)?;
         self.has_layout = true;
         Ok(())
     }
@@ -184,15 +233,30 @@ impl Sink for RerunSink {
         }
         self.send_blocks(true)?;
         self.check_written()?;
-        // Ends the writing thread.
-        drop(self.stream.take());
-        self.writer.finish().with_context(|| cannot_write(&self.path))?;
-        self.file.sync_all().with_context(|| cannot_write(&self.path))?;
-        Ok(self.file.metadata()?.len())
+        let stream = self.stream.take();
+        match &self.end {
+            End::File { file, writer } => {
+                // Ends the writing thread.
+                drop(stream);
+                writer.finish().with_context(|| cannot_write(&self.path))?;
+                file.sync_all().with_context(|| cannot_write(&self.path))?;
+                Ok(file.metadata()?.len())
+            }
+            End::Viewer { .. } => live::close(stream).map(|()| 0),
+        }
     }
 
     fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+impl Drop for RerunSink {
+    fn drop(&mut self) {
+        // Given up: the stream's own drop would wait for the viewer, however long it is gone.
+        if matches!(self.end, End::Viewer { .. }) {
+            std::mem::forget(self.stream.take());
+        }
     }
 }
 

@@ -31,8 +31,14 @@ pub struct Look {
     pub height: f64,
 }
 
-/// Adds the layout to the recording and makes it the one that is shown.
-pub fn send(stream: &RecordingStream, recording: &str, drive: &Look, close_ups: &[Look]) -> Result<()> {
+/// Adds the layout to the recording and makes it the one that is shown; `play` says how time runs at first.
+pub fn send(
+    stream: &RecordingStream,
+    recording: &str,
+    drive: &Look,
+    close_ups: &[Look],
+    play: PlayState,
+) -> Result<()> {
     let (layout, storage) = RecordingStreamBuilder::new(super::APPLICATION)
         .recording_id(format!("{recording}-layout"))
         .enabled(true)
@@ -41,7 +47,7 @@ pub fn send(stream: &RecordingStream, recording: &str, drive: &Look, close_ups: 
     layout.disable_timeline("log_time");
     layout.disable_timeline("log_tick");
     layout.set_time_sequence("blueprint", 0);
-    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups)?;
+    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups, play)?;
     let messages = storage.take();
     let blueprint_id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
@@ -52,7 +58,7 @@ pub fn send(stream: &RecordingStream, recording: &str, drive: &Look, close_ups: 
     Ok(())
 }
 
-fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look]) -> Result<()> {
+fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayState) -> Result<()> {
     // Panes are about twice as wide as high, or square where there is nothing beside them.
     let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
     let mut near = Vec::new();
@@ -86,7 +92,7 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look]) -> Result<(
         &[(first, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)],
     )?;
     let root = layout.container(ContainerKind::Horizontal, "all", &[(left, 1.9), (right, 1.0)])?;
-    layout.panels(&root)
+    layout.panels(&root, play)
 }
 
 /// The columns of the table of contacts, what one asks first on the left.
@@ -207,7 +213,7 @@ impl Layout {
         Ok(placed)
     }
 
-    fn panels(&self, root: &Placed) -> Result<()> {
+    fn panels(&self, root: &Placed, play: PlayState) -> Result<()> {
         let viewport = ViewportBlueprint::new()
             .with_root_container(Uuid { bytes: root.id })
             .with_auto_layout(false)
@@ -216,7 +222,7 @@ impl Layout {
         let time = TimePanelBlueprint::new()
             .with_timeline("sim_time")
             .with_playback_speed(PLAYBACK_SPEED)
-            .with_play_state(PlayState::Paused)
+            .with_play_state(play)
             .with_state(PanelState::Collapsed);
         self.stream.log("time_panel", &time)?;
         for panel in ["selection_panel", "blueprint_panel"] {

@@ -1,0 +1,253 @@
+//! `pitchline view`: opens a recording. An .rrd goes to the Rerun viewer on this machine, or to the one that this program
+//! carries for web browsers; an .mcap is converted first.
+
+use super::{Failure, Outcome, print_out};
+use crate::recording::{ViewOptions, create};
+use std::ffi::OsString;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long the Rerun viewer gets to end by itself.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+#[derive(clap::Args, Debug)]
+pub struct ViewArgs {
+    /// Recording, .rrd or .mcap
+    recording: PathBuf,
+    /// Show it in a web browser, even where a Rerun viewer is installed
+    #[arg(long)]
+    web: bool,
+    /// Port of the web viewer on this machine [default: any that is free]
+    #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
+    port: u16,
+    /// Start the web browser
+    #[arg(long)]
+    open: bool,
+    /// Write an .mcap as .rrd to FILE, and show nothing
+    #[arg(short, long, value_name = "FILE", conflicts_with_all = ["web", "port", "open"])]
+    output: Option<PathBuf>,
+}
+
+/// What a recording is by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Rrd,
+    Mcap,
+}
+
+/// Who shows it.
+enum Shown {
+    /// The `rerun` program of this name.
+    Native(OsString),
+    Web,
+}
+
+pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
+    let kind = kind(&args.recording)?;
+    let stop = super::run::stop_on_interrupt();
+    if let Some(output) = &args.output {
+        check_output(&args.recording, kind, output)?;
+        return match convert(&args.recording, output, &stop)? {
+            Outcome::Done => print_out(&format!("wrote {}\n", output.display())),
+            other => Ok(other),
+        };
+    }
+    let shown = shown(args.web)?;
+    let (path, _folder) = match kind {
+        Kind::Rrd => (args.recording.clone(), None),
+        Kind::Mcap => {
+            let folder = TemporaryFolder::new()?;
+            let name = args.recording.file_stem().unwrap_or_default();
+            let path = folder.0.join(name).with_added_extension("rrd");
+            if convert(&args.recording, &path, &stop)? == Outcome::Interrupted {
+                return Ok(Outcome::Interrupted);
+            }
+            (path, Some(folder))
+        }
+    };
+    match shown {
+        Shown::Native(program) => show(&program, &path, &stop),
+        #[cfg(feature = "web")]
+        Shown::Web => super::view_web::serve(&path, args.port, args.open, &stop),
+        #[cfg(not(feature = "web"))]
+        Shown::Web => Err(without("web")),
+    }
+}
+
+/// Looks into a file.
+fn kind(path: &Path) -> Result<Kind, Failure> {
+    let shown = path.display();
+    if path.is_dir() {
+        return Err(Failure::Input(format!("{shown} is a directory, not a recording")));
+    }
+    let mut first = [0; 8];
+    let read = std::fs::File::open(path).and_then(|file| file.take(8).read(&mut first));
+    read.map_err(|e| Failure::Input(format!("cannot read {shown}: {e}")))?;
+    match first {
+        [b'R', b'R', b'F', ..] => Ok(Kind::Rrd),
+        [0x89, b'M', b'C', b'A', b'P', ..] => Ok(Kind::Mcap),
+        _ => Err(Failure::Input(format!("{shown} is no recording; `pitchline run` writes .rrd and .mcap"))),
+    }
+}
+
+/// What is asked for with `--output`, checked before anything is read.
+fn check_output(recording: &Path, kind: Kind, output: &Path) -> Result<(), Failure> {
+    let shown = output.display();
+    if kind == Kind::Rrd {
+        return Err(Failure::Input(format!("{} is an .rrd already", recording.display())));
+    }
+    if !cfg!(feature = "rerun") {
+        return Err(without("rerun"));
+    }
+    if output.is_dir() {
+        return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
+    }
+    if output.extension().is_none_or(|e| e != "rrd") {
+        return Err(Failure::Input(format!("{shown}: the converted recording ends in .rrd")));
+    }
+    Ok(())
+}
+
+/// Finds out who shows it, before anything is converted.
+fn shown(web: bool) -> Result<Shown, Failure> {
+    let has_web = cfg!(feature = "web");
+    if web {
+        return if has_web { Ok(Shown::Web) } else { Err(without("web")) };
+    }
+    match native_viewer() {
+        Ok(program) => Ok(Shown::Native(program)),
+        Err(reason) if has_web => {
+            eprintln!("{reason}; showing the recording in a web browser instead");
+            Ok(Shown::Web)
+        }
+        Err(reason) => Err(Failure::Input(format!(
+            "{reason}\nhelp: install it with `pip install rerun-sdk==0.36.3`, or build pitchline with `--features web`"
+        ))),
+    }
+}
+
+fn without(feature: &str) -> Failure {
+    Failure::Input(format!(
+        "this program was built without the feature `{feature}`\nhelp: build it with `cargo build --release --features {feature}`"
+    ))
+}
+
+/// The `rerun` program if it can show our recordings here, or why not. PITCHLINE_RERUN names another one.
+fn native_viewer() -> Result<OsString, String> {
+    let program = std::env::var_os("PITCHLINE_RERUN").unwrap_or_else(|| "rerun".into());
+    let shown = program.to_string_lossy().into_owned();
+    let out = Command::new(&program).arg("--version").output().map_err(|e| format!("no program `{shown}`: {e}"))?;
+    let said = String::from_utf8_lossy(&out.stdout).into_owned();
+    match version(&said) {
+        // Newer viewers read older files; 0.41 was tried.
+        Some(version) if version >= (0, 36) => {}
+        Some((major, minor)) => {
+            return Err(format!("`{shown}` is version {major}.{minor}, which is too old: 0.36 is needed"));
+        }
+        None => return Err(format!("`{shown} --version` does not tell a version")),
+    }
+    let has_screen = |variable| std::env::var_os(variable).is_some_and(|value| !value.is_empty());
+    if cfg!(target_os = "linux") && !has_screen("DISPLAY") && !has_screen("WAYLAND_DISPLAY") {
+        return Err("there is no screen for the Rerun viewer".into());
+    }
+    Ok(program)
+}
+
+/// Major and minor version in `rerun-cli 0.36.3 (...)`.
+fn version(text: &str) -> Option<(u32, u32)> {
+    let mut numbers = text.split_whitespace().nth(1)?.split('.').map(str::parse);
+    Some((numbers.next()?.ok()?, numbers.next()?.ok()?))
+}
+
+/// Runs the Rerun viewer until its window is closed.
+fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, Failure> {
+    // A window of its own, and nobody else on the network.
+    let mut viewer = Command::new(program)
+        .arg(path)
+        .args(["--bind", "127.0.0.1", "--port", "auto"])
+        .spawn()
+        .map_err(|e| Failure::World(format!("cannot start {}: {e}", program.display())))?;
+    let mut asked = None;
+    loop {
+        let ended = viewer.try_wait().map_err(|e| Failure::World(format!("lost {}: {e}", program.display())))?;
+        let interrupted = stop.load(Ordering::Relaxed);
+        match ended {
+            Some(_) if interrupted => return Ok(Outcome::Interrupted),
+            // Ctrl-C in a terminal has told it as well: a moment to end by itself.
+            None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > PATIENCE => {
+                let _killed = viewer.kill();
+                let _ended = viewer.wait();
+                return Ok(Outcome::Interrupted);
+            }
+            Some(status) if status.success() => return Ok(Outcome::Done),
+            Some(status) => return Err(Failure::World(format!("{} ended with {status}", program.display()))),
+            None => std::thread::sleep(Duration::from_millis(50)),
+        }
+    }
+}
+
+/// Writes an .mcap as .rrd: the rows that the run itself would have written.
+fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure> {
+    if !cfg!(feature = "rerun") {
+        return Err(without("rerun"));
+    }
+    let mut reader = super::open_recording(from)?;
+    if let Some(loss) = reader.loss() {
+        eprintln!("note: {loss}");
+    }
+    let mut sink = create(to, reader.header(), ViewOptions::default())?;
+    let (_, _, damage) = super::replay::copy(&mut reader, sink.as_mut(), stop)?;
+    if let Some(damage) = damage {
+        eprintln!("warning: {damage}; what comes before is shown");
+    }
+    if stop.load(Ordering::Relaxed) {
+        return Ok(Outcome::Interrupted);
+    }
+    sink.finish()?;
+    Ok(Outcome::Done)
+}
+
+/// A folder that only this user can read, and that goes when it is dropped.
+struct TemporaryFolder(PathBuf);
+
+impl TemporaryFolder {
+    fn new() -> Result<TemporaryFolder, Failure> {
+        let base = std::env::temp_dir();
+        let mut builder = std::fs::DirBuilder::new();
+        #[cfg(unix)]
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+        // A name may be taken by a run that was killed.
+        for attempt in 0..100 {
+            let path = base.join(format!("pitchline-view-{}-{attempt}", std::process::id()));
+            match builder.create(&path) {
+                Ok(()) => return Ok(TemporaryFolder(path)),
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(Failure::World(format!("cannot make {}: {e}", path.display()))),
+            }
+        }
+        Err(Failure::World(format!("cannot make a folder in {}: all names are taken", base.display())))
+    }
+}
+
+impl Drop for TemporaryFolder {
+    fn drop(&mut self) {
+        if let Err(e) = std::fs::remove_dir_all(&self.0) {
+            eprintln!("warning: cannot remove {}: {e}", self.0.display());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read() {
+        assert_eq!(version("rerun-cli 0.36.3 (base lance) [rustc 1.95.0]"), Some((0, 36)));
+        assert!(version("rerun-cli 0.4.0") < Some((0, 36)) && version("rerun-cli 1.0.0") > Some((0, 36)));
+        assert_eq!(version("nonsense"), None);
+    }
+}
