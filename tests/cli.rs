@@ -131,6 +131,26 @@ fn compare_judges_and_records_the_three_chains() {
     let out = json(&pitchline(&["compare", "--duration", "24ms", "--recorded", "2ms", "-o", path, "--json"]));
     assert_eq!(out["drives"].as_array().map(Vec::len), Some(3));
     assert_eq!(out["impact_free"], true, "{:#}", out["claims"]);
+    let of = |chain: usize, key: &str| out["drives"][chain][key].as_f64().unwrap_or_else(|| panic!("{key}"));
+    for key in [
+        "engagements",
+        "approach_speed_p50_m_s",
+        "approach_speed_max_m_s",
+        "peak_force_p50_n",
+        "peak_force_max_n",
+        "steady_force_n",
+        "peak_to_steady",
+        "rise_time_p50_s",
+        "impulse_p50_n_s",
+        "contact_sequence_share",
+        "span_speed_ripple",
+    ] {
+        println!("{key}: {:.6} {:.6} {:.6}", of(0, key), of(1, key), of(2, key));
+        assert!((0..3).all(|chain| of(chain, key) > 0.0), "{key}");
+    }
+    assert!(of(0, "peak_to_steady") > 2.5 && of(2, "peak_to_steady") < 1.5 * of(1, "peak_to_steady"));
+    assert!(out["drives"][0]["verdict"].as_str().is_some_and(|v| v.starts_with("strikes")));
+    assert!(out["drives"][2]["verdict"].as_str().is_some_and(|v| v.starts_with("engages without impact")));
     let page = std::fs::read_to_string(folder.path().join("compare.html")).expect("a report");
     assert!(page.contains("<svg") && !page.contains("http"), "needs nothing else");
     let recording = pitchline::recording::mcap::read(&folder.path().join("compare.mcap")).expect("reads");

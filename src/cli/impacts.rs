@@ -89,11 +89,11 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "drive": header.drive_name,
             "impacts_in_all": all.len(),
             "found": found,
-            "suspects": suspects,
+            "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
         }));
     }
-    print_out(&text(&args.recording, &header, &heads, &list, (found, all.len()), &suspects))
+    print_out(&text(&args.recording, &header, &heads, &list, (found, &all), &suspects))
 }
 
 /// All impacts in order of time, and the frames' steps.
@@ -123,6 +123,18 @@ pub(super) fn numbered(reader: &mut Reader, number: usize) -> Result<Impact, Fai
             format!("there is no impact {number} in {path}; they are numbered 0 to {}", impacts.len() - 1)
         })
     })
+}
+
+/// Number of the first impact that a suspect stands out by.
+fn first_of(suspect: &Suspect, all: &[Impact], header: &Header) -> Option<usize> {
+    let body = header.bodies.iter().position(|b| b.path == suspect.body)?;
+    all.iter().position(|i| i.t_s == suspect.first_s && i.body as usize == body)
+}
+
+fn suspect_json(suspect: &Suspect, all: &[Impact], header: &Header) -> serde_json::Value {
+    let mut value = serde_json::json!(suspect);
+    value["first_impact"] = serde_json::json!(first_of(suspect, all, header));
+    value
 }
 
 /// Number of the first frame at or after the touch.
@@ -177,11 +189,11 @@ fn text(
     header: &Header,
     heads: &[FrameHead],
     list: &[(usize, &Impact)],
-    (found, all): (usize, usize),
+    (found, all): (usize, &[Impact]),
     suspects: &[Suspect],
 ) -> String {
-    let mut lines = vec![format!("{}: {found} of {all} impacts, {} shown", recording.display(), list.len())];
-    if all == 0 {
+    let mut lines = vec![format!("{}: {found} of {} impacts, {} shown", recording.display(), all.len(), list.len())];
+    if all.is_empty() {
         lines.push("  none; recordings of earlier versions hold none: record it anew".into());
     }
     if !list.is_empty() {
@@ -213,7 +225,9 @@ fn text(
         lines.push("what stands out:".into());
         lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));
     }
-    if let Some((number, i)) = list.first() {
+    // What stands out first, else the first of the list.
+    let example = suspects.first().and_then(|s| first_of(s, all, header)).map(|n| (n, &all[n]));
+    if let Some((number, i)) = example.as_ref().or(list.first()) {
         lines.push(format!("open impact {number}: {}", open_in_rerun(*number, recording)));
         lines.push(format!("  or in Foxglove go to {}; the log /events has them all", open_in_foxglove(i)));
         lines.push(format!("  why: pitchline explain {} --impact {number}", recording.display()));

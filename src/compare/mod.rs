@@ -4,6 +4,7 @@
 //! that of the tooth contact of a chain (bush or trailing flank) and, for an abutment chain, of every kind on its own.
 //! rho v^2 is taken from the tension: what presses links onto a sprocket is T - rho v^2.
 
+pub mod headline;
 pub mod merge;
 pub mod tune;
 
@@ -68,6 +69,8 @@ pub struct KindSummary {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Summary {
     pub drive: String,
+    #[serde(flatten)]
+    pub headline: headline::Headline,
     pub step_s: f64,
     pub passes: usize,
     pub kinds: Vec<KindSummary>,
@@ -200,8 +203,9 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     let n = model.chain.n_links;
     let pitch = 2.0 * model.chain.lever[0];
     let per_length = model.chain.mass[..n].iter().sum::<f64>() / (n as f64 * pitch);
-    Summary {
+    let mut summary = Summary {
         drive: drive.name.clone(),
+        headline: headline::Headline::default(),
         step_s: model.step_s,
         passes: passes.len(),
         kinds,
@@ -214,7 +218,9 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         sequence: matches!(model.contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
         odd_even_asymmetry: asymmetry(passes),
         odd_even_first_touch_t: odd_even_first_touch(passes),
-    }
+    };
+    summary.headline = headline::headline(&summary, passes, watch.period_s(), exit_from + 2.0);
+    summary
 }
 
 fn summarise_kind(kind: Kind, passes: &[Pass], exit_from: f64) -> KindSummary {

@@ -9,7 +9,7 @@ use std::fmt::Write;
 const WIDTH: f64 = 900.0;
 const HEIGHT: f64 = 560.0;
 /// Longest arrow [user units].
-const LONGEST_ARROW: f64 = 170.0;
+const LONGEST_ARROW: f64 = 150.0;
 /// Forces smaller than this share of the largest have no arrow.
 const SMALLEST_SHARE: f64 = 0.004;
 
@@ -17,7 +17,7 @@ const SMALLEST_SHARE: f64 = 0.004;
 pub fn svg(header: &Header, body: &FreeBody) -> String {
     let outline = header.links.get(body.link).and_then(|l| header.link_outlines.get(l.outline as usize));
     let pitch_mm = header.links.get(body.link).map_or(8.0, |l| l.pitch_m * 1e3);
-    let units_per_mm = 0.3 * WIDTH / pitch_mm;
+    let units_per_mm = 0.22 * WIDTH / pitch_mm;
     let pose = Pose { x_m: 0.0, y_m: 0.0, angle_rad: body.angle_rad };
     let largest = body.forces.iter().map(size).fold(0.0, f64::max).max(1e-9);
     let units_per_n = LONGEST_ARROW / largest;
@@ -25,7 +25,7 @@ pub fn svg(header: &Header, body: &FreeBody) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" \
          font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#fff\"/>\n"
     );
-    let centre = [0.36 * WIDTH, 0.5 * HEIGHT];
+    let centre = [0.33 * WIDTH, 0.5 * HEIGHT];
     let page = |x_mm: f64, y_mm: f64| [centre[0] + x_mm * units_per_mm, centre[1] - y_mm * units_per_mm];
     if let Some(outline) = outline {
         let _infallible = write!(
