@@ -90,52 +90,50 @@ impl BreakWatch {
     }
 }
 
-/// Lowest and highest of many values, several at a time.
-struct Extremes {
-    low: [f64; LANES],
-    high: [f64; LANES],
+/// The highest of many values, or with `sign` -1 the lowest, several at a time.
+struct Extreme {
+    sign: f64,
+    most: [f64; LANES],
 }
 
-impl Extremes {
-    const NONE: Extremes = Extremes { low: [f64::INFINITY; LANES], high: [f64::NEG_INFINITY; LANES] };
-
-    fn widen(&mut self, value: f64) {
-        self.low[0] = self.low[0].min(value);
-        self.high[0] = self.high[0].max(value);
+impl Extreme {
+    fn new(sign: f64) -> Extreme {
+        Extreme { sign, most: [f64::NEG_INFINITY; LANES] }
     }
 
-    /// Values whose lane has an age; columns are padded to whole blocks.
-    fn widen_where(&mut self, values: &[f64], age: &[f64], idle: impl Fn(usize) -> bool) {
-        for (block, (v, a)) in values.chunks_exact(LANES).zip(age.chunks_exact(LANES)).enumerate() {
-            if idle(block) {
-                continue;
-            }
-            for i in 0..LANES {
-                let low = if a[i] > 0.0 { v[i] } else { f64::INFINITY };
-                let high = if a[i] > 0.0 { v[i] } else { f64::NEG_INFINITY };
-                self.low[i] = if low < self.low[i] { low } else { self.low[i] };
-                self.high[i] = if high > self.high[i] { high } else { self.high[i] };
-            }
+    #[inline(always)]
+    fn block(&mut self, values: [f64; LANES]) {
+        for i in 0..LANES {
+            let v = self.sign * values[i];
+            self.most[i] = if v > self.most[i] { v } else { self.most[i] };
         }
     }
 
-    fn widen_each(&mut self, n: usize, value: impl Fn(usize) -> f64) {
+    /// A block of values, those whose lane has an age.
+    #[inline(always)]
+    fn block_where(&mut self, values: &[f64], age: &[f64]) {
+        let (Some(values), Some(age)) = (values.first_chunk::<LANES>(), age.first_chunk::<LANES>()) else { return };
+        let mut touching = [f64::NEG_INFINITY * self.sign; LANES];
+        for i in 0..LANES {
+            touching[i] = if age[i] > 0.0 { values[i] } else { touching[i] };
+        }
+        self.block(touching);
+    }
+
+    fn each(&mut self, n: usize, value: impl Fn(usize) -> f64) {
         for at in (0..n).step_by(LANES) {
-            if at + LANES > n {
-                (at..n).for_each(|i| self.widen(value(i)));
-                break;
+            // The last block looks at some twice.
+            let at = at.min(n.saturating_sub(LANES));
+            let mut values = [f64::NEG_INFINITY * self.sign; LANES];
+            for (i, v) in values.iter_mut().enumerate().take(n) {
+                *v = value(at + i);
             }
-            for i in 0..LANES {
-                let v = value(at + i);
-                self.low[i] = if v < self.low[i] { v } else { self.low[i] };
-                self.high[i] = if v > self.high[i] { v } else { self.high[i] };
-            }
+            self.block(values);
         }
     }
 
-    fn both(&self) -> (f64, f64) {
-        let low = self.low.iter().copied().fold(f64::INFINITY, f64::min);
-        (low, self.high.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    fn value(&self) -> f64 {
+        self.sign * self.most.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
@@ -175,72 +173,79 @@ impl StepValues<'_> {
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
             Expr::Compare(Compare::Numbers { left, operator, right: Number::Constant(bound) }) => {
                 let Number::Quantity { quantity, index: None, absolute: false } = left else { return true };
-                let Some((low, high)) = self.extremes(quantity) else { return true };
-                let slack = SLACK * (low.abs().max(high.abs()) + bound.abs());
-                match operator {
-                    Operator::Above | Operator::AtLeast => high + slack >= *bound,
-                    Operator::Below | Operator::AtMost => low - slack <= *bound,
-                    Operator::Equal | Operator::Unequal => true,
-                }
+                // Only the end of the range that may reach the bound is looked for.
+                let sign = match operator {
+                    Operator::Above | Operator::AtLeast => 1.0,
+                    Operator::Below | Operator::AtMost => -1.0,
+                    Operator::Equal | Operator::Unequal => return true,
+                };
+                let Some(extreme) = self.extreme(quantity, sign) else { return true };
+                sign * extreme + SLACK * (extreme.abs() + bound.abs()) >= sign * bound
             }
             Expr::Not(_) | Expr::Compare(_) => true,
         }
     }
 
-    /// Lowest and highest value of a quantity over all contacts, links or joints; None: not looked at as a column.
-    fn extremes(&self, quantity: &Quantity) -> Option<(f64, f64)> {
+    /// Highest (`sign` 1) or lowest (-1) value of a quantity over all contacts, links or joints; None: not looked at as a column.
+    fn extreme(&self, quantity: &Quantity, sign: f64) -> Option<f64> {
         let n = self.model.chain.n_links;
+        let mut most = Extreme::new(sign);
         match (quantity.scope, quantity.what) {
-            (Scope::Contact, What::Penetration | What::ApproachSpeed) => {
-                let mut all = Extremes::NONE;
+            (Scope::Contact, What::Penetration | What::ApproachSpeed | What::NormalForce) => {
                 for part in self.parts {
-                    let memory = self.scratch.memory(*part);
-                    let values =
-                        if quantity.what == What::Penetration { self.scratch.depths(*part) } else { &memory.approach };
-                    all.widen_where(values, &memory.age, |block| self.scratch.is_idle(*part, block));
+                    self.extreme_of_contacts(*part, quantity.what, &mut most)?;
                 }
-                Some(all.both())
-            }
-            (Scope::Contact, What::NormalForce) => {
-                let mut all = Extremes::NONE;
-                for part in self.parts {
-                    let memory = self.scratch.memory(*part);
-                    let ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c } = *self.law(*part)? else {
-                        return None;
-                    };
-                    let (depth, rate) = (self.scratch.depths(*part), self.scratch.closing_speeds(*part));
-                    for (block, age) in memory.age.chunks_exact(LANES).enumerate() {
-                        if self.scratch.is_idle(*part, block) {
-                            continue;
-                        }
-                        let at = block * LANES;
-                        let mut force = [0.0; LANES];
-                        for i in 0..LANES {
-                            force[i] = k * depth[at + i] + c * rate[at + i];
-                        }
-                        // Where they only pull a contact shows no force.
-                        force.iter_mut().for_each(|f| *f = if *f > 0.0 { *f } else { 0.0 });
-                        all.widen_where(&force, age, |_| false);
-                    }
-                }
-                Some(all.both())
             }
             (Scope::Link, What::Tension) => {
                 let (x, y) = self.scratch.joint_columns();
-                let l = &self.state.links;
-                let mut all = Extremes::NONE;
-                all.widen_each(n, |i| -0.5 * ((x[i] + x[i + 1]) * l.cos[i] + (y[i] + y[i + 1]) * l.sin[i]));
-                Some(all.both())
+                let (x0, x1, y0, y1) = (&x[..n], &x[1..n + 1], &y[..n], &y[1..n + 1]);
+                let (cos, sin) = (&self.state.links.cos[..n], &self.state.links.sin[..n]);
+                most.each(n, |i| -0.5 * ((x0[i] + x1[i]) * cos[i] + (y0[i] + y1[i]) * sin[i]));
             }
             (Scope::Joint, What::Force) => {
                 let (x, y) = self.scratch.joint_columns();
-                let mut all = Extremes::NONE;
-                all.widen_each(n, |i| x[i + 1] * x[i + 1] + y[i + 1] * y[i + 1]);
-                let (low, high) = all.both();
-                Some((libm::sqrt(low), libm::sqrt(high)))
+                let (x, y) = (&x[1..n + 1], &y[1..n + 1]);
+                most.each(n, |i| x[i] * x[i] + y[i] * y[i]);
+                return Some(libm::sqrt(most.value()));
             }
-            _ => None,
+            _ => return None,
         }
+        Some(most.value())
+    }
+
+    /// None: the law of this part needs more than depth and speed.
+    fn extreme_of_contacts(&self, part: Part, what: What, most: &mut Extreme) -> Option<()> {
+        let (age, depth, rate) =
+            (&self.scratch.memory(part).age, self.scratch.depths(part), self.scratch.closing_speeds(part));
+        let law = match (what, self.law(part)?) {
+            (What::NormalForce, ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
+                Some((*stiffness_n_per_m, *damping_n_s_per_m))
+            }
+            (What::NormalForce, _) => return None,
+            _ => None,
+        };
+        let values = if what == What::ApproachSpeed { &self.scratch.memory(part).approach } else { depth };
+        for block in (0..age.len() / LANES).filter(|block| !self.scratch.is_idle(part, *block)) {
+            let at = block * LANES;
+            match law {
+                None => most.block_where(&values[at..], &age[at..]),
+                Some((k, c)) => {
+                    let mut force = [0.0; LANES];
+                    let (Some(depth), Some(rate)) =
+                        (depth[at..].first_chunk::<LANES>(), rate[at..].first_chunk::<LANES>())
+                    else {
+                        return None;
+                    };
+                    for i in 0..LANES {
+                        // Where it only pulls a contact shows no force.
+                        let f = k * depth[i] + c * rate[i];
+                        force[i] = if f > 0.0 { f } else { 0.0 };
+                    }
+                    most.block_where(&force, &age[at..]);
+                }
+            }
+        }
+        Some(())
     }
 
     /// Collects what fulfils the expression; false where that cannot be told.

@@ -44,9 +44,9 @@ pub fn run(args: &ExplainArgs) -> Result<Outcome, Failure> {
     if link >= links {
         return Err(Failure::Input(format!("there is no link {link}; they are numbered 0 to {}", links - 1)));
     }
-    let heads = replay.reader.heads()?;
+    let ends = replay.reader.ends()?;
     let step = replay.step_at(t_s);
-    let (first, last) = (heads.first().map_or(0, |h| h.step), heads.last().map_or(0, |h| h.step));
+    let (first, last) = ends.map_or((0, 0), |(first, last)| (first.step, last.step));
     if !(first..=last).contains(&step) {
         let ms = |step: u64| step as f64 * replay.model.step_s * 1e3;
         return Err(Failure::Input(format!(

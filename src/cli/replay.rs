@@ -38,7 +38,7 @@ fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
     super::open_recording(&args.recording)?;
     let mut replay = Replay::open(&args.recording)?;
     let loss = replay.reader.loss();
-    let last = replay.reader.heads()?.last().map_or(0, |h| h.step);
+    let last = replay.reader.ends()?.map_or(0, |(_, last)| last.step);
     let bar = progress_bar(last, replay.model.step_s);
     let verdict = verify(&mut replay, &stop_on_interrupt(), |step| bar.set_position(step))?;
     bar.finish_and_clear();

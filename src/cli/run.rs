@@ -206,8 +206,7 @@ fn resumed_drive(recording: &Path, set: &[String]) -> Result<Drive, Failure> {
 /// Goes on from a recording; changed values of the drive take effect there.
 fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Failure> {
     let mut replay = Replay::open(recording)?;
-    let heads = replay.reader.heads()?;
-    let (Some(begin), Some(end)) = (heads.first(), heads.last()) else {
+    let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", recording.display())));
     };
     if let Some(loss) = replay.reader.loss() {

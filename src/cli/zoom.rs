@@ -38,8 +38,7 @@ pub struct ZoomArgs {
 pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     super::open_recording(&args.recording)?;
     let mut replay = Replay::open(&args.recording)?;
-    let heads = replay.reader.heads()?;
-    let (Some(begin), Some(end)) = (heads.first().copied(), heads.last().copied()) else {
+    let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", args.recording.display())));
     };
     let (from_s, to_s) = match args.impact {

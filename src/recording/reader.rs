@@ -316,10 +316,8 @@ impl Reader {
             let content = &unpacked[begin..end];
             match kind {
                 op::CHANNEL => {
-                    let record = mcap::parse_record(kind, content).with_context(|| place(at))?;
-                    if let mcap::records::Record::Channel(channel) = record {
-                        self.topics.insert(channel.id, topic(&channel.topic));
-                    }
+                    let (id, name) = channel(content).with_context(|| format!("{}: half a channel", place(at)))?;
+                    self.topics.insert(id, topic(name));
                 }
                 op::MESSAGE => {
                     ensure!(content.len() >= 22, "{}: half a message", place(at));
@@ -427,6 +425,31 @@ impl Reader {
         Ok(first)
     }
 
+    /// Step and time of the first and the last frame, from the chunks at both ends alone.
+    pub fn ends(&mut self) -> anyhow::Result<Option<(FrameHead, FrameHead)>> {
+        let wanted = Wanted { heads: true, ..Wanted::default() };
+        let mut found: [Option<FrameHead>; 2] = [None, None];
+        let n = self.chunks.len();
+        for (end, last) in found.iter_mut().zip([false, true]) {
+            let mut order: Vec<usize> = (0..n).collect();
+            if last {
+                order.reverse();
+            }
+            for index in order {
+                self.each_of(index, wanted, (0, u64::MAX), &mut |entry| {
+                    if let Entry::Head(head) = entry {
+                        *end = Some(if last { head } else { end.unwrap_or(head) });
+                    }
+                    Ok(Flow::On)
+                })?;
+                if end.is_some() {
+                    break;
+                }
+            }
+        }
+        Ok(found[0].zip(found[1]))
+    }
+
     /// Step and time of every frame, in order.
     pub fn heads(&mut self) -> anyhow::Result<Vec<FrameHead>> {
         let mut heads = Vec::new();
@@ -476,6 +499,15 @@ fn topic(name: &str) -> Topic {
         "/pitchline/impact" => Topic::Impact,
         _ => Topic::Other,
     }
+}
+
+/// Number and topic of a channel record. Read here, because the crate's own reader reserves whatever length a text states.
+fn channel(content: &[u8]) -> Option<(u16, &str)> {
+    let id = u16::from_le_bytes(*content.first_chunk()?);
+    // Behind the number of its schema.
+    let length = u32::from_le_bytes(*content.get(4..)?.first_chunk()?);
+    let name = content.get(8..)?.get(..usize::try_from(length).ok()?)?;
+    Some((id, std::str::from_utf8(name).ok()?))
 }
 
 /// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely

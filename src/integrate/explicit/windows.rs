@@ -4,7 +4,7 @@
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
 use crate::model::Model;
-use crate::state::State;
+use crate::state::{ContactMemory, State};
 
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
@@ -12,8 +12,17 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
-    scratch.stale_blocks.iter_mut().for_each(|blocks| blocks.fill(2));
-    scratch.stale_bushes.fill(2);
+    // Where nothing has been touched both memories say so already.
+    let stale = |memory: &ContactMemory, blocks: &mut [u8]| {
+        let lanes = memory.age.chunks(LANES).zip(memory.normal_force.chunks(LANES));
+        for (block, (age, force)) in blocks.iter_mut().zip(lanes) {
+            *block = if age.iter().chain(force).any(|v| *v != 0.0) { 2 } else { 0 };
+        }
+    };
+    stale(&state.bushes, &mut scratch.stale_bushes);
+    for (memory, blocks) in state.guide_ends.iter().zip(&mut scratch.stale_blocks) {
+        stale(memory, blocks);
+    }
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.fill(0.0);
     }
