@@ -334,3 +334,77 @@ fn the_commands_of_the_readme_exist() {
     }
     assert!(seen >= 4, "{seen} commands");
 }
+
+/// Bad input, said so.
+fn refused(args: &[&str], wanted: &str) {
+    let out = pitchline(args);
+    assert_eq!(out.status.code(), Some(2), "{args:?}: {}", stderr(&out));
+    assert!(stderr(&out).contains(wanted), "{args:?}: {}", stderr(&out));
+}
+
+#[test]
+fn the_debugger_answers_on_the_command_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
+    let (a, b, c, z) = (file("a.mcap"), file("b.mcap"), file("c.mcap"), file("z.mcap"));
+    let run = json(&pitchline(&["run", "bush-20-40", "--duration", "12ms", "-o", &a, "--json"]));
+    assert_eq!(run["stopped_at_break"], false);
+    // Goes on from the middle: the same States on the same grid.
+    let resumed = json(&pitchline(&["run", "--resume", &a, "--at", "6ms", "--duration", "6ms", "-o", &b, "--json"]));
+    assert!(resumed["from_s"].as_f64().is_some_and(|t| (t - 6e-3).abs() < 2e-6));
+    let out = pitchline(&["diff", &a, &b, "--json"]);
+    assert_eq!(out.status.code(), Some(1), "one has more frames");
+    let difference: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert_eq!(difference["first"], serde_json::Value::Null, "{difference:#}");
+    assert!(difference["frames_compared"].as_u64().is_some_and(|n| n > 100), "{difference:#}");
+    assert_eq!(pitchline(&["diff", &a, &a]).status.code(), Some(0));
+    assert_eq!(pitchline(&["replay", &a, "--verify"]).status.code(), Some(0));
+    assert_eq!(pitchline(&["replay", &b, "--verify"]).status.code(), Some(0));
+    // A branch parts where it begins.
+    let changed = ["--set", "loads.constant.driven.torque_nm=25"];
+    let branch =
+        [&["run", "--resume", &a, "--at", "6ms", "--duration", "3ms", "-o", &c, "--json"], &changed[..]].concat();
+    json(&pitchline(&branch));
+    let out = pitchline(&["diff", &a, &c, "--json"]);
+    let difference: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert!(difference["first"]["t_s"].as_f64().is_some_and(|t| (5.9e-3..6.3e-3).contains(&t)), "{difference:#}");
+    // Impacts, and a closer look at one.
+    let impacts = json(&pitchline(&["impacts", &a, "--sort", "peak", "--sprocket", "driver", "--top", "3", "--json"]));
+    let list = impacts["impacts"].as_array().expect("a list");
+    assert_eq!(list.len(), 3);
+    assert!(list.windows(2).all(|w| w[0]["peak_force_n"].as_f64() >= w[1]["peak_force_n"].as_f64()));
+    assert!(list.iter().all(|i| i["body"] == "sprockets.driver" && i["approach_speed_m_s"].as_f64() > Some(0.0)));
+    let number = list[0]["number"].as_u64().expect("a number").to_string();
+    let zoom = json(&pitchline(&["zoom", &a, "--impact", &number, "--around", "0.1ms", "-o", &z, "--json"]));
+    let steps = zoom["to_step"].as_u64().expect("a step") - zoom["from_step"].as_u64().expect("a step");
+    assert_eq!(zoom["frames"].as_u64(), Some(steps + 1), "every step");
+    let why = json(&pitchline(&["explain", &a, "--impact", &number, "-o", &file("why.svg"), "--json"]));
+    assert_eq!(why["link"], list[0]["link"]);
+    assert!(why["remainder_share"].as_f64().is_some_and(|r| r < 1e-9));
+    let drawing = std::fs::read_to_string(file("why.svg")).expect("a drawing");
+    assert!(drawing.starts_with("<svg") && drawing.contains("remainder"));
+    // Breakpoints: stop, and look closer around.
+    let stopped =
+        json(&pitchline(&["run", "bush-20-40", "--no-output", "--break", "contact.normal_force > 580 N", "--json"]));
+    assert_eq!((&stopped["stopped_at_break"], stopped["hits"].as_array().map(Vec::len)), (&true.into(), Some(1)));
+    let around =
+        ["run", "bush-20-40", "--duration", "6ms", "--break", "impact.peak_force > 580 N", "--around", "0.2ms"];
+    let around = json(&pitchline(&[&around[..], &["--hits", "1", "-o", &c, "--json"]].concat()));
+    assert!(around["frames"].as_u64() > Some(120), "{around:#}");
+    assert_eq!(pitchline(&["replay", &c, "--verify"]).status.code(), Some(0), "dense frames are the same steps");
+    let recording = pitchline::recording::mcap::read(std::path::Path::new(&c)).expect("reads");
+    assert!(recording.frames.windows(2).all(|w| w[0].step < w[1].step), "in order of time, none twice");
+    let hit = around["hits"][0]["step"].as_u64().expect("a step");
+    assert!((hit - 80..hit + 80).all(|step| recording.frames.iter().any(|f| f.step == step)), "every step round {hit}");
+    // Bad input.
+    refused(&["zoom", &a, "--from", "11ms", "--to", "13ms"], "does not lie inside the recording");
+    refused(&["explain", &a, "--link", "90", "--at", "1ms"], "numbered 0 to 89");
+    refused(&["explain", &a, "--link", "9", "--at", "99ms"], "outside the recording");
+    refused(&["impacts", &a, "--sprocket", "drivr"], "did you mean `driver`");
+    refused(&["zoom", &a, "--impact", "9999"], "there is no impact 9999");
+    refused(&["run", "bush-20-40", "--break", "contact.penetraton > 8 um"], "did you mean `contact.penetration`");
+    refused(&["run", "--resume", &a, "-o", &a], "not overwritten");
+    refused(&["run", "--resume", &a, "--no-output", "--set", "chain.bush.links=92"], "cannot go on from it");
+    refused(&["diff", &a, "Cargo.toml"], "is no MCAP file");
+    refused(&["run", "bush-20-40", "--hits", "3"], "--break");
+}
