@@ -15,6 +15,7 @@
 
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::contacts_at;
 use crate::recording::frame::{Contacts, Impact};
@@ -52,6 +53,8 @@ pub struct ImpactWatch {
     open: Vec<Option<Open>>,
     free: Vec<usize>,
     unplaced: usize,
+    /// Blocks of lanes with a change, while they are looked at.
+    changed: Vec<usize>,
     /// Impacts whose place has become known since they were last taken.
     touched: Vec<Impact>,
     done: Vec<Impact>,
@@ -74,6 +77,7 @@ impl ImpactWatch {
             open: Vec::new(),
             free: Vec::new(),
             unplaced: 0,
+            changed: Vec::new(),
             touched: Vec::new(),
             done: Vec::new(),
         }
@@ -86,11 +90,10 @@ impl ImpactWatch {
         for p in 0..self.parts.len() {
             let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
             let (past, now) = (&past_memory(state, of).age, &scratch.memory(of).age);
-            for block in (0..n.div_ceil(LANES)).filter(|block| !scratch.is_idle(of, *block)) {
+            self.changed.clear();
+            vectorised(scratch.isa, || note_changes(scratch, of, past, now, &mut self.changed));
+            for block in std::mem::take(&mut self.changed) {
                 let at = block * LANES;
-                if !changes(&past[at..at + LANES], &now[at..at + LANES]) {
-                    continue;
-                }
                 for lane in at..(at + LANES).min(n) {
                     if now[lane] == 0.0 && past[lane] > 0.0 {
                         self.parts[p].last[lane] = Some(step.saturating_sub(1));
@@ -217,11 +220,23 @@ fn past_memory(state: &State, part: Part) -> &ContactMemory {
     }
 }
 
+/// Blocks in which a lane begins or ends to touch.
+#[inline(always)]
+fn note_changes(scratch: &Scratch, of: Part, past: &[f64], now: &[f64], changed: &mut Vec<usize>) {
+    let columns = past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0);
+    for (block, (before, after)) in columns.enumerate() {
+        if !scratch.is_idle(of, block) && changes(before, after) {
+            changed.push(block);
+        }
+    }
+}
+
 /// Whether any lane of a block begins or ends to touch: a look at all of them at once.
-fn changes(past: &[f64], now: &[f64]) -> bool {
+#[inline(always)]
+fn changes(past: &[f64; LANES], now: &[f64; LANES]) -> bool {
     let mut any = 0_u64;
-    for (p, n) in past.iter().zip(now) {
-        any |= u64::from(*n == 1.0) | (u64::from(*n == 0.0) & u64::from(*p > 0.0));
+    for i in 0..LANES {
+        any |= u64::from(now[i] == 1.0) | (u64::from(now[i] == 0.0) & u64::from(past[i] > 0.0));
     }
     any != 0
 }

@@ -5,6 +5,7 @@ use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, Operator, SLACK, Subj
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
 use crate::recording::frame::Impact;
@@ -46,7 +47,7 @@ impl BreakWatch {
         }
         let values = StepValues { model, state, scratch, parts: &self.parts };
         if self.breakpoint.uses.contact && !self.breakpoint.uses.varying {
-            let signature = Some(values.signature(&self.keys));
+            let signature = Some(vectorised(scratch.isa, || values.signature(&self.keys)));
             if signature == self.signature {
                 return Vec::new();
             }
@@ -90,55 +91,60 @@ impl BreakWatch {
     }
 }
 
-/// The highest of many values, or with `sign` -1 the lowest, several at a time.
-struct Extreme {
+/// Looks for values on the far side of a bound, a block at a time and without a branch.
+#[derive(Clone, Copy)]
+struct Beyond {
+    /// 1: at or above; -1: at or below.
     sign: f64,
-    most: [f64; LANES],
+    threshold: f64,
 }
 
-impl Extreme {
-    fn new(sign: f64) -> Extreme {
-        Extreme { sign, most: [f64::NEG_INFINITY; LANES] }
+impl Beyond {
+    /// Nearer than rounding counts as beyond.
+    fn new(sign: f64, bound: f64) -> Beyond {
+        Beyond { sign, threshold: sign * bound - 2.0 * SLACK * bound.abs() }
     }
 
     #[inline(always)]
-    fn block(&mut self, values: [f64; LANES]) {
-        for i in 0..LANES {
-            let v = self.sign * values[i];
-            self.most[i] = if v > self.most[i] { v } else { self.most[i] };
+    fn any(self, values: &[f64; LANES]) -> bool {
+        let mut found = 0_u64;
+        for v in values {
+            found |= u64::from(self.sign * v >= self.threshold);
         }
+        found != 0
     }
 
-    /// A block of values, those whose lane has an age.
+    /// Among lanes with an age.
     #[inline(always)]
-    fn block_where(&mut self, values: &[f64], age: &[f64]) {
-        let (Some(values), Some(age)) = (values.first_chunk::<LANES>(), age.first_chunk::<LANES>()) else { return };
-        let mut touching = [f64::NEG_INFINITY * self.sign; LANES];
+    fn any_where(self, values: &[f64; LANES], age: &[f64; LANES]) -> bool {
+        let mut found = 0_u64;
         for i in 0..LANES {
-            touching[i] = if age[i] > 0.0 { values[i] } else { touching[i] };
+            found |= u64::from(self.sign * values[i] >= self.threshold) & u64::from(age[i] > 0.0);
         }
-        self.block(touching);
+        found != 0
     }
 
-    fn each(&mut self, n: usize, value: impl Fn(usize) -> f64) {
-        for at in (0..n).step_by(LANES) {
-            // The last block looks at some twice.
-            let at = at.min(n.saturating_sub(LANES));
-            let mut values = [f64::NEG_INFINITY * self.sign; LANES];
-            for (i, v) in values.iter_mut().enumerate().take(n) {
-                *v = value(at + i);
+    /// Of six columns row by row.
+    #[inline(always)]
+    fn any_of(self, columns: [&[f64]; 6], value: impl Fn([f64; 6]) -> f64) -> bool {
+        let blocks = columns.map(|c| c.as_chunks::<LANES>());
+        for block in 0..blocks[0].0.len() {
+            let rows = blocks.map(|(whole, _)| &whole[block]);
+            let mut values = [0.0; LANES];
+            for i in 0..LANES {
+                values[i] = value(rows.map(|r| r[i]));
             }
-            self.block(values);
+            if self.any(&values) {
+                return true;
+            }
         }
-    }
-
-    fn value(&self) -> f64 {
-        self.sign * self.most.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        (0..blocks[0].1.len()).any(|i| self.sign * value(blocks.map(|(_, rest)| rest[i])) >= self.threshold)
     }
 }
 
 impl StepValues<'_> {
     /// A number that changes when another set of lanes touches, or one of them another tooth.
+    #[inline(always)]
     fn signature(&self, keys: &[f64]) -> (f64, u64) {
         let padded = self.model.chain.padded;
         let mut sums = [0.0; LANES];
@@ -173,50 +179,51 @@ impl StepValues<'_> {
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
             Expr::Compare(Compare::Numbers { left, operator, right: Number::Constant(bound) }) => {
                 let Number::Quantity { quantity, index: None, absolute: false } = left else { return true };
-                // Only the end of the range that may reach the bound is looked for.
                 let sign = match operator {
                     Operator::Above | Operator::AtLeast => 1.0,
                     Operator::Below | Operator::AtMost => -1.0,
                     Operator::Equal | Operator::Unequal => return true,
                 };
-                let Some(extreme) = self.extreme(quantity, sign) else { return true };
-                sign * extreme + SLACK * (extreme.abs() + bound.abs()) >= sign * bound
+                let beyond = Beyond::new(sign, *bound);
+                vectorised(self.scratch.isa, || self.reaches(quantity, beyond)).unwrap_or(true)
             }
             Expr::Not(_) | Expr::Compare(_) => true,
         }
     }
 
-    /// Highest (`sign` 1) or lowest (-1) value of a quantity over all contacts, links or joints; None: not looked at as a column.
-    fn extreme(&self, quantity: &Quantity, sign: f64) -> Option<f64> {
+    /// Whether a quantity of any contact, link or joint is beyond a bound; None: not looked at as a column.
+    #[inline(always)]
+    fn reaches(&self, quantity: &Quantity, beyond: Beyond) -> Option<bool> {
         let n = self.model.chain.n_links;
-        let mut most = Extreme::new(sign);
         match (quantity.scope, quantity.what) {
             (Scope::Contact, What::Penetration | What::ApproachSpeed | What::NormalForce) => {
                 for part in self.parts {
-                    self.extreme_of_contacts(*part, quantity.what, &mut most)?;
+                    if self.contacts_reach(*part, quantity.what, beyond)? {
+                        return Some(true);
+                    }
                 }
+                Some(false)
             }
             (Scope::Link, What::Tension) => {
                 let (x, y) = self.scratch.joint_columns();
                 let (x0, x1, y0, y1) = (&x[..n], &x[1..n + 1], &y[..n], &y[1..n + 1]);
                 let (cos, sin) = (&self.state.links.cos[..n], &self.state.links.sin[..n]);
-                most.each(n, |i| -0.5 * ((x0[i] + x1[i]) * cos[i] + (y0[i] + y1[i]) * sin[i]));
+                let pull = |[x0, x1, y0, y1, c, s]: [f64; 6]| -0.5 * ((x0 + x1) * c + (y0 + y1) * s);
+                Some(beyond.any_of([x0, x1, y0, y1, cos, sin], pull))
             }
             (Scope::Joint, What::Force) => {
                 let (x, y) = self.scratch.joint_columns();
                 let (x, y) = (&x[1..n + 1], &y[1..n + 1]);
-                most.each(n, |i| x[i] * x[i] + y[i] * y[i]);
-                return Some(libm::sqrt(most.value()));
+                Some(beyond.any_of([x, y, x, y, x, y], |[x, y, ..]| (x * x + y * y).sqrt()))
             }
-            _ => return None,
+            _ => None,
         }
-        Some(most.value())
     }
 
     /// None: the law of this part needs more than depth and speed.
-    fn extreme_of_contacts(&self, part: Part, what: What, most: &mut Extreme) -> Option<()> {
-        let (age, depth, rate) =
-            (&self.scratch.memory(part).age, self.scratch.depths(part), self.scratch.closing_speeds(part));
+    #[inline(always)]
+    fn contacts_reach(&self, part: Part, what: What, beyond: Beyond) -> Option<bool> {
+        let memory = self.scratch.memory(part);
         let law = match (what, self.law(part)?) {
             (What::NormalForce, ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
                 Some((*stiffness_n_per_m, *damping_n_s_per_m))
@@ -224,28 +231,23 @@ impl StepValues<'_> {
             (What::NormalForce, _) => return None,
             _ => None,
         };
-        let values = if what == What::ApproachSpeed { &self.scratch.memory(part).approach } else { depth };
-        for block in (0..age.len() / LANES).filter(|block| !self.scratch.is_idle(part, *block)) {
-            let at = block * LANES;
-            match law {
-                None => most.block_where(&values[at..], &age[at..]),
-                Some((k, c)) => {
-                    let mut force = [0.0; LANES];
-                    let (Some(depth), Some(rate)) =
-                        (depth[at..].first_chunk::<LANES>(), rate[at..].first_chunk::<LANES>())
-                    else {
-                        return None;
-                    };
-                    for i in 0..LANES {
-                        // Where it only pulls a contact shows no force.
-                        let f = k * depth[i] + c * rate[i];
-                        force[i] = if f > 0.0 { f } else { 0.0 };
-                    }
-                    most.block_where(&force, &age[at..]);
-                }
+        let (depth, rate) = (self.scratch.depths(part), self.scratch.closing_speeds(part));
+        let values = if what == What::ApproachSpeed { &memory.approach } else { depth };
+        let columns = memory.age.as_chunks::<LANES>().0.iter().zip(values.as_chunks::<LANES>().0);
+        let mut blocks = columns.zip(rate.as_chunks::<LANES>().0).enumerate();
+        Some(blocks.any(|(block, ((age, values), rate))| {
+            if self.scratch.is_idle(part, block) {
+                return false;
             }
-        }
-        Some(())
+            let Some((k, c)) = law else { return beyond.any_where(values, age) };
+            let mut force = [0.0; LANES];
+            for i in 0..LANES {
+                // Where it only pulls a contact shows no force.
+                let f = k * values[i] + c * rate[i];
+                force[i] = if f > 0.0 { f } else { 0.0 };
+            }
+            beyond.any_where(&force, age)
+        }))
     }
 
     /// Collects what fulfils the expression; false where that cannot be told.
