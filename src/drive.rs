@@ -176,6 +176,8 @@ pub struct GuideSpec {
     pub end_m: f64,
     /// Between plate edge and face when the joints lie on the common tangent of the pitch circles.
     pub clearance_m: f64,
+    /// How much nearer to the chain it stands where the chain leaves it than where it arrives [m].
+    pub end_lift_m: f64,
     pub end_radius_m: f64,
 }
 

@@ -600,6 +600,7 @@ fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel
                 plate_radius_m + g.clearance_m,
                 g.end_radius_m,
             );
+            let geometry = if g.end_lift_m == 0.0 { geometry } else { geometry.lifted(g.end_lift_m) };
             let body = GuideBody {
                 origin: geometry.origin,
                 along: geometry.along,

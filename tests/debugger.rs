@@ -1,10 +1,9 @@
 //! Going back, stopping, asking why: a recording run again is the recording, hits are those of a scan over every step, forces
-//! add up, planted defects are found.
+//! add up.
 
 mod common;
 
 use pitchline::analysis::explain::explain;
-use pitchline::analysis::suspects::{against, suspects};
 use pitchline::assemble::Assembly;
 use pitchline::breakpoint::scratch::BreakWatch;
 use pitchline::breakpoint::{Breakpoint, Names};
@@ -12,7 +11,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::impacts::ImpactWatch;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera, ledger_at};
-use pitchline::recording::frame::{Frame, Header, Impact};
+use pitchline::recording::frame::{Frame, Header};
 use pitchline::recording::reader::Reader;
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::replay::{Replay, verify};
@@ -298,51 +297,6 @@ fn approach_speed_is_explained_by_its_parts() {
     assert!(seen > 5, "{seen} impacts");
 }
 
-fn impacts_of(overrides: &[&str]) -> (Vec<Impact>, Header) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("a.mcap");
-    // Two laps of the chain.
-    let header = record(0, overrides, &path, 87_000, 2000);
-    (mcap::read(&path).expect("readable").impacts, header)
-}
-
-#[test]
-fn planted_defects_are_named() {
-    let (healthy, header) = impacts_of(&[]);
-    assert!(suspects(&healthy, &header).is_empty(), "{:?}", suspects(&healthy, &header));
-    assert!(against(&healthy, &header, &healthy, &header).is_empty());
-    for (path, body, gap, um) in [
-        ("effects.gap_error.driver", "sprockets.driver", 7, 30),
-        ("effects.gap_error.driven", "sprockets.driven", 7, -30),
-    ] {
-        let (bad, _) = impacts_of(&[&format!("{path}.gap={gap}"), &format!("{path}.outward_um={um}")]);
-        let found = suspects(&bad, &header);
-        let first = found.first().expect("something stands out");
-        println!("{path} {um} um: {}", first.text);
-        assert_eq!((first.kind, first.body.as_str(), first.tooth), ("tooth", body, Some(gap)));
-    }
-    for (link, um) in [(37, 40), (36, 40), (37, -40)] {
-        let (bad, header) = impacts_of(&[
-            &format!("effects.pitch_error.long.link={link}"),
-            &format!("effects.pitch_error.long.length_um={um}"),
-        ]);
-        let found = suspects(&bad, &header);
-        let first = found.first().expect("something stands out");
-        println!("link {link} {um} um: {}", first.text);
-        assert_eq!((first.kind, first.link), ("link", Some(link)));
-    }
-    // What all teeth and links see alike shows against a healthy recording.
-    let (bad, header) = impacts_of(&["guides.fixed.tight.clearance_um=0"]);
-    let found = against(&bad, &header, &healthy, &header);
-    println!("guide: {}", found[0].text);
-    assert_eq!(found[0].body, "guides.fixed.tight");
-    let (bad, header) = impacts_of(&["sprockets.driver.gap_form=min"]);
-    let found = against(&bad, &header, &healthy, &header);
-    println!("seat form: {}", found[0].text);
-    assert!(found.iter().all(|s| s.body == "sprockets.driver"), "{found:?}");
-    assert_eq!(found[0].quantity, "approach_speed_m_s");
-}
-
 #[test]
 fn recordings_without_impacts_and_of_other_versions_say_what_to_do() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -352,4 +306,16 @@ fn recordings_without_impacts_and_of_other_versions_say_what_to_do() {
     create(&path, &header, ViewOptions::default()).expect("opens").finish().expect("finishes");
     let error = Reader::open(&path).err().expect("refused").to_string();
     assert!(error.contains("use a newer one"), "{error}");
+}
+
+#[test]
+fn committed_recordings_are_reproduced_to_the_bit() {
+    for (name, _) in BUNDLED {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("recordings/samples/{name}.mcap"));
+        let stop = AtomicBool::new(false);
+        let verdict = verify(&mut Replay::open(&path).expect("opens"), &stop, |_| ()).expect("runs").expect("ends");
+        // Where this fails the numbers of the drive have changed: record the samples anew, and say why in the changelog.
+        assert_eq!((verdict.mismatches, verdict.assembled), (0, true), "{name}: {:?}", verdict.first);
+        println!("{name}: {} frames, {}", verdict.frames, verdict.state_hash);
+    }
 }

@@ -411,6 +411,7 @@ fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
             start_m: t.required("start_mm", MM, -1000.0..=1e5),
             end_m: t.required("end_mm", MM, -1000.0..=1e5),
             clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
+            end_lift_m: t.number("end_lift_um", UM, -5000.0..=5000.0).unwrap_or(0.0),
             end_radius_m: t.number("end_radius_mm", MM, 0.1..=1e4).unwrap_or(20.0 * MM),
             name,
         });

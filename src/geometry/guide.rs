@@ -64,6 +64,16 @@ impl StraightGuide {
         perp(self.along)
     }
 
+    /// The same with the end that the chain leaves by moved towards the chain by `lift_m`.
+    pub fn lifted(mut self, lift_m: f64) -> StraightGuide {
+        let lift = self.normal() * lift_m;
+        let far = self.origin + self.along * self.length_m;
+        let (start, end) = if self.travel > 0.0 { (self.origin, far + lift) } else { (self.origin + lift, far) };
+        (self.origin, self.length_m) = (start, (end - start).norm());
+        self.along = (end - start) / self.length_m;
+        self
+    }
+
     /// How far the relief arcs reach beyond the face, along it [m].
     pub fn relief_m(&self) -> f64 {
         self.end_radius_m * sin_cos(END_SWEEP_RAD).0

@@ -1,0 +1,78 @@
+//! One defect is planted in a drive; `pitchline run` and `pitchline impacts`, at most three commands, name the body, and the tooth
+//! or link.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// Runs a command that prints JSON.
+fn pitchline(args: &[&str]) -> Value {
+    let out = Command::new(env!("CARGO_BIN_EXE_pitchline")).args(args).arg("--json").output().expect("starts");
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    serde_json::from_slice(&out.stdout).expect("JSON")
+}
+
+/// Records two laps of the chain with values replaced.
+fn record(path: &Path, set: &[&str]) {
+    let mut args =
+        vec!["run", "bush-20-40", "--duration", "200ms", "--every", "5ms", "-o", path.to_str().expect("text")];
+    set.iter().for_each(|s| args.extend(["--set", s]));
+    pitchline(&args);
+}
+
+/// What stands out first, and all of it.
+fn suspects(path: &Path, against: Option<&Path>) -> Vec<Value> {
+    let mut args = vec!["impacts", path.to_str().expect("text")];
+    if let Some(other) = against {
+        args.extend(["--against", other.to_str().expect("text")]);
+    }
+    let mut found = pitchline(&args);
+    found["suspects"].as_array_mut().map(std::mem::take).expect("a list")
+}
+
+#[test]
+fn one_tooth_or_link_is_named_from_its_recording_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("odd.mcap");
+    record(&path, &[]);
+    assert_eq!(suspects(&path, None), Vec::<Value>::new(), "a healthy drive");
+    for (sprocket, gap, um) in [("driver", 7, 30), ("driver", 13, 30), ("driven", 7, -30)] {
+        let effect = format!("effects.gap_error.{sprocket}");
+        record(&path, &[&format!("{effect}.gap={gap}"), &format!("{effect}.outward_um={um}")]);
+        let found = suspects(&path, None);
+        println!("{sprocket} gap {gap}, {um} um: {}", found[0]["text"]);
+        assert_eq!((&found[0]["kind"], &found[0]["tooth"]), (&Value::from("tooth"), &Value::from(gap)));
+        assert_eq!(found[0]["body"], format!("sprockets.{sprocket}"));
+        assert!(found[0]["first_impact"].is_u64() && found[0]["first_s"].is_f64());
+    }
+    for (link, um) in [(37, 40), (36, 40), (37, -40), (88, 40)] {
+        record(
+            &path,
+            &[&format!("effects.pitch_error.odd.link={link}"), &format!("effects.pitch_error.odd.length_um={um}")],
+        );
+        let found = suspects(&path, None);
+        println!("link {link}, {um} um: {}", found[0]["text"]);
+        assert_eq!((&found[0]["kind"], &found[0]["link"]), (&Value::from("link"), &Value::from(link)));
+    }
+}
+
+#[test]
+fn what_all_teeth_share_shows_against_a_healthy_recording() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (good, odd) = (folder.path().join("good.mcap"), folder.path().join("odd.mcap"));
+    record(&good, &[]);
+    assert_eq!(suspects(&good, Some(&good)), Vec::<Value>::new());
+    for (set, body) in [
+        // The end of a guide 0.2 mm above the chain's line; they stand 0.2 mm below it.
+        ("guides.fixed.tight.end_lift_um=400", "guides.fixed.tight"),
+        ("guides.fixed.slack.end_lift_um=400", "guides.fixed.slack"),
+        // Another seat form.
+        ("sprockets.driver.gap_form=min", "sprockets.driver"),
+        ("sprockets.driven.gap_form=min", "sprockets.driven"),
+    ] {
+        record(&odd, &[set]);
+        let found = suspects(&odd, Some(&good));
+        println!("{set}: {}", found[0]["text"]);
+        assert_eq!(found[0]["body"], body, "{found:#?}");
+    }
+}
