@@ -148,6 +148,19 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     Ok(Compiled { model, bound, tensions_n })
 }
 
+/// Compiles a drive whose tightening sprocket stays where it is in another model: for runs that go on with other values.
+pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyError> {
+    let placed = place(drive).map_err(AssemblyError::Input)?;
+    let moves = drive.preload.moves;
+    let shift = other
+        .sprockets
+        .get(moves)
+        .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction));
+    let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
+    model.step_s = choose_step(drive, &step_bound(&model))?;
+    Ok(model)
+}
+
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
     let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;

@@ -6,12 +6,13 @@
 //!   approach speed is the closing speed along the normal there.
 //! * peak: the largest normal force of any step within the two tooth periods from the first touch on, whatever it touches in
 //!   between; forces are the means over a step that the scheme works with.
-//! * impulse: integral of the force from the first touch until it has fallen to half its peak again, or the two part.
+//! * impulse: integral of the force from the first touch until, after its peak, it has fallen to half of it.
 //! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a step
 //!   before the first touch.
 //! * second period mean: what it carries when the impact is over.
 //!
-//! A part that touches already when the watch begins is not counted before it has come free.
+//! A part that touches already when the watch begins is not counted before it has come free. Of a watch that begins in the middle
+//! of a run nobody knows what was free before: parts count as having touched just then.
 
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
@@ -81,6 +82,15 @@ impl ImpactWatch {
             touched: Vec::new(),
             done: Vec::new(),
         }
+    }
+
+    /// For a run that is taken up again at `step`.
+    pub fn midway(model: &Model, step: u64) -> ImpactWatch {
+        let mut watch = ImpactWatch::new(model);
+        for parts in &mut watch.parts {
+            parts.last.fill(Some(step));
+        }
+        watch
     }
 
     /// Looks at the step that has just been evaluated.
@@ -248,9 +258,7 @@ fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {
         f.iter().copied().enumerate().fold((0, 0.0), |best, (i, f)| if f > best.1 { (i, f) } else { best });
     impact.peak_force_n = peak;
     impact.peak_after_s = at as f64 * step_s;
-    let end = (at..f.len()).find(|i| f[*i] <= 0.5 * peak).unwrap_or(f.len());
-    let parted = (0..end).find(|i| *i > 0 && f[*i] == 0.0).unwrap_or(end);
-    let until = if parted > at { parted } else { end };
+    let until = (at..f.len()).find(|i| f[*i] <= 0.5 * peak).unwrap_or(f.len());
     impact.impulse_n_s = f[..until].iter().sum::<f64>() * step_s;
     let force = |i: usize| if i == 0 { 0.0 } else { f[i - 1] };
     // Where the force crosses a level between steps i - 1 and i, counted from the step before the touch.

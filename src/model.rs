@@ -20,6 +20,7 @@ use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
 use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
 use crate::geometry::smartchain::{Abutment, AbutmentSpec, LobedRing, Transition};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
+use crate::recording::frame::Segment;
 use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
 use parry2d_f64::shape::{Ball, Polyline};
@@ -53,7 +54,7 @@ pub struct ChainModel {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Toothing {
     /// Seats bushes.
-    Iso(Sprocket),
+    Iso(Box<Sprocket>),
     Silent(Box<SilentSprocket>),
 }
 
@@ -128,6 +129,18 @@ pub struct GuideModel {
     pub name: String,
     pub geometry: StraightGuide,
     pub body: GuideBody,
+}
+
+impl GuideModel {
+    /// What of the guide lies at `along_m` along its face.
+    pub fn segment(&self, along_m: f64) -> Segment {
+        let b = &self.body;
+        match (along_m < 0.0, along_m > b.length_m, b.length_m > 0.0 && self.geometry.travel > 0.0) {
+            (false, false, _) => Segment::GuideFace,
+            (true, _, true) | (false, true, false) => Segment::GuideLeadIn,
+            _ => Segment::GuideLeadOut,
+        }
+    }
 }
 
 /// The whole drive, compiled.
@@ -458,7 +471,7 @@ fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'sta
     let mut relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
     let own = drive.effects.gap_errors.iter().find(|e| drive.sprockets[e.sprocket].name == s.name);
     relieved.shifted_gap = own.map(|e| (e.gap, e.outward_m));
-    Ok(Toothing::Iso(relieved))
+    Ok(Toothing::Iso(Box::new(relieved)))
 }
 
 /// Rings and faces of an abutment chain, teeth of a silent chain.

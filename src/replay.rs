@@ -3,7 +3,7 @@
 
 use crate::assemble::{AssemblyError, assemble, compile};
 use crate::drive::Drive;
-use crate::impacts::ImpactWatch;
+use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::Camera;
@@ -72,17 +72,22 @@ impl Replay {
     /// the keyframe too. The step itself is neither evaluated nor shown.
     pub fn visit(&mut self, step: u64, mut look: impl FnMut(&State, &Scratch)) -> anyhow::Result<Visit> {
         let path = self.reader.path().display().to_string();
-        // Half a step more: keyframes are found by their time in nanoseconds.
-        let t_s = (step as f64 + 0.5) * self.model.step_s;
-        let mut keyframe = self.reader.keyframe_before(t_s)?;
-        if keyframe.as_ref().is_some_and(|k| k.step > step) {
-            keyframe = self.reader.keyframe_before((step as f64 - 0.5) * self.model.step_s)?;
+        // From far enough before to know what has been free for long enough to have an impact.
+        let before = ImpactWatch::new(&self.model).period_steps() * WATCHED_PERIODS * 2.0;
+        let mut keyframe = self.keyframe(step.saturating_sub(before as u64))?;
+        if keyframe.is_none() {
+            keyframe = self.keyframe(step)?;
         }
-        let keyframe = keyframe.with_context(|| format!("{path} holds no keyframe before {:.6} ms", t_s * 1e3))?;
+        let t_ms = step as f64 * self.model.step_s * 1e3;
+        let keyframe = keyframe.with_context(|| format!("{path} holds no keyframe before {t_ms:.6} ms"))?;
         let mut state = resting(&self.model);
         state.restore(&keyframe).map_err(|e| anyhow!("{path}: the keyframe of step {}: {e}", keyframe.step))?;
         let mut scratch = Scratch::new(&self.model);
-        let mut impacts = ImpactWatch::new(&self.model);
+        let mut impacts = if keyframe.step == 0 {
+            ImpactWatch::new(&self.model)
+        } else {
+            ImpactWatch::midway(&self.model, keyframe.step)
+        };
         while state.step < step {
             explicit::evaluate(&self.model, &state, &mut scratch)?;
             impacts.look(&self.model, &state, &scratch);
@@ -93,6 +98,17 @@ impl Replay {
         impacts.take_touched();
         impacts.take_done();
         Ok(Visit { state, scratch, impacts, since: keyframe.step })
+    }
+
+    /// The last keyframe at or before a step.
+    fn keyframe(&mut self, step: u64) -> anyhow::Result<Option<Keyframe>> {
+        // Half a step more: keyframes are found by their time in nanoseconds.
+        let at = |half: f64| (step as f64 + half) * self.model.step_s;
+        let keyframe = self.reader.keyframe_before(at(0.5))?;
+        if keyframe.as_ref().is_some_and(|k| k.step > step) {
+            return self.reader.keyframe_before(at(-0.5));
+        }
+        Ok(keyframe)
     }
 
     /// Where a recording begins that is cut out of this one, or goes on from it.
@@ -203,7 +219,20 @@ pub fn verify(
         }
         match entry {
             Entry::Frame(theirs) => {
+                let stated_s = theirs.step as f64 * model.step_s;
+                ensure!(
+                    (theirs.t_s - stated_s).abs() <= 1e-9 * stated_s.max(1.0),
+                    "frame {} says {:.6} ms, and its step {} is at {:.6} ms",
+                    verdict.frames,
+                    theirs.t_s * 1e3,
+                    theirs.step,
+                    stated_s * 1e3
+                );
                 while state.step < theirs.step {
+                    if stop.load(Ordering::Relaxed) {
+                        stopped = true;
+                        return Ok(Flow::Enough);
+                    }
                     if !std::mem::take(&mut evaluated) {
                         explicit::evaluate(model, &state, &mut scratch)?;
                     }

@@ -21,7 +21,7 @@ pub const FRAMES_PER_KEYFRAME: u64 = 1000;
 /// First touches slower than this are no events [m/s]: a wrapped bush that lifts off and comes back.
 const SLOWEST_EVENT_M_S: f64 = 0.02;
 /// Hits that are kept; more are only counted.
-const MOST_HITS: usize = 10_000;
+pub const MOST_HITS: usize = 10_000;
 
 /// How long and how densely.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,8 +79,11 @@ pub struct Summary {
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
     pub stored_last_j: f64,
+    /// At most [`MOST_HITS`] of them.
     pub hits: Vec<Hit>,
-    pub impacts: u64,
+    pub n_hits: u64,
+    /// None: not looked for.
+    pub impacts: Option<u64>,
 }
 
 /// Everything a run needs besides the model and its State.
@@ -154,14 +157,15 @@ pub fn run_job(
         sinks,
         camera,
         held: VecDeque::new(),
-        hold_steps: around.map_or(0, |a| a.steps + late),
+        hold_steps: around.map_or(0, |a| a.steps.saturating_add(late)),
         frames: 0,
         since_keyframe: 0,
         energies: None,
     };
     let mut snapshots: VecDeque<State> = VecDeque::new();
     let mut hits: Vec<Hit> = Vec::new();
-    let (mut n_impacts, mut dense_until, mut stop_at) = (0, None::<u64>, last);
+    let (mut n_impacts, mut n_hits) = (0, 0);
+    let (mut dense_until, mut stop_at) = (None::<u64>, last);
     let mut ending = Ending::Done;
     loop {
         let dense = dense_until.is_some_and(|until| state.step <= until);
@@ -180,26 +184,29 @@ pub fn run_job(
             if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
         if let Some(breaks) = &mut breaks {
             let found = look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over]);
-            let enough = breaks.hits.is_some_and(|most| hits.len() + found.len() >= most);
+            n_hits += found.len() as u64;
             for hit in &found {
                 recorder.put(hit.step, Item::Event(hit_event(hit, header)));
             }
-            if let (Some(around), Some(hit)) = (around, found.first()) {
-                let from = hit.step.saturating_sub(around.steps).max(first);
-                let until = found.iter().map(|h| h.step).max().unwrap_or(state.step) + around.steps;
-                dense_until = Some(until);
+            let steps = || found.iter().map(|h| h.step);
+            if let (Some(around), Some(earliest), Some(latest)) = (around, steps().min(), steps().max()) {
+                let from = earliest.saturating_sub(around.steps).max(first);
+                let until = latest.saturating_add(around.steps);
+                // An impact is known late: what has been recorded densely for a later hit stays so.
+                dense_until = Some(dense_until.map_or(until, |d| d.max(until)));
                 let start = snapshots.iter().rev().find(|s| s.step <= from);
                 if let Some(start) = start {
-                    recorder.again(start, from, state.step.min(until + 1), around.steps_per_frame)?;
+                    recorder.again(start, from, state.step.min(until.saturating_add(1)), around.steps_per_frame)?;
                 }
                 due |= state.step <= until;
             }
             let room = MOST_HITS.saturating_sub(hits.len());
             hits.extend(found.iter().take(room).cloned());
-            if enough && ending == Ending::Done {
+            if breaks.hits.is_some_and(|most| n_hits >= most as u64) && ending == Ending::Done {
                 ending = Ending::Hit;
                 let tail = around.map_or(0, |a| a.steps);
-                stop_at = stop_at.min(hits.last().map_or(state.step, |h| h.step) + tail).max(state.step);
+                let latest = steps().max().unwrap_or(state.step);
+                stop_at = stop_at.min(latest.saturating_add(tail)).max(state.step);
                 due |= state.step == stop_at;
             }
         }
@@ -208,8 +215,9 @@ pub fn run_job(
                 recorder.put(impact.step, Item::Event(touch_event(impact, header)));
             }
         }
-        n_impacts += over.len() as u64;
-        for impact in over {
+        // What began before the first frame is told by the recording that this one goes on from.
+        for impact in over.into_iter().filter(|i| i.step >= first) {
+            n_impacts += 1;
             recorder.put(state.step, Item::Impact(impact));
         }
         if due || interrupted {
@@ -236,7 +244,18 @@ pub fn run_job(
         }
         explicit::advance(model, state, scratch);
     }
-    for impact in impacts.finish() {
+    let open = impacts.finish();
+    for watch in breaks.iter_mut().flat_map(|b| &mut b.watches) {
+        let found = watch.look_at_impacts(&open, true, || recorder.camera.take(model, state, scratch));
+        n_hits += found.len() as u64;
+        for hit in found {
+            recorder.put(hit.step, Item::Event(hit_event(&hit, header)));
+            if hits.len() < MOST_HITS {
+                hits.push(hit);
+            }
+        }
+    }
+    for impact in open.into_iter().filter(|i| i.step >= first) {
         n_impacts += 1;
         recorder.put(state.step, Item::Impact(impact));
     }
@@ -252,7 +271,8 @@ pub fn run_job(
         stored_first_j,
         stored_last_j: energy.stored_j(),
         hits,
-        impacts: n_impacts,
+        n_hits,
+        impacts: wants_impacts.then_some(n_impacts),
     })
 }
 
@@ -303,7 +323,8 @@ impl Recorder<'_, '_> {
             if in_window(state.step) && (state.step == from || state.step.is_multiple_of(steps_per_frame)) {
                 let frame = self.camera.take(model, &state, &scratch);
                 self.held.push_back((state.step, Item::Frame(Box::new(frame))));
-                if state.step == from && !self.sinks.is_empty() {
+                let dense = (state.step - from) / steps_per_frame;
+                if dense.is_multiple_of(FRAMES_PER_KEYFRAME) && !self.sinks.is_empty() {
                     self.held.push_back((state.step, Item::Keyframe(Box::new(state.keyframe()))));
                 }
             }
@@ -315,7 +336,8 @@ impl Recorder<'_, '_> {
 
     /// Hands on what no window can change any more.
     fn let_go(&mut self, step: u64) -> anyhow::Result<()> {
-        while self.held.front().is_some_and(|(at, _)| self.hold_steps == 0 || at + self.hold_steps < step) {
+        while self.held.front().is_some_and(|(at, _)| self.hold_steps == 0 || at.saturating_add(self.hold_steps) < step)
+        {
             let Some((_, item)) = self.held.pop_front() else { break };
             self.frames += u64::from(matches!(item, Item::Frame(_)));
             for sink in self.sinks.iter_mut() {

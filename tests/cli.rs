@@ -407,4 +407,21 @@ fn the_debugger_answers_on_the_command_line() {
     refused(&["run", "--resume", &a, "--no-output", "--set", "chain.bush.links=92"], "cannot go on from it");
     refused(&["diff", &a, "Cargo.toml"], "is no MCAP file");
     refused(&["run", "bush-20-40", "--hits", "3"], "--break");
+    refused(&["run", "bush-20-40", "--no-output", "--at", "5ms"], "--at");
+    refused(&["replay", &a, "--verify", "-o", &c], "--verify");
+    refused(&["run", "bush-20-40", "--break", "time > 1 s", "--around", "1e30s"], "at most 100 ms");
+    for geometry in ["preload.moves=driver", "sprockets.driven.teeth=41", "sprockets.driver.x_mm=1"] {
+        refused(&["run", "--resume", &a, "--no-output", "--set", geometry], "cannot go on from there");
+    }
+    // A late impact does not cut the dense window of what came after it short.
+    let expressions = ["--break", "time > 3.9 ms", "--break", "impact.link == 48 and impact.peak_force > 600 N"];
+    let around = [&["run", "bush-20-40", "--duration", "6ms", "--around", "1ms", "-o", &c, "--json"], &expressions[..]];
+    json(&pitchline(&around.concat()));
+    let recording = pitchline::recording::mcap::read(std::path::Path::new(&c)).expect("reads");
+    let dense = recording.frames.iter().filter(|f| (3.98e-3..4.88e-3).contains(&f.t_s)).count();
+    assert!(dense > 380, "{dense} frames");
+    // Goes on where it has stopped.
+    json(&pitchline(&["run", "bush-20-40", "--break", "contact.normal_force > 580 N", "-o", &b, "--json"]));
+    let on = ["run", "--resume", &b, "--break", "contact.normal_force > 580 N", "--no-output", "--json"];
+    assert!(json(&pitchline(&on))["steps"].as_u64() > Some(100), "not the same hit again");
 }

@@ -236,6 +236,7 @@ fn expressions_that_make_no_sense_are_refused_with_a_caret() {
         ("", "is expected here"),
         ("contact.tooth == 'seven", "does not end"),
         ("contact.tooth == 1e999", "no number"),
+        ("contact.normal_force > 1 N and impact.approach_speed > 1 m/s", "not about both"),
         ("\u{fc}\u{fc} > 3", "is expected here"),
     ] {
         let report = Breakpoint::parse(text, &names).expect_err(text).to_string();

@@ -77,7 +77,9 @@ pub fn diff(a: &mut Reader, b: &mut Reader) -> anyhow::Result<Difference> {
     (a, b) = (a.rewound(), b.rewound());
     (result.interpolated, result.frames_only_in_a, result.frames_only_in_b) = (true, 0, 0);
     by_time(&mut a, &mut b, &header_a, &mut result)?;
-    result.equal = result.first.is_none() && result.drives.is_empty() && result.frames_compared > 0;
+    // Another step is no difference of the drives.
+    let only_steps = result.drives.iter().all(|l| l.starts_with("step: "));
+    result.equal = result.first.is_none() && only_steps && result.frames_compared > 0;
     Ok(result)
 }
 
@@ -240,9 +242,7 @@ fn headers(a: &Header, b: &Header) -> Vec<String> {
             lines.push(format!("set only in {name}: {text}"));
         }
     }
-    for (la, lb) in a.drive_text.lines().zip(b.drive_text.lines()).filter(|(la, lb)| la != lb).take(10) {
-        lines.push(format!("drive file: `{}` in A, `{}` in B", la.trim(), lb.trim()));
-    }
+    lines.extend(texts(&a.drive_text, &b.drive_text));
     for (i, (la, lb)) in a.links.iter().zip(&b.links).enumerate().filter(|(_, (la, lb))| la != lb).take(10) {
         lines.push(format!(
             "link {i}: {:.3} um longer in B, {:+.3e} kg heavier",
@@ -265,6 +265,18 @@ fn headers(a: &Header, b: &Header) -> Vec<String> {
         }
     }
     lines
+}
+
+/// Lines between the first and the last that two drive files do not share.
+fn texts(a: &str, b: &str) -> Vec<String> {
+    let (a, b): (Vec<&str>, Vec<&str>) = (a.lines().collect(), b.lines().collect());
+    let head = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
+    let tail = a[head..].iter().rev().zip(b[head..].iter().rev()).take_while(|(x, y)| x == y).count();
+    let side = |name: &str, lines: &[&str]| -> Vec<String> {
+        lines.iter().take(10).map(|l| format!("drive file, only in {name}: `{}`", l.trim())).collect()
+    };
+    let (a, b) = (&a[head..a.len() - tail], &b[head..b.len() - tail]);
+    side("A", a).into_iter().chain(side("B", b)).collect()
 }
 
 /// Whether two frames differ in more than rounding of their energies; for tests.

@@ -226,14 +226,13 @@ fn tension_n(model: &Model, state: &State, scratch: &Scratch, link: usize) -> f6
 }
 
 /// Position and velocity at the node of an end of a link.
-fn end_at(model: &Model, state: &State, scratch: &Scratch, link: usize, front: bool) -> (Vec2, Vec2) {
+fn end_at(model: &Model, state: &State, link: usize, front: bool) -> (Vec2, Vec2) {
     let (l, half) = (&state.links, 0.5 * model.step_s);
     let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
     let arm = Vec2::new(l.cos[link], l.sin[link]) * lever;
     // The predicted velocity that the step works with: with the accelerations of the step before.
     let v = Vec2::new(l.vx[link] + half * l.ax[link], l.vy[link] + half * l.ay[link]);
     let omega = l.omega[link] + half * l.alpha[link];
-    let _not_yet_moved = scratch;
     (Vec2::new(l.x[link], l.y[link]) + arm, v + perp(arm) * omega)
 }
 
@@ -268,9 +267,9 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s >= 0.0;
         let ahead = if forwards { (lane.lane + 1) % links } else { lane.lane };
-        let (p, v) = end_at(model, state, scratch, link, front);
-        let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
-        let (seat, v_seat) = end_at(model, state, scratch, ahead, forwards);
+        let (p, v) = end_at(model, state, link, front);
+        let (here, v_here) = end_at(model, state, ahead, !forwards);
+        let (seat, v_seat) = end_at(model, state, ahead, forwards);
         let (r, w) = (here - seat, omega_at(model, state, ahead));
         vec![
             part("articulation: a straight span onto the turning sprocket", -perp(r) * spin),
@@ -322,7 +321,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let (along, above) = (d.dot(&b.along), d.dot(&up));
             let from = Vec2::new(along - along.clamp(0.0, b.length_m), above + b.end_radius_m);
             let normal = (b.along * from.x + up * from.y) / from.norm();
-            let segment = if from.x == 0.0 { Segment::GuideFace } else { Segment::GuideLeadIn };
+            let segment = model.guides[body - model.sprockets.len()].segment(along);
             Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
         }
         Part::Contours(set) => {
@@ -357,7 +356,7 @@ fn free_body(
     for (joint, front, neighbour) in [(link, true, (link + 1) % n), ((link + n - 1) % n, false, (link + n - 1) % n)] {
         let (x, y, torque) = scratch.joint_force(joint);
         let sign = if front { -1.0 } else { 1.0 };
-        let (at, _) = end_at(model, state, scratch, link, front);
+        let (at, _) = end_at(model, state, link, front);
         let cause = format!("{} joint, to link {neighbour}", if front { "front" } else { "rear" });
         forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, torque * sign));
     }
@@ -433,5 +432,5 @@ fn free_body(
 fn thinned(history: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     let stride = history.len().div_ceil(LONGEST_HISTORY).max(1);
     let last = history.len().saturating_sub(1);
-    history.into_iter().enumerate().filter(|(i, _)| (last - i) % stride == 0).map(|(_, h)| h).collect()
+    history.into_iter().enumerate().filter(|(i, _)| (last - i).is_multiple_of(stride)).map(|(_, h)| h).collect()
 }

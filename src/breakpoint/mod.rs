@@ -138,6 +138,13 @@ impl Breakpoint {
         let expr = parse::parse(text, names)?;
         let mut uses = Uses::default();
         note(&expr, &mut uses);
+        if uses.contact && uses.impact {
+            return Err(parse::refused(
+                text,
+                "an expression asks about contacts or about impacts, not about both",
+                "what an impact touches has names of its own: impact.body, impact.tooth, impact.feature",
+            ));
+        }
         Ok(Breakpoint { text: text.to_string(), expr, uses })
     }
 

@@ -47,6 +47,13 @@ pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
     })
 }
 
+/// A mistake of the expression as a whole.
+pub fn refused(text: &str, title: &str, help: &str) -> Report {
+    let place = Place { source: 0, span: 0..text.len() };
+    let diag = Diag { title: title.to_string(), place, help: Some(help.to_string()) };
+    Report::new(vec![Source { name: "--break".into(), text: text.to_string() }], vec![diag])
+}
+
 impl Parser<'_> {
     fn whole(&mut self) -> Parsed<Expr> {
         let expr = self.any()?;

@@ -14,6 +14,8 @@ use crate::state::State;
 /// A breakpoint and what fulfilled it a step ago.
 pub struct BreakWatch {
     pub breakpoint: Breakpoint,
+    /// True: what fulfils the expression at the first look is no hit, so that a run goes on where it has stopped.
+    pub goes_on: bool,
     parts: Vec<Part>,
     held: Vec<Subject>,
     now: Vec<Subject>,
@@ -33,14 +35,15 @@ struct StepValues<'a> {
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
         let parts = Part::of(model);
-        // Distinct whole numbers below 2^40, whose sums are exact and, for different sets of lanes, different.
+        // Distinct whole numbers below 2^40: their sums are exact, and those of sets that follow each other practically never
+        // equal.
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
         let keys = (0..parts.len() * model.chain.padded).map(key).collect();
-        BreakWatch { breakpoint, parts, held: Vec::new(), now: Vec::new(), signature: None, keys }
+        BreakWatch { breakpoint, goes_on: false, parts, held: Vec::new(), now: Vec::new(), signature: None, keys }
     }
 
     /// Looks at the step that has just been evaluated: what fulfils the expression and did not a step ago. What fulfils it
-    /// when the watch begins is a hit too.
+    /// when the watch begins is a hit too, unless the run goes on.
     pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch, camera: &mut Camera) -> Vec<Hit> {
         if self.breakpoint.uses.impact {
             return Vec::new();
@@ -58,15 +61,16 @@ impl BreakWatch {
             self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
         }
         if self.now.is_empty() && self.held.is_empty() {
+            self.goes_on = false;
             return Vec::new();
         }
         self.now.sort_unstable();
         self.now.dedup();
         let new = self.now.iter().filter(|s| self.held.binary_search(s).is_err());
         let t_s = state.step as f64 * model.step_s;
-        let hits = new.map(|s| Hit { step: state.step, t_s, subject: *s, impact: None }).collect();
+        let hits: Vec<Hit> = new.map(|s| Hit { step: state.step, t_s, subject: *s, impact: None }).collect();
         std::mem::swap(&mut self.held, &mut self.now);
-        hits
+        if std::mem::take(&mut self.goes_on) { Vec::new() } else { hits }
     }
 
     /// Impacts that fulfil the expression.

@@ -45,8 +45,9 @@ fn text(args: &DiffArgs, d: &Difference) -> String {
         None if d.equal => lines.push("  equal, to the bit".into()),
         None => lines.push("  no difference in the frames that both have".into()),
         Some(first) => {
+            let unit = if first.body.starts_with("link") { "m" } else { "rad" };
             lines.push(format!(
-                "  they part at frame {}, step {}, {:.6} ms: {}, by {:.3e}",
+                "  they part at frame {}, step {}, {:.6} ms: {}, by {:.3e} {unit}",
                 first.frame,
                 first.step,
                 first.t_s * 1e3,

@@ -16,7 +16,7 @@ pub struct ExportArgs {
     /// Folder that gets a file per table, or one .parquet or .csv file for one table
     #[arg(short, long = "output", value_name = "FOLDER_OR_FILE")]
     output: PathBuf,
-    /// Tables to write: links, contacts, joints, rotors, energy, events, bodies, link_info [default: all]
+    /// Tables to write: links, contacts, joints, rotors, energy, events, impacts, bodies, link_info [default: all]
     #[arg(long, value_name = "TABLE,...", value_delimiter = ',')]
     tables: Vec<String>,
     /// Format of the files in a folder: parquet or csv [default: parquet]
@@ -165,9 +165,6 @@ enum Item<'a> {
 /// Hands over a recording piece by piece until `take` breaks off; true when it ends as a finished one does.
 fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, Failure>) -> Result<bool, Failure> {
     let mut reader = super::open_recording(path)?;
-    if let Some(loss) = reader.loss() {
-        eprintln!("note: {loss}");
-    }
     let header = reader.header().clone();
     let mut failed = None;
     let mut hand_over = |item: Item<'_>| match take(item) {

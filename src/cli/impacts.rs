@@ -140,7 +140,8 @@ fn suspect_json(suspect: &Suspect, all: &[Impact], header: &Header) -> serde_jso
 /// Number of the first frame at or after the touch.
 fn frame_of(impact: &Impact, heads: &[FrameHead]) -> Option<usize> {
     let at = heads.partition_point(|h| h.step < impact.step);
-    (at < heads.len()).then_some(at)
+    let is_inside = heads.first().is_some_and(|h| h.step <= impact.step);
+    (at < heads.len() && is_inside).then_some(at)
 }
 
 fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recording: &Path) -> serde_json::Value {

@@ -76,6 +76,8 @@ pub enum Outcome {
     Done,
     /// Compared, and not the same.
     Differs,
+    /// Done, and what was lost was said.
+    DataLost,
     /// Stopped by Ctrl-C; files are finished.
     Interrupted,
 }
@@ -85,6 +87,7 @@ impl Outcome {
         match self {
             Outcome::Done => 0,
             Outcome::Differs => 1,
+            Outcome::DataLost => 3,
             Outcome::Interrupted => 130,
         }
     }

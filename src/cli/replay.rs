@@ -2,7 +2,7 @@
 
 use super::run::{check_outputs, progress_bar, stop_on_interrupt};
 use super::{Failure, Outcome, print_json, print_out};
-use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
+use crate::recording::reader::{Entry, Flow, Reader, Wanted};
 use crate::recording::{ViewOptions, create};
 use crate::replay::{Replay, Verdict, verify};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ pub struct ReplayArgs {
     #[arg(long, conflicts_with = "verify", requires = "output")]
     repair: bool,
     /// File that --repair writes
-    #[arg(short, long = "output", value_name = "FILE")]
+    #[arg(short, long = "output", value_name = "FILE", conflicts_with = "verify")]
     output: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
@@ -78,7 +78,7 @@ fn text(path: &Path, verdict: &Verdict) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Copies message by message, until the first that cannot be read.
+/// Copies message by message, past chunks that cannot be read.
 fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     check_outputs(&[output.to_path_buf()], &[&args.recording])?;
     let mut reader = super::open_recording(&args.recording)?;
@@ -86,26 +86,29 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let loss = reader.loss();
     let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop_on_interrupt())?;
     let bytes = sink.finish()?;
-    let lost = damage.or(loss);
+    let lost: Vec<String> = damage.into_iter().chain(loss).collect();
     if args.json {
-        return print_json(&serde_json::json!({
+        print_json(&serde_json::json!({
             "output": output, "bytes": bytes, "frames": frames, "until_s": until, "lost": lost,
-        }));
+        }))?;
+    } else {
+        let lines: String = lost.iter().map(|l| format!("  {l}\n")).collect();
+        print_out(&format!("wrote {}: {frames} frames, up to {:.4} ms\n{lines}", output.display(), until * 1e3))?;
     }
-    let lost = lost.map_or(String::new(), |l| format!("  {l}\n"));
-    print_out(&format!("wrote {}: {frames} frames, up to {:.4} ms\n{lost}", output.display(), until * 1e3))
+    Ok(if lost.is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 
-/// Frames copied, the time of the last one, and what stopped the copy before the end.
+/// Frames copied, the time of the last one, and what could not be read.
 pub(super) fn copy(
     reader: &mut Reader,
     sink: &mut dyn crate::recording::Sink,
     stop: &AtomicBool,
-) -> Result<(u64, f64, Option<String>), Failure> {
+) -> Result<(u64, f64, Vec<String>), Failure> {
     let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
     let (mut frames, mut until) = (0, 0.0);
     let mut cannot_write = None;
-    let read = reader.each(wanted, WHOLE, |entry| {
+    let mut damage: Vec<String> = Vec::new();
+    let each = |entry: Entry<'_>| {
         let written = match &entry {
             Entry::Frame(frame) => {
                 frames += 1;
@@ -125,9 +128,12 @@ pub(super) fn copy(
                 Flow::Enough
             }
         })
-    });
+    };
+    reader.each_sound(wanted, each, |e, (from_s, to_s)| {
+        damage.push(format!("lost: {:.4} to {:.4} ms: {e:#}", from_s * 1e3, to_s * 1e3));
+    })?;
     if let Some(e) = cannot_write {
         return Err(e.into());
     }
-    Ok((frames, until, read.err().map(|e| format!("{e:#}"))))
+    Ok((frames, until, damage))
 }

@@ -1,7 +1,7 @@
 //! `pitchline run`: assembles a drive, or goes on from a recording; runs it, stops where it is told to, records it.
 
 use super::{Failure, Outcome, assemble, live, load_drive, print_json, print_out};
-use crate::assemble::{Assembly, AssemblyReport, compile};
+use crate::assemble::{Assembly, AssemblyReport, compile_in_place};
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Breakpoint, Names};
 use crate::drive::Drive;
@@ -29,7 +29,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "REC")]
     resume: Option<PathBuf>,
     /// Where to go on from, e.g. 12.3ms
-    #[arg(long, value_name = "T", requires = "resume", value_parser = instant)]
+    #[arg(long, value_name = "T", requires = "resume", conflicts_with = "drive", value_parser = instant)]
     at: Option<f64>,
     /// Stop where this becomes true, e.g. 'contact.normal_force > 500 N'; may be given several times
     #[arg(long = "break", value_name = "EXPR")]
@@ -113,6 +113,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let step_s = start.model.step_s;
     let span = Span::new(args.duration, args.every, step_s);
     start.header.steps_per_frame = span.steps_per_frame;
+    let breaks = breaks(args, breakpoints, &start.model)?;
     let view = ViewOptions { picture_interval_s: args.picture_every };
     let stop = stop_on_interrupt();
     // Viewers before files, so that none is overwritten where a viewer is missing; behind them in the list.
@@ -124,13 +125,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let mut scratch = Scratch::new(&model);
     let first = state.step;
     let bar = progress_bar(span.steps, step_s);
-    let job = Job {
-        header: &header,
-        span,
-        breaks: breaks(args, breakpoints, &model),
-        impacts,
-        camera: Camera::since(header.ledger_origin),
-    };
+    let job = Job { header: &header, span, breaks, impacts, camera: Camera::since(header.ledger_origin) };
     let progress = |step: u64| bar.set_position(step - first);
     let result = run_job(&model, &mut state, &mut scratch, job, &mut sinks, &stop, progress);
     bar.finish_and_clear();
@@ -228,7 +223,13 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
         let Replay { drive, model, .. } = replay;
         return Ok(Start { drive, model, state: visit.state, header, impacts: visit.impacts, report: None });
     }
-    let model = compile(&drive).map_err(super::assembly_failure)?.model;
+    let model = compile_in_place(&drive, &replay.model).map_err(super::assembly_failure)?;
+    if let Some(moved) = moved_body(&replay.model, &model) {
+        return Err(Failure::Input(format!(
+            "these changes {moved}, and a run cannot go on from there\nhelp: loads, speeds, contacts, joints and friction may \
+             change on the way; for another geometry or preload run the drive from its start"
+        )));
+    }
     let mut state = resting(&model);
     state.restore(&visit.state.keyframe()).map_err(|e| {
         Failure::Input(format!("these changes make another State of the drive, and the run cannot go on from it: {e}"))
@@ -240,11 +241,28 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     }
     // A branch keeps its own accounts.
     state.clear_ledger();
-    let old = replay.header();
-    let mut header = capture::header_of(&drive, &model, old.static_tension_n, old.assembly.clone(), 1);
+    let note = vec!["assembly = none: goes on from a recorded State of another drive".to_string()];
+    let mut header = capture::header_of(&drive, &model, replay.header().static_tension_n, note, 1);
     (header.parent, header.ledger_origin) = (Some(parent), Some(ledger_at(&model, &state)?));
-    let impacts = ImpactWatch::new(&model);
+    let impacts = ImpactWatch::midway(&model, state.step);
     Ok(Start { drive, model, state, header, impacts, report: None })
+}
+
+/// What has another place or other teeth in the second model.
+fn moved_body(before: &Model, after: &Model) -> Option<String> {
+    // Rounding of another way of summing; far below what a contact feels.
+    const UNMOVED_M: f64 = 1e-9;
+    for (a, b) in before.sprockets.iter().zip(&after.sprockets) {
+        if a.geometry.teeth() != b.geometry.teeth() {
+            return Some(format!("give sprocket `{}` {} teeth", b.name, b.geometry.teeth()));
+        }
+        let moved_m = (a.body.centre - b.body.centre).norm();
+        if moved_m > UNMOVED_M {
+            return Some(format!("move sprocket `{}` by {:.3} um", b.name, moved_m * 1e6));
+        }
+    }
+    let same_number = before.sprockets.len() == after.sprockets.len() && before.guides.len() == after.guides.len();
+    (!same_number).then(|| "add or take away a sprocket or guide".to_string())
 }
 
 /// Reads the break expressions; all mistakes at once.
@@ -269,9 +287,13 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
     if bad.is_empty() { Ok(good) } else { Err(Failure::Input(bad.join("\n\n"))) }
 }
 
-fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Option<Breaks> {
+fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result<Option<Breaks>, Failure> {
     if breakpoints.is_empty() {
-        return None;
+        return Ok(None);
+    }
+    if args.around.is_some_and(|t_s| t_s > LONGEST_AROUND_S) {
+        let most = LONGEST_AROUND_S * 1e3;
+        return Err(Failure::Input(format!("--around is at most {most} ms: what it covers is held in memory")));
     }
     let steps = |t_s: f64| (t_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
     let around =
@@ -281,8 +303,17 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Option
         (None, Some(_)) => None,
         (None, None) => Some(1),
     };
-    Some(Breaks { watches: breakpoints.into_iter().map(|b| BreakWatch::new(b, model)).collect(), hits, around })
+    let goes_on = args.resume.is_some();
+    let watch = |b| {
+        let mut watch = BreakWatch::new(b, model);
+        watch.goes_on = goes_on;
+        watch
+    };
+    Ok(Some(Breaks { watches: breakpoints.into_iter().map(watch).collect(), hits, around }))
 }
+
+/// Longest window before and after a hit [s].
+const LONGEST_AROUND_S: f64 = 0.1;
 
 /// Where to write, checked before anything is computed.
 fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> {
@@ -376,6 +407,7 @@ fn json(
         "stopped_at_break": summary.ending == Ending::Hit,
         "from_s": header.parent.as_ref().map_or(0.0, |p| p.t_s),
         "impacts": summary.impacts,
+        "n_hits": summary.n_hits,
         "hits": summary.hits.iter().map(|h| serde_json::json!({
             "step": h.step,
             "t_s": h.t_s,
@@ -437,7 +469,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> 
         header.step_s * 1e6,
         summary.frames,
         wall_s,
-        wall_s / simulated
+        wall_s / simulated.max(header.step_s)
     )];
     if let Some(parent) = &header.parent {
         let branch = if parent.changed { "a branch of" } else { "goes on from" };
@@ -451,8 +483,8 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> 
     for hit in summary.hits.iter().take(HITS_PRINTED) {
         lines.push(format!("  break at {:.4} ms, step {}: {}", hit.t_s * 1e3, hit.step, hit_text(hit, header)));
     }
-    if summary.hits.len() > HITS_PRINTED {
-        lines.push(format!("  ... and {} more hits", summary.hits.len() - HITS_PRINTED));
+    if summary.n_hits > HITS_PRINTED as u64 {
+        lines.push(format!("  ... and {} more hits", summary.n_hits - HITS_PRINTED as u64));
     }
     lines.extend(header.assembly.iter().map(|l| format!("  {}", l.replacen(" = ", ": ", 1))));
     lines.push(format!(

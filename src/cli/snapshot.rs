@@ -156,8 +156,7 @@ fn read_frames(path: &Path, at: At, exact: bool) -> Result<(Header, Vec<Frame>),
     let numbers = pick(&times_s, interval_s, at).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?;
     let mut frames = Vec::new();
     for number in numbers {
-        let found = reader.frame_near(times_s[number])?;
-        frames.extend(found.map(|(_, frame)| frame));
+        frames.extend(reader.frame_at(times_s[number])?);
     }
     Ok((header, frames))
 }

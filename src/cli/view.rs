@@ -200,8 +200,8 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
     }
     let mut sink = create(to, reader.header(), ViewOptions::default())?;
     let (_, _, damage) = super::replay::copy(&mut reader, sink.as_mut(), stop)?;
-    if let Some(damage) = damage {
-        eprintln!("warning: {damage}; what comes before is shown");
+    for damage in damage {
+        eprintln!("warning: {damage}");
     }
     if stop.load(Ordering::Relaxed) {
         return Ok(Outcome::Interrupted);

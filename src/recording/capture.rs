@@ -240,11 +240,7 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                     rate: scratch.guide_rate(2 * b.side + usize::from(!front), link),
                 };
                 let on_body = p - normal * (distance - b.end_radius_m);
-                let segment = match (along < 0.0, along > b.length_m, b.length_m > 0.0 && guide.geometry.travel > 0.0) {
-                    (false, false, _) => Segment::GuideFace,
-                    (true, _, true) | (false, true, false) => Segment::GuideLeadIn,
-                    _ => Segment::GuideLeadOut,
-                };
+                let segment = guide.segment(along);
                 let shape = (0, segment, b.end_radius_m);
                 let points = (on_body, p - normal * pair.radius);
                 rows.push(row(model, &pair, shape, points, normal, penetration, v, links));

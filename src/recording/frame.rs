@@ -422,7 +422,7 @@ pub struct Impact {
     pub peak_force_n: f64,
     #[prost(double, tag = "10")]
     pub peak_after_s: f64,
-    /// Integral of the normal force from the first touch until it has fallen to half its peak again, or the two part [N s].
+    /// Integral of the normal force from the first touch until, after its peak, it has fallen to half of it [N s].
     #[prost(double, tag = "11")]
     pub impulse_n_s: f64,
     /// From a tenth to nine tenths of the peak [s].

@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 
 /// Longest record that is read, packed or unpacked [bytes]: ours stay below 5 MB.
 const LONGEST_RECORD: u64 = 64 << 20;
+/// Longest message [bytes]: frames and States of the longest chain stay below 2 MB. Small ones may unpack to many times their
+/// size, so this bounds memory too.
+const LONGEST_MESSAGE: usize = 8 << 20;
 /// Most chunks of one file that are kept in mind.
 const MOST_CHUNKS: usize = 1 << 22;
 /// Bytes before a record's content: operation code and length.
@@ -94,6 +97,9 @@ enum Compression {
     None,
     Zstd,
 }
+
+/// Is told topic, log time and content of a message.
+type Each<'a> = dyn FnMut(Topic, u64, &[u8]) -> anyhow::Result<Flow> + 'a;
 
 /// An open recording.
 pub struct Reader {
@@ -288,6 +294,7 @@ impl Reader {
                     header.program,
                     header.format_version
                 );
+                ensure!(!header.links.is_empty(), "{shown}: its chain has no links");
                 self.header = header;
                 return Ok(());
             }
@@ -297,12 +304,7 @@ impl Reader {
     }
 
     /// Calls `each` with the topic, log time and content of every message of an unpacked chunk.
-    fn records(
-        &mut self,
-        index: usize,
-        unpacked: &[u8],
-        each: &mut dyn FnMut(Topic, u64, &[u8]) -> anyhow::Result<Flow>,
-    ) -> anyhow::Result<Flow> {
+    fn records(&mut self, index: usize, unpacked: &[u8], each: &mut Each<'_>) -> anyhow::Result<Flow> {
         let offset = self.chunks[index].offset;
         let place = |at: usize| format!("{}: byte {at} of the chunk at byte {offset}", self.path.display());
         let mut at = 0;
@@ -321,6 +323,7 @@ impl Reader {
                 }
                 op::MESSAGE => {
                     ensure!(content.len() >= 22, "{}: half a message", place(at));
+                    ensure!(content.len() <= LONGEST_MESSAGE, "{}: a message of {length} bytes", place(at));
                     let channel = u16::from_le_bytes([content[0], content[1]]);
                     let t_ns = u64_at(content, 6);
                     let topic = *self.topics.get(&channel).unwrap_or(&Topic::Other);
@@ -333,6 +336,25 @@ impl Reader {
             at = end;
         }
         Ok(Flow::On)
+    }
+
+    /// As [`Reader::each`] over everything, past chunks that cannot be read: those are told to `damaged` with the times that they
+    /// cover [s].
+    pub fn each_sound(
+        &mut self,
+        wanted: Wanted,
+        mut each: impl FnMut(Entry<'_>) -> anyhow::Result<Flow>,
+        mut damaged: impl FnMut(anyhow::Error, (f64, f64)),
+    ) -> anyhow::Result<()> {
+        for index in 0..self.chunks.len() {
+            let span_s = (self.chunks[index].start_ns as f64 * 1e-9, self.chunks[index].end_ns as f64 * 1e-9);
+            match self.each_of(index, wanted, (0, u64::MAX), &mut each) {
+                Ok(Flow::On) => {}
+                Ok(Flow::Enough) => break,
+                Err(e) => damaged(e, span_s),
+            }
+        }
+        Ok(())
     }
 
     /// Calls `each` with what is wanted of the recording between two times, ends included, in the order of the file.
@@ -382,7 +404,12 @@ impl Reader {
                 Topic::Frame if wanted.heads => Entry::Head(FrameHead::decode(data)?),
                 Topic::Keyframe if wanted.keyframes => Entry::Keyframe(Box::new(Keyframe::decode(data)?)),
                 Topic::Event if wanted.events => Entry::Event(Event::decode(data)?),
-                Topic::Impact if wanted.impacts => Entry::Impact(Impact::decode(data)?),
+                Topic::Impact if wanted.impacts => {
+                    let impact = Impact::decode(data)?;
+                    let inside = (impact.link as usize) < links && (impact.body as usize) < bodies;
+                    ensure!(inside, "an impact of a link or body that there is not");
+                    Entry::Impact(impact)
+                }
                 _ => return Ok(Flow::On),
             };
             each(entry)
@@ -470,15 +497,19 @@ impl Reader {
         else {
             return Ok(None);
         };
-        let at = heads[number].t_s;
+        Ok(self.frame_at(heads[number].t_s)?.map(|frame| (number, frame)))
+    }
+
+    /// The frame of exactly this time.
+    pub fn frame_at(&mut self, t_s: f64) -> anyhow::Result<Option<Frame>> {
         let mut found = None;
-        self.each(Wanted { frames: true, ..Wanted::default() }, (at, at), |entry| {
+        self.each(Wanted { frames: true, ..Wanted::default() }, (t_s, t_s), |entry| {
             if let Entry::Frame(frame) = entry {
                 found = Some(frame.clone());
             }
             Ok(Flow::Enough)
         })?;
-        Ok(found.map(|frame| (number, frame)))
+        Ok(found)
     }
 }
 

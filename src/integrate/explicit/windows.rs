@@ -47,6 +47,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
             scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
             scratch.seat_shift[k][j] = sprocket.body.seat_shift[seat];
+            scratch.reseats += u64::from(scratch.seat_index[k][j] != seat as u32);
             scratch.seat_index[k][j] = seat as u32;
         }
         scratch.tooth_windows[k] = windows;
