@@ -524,7 +524,7 @@ fn mistakes_are_said_and_change_nothing() {
     refused(1, &["-o", &format!("{own}/a/")], &["cannot make", "links.parquet/a"]);
     refused(1, &["-o", &at("nowhere/a.csv"), "--tables", "links"], &["cannot write", "nowhere/a.csv"]);
     let out = export(&[&at("none.mcap"), "-o", &at("a/")]);
-    assert_eq!(out.status.code(), Some(1));
+    assert_eq!(out.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&out.stderr).contains("none.mcap"));
     assert_eq!(std::fs::read(&own).expect("readable"), before);
     // Only what was there before, and the folder of the export that found no frame.
