@@ -162,20 +162,25 @@ pub fn run_job(
         since_keyframe: 0,
         energies: None,
     };
-    let mut snapshots: VecDeque<State> = VecDeque::new();
-    let mut hits: Vec<Hit> = Vec::new();
-    let (mut n_impacts, mut n_hits) = (0, 0);
-    let (mut dense_until, mut stop_at) = (None::<u64>, last);
-    let mut ending = Ending::Done;
-    loop {
-        let dense = dense_until.is_some_and(|until| state.step <= until);
-        let every = if dense { around.map_or(1, |a| a.steps_per_frame) } else { span.steps_per_frame };
+    let mut stops = Stops {
+        hits: Vec::new(),
+        n_hits: 0,
+        dense_until: None,
+        stop_at: last,
+        enough: false,
+        snapshots: VecDeque::new(),
+    };
+    let mut n_impacts = 0;
+    let ending = loop {
+        let every = match around {
+            Some(around) if stops.is_dense(state.step) => around.steps_per_frame,
+            _ => span.steps_per_frame,
+        };
         // On one grid from step 0 on, so that a run that goes on from a recording has frames where that has them.
-        let mut due = state.step.is_multiple_of(every) || state.step == first || state.step == stop_at;
+        let mut due = state.step.is_multiple_of(every) || state.step == first;
         let interrupted = stop.load(Ordering::Relaxed);
         if let Err(e) = explicit::evaluate(model, state, scratch) {
-            ending = Ending::Broke(e);
-            break;
+            break Ending::Broke(e);
         }
         if wants_impacts {
             impacts.look(model, state, scratch);
@@ -184,36 +189,12 @@ pub fn run_job(
             if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
         if let Some(breaks) = &mut breaks {
             let found = look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over]);
-            n_hits += found.len() as u64;
-            for hit in &found {
-                recorder.put(hit.step, Item::Event(hit_event(hit, header)));
-            }
-            let steps = || found.iter().map(|h| h.step);
-            if let (Some(around), Some(earliest), Some(latest)) = (around, steps().min(), steps().max()) {
-                let from = earliest.saturating_sub(around.steps).max(first);
-                let until = latest.saturating_add(around.steps);
-                // An impact is known late: what has been recorded densely for a later hit stays so.
-                dense_until = Some(dense_until.map_or(until, |d| d.max(until)));
-                let start = snapshots.iter().rev().find(|s| s.step <= from);
-                if let Some(start) = start {
-                    recorder.again(start, from, state.step.min(until.saturating_add(1)), around.steps_per_frame)?;
-                }
-                due |= state.step <= until;
-            }
-            let room = MOST_HITS.saturating_sub(hits.len());
-            hits.extend(found.iter().take(room).cloned());
-            if breaks.hits.is_some_and(|most| n_hits >= most as u64) && ending == Ending::Done {
-                ending = Ending::Hit;
-                let tail = around.map_or(0, |a| a.steps);
-                let latest = steps().max().unwrap_or(state.step);
-                stop_at = stop_at.min(latest.saturating_add(tail)).max(state.step);
-                due |= state.step == stop_at;
-            }
+            stops.note(&found, breaks, (first, state.step), &mut recorder, header)?;
+            due |= !found.is_empty() && stops.is_dense(state.step);
         }
-        for impact in &touched {
-            if impact.approach_speed_m_s > SLOWEST_EVENT_M_S {
-                recorder.put(impact.step, Item::Event(touch_event(impact, header)));
-            }
+        due |= state.step == stops.stop_at;
+        for impact in touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S) {
+            recorder.put(impact.step, Item::Event(touch_event(impact, header)));
         }
         // What began before the first frame is told by the recording that this one goes on from.
         for impact in over.into_iter().filter(|i| i.step >= first) {
@@ -225,35 +206,22 @@ pub fn run_job(
             progress(state.step);
         }
         recorder.let_go(state.step)?;
-        if interrupted {
-            ending = Ending::Interrupted;
-            break;
+        if interrupted || state.step == stops.stop_at {
+            break match (interrupted, stops.enough) {
+                (true, _) => Ending::Interrupted,
+                (false, true) => Ending::Hit,
+                (false, false) => Ending::Done,
+            };
         }
-        if state.step == stop_at {
-            break;
-        }
-        if let Some(around) = around
-            && (state.step - first).is_multiple_of((around.steps / 2).max(1))
-        {
-            let oldest = state.step.saturating_sub(recorder.hold_steps);
-            // The newest one that is old enough stays.
-            while snapshots.get(1).is_some_and(|s| s.step <= oldest) {
-                snapshots.pop_front();
-            }
-            snapshots.push_back(state.clone());
+        if let Some(around) = around {
+            stops.keep(state, (state.step - first).is_multiple_of((around.steps / 2).max(1)), recorder.hold_steps);
         }
         explicit::advance(model, state, scratch);
-    }
+    };
     let open = impacts.finish();
     for watch in breaks.iter_mut().flat_map(|b| &mut b.watches) {
         let found = watch.look_at_impacts(&open, true, || recorder.camera.take(model, state, scratch));
-        n_hits += found.len() as u64;
-        for hit in found {
-            recorder.put(hit.step, Item::Event(hit_event(&hit, header)));
-            if hits.len() < MOST_HITS {
-                hits.push(hit);
-            }
-        }
+        stops.count(&found, &mut recorder, header);
     }
     for impact in open.into_iter().filter(|i| i.step >= first) {
         n_impacts += 1;
@@ -270,10 +238,81 @@ pub fn run_job(
         energy,
         stored_first_j,
         stored_last_j: energy.stored_j(),
-        hits,
-        n_hits,
+        hits: stops.hits,
+        n_hits: stops.n_hits,
         impacts: wants_impacts.then_some(n_impacts),
     })
+}
+
+/// Hits so far, and what follows from them.
+struct Stops {
+    hits: Vec<Hit>,
+    n_hits: u64,
+    /// Last step of the latest window.
+    dense_until: Option<u64>,
+    /// Step after which the run ends.
+    stop_at: u64,
+    /// True: it ends there because of its hits.
+    enough: bool,
+    /// States from before the window that the next hit may open.
+    snapshots: VecDeque<State>,
+}
+
+impl Stops {
+    fn is_dense(&self, step: u64) -> bool {
+        self.dense_until.is_some_and(|until| step <= until)
+    }
+
+    fn count(&mut self, found: &[Hit], recorder: &mut Recorder<'_, '_>, header: &Header) {
+        self.n_hits += found.len() as u64;
+        for hit in found {
+            recorder.put(hit.step, Item::Event(hit_event(hit, header)));
+        }
+        let room = MOST_HITS.saturating_sub(self.hits.len());
+        self.hits.extend(found.iter().take(room).cloned());
+    }
+
+    /// The hits of a step: opens a window round them, and says when the run ends.
+    fn note(
+        &mut self,
+        found: &[Hit],
+        breaks: &Breaks,
+        (first, now): (u64, u64),
+        recorder: &mut Recorder<'_, '_>,
+        header: &Header,
+    ) -> anyhow::Result<()> {
+        let steps = || found.iter().map(|h| h.step);
+        let (Some(earliest), Some(latest)) = (steps().min(), steps().max()) else { return Ok(()) };
+        self.count(found, recorder, header);
+        if let Some(around) = breaks.around {
+            let from = earliest.saturating_sub(around.steps).max(first);
+            let until = latest.saturating_add(around.steps);
+            // An impact is known late: what has been recorded densely for a later hit stays so.
+            self.dense_until = Some(self.dense_until.map_or(until, |d| d.max(until)));
+            if let Some(start) = self.snapshots.iter().rev().find(|s| s.step <= from) {
+                recorder.again(start, from, now.min(until.saturating_add(1)), around.steps_per_frame)?;
+            }
+        }
+        if breaks.hits.is_some_and(|most| self.n_hits >= most as u64) && !self.enough {
+            self.enough = true;
+            let tail = breaks.around.map_or(0, |a| a.steps);
+            self.stop_at = self.stop_at.min(latest.saturating_add(tail)).max(now);
+        }
+        Ok(())
+    }
+
+    /// Keeps the State for windows to come where `due`, and lets go of those that no window reaches back to.
+    fn keep(&mut self, state: &State, due: bool, hold_steps: u64) {
+        if !due {
+            return;
+        }
+        let oldest = state.step.saturating_sub(hold_steps);
+        // The newest one that is old enough stays.
+        while self.snapshots.get(1).is_some_and(|s| s.step <= oldest) {
+            self.snapshots.pop_front();
+        }
+        self.snapshots.push_back(state.clone());
+    }
 }
 
 fn look(

@@ -15,15 +15,17 @@
 
 pub(crate) mod ends;
 mod guides;
+mod parts;
 mod teeth;
 mod windows;
+
+pub use parts::Part;
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
 use crate::elements::tooth_contact::{Column, LANES, Lanes};
 use crate::model::Model;
-use crate::recording::frame::Feature;
 use crate::state::{ContactMemory, LinkState, State};
 
 /// Extra damping while a drive is run in.
@@ -37,56 +39,6 @@ pub struct RunIn {
 
 impl RunIn {
     pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0 };
-}
-
-/// Parts of links that touch things, by the memory they have: one lane per joint (bushes) or per link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    Bushes,
-    /// Set of guide ends.
-    Guides(usize),
-    /// Set of contour ends.
-    Contours(usize),
-}
-
-impl Part {
-    /// Those that the links of a model have.
-    pub fn of(model: &Model) -> Vec<Part> {
-        let all = std::iter::once(Part::Bushes)
-            .chain((0..4).map(Part::Guides))
-            .chain((0..crate::elements::end_contact::SETS * 2).map(Part::Contours));
-        let (sides, contours) = (model.guide_sides(), model.contour_sets());
-        let has = |part: &Part| match *part {
-            Part::Bushes => model.sprockets.iter().any(|s| s.geometry.iso().is_some()),
-            Part::Guides(set) => sides[set / 2],
-            Part::Contours(set) => contours[set / 2],
-        };
-        all.filter(has).collect()
-    }
-
-    /// Link and feature of a lane.
-    pub fn feature(self, model: &Model, lane: usize) -> (usize, Feature) {
-        match self {
-            Part::Bushes => {
-                let (link, front) = model.chain.bush_carrier(lane);
-                (link, if front { Feature::FrontBush } else { Feature::RearBush })
-            }
-            Part::Guides(set) => (lane, if set % 2 == 0 { Feature::FrontPlateEnd } else { Feature::RearPlateEnd }),
-            Part::Contours(set) => {
-                let body = model.end_bodies.iter().find(|b| b.set == set / 2);
-                (lane, body.map_or(Feature::FrontAbutment, |b| b.feature(set % 2 == 0)))
-            }
-        }
-    }
-
-    /// Whether this part may touch `body` (an index as in frames).
-    pub fn touches(self, model: &Model, body: usize) -> bool {
-        match self {
-            Part::Bushes => body < model.sprockets.len(),
-            Part::Guides(_) => body >= model.sprockets.len(),
-            Part::Contours(set) => model.end_bodies.iter().any(|b| b.set == set / 2 && b.body == body),
-        }
-    }
 }
 
 /// A run of joints or links near a body, aligned to [`LANES`].
@@ -307,99 +259,6 @@ impl Scratch {
     /// Closing speed at this node of an end of link `i` in a set of contour ends [m/s], where it touches.
     pub fn contour_rate(&self, set: usize, i: usize) -> f64 {
         self.contour_rate[set][i]
-    }
-
-    /// Penetration at this node as the step found it [m], where the lane's contact has an age.
-    pub fn depth(&self, part: Part, lane: usize) -> f64 {
-        match part {
-            Part::Bushes => self.bush_depth[lane],
-            Part::Guides(set) => self.guide_depth[set][lane],
-            Part::Contours(set) => self.contour_depth[set][lane],
-        }
-    }
-
-    /// All of them, by lane.
-    pub fn depths(&self, part: Part) -> &[f64] {
-        match part {
-            Part::Bushes => &self.bush_depth,
-            Part::Guides(set) => &self.guide_depth[set],
-            Part::Contours(set) => &self.contour_depth[set],
-        }
-    }
-
-    /// True only where nothing in a block of [`LANES`] lanes touches: known without a look at them.
-    pub fn is_idle(&self, part: Part, block: usize) -> bool {
-        match part {
-            Part::Bushes => self.stale_bushes[block] == 0,
-            Part::Guides(set) => self.stale_blocks[set][block] == 0,
-            Part::Contours(_) => false,
-        }
-    }
-
-    /// Closing speeds at this node, by lane [m/s].
-    pub fn closing_speeds(&self, part: Part) -> &[f64] {
-        match part {
-            Part::Bushes => &self.bush_rate,
-            Part::Guides(set) => &self.guide_rate[set],
-            Part::Contours(set) => &self.contour_rate[set],
-        }
-    }
-
-    /// Tooth gaps that contour ends touch, by lane.
-    pub fn contour_teeth(&self, set: usize) -> &[u32] {
-        &self.contour_tooth[set]
-    }
-
-    /// Forces of the joints, x and y [N], shifted by one: joint j at j + 1, the last one also at 0.
-    pub fn joint_columns(&self) -> (&[f64], &[f64]) {
-        (&self.joint_x, &self.joint_y)
-    }
-
-    /// Bushes that have changed their tooth gap in flight since the start.
-    pub fn reseats(&self) -> u64 {
-        self.reseats
-    }
-
-    /// Closing speed there [m/s].
-    pub fn closing_speed(&self, part: Part, lane: usize) -> f64 {
-        match part {
-            Part::Bushes => self.bush_rate[lane],
-            Part::Guides(set) => self.guide_rate[set][lane],
-            Part::Contours(set) => self.contour_rate[set][lane],
-        }
-    }
-
-    /// What a lane with an age touches: index of the body as in frames, and tooth gap.
-    pub fn partner(&self, model: &Model, part: Part, lane: usize) -> Option<(usize, u32)> {
-        let own = |windows: &[Window], nearest: usize, k: usize| {
-            windows.iter().any(|w| (w.start..w.end).contains(&lane) && (!w.shared || nearest == k))
-        };
-        match part {
-            Part::Bushes => {
-                let nearest = self.nearest_sprocket[lane];
-                let k = (0..self.tooth_windows.len()).find(|k| own(&self.tooth_windows[*k], nearest, *k))?;
-                Some((k, self.seat_index[k][lane]))
-            }
-            Part::Guides(set) => {
-                let nearest = self.nearest_guide[set / 2][lane];
-                let on_side = |k: &usize| model.guides[*k].body.side == set / 2;
-                let mut guides = (0..self.guide_windows.len()).filter(on_side);
-                guides.find(|k| own(&self.guide_windows[*k], nearest, *k)).map(|k| (model.sprockets.len() + k, 0))
-            }
-            Part::Contours(set) => {
-                let body = model.end_bodies.get(self.nearest_end[set / 2][lane])?;
-                Some((body.body, self.contour_tooth[set][lane]))
-            }
-        }
-    }
-
-    /// Memory after this step of one kind of part.
-    pub fn memory(&self, part: Part) -> &ContactMemory {
-        match part {
-            Part::Bushes => &self.bushes,
-            Part::Guides(set) => &self.guide_ends[set],
-            Part::Contours(set) => &self.contour_ends[set],
-        }
     }
 
     /// Links near body `k` that are nearest to it.
