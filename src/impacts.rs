@@ -49,6 +49,8 @@ pub struct ImpactWatch {
     step_s: f64,
     /// False: only first touches are wanted.
     pub follows_forces: bool,
+    /// Step at which the next impact has been watched for long enough.
+    next_close: u64,
     started: bool,
     parts: Vec<Parts>,
     open: Vec<Option<Open>>,
@@ -70,6 +72,7 @@ impl ImpactWatch {
             period_steps: (period_s / model.step_s).max(1.0),
             step_s: model.step_s,
             follows_forces: true,
+            next_close: u64::MAX,
             started: false,
             parts: Part::of(model)
                 .into_iter()
@@ -143,18 +146,25 @@ impl ImpactWatch {
                 self.open.len() - 1
             }
         };
+        let window = (WATCHED_PERIODS * self.period_steps) as u64;
+        self.next_close = self.next_close.min(step + window);
         self.open[at] = Some(open);
         self.parts[parts].open[lane] = Some(at);
     }
 
     fn follow(&mut self, scratch: &Scratch, step: u64) {
         let window = (WATCHED_PERIODS * self.period_steps) as u64;
+        if !self.follows_forces && step < self.next_close {
+            return;
+        }
+        self.next_close = u64::MAX;
         for at in 0..self.open.len() {
             let Some(open) = &mut self.open[at] else { continue };
             if step - open.impact.step >= window {
                 self.close(at);
                 continue;
             }
+            self.next_close = self.next_close.min(open.impact.step + window);
             if !self.follows_forces {
                 continue;
             }
@@ -233,22 +243,32 @@ fn past_memory(state: &State, part: Part) -> &ContactMemory {
 /// Blocks in which a lane begins or ends to touch.
 #[inline(always)]
 fn note_changes(scratch: &Scratch, of: Part, past: &[f64], now: &[f64], changed: &mut Vec<usize>) {
-    let columns = past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0);
-    for (block, (before, after)) in columns.enumerate() {
-        if !scratch.is_idle(of, block) && changes(before, after) {
+    let columns = || past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0).enumerate();
+    let mut sums = [0.0; LANES];
+    for (_, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+        changes(before, after, &mut sums);
+    }
+    // In most steps nothing changes.
+    if sums.iter().sum::<f64>() == 0.0 {
+        return;
+    }
+    for (block, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+        let mut sums = [0.0; LANES];
+        changes(before, after, &mut sums);
+        if sums.iter().sum::<f64>() > 0.0 {
             changed.push(block);
         }
     }
 }
 
-/// Whether any lane of a block begins or ends to touch: a look at all of them at once.
+/// Counts, lane by lane, which of a block begin or end to touch.
 #[inline(always)]
-fn changes(past: &[f64; LANES], now: &[f64; LANES]) -> bool {
-    let mut any = 0_u64;
+fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
     for i in 0..LANES {
-        any |= u64::from(now[i] == 1.0) | (u64::from(now[i] == 0.0) & u64::from(past[i] > 0.0));
+        let touched = if past[i] > 0.0 { 1.0 } else { 0.0 };
+        let ends = if now[i] == 0.0 { touched } else { 0.0 };
+        sums[i] += if now[i] == 1.0 { 1.0 } else { ends };
     }
-    any != 0
 }
 
 fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {

@@ -34,7 +34,9 @@ struct StepValues<'a> {
 
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
-        let parts = Part::of(model);
+        // Parts that can touch nothing the expression asks for are never looked at.
+        let parts: Vec<Part> =
+            Part::of(model).into_iter().filter(|p| may_concern(&breakpoint.expr, *p, model)).collect();
         // Distinct whole numbers below 2^40: their sums are exact, and those of sets that follow each other practically never
         // equal.
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
@@ -95,6 +97,25 @@ impl BreakWatch {
     }
 }
 
+/// Whether a contact of this part can be on the bodies, and with the features, that an expression names.
+fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
+    match expr {
+        Expr::Any(parts) => parts.iter().any(|e| may_concern(e, part, model)),
+        Expr::All(parts) => parts.iter().all(|e| may_concern(e, part, model)),
+        Expr::Compare(Compare::Name { quantity, set, member: true }) if quantity.scope == Scope::Contact => {
+            match quantity.what {
+                What::Body => set.iter().any(|body| part.touches(model, *body as usize)),
+                What::Feature => {
+                    let n = model.chain.n_links;
+                    (0..n).any(|lane| set.contains(&(part.feature(model, lane).1 as u32)))
+                }
+                _ => true,
+            }
+        }
+        Expr::Not(_) | Expr::Compare(_) => true,
+    }
+}
+
 /// Looks for values on the far side of a bound, a block at a time and without a branch.
 #[derive(Clone, Copy)]
 struct Beyond {
@@ -109,40 +130,44 @@ impl Beyond {
         Beyond { sign, threshold: sign * bound - 2.0 * SLACK * bound.abs() }
     }
 
+    /// Counts in `found`, lane by lane: sums of ones vectorise where a reduction to one bit does not.
     #[inline(always)]
-    fn any(self, values: &[f64; LANES]) -> bool {
-        let mut found = 0_u64;
-        for v in values {
-            found |= u64::from(self.sign * v >= self.threshold);
+    fn count(self, values: &[f64; LANES], found: &mut [f64; LANES]) {
+        for i in 0..LANES {
+            found[i] += if self.sign * values[i] >= self.threshold { 1.0 } else { 0.0 };
         }
-        found != 0
     }
 
     /// Among lanes with an age.
     #[inline(always)]
-    fn any_where(self, values: &[f64; LANES], age: &[f64; LANES]) -> bool {
-        let mut found = 0_u64;
+    fn count_where(self, values: &[f64; LANES], age: &[f64; LANES], found: &mut [f64; LANES]) {
         for i in 0..LANES {
-            found |= u64::from(self.sign * values[i] >= self.threshold) & u64::from(age[i] > 0.0);
+            let touching = if age[i] > 0.0 { 1.0 } else { 0.0 };
+            found[i] += if self.sign * values[i] >= self.threshold { touching } else { 0.0 };
         }
-        found != 0
     }
 
-    /// Of six columns row by row.
+    /// For squares of what is never negative; None where the bound is.
+    fn squared(self) -> Option<Beyond> {
+        let bound = self.sign * self.threshold;
+        (bound >= 0.0).then_some(Beyond { threshold: self.sign * bound * bound, ..self })
+    }
+
+    /// Of columns row by row.
     #[inline(always)]
-    fn any_of(self, columns: [&[f64]; 6], value: impl Fn([f64; 6]) -> f64) -> bool {
+    fn any_of<const N: usize>(self, columns: [&[f64]; N], value: impl Fn([f64; N]) -> f64) -> bool {
         let blocks = columns.map(|c| c.as_chunks::<LANES>());
+        let mut found = [0.0; LANES];
         for block in 0..blocks[0].0.len() {
             let rows = blocks.map(|(whole, _)| &whole[block]);
             let mut values = [0.0; LANES];
             for i in 0..LANES {
                 values[i] = value(rows.map(|r| r[i]));
             }
-            if self.any(&values) {
-                return true;
-            }
+            self.count(&values, &mut found);
         }
-        (0..blocks[0].1.len()).any(|i| self.sign * value(blocks.map(|(_, rest)| rest[i])) >= self.threshold)
+        found.iter().sum::<f64>() > 0.0
+            || (0..blocks[0].1.len()).any(|i| self.sign * value(blocks.map(|(_, rest)| rest[i])) >= self.threshold)
     }
 }
 
@@ -218,7 +243,7 @@ impl StepValues<'_> {
             (Scope::Joint, What::Force) => {
                 let (x, y) = self.scratch.joint_columns();
                 let (x, y) = (&x[1..n + 1], &y[1..n + 1]);
-                Some(beyond.any_of([x, y, x, y, x, y], |[x, y, ..]| (x * x + y * y).sqrt()))
+                Some(beyond.squared()?.any_of([x, y], |[x, y]| x * x + y * y))
             }
             _ => None,
         }
@@ -238,20 +263,24 @@ impl StepValues<'_> {
         let (depth, rate) = (self.scratch.depths(part), self.scratch.closing_speeds(part));
         let values = if what == What::ApproachSpeed { &memory.approach } else { depth };
         let columns = memory.age.as_chunks::<LANES>().0.iter().zip(values.as_chunks::<LANES>().0);
-        let mut blocks = columns.zip(rate.as_chunks::<LANES>().0).enumerate();
-        Some(blocks.any(|(block, ((age, values), rate))| {
+        let mut found = [0.0; LANES];
+        for (block, ((age, values), rate)) in columns.zip(rate.as_chunks::<LANES>().0).enumerate() {
             if self.scratch.is_idle(part, block) {
-                return false;
+                continue;
             }
-            let Some((k, c)) = law else { return beyond.any_where(values, age) };
+            let Some((k, c)) = law else {
+                beyond.count_where(values, age, &mut found);
+                continue;
+            };
             let mut force = [0.0; LANES];
             for i in 0..LANES {
                 // Where it only pulls a contact shows no force.
                 let f = k * values[i] + c * rate[i];
                 force[i] = if f > 0.0 { f } else { 0.0 };
             }
-            beyond.any_where(&force, age)
-        }))
+            beyond.count_where(&force, age, &mut found);
+        }
+        Some(found.iter().sum::<f64>() > 0.0)
     }
 
     /// Collects what fulfils the expression; false where that cannot be told.
