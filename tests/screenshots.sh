@@ -20,10 +20,17 @@ for drive in bush-20-40 silent-20-40 smartchain-20-40; do
   "$pitchline" view --web --port 9797 "$out/$drive.rrd" >"$out/view.log" 2>&1 & view=$!
   for _ in $(seq 50); do grep -q http "$out/view.log" && break; sleep 0.1; done
   address=$(grep -o 'http://[^ ]*' "$out/view.log" | head -1)
-  timeout 180 chromium --headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist \
-    --window-size=1500,950 --virtual-time-budget=60000 --screenshot="$out/$drive-web.png" "$address" >/dev/null 2>&1 || true
+  # Chromium may take its picture before the viewer is there; what it has compiled by then it keeps for the next try.
+  for _ in $(seq 8); do
+    timeout 180 chromium --headless=new --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader \
+      --ignore-gpu-blocklist --user-data-dir="$out/chromium" --window-size=1500,950 --virtual-time-budget=200000 \
+      --screenshot="$out/$drive-web.png" "$address" >/dev/null 2>&1 || true
+    [ "$(stat -c %s "$out/$drive-web.png")" -gt 60000 ] && break
+  done
   kill -INT $view; wait $view || true
   for picture in "$out/$drive-native.png" "$out/$drive-web.png"; do
-    [ -s "$picture" ] && echo "$picture" || { echo "no picture: $picture" >&2; exit 1; }
+    # A page that is still loading makes a small one.
+    [ "$(stat -c %s "$picture")" -gt 60000 ] && echo "$picture" || { echo "no picture: $picture" >&2; exit 1; }
   done
 done
+rm -rf "$out/chromium"

@@ -153,22 +153,24 @@ impl Beyond {
         (bound >= 0.0).then_some(Beyond { threshold: self.sign * bound * bound, ..self })
     }
 
-    /// Of columns row by row.
+    /// Of whole blocks and the rows behind them.
     #[inline(always)]
-    fn any_of<const N: usize>(self, columns: [&[f64]; N], value: impl Fn([f64; N]) -> f64) -> bool {
-        let blocks = columns.map(|c| c.as_chunks::<LANES>());
+    fn any_of(self, n: usize, block: impl Fn(usize) -> [f64; LANES], row: impl Fn(usize) -> f64) -> bool {
+        let whole = n / LANES * LANES;
         let mut found = [0.0; LANES];
-        for block in 0..blocks[0].0.len() {
-            let rows = blocks.map(|(whole, _)| &whole[block]);
-            let mut values = [0.0; LANES];
-            for i in 0..LANES {
-                values[i] = value(rows.map(|r| r[i]));
-            }
-            self.count(&values, &mut found);
+        for at in (0..whole).step_by(LANES) {
+            self.count(&block(at), &mut found);
         }
-        found.iter().sum::<f64>() > 0.0
-            || (0..blocks[0].1.len()).any(|i| self.sign * value(blocks.map(|(_, rest)| rest[i])) >= self.threshold)
+        found.iter().sum::<f64>() > 0.0 || (whole..n).any(|i| self.sign * row(i) >= self.threshold)
     }
+}
+
+/// A block of a column.
+#[inline(always)]
+fn block(column: &[f64], at: usize) -> [f64; LANES] {
+    let mut values = [0.0; LANES];
+    values.copy_from_slice(&column[at..at + LANES]);
+    values
 }
 
 impl StepValues<'_> {
@@ -235,15 +237,29 @@ impl StepValues<'_> {
             }
             (Scope::Link, What::Tension) => {
                 let (x, y) = self.scratch.joint_columns();
-                let (x0, x1, y0, y1) = (&x[..n], &x[1..n + 1], &y[..n], &y[1..n + 1]);
-                let (cos, sin) = (&self.state.links.cos[..n], &self.state.links.sin[..n]);
-                let pull = |[x0, x1, y0, y1, c, s]: [f64; 6]| -0.5 * ((x0 + x1) * c + (y0 + y1) * s);
-                Some(beyond.any_of([x0, x1, y0, y1, cos, sin], pull))
+                let l = &self.state.links;
+                let pull = |at: usize| {
+                    let (x0, x1, y0, y1) = (block(x, at), block(x, at + 1), block(y, at), block(y, at + 1));
+                    let (cos, sin) = (block(&l.cos, at), block(&l.sin, at));
+                    let mut values = [0.0; LANES];
+                    for i in 0..LANES {
+                        values[i] = -0.5 * ((x0[i] + x1[i]) * cos[i] + (y0[i] + y1[i]) * sin[i]);
+                    }
+                    values
+                };
+                Some(beyond.any_of(n, pull, |i| self.tension(i)))
             }
             (Scope::Joint, What::Force) => {
                 let (x, y) = self.scratch.joint_columns();
-                let (x, y) = (&x[1..n + 1], &y[1..n + 1]);
-                Some(beyond.squared()?.any_of([x, y], |[x, y]| x * x + y * y))
+                let square = |at: usize| {
+                    let (x, y) = (block(x, at + 1), block(y, at + 1));
+                    let mut values = [0.0; LANES];
+                    for i in 0..LANES {
+                        values[i] = x[i] * x[i] + y[i] * y[i];
+                    }
+                    values
+                };
+                Some(beyond.squared()?.any_of(n, square, |i| x[i + 1] * x[i + 1] + y[i + 1] * y[i + 1]))
             }
             _ => None,
         }

@@ -34,12 +34,13 @@ fn push_element(e: &OutlineElement, points: &mut Vec<[f64; 2]>) {
     points.push([e.end_x_m, e.end_y_m]);
 }
 
-/// A circle as a closed polyline.
+/// A circle as a closed polyline: a ring's must not look like a polygon beside what touches it.
 pub fn circle(x_m: f64, y_m: f64, radius_m: f64) -> Vec<[f64; 2]> {
-    const PIECES: usize = 32;
-    (0..PIECES)
+    let cos = (1.0 - DRAWING_TOLERANCE_M / radius_m.max(DRAWING_TOLERANCE_M)).clamp(-1.0, 1.0);
+    let pieces = (std::f64::consts::PI / libm::acos(cos)).ceil().clamp(32.0, 1000.0) as usize;
+    (0..pieces)
         .map(|k| {
-            let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / PIECES as f64);
+            let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / pieces as f64);
             [x_m + radius_m * c, y_m + radius_m * s]
         })
         .collect()
