@@ -163,6 +163,8 @@ fn hits_are_those_of_a_scan_over_every_step() {
         "joint.force > 590 N",
         "sprocket.driven.speed < 1499.6 rpm",
         "energy.error > 0.01 %",
+        "energy.error_j > 0.0001 J or energy.kinetic > 21.342 J",
+        "energy.elastic < 0.2 J and energy.lost > 1 mJ",
         "contact.normal_force > 400 N and link.tension > 560 N",
         "time > 3 ms and crank_angle < 60 deg",
     ];

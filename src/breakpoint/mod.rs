@@ -6,12 +6,13 @@
 //! anyway are looked at first: they differ from a frame's by rounding only, and a frame is taken where they lie within
 //! [`SLACK`] of the bound, and for quantities that no step computes.
 
+mod ledger;
 pub mod parse;
 pub mod quantities;
 pub mod scratch;
 
 use crate::diag::Report;
-use crate::recording::frame::{Frame, Impact};
+use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
 
 /// Relative difference below which a comparison from a step's own columns is not trusted.
@@ -106,6 +107,10 @@ pub trait Values {
     fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32>;
     /// Relative uncertainty of the numbers.
     fn slack(&self) -> f64;
+    /// Absolute uncertainty of one of them, beside that.
+    fn blur(&self, _quantity: &Quantity) -> f64 {
+        0.0
+    }
 }
 
 /// A checked expression.
@@ -128,6 +133,7 @@ pub struct Uses {
     pub any_joint: bool,
     /// Anything but impacts.
     pub frame: bool,
+    pub energy: bool,
     /// Anything that changes while the same parts touch the same teeth.
     pub varying: bool,
 }
@@ -208,7 +214,8 @@ fn note(expr: &Expr, uses: &mut Uses) {
             uses.any_joint |= index.is_none();
             (uses.frame, uses.varying) = (true, true);
         }
-        Scope::Sprocket | Scope::Energy | Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
+        Scope::Sprocket | Scope::Run => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
@@ -256,7 +263,11 @@ pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<boo
         Expr::Compare(Compare::Numbers { left, operator, right }) => {
             let (a, b) = (number(left, values, bound)?, number(right, values, bound)?);
             let exact = [left, right].iter().all(|n| is_exact(n));
-            let slack = if exact { 0.0 } else { values.slack() * (a.abs() + b.abs()) };
+            let blur = |n: &Number| match n {
+                Number::Constant(_) => 0.0,
+                Number::Quantity { quantity, .. } => values.blur(quantity),
+            };
+            let slack = if exact { 0.0 } else { values.slack() * (a.abs() + b.abs()) + blur(left) + blur(right) };
             if slack > 0.0 && (a - b).abs() <= slack {
                 return None;
             }
@@ -343,20 +354,7 @@ impl Values for Frame {
                 };
                 column.get(k).copied()
             }
-            Scope::Energy => {
-                let e = &self.energy;
-                Some(match quantity.what {
-                    // Nothing put in yet: nothing to be a share of.
-                    What::Error if e.work_in_j == 0.0 => 0.0,
-                    What::Error => e.error_j / e.work_in_j.abs(),
-                    What::ErrorJ => e.error_j,
-                    What::Kinetic => e.kinetic_j,
-                    What::Elastic => e.elastic_joint_j + e.elastic_contact_j,
-                    What::WorkIn => e.work_in_j,
-                    What::WorkOut => e.work_out_j,
-                    _ => e.lost_j(),
-                })
-            }
+            Scope::Energy => Some(energy_number(quantity.what, &self.energy)),
             Scope::Run => Some(match quantity.what {
                 What::Time => self.t_s,
                 What::Step => self.step as f64,
@@ -380,6 +378,20 @@ impl Values for Frame {
 
     fn slack(&self) -> f64 {
         0.0
+    }
+}
+
+fn energy_number(what: What, e: &Energy) -> f64 {
+    match what {
+        // Nothing put in yet: nothing to be a share of.
+        What::Error if e.work_in_j == 0.0 => 0.0,
+        What::Error => e.error_j / e.work_in_j.abs(),
+        What::ErrorJ => e.error_j,
+        What::Kinetic => e.kinetic_j,
+        What::Elastic => e.elastic_joint_j + e.elastic_contact_j,
+        What::WorkIn => e.work_in_j,
+        What::WorkOut => e.work_out_j,
+        _ => e.lost_j(),
     }
 }
 

@@ -1,14 +1,15 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
+use super::ledger::{LostBefore, ledger};
 use super::quantities::{Quantity, Scope, What};
-use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, Operator, SLACK, Subject, Values, truth};
+use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, Operator, SLACK, Subject, Values, energy_number, truth};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
-use crate::recording::frame::Impact;
+use crate::recording::frame::{Energy, Impact};
 use crate::state::State;
 
 /// A breakpoint and what fulfilled it a step ago.
@@ -22,6 +23,8 @@ pub struct BreakWatch {
     /// Who touched which tooth a step ago, and a number for every lane to tell by.
     signature: Option<(f64, u64)>,
     keys: Vec<f64>,
+    all_parts: Vec<Part>,
+    lost_before: LostBefore,
 }
 
 /// Values after the evaluation of a step. A contact is part x links + lane.
@@ -30,6 +33,8 @@ struct StepValues<'a> {
     state: &'a State,
     scratch: &'a Scratch,
     parts: &'a [Part],
+    /// And how uncertain they are [J]; where the expression asks for them.
+    energy: Option<(Energy, f64)>,
 }
 
 impl BreakWatch {
@@ -41,7 +46,17 @@ impl BreakWatch {
         // equal.
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
         let keys = (0..parts.len() * model.chain.padded).map(key).collect();
-        BreakWatch { breakpoint, goes_on: false, parts, held: Vec::new(), now: Vec::new(), signature: None, keys }
+        BreakWatch {
+            breakpoint,
+            goes_on: false,
+            parts,
+            held: Vec::new(),
+            now: Vec::new(),
+            signature: None,
+            keys,
+            all_parts: Part::of(model),
+            lost_before: LostBefore::default(),
+        }
     }
 
     /// Looks at the step that has just been evaluated: what fulfils the expression and did not a step ago. What fulfils it
@@ -50,7 +65,13 @@ impl BreakWatch {
         if self.breakpoint.uses.impact {
             return Vec::new();
         }
-        let values = StepValues { model, state, scratch, parts: &self.parts };
+        let energy = match camera.origin() {
+            Some(origin) if self.breakpoint.uses.energy => vectorised(scratch.isa, || {
+                ledger((model, state, scratch), &self.all_parts, origin, &mut self.lost_before)
+            }),
+            _ => None,
+        };
+        let values = StepValues { model, state, scratch, parts: &self.parts, energy };
         if self.breakpoint.uses.contact && !self.breakpoint.uses.varying {
             let signature = Some(vectorised(scratch.isa, || values.signature(&self.keys)));
             if signature == self.signature {
@@ -450,7 +471,8 @@ impl Values for StepValues<'_> {
                     driver.nominal_speed_rad_s * self.state.step as f64 * self.model.step_s
                 }
             }),
-            Scope::Impact | Scope::Energy => None,
+            Scope::Energy => self.energy.as_ref().map(|(e, _)| energy_number(quantity.what, e)),
+            Scope::Impact => None,
         }
     }
 
@@ -467,5 +489,15 @@ impl Values for StepValues<'_> {
 
     fn slack(&self) -> f64 {
         SLACK
+    }
+
+    fn blur(&self, quantity: &Quantity) -> f64 {
+        let Some((energy, blur_j)) = self.energy.as_ref().filter(|_| quantity.scope == Scope::Energy) else {
+            return 0.0;
+        };
+        match quantity.what {
+            What::Error => blur_j / energy.work_in_j.abs().max(*blur_j),
+            _ => *blur_j,
+        }
     }
 }

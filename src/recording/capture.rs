@@ -66,6 +66,11 @@ struct Pair<'a> {
 }
 
 impl Camera {
+    /// Energies when the ledger was opened; None before the first frame.
+    pub fn origin(&self) -> Option<&Energy> {
+        self.origin.as_ref()
+    }
+
     /// For frames whose ledger was opened with these energies.
     pub fn since(origin: Option<Energy>) -> Camera {
         Camera { origin }

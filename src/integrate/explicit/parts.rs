@@ -56,6 +56,16 @@ impl Part {
 }
 
 impl Scratch {
+    /// Power lost in each joint at this node [W]: damping, friction.
+    pub fn joint_power_columns(&self) -> (&[f64], &[f64]) {
+        (&self.joint_power_damping, &self.joint_power_friction)
+    }
+
+    /// Ends that meet in the joints at this node [m]: of link j in front, of link j + 1 behind (from index 1 on); x, then y.
+    pub fn joint_ends(&self) -> [(&[f64], &[f64]); 2] {
+        [(&self.front.x, &self.rear.x[1..]), (&self.front.y, &self.rear.y[1..])]
+    }
+
     /// Penetration at this node as the step found it [m], where the lane's contact has an age.
     pub fn depth(&self, part: Part, lane: usize) -> f64 {
         match part {
