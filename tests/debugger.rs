@@ -249,7 +249,7 @@ fn expressions_that_make_no_sense_are_refused_with_a_caret() {
     assert!(Breakpoint::parse(&"!".repeat(4000), &names).is_err());
 }
 
-/// Share of the largest force that may be left over. Measured 2e-13.
+/// Share of the largest force that may be left over. Measured 2.1e-14; more for other CPUs and links.
 const REMAINDER: f64 = 1e-9;
 
 #[test]
@@ -279,6 +279,9 @@ fn forces_on_a_link_add_up_to_its_acceleration() {
     println!("largest remainder {worst:.1e} of the largest force");
 }
 
+/// Between the sum of the parts and the speed that the contact remembers [m/s]. Measured 2.4e-14.
+const SPEED_OFF_M_S: f64 = 1e-12;
+
 #[test]
 fn approach_speed_is_explained_by_its_parts() {
     // At the touch itself the parts add up to the closing speed that the contact remembers.
@@ -287,16 +290,18 @@ fn approach_speed_is_explained_by_its_parts() {
     record(0, &[], &path, 4500, 10);
     let mut replay = Replay::open(&path).expect("opens");
     let impacts = mcap::read(&path).expect("readable").impacts;
-    let mut seen = 0;
+    let (mut seen, mut worst) = (0, 0.0_f64);
     for impact in impacts.iter().filter(|i| i.body == 0) {
         let body = explain(&mut replay, impact.link as usize, impact.step + 3).expect("explains");
         let contact = body.contacts.iter().find(|c| c.tooth == Some(impact.tooth)).expect("still touching");
         let approach = contact.approach.as_ref().expect("its first touch was seen");
-        // The remembered speed is that of the touch, without the contact's own force since then. Measured 1e-12.
-        assert!((approach.closing_speed_m_s - impact.approach_speed_m_s).abs() < 1e-6, "{approach:?}");
+        let off = (approach.closing_speed_m_s - impact.approach_speed_m_s).abs();
+        worst = worst.max(off);
+        assert!(off < SPEED_OFF_M_S, "{approach:?}");
         assert!(approach.parts[0].speed_m_s > 1.0, "articulation leads: {approach:?}");
         seen += 1;
     }
+    println!("{seen} impacts, at most {worst:.1e} m/s between the parts and the approach speed");
     assert!(seen > 5, "{seen} impacts");
 }
 

@@ -215,3 +215,59 @@ fn a_disk_that_fills_up_keeps_what_was_written() {
     println!("{frames} messages kept: {said}");
     assert!(frames > 100);
 }
+
+#[test]
+fn recordings_of_the_longest_chains_can_be_read() {
+    // 2000 links with two contacts each: 128 such frames in one chunk would be more than a reader unpacks.
+    let (links, rows) = (2000, 4000);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("long.mcap");
+    let bodies = vec![Default::default()];
+    let header = Header {
+        drive_name: "long".into(),
+        format_version: 1,
+        step_s: 1e-6,
+        links: vec![Default::default(); links],
+        bodies,
+        ..Header::default()
+    };
+    let mut frame = pitchline::recording::frame::Frame::default();
+    let l = &mut frame.links;
+    for column in [&mut l.x_m, &mut l.y_m, &mut l.angle_rad, &mut l.vx_m_s, &mut l.vy_m_s, &mut l.omega_rad_s] {
+        *column = vec![0.5; links];
+    }
+    let j = &mut frame.joints;
+    for column in [&mut j.force_x_n, &mut j.force_y_n, &mut j.friction_torque_nm] {
+        *column = vec![0.5; links];
+    }
+    let c = &mut frame.contacts;
+    for column in [&mut c.link, &mut c.feature, &mut c.body, &mut c.tooth, &mut c.segment] {
+        *column = vec![0; rows];
+    }
+    for column in [
+        &mut c.point_body_x_m,
+        &mut c.point_body_y_m,
+        &mut c.point_link_x_m,
+        &mut c.point_link_y_m,
+        &mut c.normal_x,
+        &mut c.normal_y,
+        &mut c.penetration_m,
+        &mut c.approach_speed_m_s,
+        &mut c.normal_speed_m_s,
+        &mut c.tangential_speed_m_s,
+        &mut c.normal_force_n,
+        &mut c.tangential_force_n,
+        &mut c.age_s,
+    ] {
+        *column = vec![0.5; rows];
+    }
+    c.stick = vec![true; rows];
+    let view = ViewOptions { picture_interval_s: 1.0 };
+    let mut sink = create(&path, &header, view).expect("opens");
+    for step in 0..mcap::FRAMES_PER_CHUNK {
+        (frame.step, frame.t_s) = (step, step as f64 * 1e-6);
+        sink.frame(&frame).expect("writes");
+    }
+    sink.finish().expect("finishes");
+    assert_eq!(read(&path), Ok(mcap::FRAMES_PER_CHUNK as usize));
+}

@@ -6,7 +6,7 @@
 
 use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::{Cursor, Reader};
-use crate::replay::{each_column, frame_difference};
+use crate::replay::frame_difference;
 use crate::units::wrap_angle;
 
 /// Positions that differ by less are equal, where one recording is interpolated [m]: an impact between two frames that lie 50 us
@@ -277,15 +277,4 @@ fn texts(a: &str, b: &str) -> Vec<String> {
     };
     let (a, b) = (&a[head..a.len() - tail], &b[head..b.len() - tail]);
     side("A", a).into_iter().chain(side("B", b)).collect()
-}
-
-/// Whether two frames differ in more than rounding of their energies; for tests.
-pub fn same_motion(a: &Frame, b: &Frame) -> bool {
-    let mut same = a.state_hash == b.state_hash;
-    each_column(a, |name, left| {
-        if !name.starts_with("energy.") {
-            each_column(b, |other, right| same &= name != other || left == right);
-        }
-    });
-    same
 }

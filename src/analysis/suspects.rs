@@ -16,7 +16,7 @@
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
 
-/// Departure of a group from which on it stands out: in bush-20-40, 0.2 s, none of some 260 groups by four quantities reaches 4.
+/// Departure of a group from which on it stands out: in bush-20-40, 0.2 s, none of some 240 groups by four quantities reaches 4.
 const SCORE: f64 = 6.0;
 /// Smallest departure that counts, as a share of the median: of forces and speeds.
 const SHARE: f64 = 0.02;

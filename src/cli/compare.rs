@@ -6,8 +6,6 @@ use crate::compare::{CompareError, Plan, Run, Summary, merge, run as compare, ve
 use crate::recording::{ViewOptions, create, extensions};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 #[derive(clap::Args, Debug)]
@@ -59,10 +57,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         std::fs::create_dir_all(&args.output)
             .map_err(|e| Failure::World(format!("cannot make {}: {e}", args.output.display())))?;
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    // Fails only where a handler was set before: then that one stands.
-    let _set = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+    let stop = super::run::stop_on_interrupt();
     let started = Instant::now();
     let plan = Plan { duration_s: args.duration, recorded_s: args.recorded.min(args.duration), every_s: args.every };
     let runs = match compare(&drives, plan, &stop) {

@@ -52,29 +52,16 @@ enum At {
     Strip { from_s: f64, to_s: f64, count: usize },
 }
 
-fn time_s(text: &str) -> Result<f64, String> {
-    let units = [("us", 1e-6), ("ms", 1e-3), ("s", 1.0)];
-    let parsed = units.iter().find_map(|(unit, factor)| {
-        let number = text.trim().strip_suffix(unit)?;
-        number.trim().parse::<f64>().ok().map(|n| n * factor)
-    });
-    match parsed {
-        Some(t) if t.is_finite() && t >= 0.0 => Ok(t),
-        Some(_) => Err(format!("`{text}` must be zero or more")),
-        None => Err(format!("`{text}`: write a number with its unit: us, ms or s, e.g. 12.3ms, or frame:250")),
-    }
-}
-
 fn instant(text: &str) -> Result<At, String> {
     if let Some(number) = text.trim().strip_prefix("frame:") {
         let parsed = number.trim().parse();
         return parsed.map(At::Frame).map_err(|_| format!("`{number}` is no frame number; frames count from 0"));
     }
-    let Some((from, rest)) = text.split_once("..") else { return time_s(text).map(At::Time) };
+    let Some((from, rest)) = text.split_once("..") else { return super::run::instant(text).map(At::Time) };
     let Some((to, count)) = rest.split_once('/') else {
         return Err("a film strip needs the number of its pictures, e.g. 12.30ms..12.40ms/6".into());
     };
-    let (from_s, to_s) = (time_s(from)?, time_s(to)?);
+    let (from_s, to_s) = (super::run::instant(from)?, super::run::instant(to)?);
     match count.trim().parse::<usize>() {
         _ if to_s <= from_s => Err(format!("`{to}` must be later than `{from}`")),
         Ok(count) if (2..=MOST_PANELS).contains(&count) => Ok(At::Strip { from_s, to_s, count }),

@@ -4,8 +4,6 @@ use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::compare::CompareError;
 use crate::compare::tune::{Margin, tune, worst};
 use std::fmt::Write;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(clap::Args, Debug)]
 pub struct TuneArgs {
@@ -22,10 +20,7 @@ pub struct TuneArgs {
 
 pub fn run(args: &TuneArgs) -> Result<Outcome, Failure> {
     let drive = load_drive(&args.drive, &args.set)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    // Fails only where a handler was set before: then that one stands.
-    let _set = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+    let stop = super::run::stop_on_interrupt();
     let told = |runs: usize, margin: f64| eprintln!("{runs} runs, worst margin {:+.1} %", 100.0 * margin);
     let tuned = match tune(&drive, &stop, told) {
         Ok(Some(tuned)) => tuned,

@@ -44,7 +44,7 @@ impl Isa {
 }
 
 /// Runs `f` compiled for a vector unit: what is inlined into it may use its instructions. For loops over columns that are
-/// looked at in every step; measured, they take a third of the instructions that the baseline's take.
+/// looked at in every step; scanning all links for a breakpoint takes 3 % of a run with it.
 #[inline(always)]
 pub fn vectorised<R>(isa: Isa, f: impl FnOnce() -> R) -> R {
     match isa {

@@ -16,7 +16,7 @@ use crate::elements::end_contact::EndShape;
 use crate::elements::rotor::Rotor;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Scratch, ends};
+use crate::integrate::explicit::{Part, Scratch, ends};
 use crate::model::Model;
 use crate::state::{ContactMemory, State};
 use crate::units::atan2;
@@ -197,7 +197,7 @@ fn sprocket_contacts(
                 stick_speed: sprocket.body.stick_speed_m_s,
                 memory,
                 lane: j,
-                rate: scratch.bush_rate(j),
+                rate: scratch.closing_speed(Part::Bushes, j),
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
             let normal = to_world(hit.touch.normal);
@@ -242,7 +242,7 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                     stick_speed: b.stick_speed_m_s,
                     memory: &memories[2 * b.side + usize::from(!front)],
                     lane: link,
-                    rate: scratch.guide_rate(2 * b.side + usize::from(!front), link),
+                    rate: scratch.closing_speed(Part::Guides(2 * b.side + usize::from(!front)), link),
                 };
                 let on_body = p - normal * (distance - b.end_radius_m);
                 let segment = guide.segment(along);
@@ -279,7 +279,7 @@ fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, 
                     stick_speed: body.stick_speed_m_s,
                     memory: &scratch.contour_memories()[set],
                     lane: link,
-                    rate: scratch.contour_rate(set, link),
+                    rate: scratch.closing_speed(Part::Contours(set), link),
                 };
                 let surface = body.rotor.map_or(Vec2::zeros(), |r| perp(t.point) * speeds[r]);
                 let shape = (t.tooth, t.segment, t.body_radius_m);

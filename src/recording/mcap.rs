@@ -32,6 +32,9 @@ pub const DESCRIPTOR: &[u8] = include_bytes!("../../assets/pitchline.desc");
 /// Frames after which a chunk is closed and handed to the system.
 pub const FRAMES_PER_CHUNK: u64 = 128;
 
+/// Bytes after which a chunk is closed whatever its frames: readers bound what they unpack.
+const LARGEST_CHUNK: usize = 16 << 20;
+
 /// Longest time for which frames may wait in an open chunk: a slow run that is killed loses no more than this.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
@@ -72,6 +75,8 @@ pub struct McapSink {
     clock: PictureClock,
     buffer: Vec<u8>,
     sequence: u32,
+    /// Bytes in the open chunk.
+    waiting: usize,
     frames: u64,
     last_ns: u64,
     flushed: Instant,
@@ -98,6 +103,7 @@ impl McapSink {
             clock: PictureClock::new(view),
             buffer: Vec::new(),
             sequence: 0,
+            waiting: 0,
             frames: 0,
             last_ns: 0,
             flushed: Instant::now(),
@@ -140,6 +146,7 @@ impl McapSink {
     fn write(&mut self, channel: usize, t_ns: u64, message: &impl Message) -> mcap::McapResult<()> {
         self.buffer.clear();
         message.encode_raw(&mut self.buffer);
+        self.waiting += self.buffer.len();
         let Some(writer) = &mut self.writer else { return Err(mcap::McapError::AttemptedWriteAfterFailure) };
         let header = MessageHeader {
             channel_id: self.channels[channel],
@@ -153,7 +160,7 @@ impl McapSink {
     }
 
     fn flush(&mut self) -> mcap::McapResult<()> {
-        self.flushed = Instant::now();
+        (self.flushed, self.waiting) = (Instant::now(), 0);
         match &mut self.writer {
             Some(writer) => writer.flush(),
             None => Err(mcap::McapError::AttemptedWriteAfterFailure),
@@ -183,7 +190,8 @@ impl McapSink {
         }
         self.frames += 1;
         let waited = self.flushed.elapsed() > LONGEST_WAIT;
-        if waited || self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
+        let large = self.waiting > LARGEST_CHUNK;
+        if waited || large || self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
     }
 }
 

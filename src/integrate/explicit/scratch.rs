@@ -1,0 +1,221 @@
+//! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
+
+use super::{RunIn, Window, put};
+use crate::elements::tooth_contact::{Column, LANES, Lanes};
+use crate::integrate::Isa;
+use crate::model::Model;
+use crate::state::ContactMemory;
+
+/// What a step computes on the way. May be thrown away at any time.
+pub struct Scratch {
+    pub isa: Isa,
+    /// Steps between two looks for who is near whom. Changes no bit of the results.
+    pub refresh_steps: u64,
+    pub run_in: RunIn,
+    pub(super) next_refresh: u64,
+    /// Fastest joint at the last look [m/s]; nothing that is further off than this times the step touches within half a step.
+    pub(super) fastest_m_s: f64,
+    pub(super) front: Ends,
+    pub(super) rear: Ends,
+    pub(super) omega: Vec<f64>,
+    pub(super) wrapped: Wrapped,
+    pub(super) joint_x: Vec<f64>,
+    pub(super) joint_y: Vec<f64>,
+    pub(super) joint_torque: Vec<f64>,
+    pub(super) joint_power_damping: Vec<f64>,
+    pub(super) joint_power_friction: Vec<f64>,
+    /// Per joint, shifted by one like the joint forces.
+    pub(super) bush_x: Vec<f64>,
+    pub(super) bush_y: Vec<f64>,
+    pub(super) bush_moment: Vec<f64>,
+    /// Closing speed of every bush at the node, per joint, and of every guide end [m/s]; penetrations [m]. Stale where the
+    /// contact's age is zero.
+    pub(super) bush_rate: Vec<f64>,
+    pub(super) guide_rate: [Vec<f64>; 4],
+    pub(super) bush_depth: Vec<f64>,
+    pub(super) guide_depth: [Vec<f64>; 4],
+    /// Guide forces per link, and the blocks in which they are not zero.
+    pub(super) guide_blocks: Vec<usize>,
+    pub(super) guide_x: Vec<f64>,
+    pub(super) guide_y: Vec<f64>,
+    pub(super) guide_moment: Vec<f64>,
+    /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
+    pub(super) seat_cos: Vec<Vec<f64>>,
+    pub(super) seat_sin: Vec<Vec<f64>>,
+    /// How far that gap stands further out [m], and its index.
+    pub(super) seat_shift: Vec<Vec<f64>>,
+    pub(super) seat_index: Vec<Vec<u32>>,
+    pub(super) reseats: u64,
+    /// Nearest sprocket of every joint; nearest guide of every link, per side.
+    pub(super) nearest_sprocket: Vec<usize>,
+    pub(super) nearest_guide: [Vec<usize>; 2],
+    pub(super) tooth_windows: Vec<Vec<Window>>,
+    pub(super) guide_windows: Vec<Vec<Window>>,
+    pub(super) bushes: ContactMemory,
+    pub(super) guide_ends: [ContactMemory; 4],
+    /// Per set of guide ends and block: how many of the two memories still hold an old contact.
+    pub(super) stale_blocks: [Vec<u8>; 4],
+    /// The same of the bushes.
+    pub(super) stale_bushes: Vec<u8>,
+    /// Lanes that are being worked on: kept, because clearing them for every body takes longer than filling them.
+    pub(super) lanes: Option<Box<Lanes>>,
+    /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
+    pub(super) contour_ends: [ContactMemory; 6],
+    pub(super) contour_rate: [Vec<f64>; 6],
+    pub(super) contour_depth: [Vec<f64>; 6],
+    pub(super) contour_tooth: [Vec<u32>; 6],
+    /// Links near each body they may touch, and the nearest of those bodies per set and link.
+    pub(super) end_windows: Vec<Vec<Window>>,
+    pub(super) nearest_end: [Vec<usize>; 3],
+    /// Accelerations of this step.
+    pub ax: Vec<f64>,
+    pub ay: Vec<f64>,
+    pub alpha: Vec<f64>,
+    pub rotor_alpha: Vec<f64>,
+    /// Torque of the chain on each sprocket, mean over the step [N m].
+    pub chain_torque: Vec<f64>,
+}
+
+/// Positions and velocities of one end of every link, one value longer.
+pub(super) struct Ends {
+    pub(super) x: Vec<f64>,
+    pub(super) y: Vec<f64>,
+    pub(super) vx: Vec<f64>,
+    pub(super) vy: Vec<f64>,
+}
+
+/// Columns of the State, one value longer.
+pub(super) struct Wrapped {
+    pub(super) cos: Vec<f64>,
+    pub(super) sin: Vec<f64>,
+    pub(super) ax: Vec<f64>,
+    pub(super) ay: Vec<f64>,
+    pub(super) alpha: Vec<f64>,
+}
+
+impl Ends {
+    #[inline(always)]
+    pub(super) fn put(&mut self, at: usize, x: Column, y: Column, vx: Column, vy: Column) {
+        put(&mut self.x, at, x);
+        put(&mut self.y, at, y);
+        put(&mut self.vx, at, vx);
+        put(&mut self.vy, at, vy);
+    }
+
+    pub(super) fn new(len: usize) -> Ends {
+        Ends { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
+    }
+}
+
+/// Steps between two looks for who is near whom.
+const REFRESH_STEPS: u64 = 64;
+/// Room around a body inside which joints are looked at [m]: more than twice what they move between two looks.
+pub(super) const WINDOW_MARGIN_M: f64 = 5e-3;
+
+impl Scratch {
+    pub fn new(model: &Model) -> Scratch {
+        Scratch::with_isa(model, Isa::detect())
+    }
+
+    pub fn with_isa(model: &Model, isa: Isa) -> Scratch {
+        let n = model.chain.padded;
+        let column = || vec![0.0; n];
+        let longer = || vec![0.0; n + 1];
+        let sides = model.guide_sides();
+        let ends = |side: usize| ContactMemory::new(if sides[side] { n } else { 0 });
+        Scratch {
+            isa,
+            refresh_steps: REFRESH_STEPS,
+            run_in: RunIn::OFF,
+            next_refresh: 0,
+            fastest_m_s: 0.0,
+            front: Ends::new(n + 1),
+            rear: Ends::new(n + 1),
+            omega: longer(),
+            wrapped: Wrapped { cos: longer(), sin: longer(), ax: longer(), ay: longer(), alpha: longer() },
+            joint_x: longer(),
+            joint_y: longer(),
+            joint_torque: longer(),
+            joint_power_damping: column(),
+            joint_power_friction: column(),
+            bush_x: longer(),
+            bush_y: longer(),
+            bush_moment: longer(),
+            bush_rate: column(),
+            guide_rate: std::array::from_fn(|_| column()),
+            bush_depth: column(),
+            guide_depth: std::array::from_fn(|_| column()),
+            guide_blocks: Vec::new(),
+            guide_x: column(),
+            guide_y: column(),
+            guide_moment: column(),
+            seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
+            seat_sin: vec![column(); model.sprockets.len()],
+            seat_shift: vec![column(); model.sprockets.len()],
+            seat_index: vec![vec![0; n]; model.sprockets.len()],
+            reseats: 0,
+            nearest_sprocket: vec![0; n],
+            nearest_guide: [vec![0; n], vec![0; n]],
+            tooth_windows: vec![Vec::new(); model.sprockets.len()],
+            guide_windows: vec![Vec::new(); model.guides.len()],
+            bushes: ContactMemory::new(n),
+            guide_ends: [ends(0), ends(0), ends(1), ends(1)],
+            stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
+            stale_bushes: vec![2; n / LANES],
+            lanes: Some(Box::default()),
+            contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
+            contour_rate: std::array::from_fn(|_| column()),
+            contour_depth: std::array::from_fn(|_| column()),
+            contour_tooth: std::array::from_fn(|_| vec![0; n]),
+            end_windows: vec![Vec::new(); model.end_bodies.len()],
+            nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
+            ax: column(),
+            ay: column(),
+            alpha: column(),
+            rotor_alpha: vec![0.0; model.sprockets.len()],
+            chain_torque: vec![0.0; model.sprockets.len()],
+        }
+    }
+
+    /// Forgets who is near whom: needed when the State was replaced from outside.
+    pub fn forget(&mut self) {
+        self.next_refresh = 0;
+    }
+
+    /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
+    pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
+        (self.joint_x[j + 1], self.joint_y[j + 1], self.joint_torque[j + 1])
+    }
+
+    /// Power lost in all joints at this node [W]: damping, friction.
+    pub fn joint_power(&self) -> (f64, f64) {
+        (self.joint_power_damping.iter().sum(), self.joint_power_friction.iter().sum())
+    }
+
+    /// Memory of the bushes and of the guide ends after this step.
+    pub fn memories(&self) -> (&ContactMemory, &[ContactMemory; 4]) {
+        (&self.bushes, &self.guide_ends)
+    }
+
+    /// Memory of links' own contours after this step.
+    pub fn contour_memories(&self) -> &[ContactMemory; 6] {
+        &self.contour_ends
+    }
+
+    /// Links near body `k` that are nearest to it.
+    pub fn ends_near<'a>(&'a self, model: &'a Model, k: usize) -> impl Iterator<Item = usize> + 'a {
+        let set = model.end_bodies[k].set;
+        let near = self.end_windows[k].iter().flat_map(|w| w.start..w.end);
+        near.filter(move |i| *i < model.chain.n_links && self.nearest_end[set][*i] == k)
+    }
+
+    /// Joints that are near sprocket `k`.
+    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        self.tooth_windows[k].iter().flat_map(|w| w.start..w.end)
+    }
+
+    /// Links that are near guide `k`.
+    pub fn links_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        self.guide_windows[k].iter().flat_map(|w| w.start..w.end)
+    }
+}
