@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod free_body;
+pub mod identify;
 pub mod png;
 pub mod silent;
 pub mod snapshot;

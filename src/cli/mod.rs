@@ -9,6 +9,7 @@ mod export;
 mod geometry;
 mod geometry_silent;
 mod geometry_smartchain;
+mod identify;
 mod impacts;
 mod live;
 mod replay;
@@ -61,6 +62,8 @@ enum Verb {
     /// The numbers of a profile, and its drawing
     #[command(subcommand)]
     Geometry(geometry::GeometryVerb),
+    /// Hold a drive against measured records, and name what it lacks
+    Identify(identify::IdentifyArgs),
     /// Turn a recording into Parquet or CSV tables
     Export(export::ExportArgs),
     /// Print a completion script for a shell
@@ -142,6 +145,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Drives(args) => drives::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
+        Verb::Identify(args) => identify::run(&args),
         Verb::Export(args) => export::run(&args),
         Verb::Completions { shell } => {
             let mut script = Vec::new();

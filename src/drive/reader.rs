@@ -144,6 +144,11 @@ impl Places {
         }
     }
 
+    /// Where the value `path` stands in the document itself.
+    pub fn span(&self, path: &str) -> Option<std::ops::Range<usize>> {
+        self.places.get(path).filter(|p| p.source == 0).map(|p| p.span.clone())
+    }
+
     pub fn report(&self, diags: Vec<Diag>) -> Report {
         Report::new(self.sources.clone(), diags)
     }
@@ -374,6 +379,36 @@ impl<'a> Table<'a> {
         all
     }
 
+    /// Every key of this table with its number, in the order of the file; what is no number is a mistake.
+    pub fn numbers(&self) -> Vec<(String, f64)> {
+        let Some(table) = self.table else { return Vec::new() };
+        let mut keys: Vec<_> = table.keys().collect();
+        keys.sort_by_key(|k| k.span().start);
+        let read = |k: &&Spanned<Cow<'_, str>>| {
+            let key = k.get_ref().to_string();
+            self.number(&key, 1.0, -1e300..=1e300).map(|n| (key, n))
+        };
+        keys.iter().filter_map(read).collect()
+    }
+
+    /// A mistake at the value `key`.
+    pub fn error_at(&self, key: &str, title: String, help: Option<String>) {
+        let place = self.value(key).map_or_else(|| self.place.clone(), |(_, place)| place);
+        self.reader.error(title, place, help);
+    }
+
+    /// True or false.
+    pub fn flag(&self, key: &str) -> Option<bool> {
+        let (value, place) = self.value(key)?;
+        match value {
+            DeValue::Boolean(b) => Some(*b),
+            other => {
+                self.wrong_type(key, other, "true or false", place);
+                None
+            }
+        }
+    }
+
     /// Ends the reading of this table: keys that nobody asked for are mistakes.
     pub fn finish(&self) {
         let Some(table) = self.table else { return };
@@ -386,7 +421,8 @@ impl<'a> Table<'a> {
             .collect();
         for key in table.keys() {
             let name = key.get_ref().as_ref();
-            if known.contains(&name) {
+            // A quoted key may hold dots.
+            if known.contains(&name) || asked.contains(&self.join(name)) {
                 continue;
             }
             let title = format!("unknown key `{}`", self.join(name));

@@ -5,6 +5,7 @@
 
 mod blueprint;
 mod live;
+pub mod measured;
 mod rows;
 mod scene;
 mod table;

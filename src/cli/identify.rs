@@ -1,0 +1,247 @@
+//! `pitchline identify`: measured records against a drive.
+
+use super::{Failure, Outcome, print_json, print_out};
+use crate::identify::report::{Report, Verdict};
+use crate::identify::search::{Budget, Context};
+use crate::identify::{identify, text};
+use crate::machine::Machine;
+use crate::measurement::Measurement;
+use crate::measurement::segments::{Data, DataError, load};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU64;
+use std::time::Instant;
+
+#[derive(clap::Args, Debug)]
+pub struct IdentifyArgs {
+    /// What was measured, and on which drive
+    measurement: PathBuf,
+    /// Write the drive with what was found (.toml), or measured, before and after on one timeline (.rrd); may be given twice
+    #[arg(short, long = "output", value_name = "FILE")]
+    output: Vec<PathBuf>,
+    /// Write a report with pictures
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Stop looking after so many model runs (2000) or so much time (90s, 5min); what was found so far is reported
+    #[arg(long, value_parser = budget)]
+    budget: Option<Budget>,
+    /// Threads; the result does not depend on them
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Only read and check the files, and print the fact sheet
+    #[arg(long)]
+    facts: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// `2000`, `90s` or `5min`.
+fn budget(text: &str) -> Result<Budget, String> {
+    let wrong = || format!("`{text}` is no budget: write a number of runs (2000) or a time (90s, 5min)");
+    if let Ok(runs) = text.parse::<u64>() {
+        return Ok(Budget { runs: Some(runs), seconds: None });
+    }
+    let (number, unit) = match (text.strip_suffix("min"), text.strip_suffix('s')) {
+        (Some(n), _) => (n, 60.0),
+        (_, Some(n)) => (n, 1.0),
+        _ => return Err(wrong()),
+    };
+    match number.trim().parse::<f64>() {
+        Ok(n) if n > 0.0 && n.is_finite() => Ok(Budget { runs: None, seconds: Some(n * unit) }),
+        _ => Err(wrong()),
+    }
+}
+
+/// Largest measurement or drive file [bytes].
+const LARGEST: u64 = 1 << 20;
+
+fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
+    let shown = path.display();
+    let cannot = |e: std::io::Error| Failure::Input(format!("cannot read {what} `{shown}`: {e}"));
+    let metadata = std::fs::metadata(path).map_err(cannot)?;
+    if metadata.is_dir() {
+        return Err(Failure::Input(format!("`{shown}` is a directory, not a {what}")));
+    }
+    if metadata.len() > LARGEST {
+        return Err(Failure::Input(format!("`{shown}` has {} bytes; a {what} has at most {LARGEST}", metadata.len())));
+    }
+    std::fs::read_to_string(path).map_err(cannot)
+}
+
+/// Reads measurement, drive and data. All mistakes are found before a model is run.
+fn read(path: &Path) -> Result<(Measurement, Machine, Data), Failure> {
+    let input = |r: crate::diag::Report| Failure::Input(r.to_string());
+    let text = read_text(path, "measurement file")?;
+    let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(input)?;
+    let folder = path.parent().map_or_else(PathBuf::new, PathBuf::from);
+    let drive_path = folder.join(&measurement.drive);
+    if crate::drive::BUNDLED.iter().any(|(name, _)| *name == measurement.drive) {
+        return Err(Failure::Input(links_message(&measurement.drive)));
+    }
+    let drive = read_text(&drive_path, "drive file")?;
+    if !crate::machine::is_lumped(&drive) {
+        return Err(Failure::Input(links_message(&measurement.drive)));
+    }
+    let machine = Machine::parse(&drive_path.display().to_string(), &drive, &[]).map_err(input)?;
+    let data = load(&measurement, &machine, &folder).map_err(|e| match e {
+        DataError::File(report) => Failure::Input(report.to_string()),
+        DataError::World(text) => Failure::Input(text),
+    })?;
+    Ok((measurement, machine, data))
+}
+
+fn links_message(drive: &str) -> String {
+    format!(
+        "drive `{drive}` has links: measured records are held against lumped drives so far\nhelp: describe shafts, spans and sensors in a file with `fidelity = \"lumped\"`"
+    )
+}
+
+/// Outputs that are an input are not written.
+fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), Failure> {
+    let folder = args.measurement.parent().map_or_else(PathBuf::new, PathBuf::from);
+    let mut inputs = vec![args.measurement.clone(), folder.join(&measurement.drive)];
+    inputs.extend(measurement.files.iter().map(|f| folder.join(&f.path)));
+    let same = |a: &Path, b: &Path| match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    };
+    for out in args.output.iter().chain(&args.report) {
+        let shown = out.display();
+        if inputs.iter().any(|i| same(i, out)) {
+            return Err(Failure::Input(format!("{shown} is an input; it is not overwritten")));
+        }
+        let kind = out.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let fits = if args.report.as_ref() == Some(out) { kind == "html" } else { matches!(kind, "toml" | "rrd") };
+        if !fits {
+            return Err(Failure::Input(format!(
+                "{shown}: the drive is written as .toml, the series as .rrd, the report as .html"
+            )));
+        }
+        if kind == "rrd" && cfg!(not(feature = "rerun")) {
+            return Err(Failure::Input(format!("{shown}: this pitchline was built without rerun")));
+        }
+    }
+    Ok(())
+}
+
+pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
+    let (measurement, machine, data) = read(&args.measurement)?;
+    check_outputs(args, &measurement)?;
+    for w in &data.warnings {
+        eprintln!("warning: {w}");
+    }
+    if args.facts {
+        return facts(args, &data);
+    }
+    let stop = super::run::stop_on_interrupt();
+    let runs = AtomicU64::new(0);
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}  {pos} model runs, {elapsed}") {
+        bar.set_style(style);
+    }
+    let say = |stage: &str, runs: u64| {
+        bar.set_message(stage.to_string());
+        bar.set_position(runs);
+    };
+    let context = Context {
+        threads: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        budget: args.budget.unwrap_or(Budget { runs: None, seconds: None }),
+        started: Instant::now(),
+        stop: &stop,
+        progress: &say,
+        runs: &runs,
+    };
+    let report = identify(&measurement, &machine, &data, &context).map_err(|e| {
+        Failure::Input(format!(
+            "{e}\nhelp: check the drive's numbers and units, and the record's start (`start = \"rest\"`?)"
+        ))
+    })?;
+    bar.finish_and_clear();
+    write(args, &machine, &report)?;
+    if args.json {
+        let json = serde_json::to_value(&report).map_err(|e| Failure::World(e.to_string()))?;
+        print_json(&json)?;
+    } else {
+        print_out(&text::text(&report))?;
+    }
+    Ok(if report.interrupted {
+        Outcome::Interrupted
+    } else if report.outcome == Verdict::Ambiguous
+        || !report.converged
+        || report.budget_spent
+        || (report.outcome == Verdict::None && !report.explained)
+        || report.numbers_after.iter().any(|n| n.at_bound)
+    {
+        // Said, and not sure.
+        Outcome::DataLost
+    } else {
+        Outcome::Done
+    })
+}
+
+fn facts(args: &IdentifyArgs, data: &Data) -> Result<Outcome, Failure> {
+    if args.json {
+        return print_json(
+            &serde_json::json!({ "records": data.clocks, "channels": data.facts, "warnings": data.warnings }),
+        );
+    }
+    let mut text = String::new();
+    for c in &data.clocks {
+        text += &format!(
+            "record {}: {} samples, {:.6} 1/s, jitter {:.3} %, {} gaps, {:.4} s\n",
+            c.record, c.samples, c.rate_hz, c.jitter_percent, c.gaps, c.length_s
+        );
+    }
+    for f in &data.facts {
+        text += &format!(
+            "channel {} in {}: {} .. {} {}, noise {:.3e}, grid {:.3e}, clipped {:.1} %, {} missing, {} at rest\n",
+            f.channel,
+            f.record,
+            f.low,
+            f.high,
+            f.unit,
+            f.noise,
+            f.quantisation,
+            f.clipped_percent,
+            f.missing,
+            f.rest_samples
+        );
+    }
+    text += &format!("{} parts to compare\n", data.segments.len());
+    print_out(&text)
+}
+
+fn write(args: &IdentifyArgs, machine: &Machine, report: &Report) -> Result<(), Failure> {
+    let put = |path: &Path, text: &str| {
+        std::fs::write(path, text).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))
+    };
+    for out in &args.output {
+        if out.extension().is_some_and(|e| e == "toml") {
+            put(out, &text::updated(machine, report).map_err(Failure::World)?)?;
+        } else {
+            write_series(out, report)?;
+        }
+    }
+    if let Some(out) = &args.report {
+        put(out, &crate::render::identify::html(report))?;
+    }
+    Ok(())
+}
+
+#[cfg(feature = "rerun")]
+fn write_series(out: &Path, report: &Report) -> Result<(), Failure> {
+    use crate::recording::rerun::measured::{Series, write};
+    let mut all = Vec::new();
+    for (i, c) in report.curves.iter().enumerate() {
+        for (name, values) in [("measured", &c.measured), ("before", &c.before), ("after", &c.after)] {
+            all.push(Series { path: format!("{}/{}/{i}/{name}", c.record, c.channel), t_s: &c.t_s, values });
+        }
+    }
+    write(out, &report.title, &all).map_err(Failure::from)
+}
+
+#[cfg(not(feature = "rerun"))]
+fn write_series(out: &Path, _report: &Report) -> Result<(), Failure> {
+    Err(Failure::Input(format!("{}: this pitchline was built without rerun", out.display())))
+}

@@ -1,0 +1,29 @@
+//! Inner and outer links of different pitch: with each pair of links the chain gains and loses half of the difference.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use crate::units::{DEG, UM};
+
+pub const ROW: Effect = Effect {
+    name: "alternate_pitch",
+    title: "Alternate pitch of inner and outer links",
+    part: Part::Chain,
+    on: On::Sprocket,
+    equation: "links: inner pitch + d/2, outer pitch - d/2; lumped: stretch += d/4 sin(z theta / 2 + phase)",
+    source: "Inner and outer plates are cut and worn apart; ISO 606, length tolerance",
+    order: "z/2 of the sprockets",
+    speed_law: "0 (quasi-static)",
+    channels: "tension, speeds, contact forces",
+    parameters: &[
+        Parameter::new("difference_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
+        Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
+    ],
+    dissipative: false,
+    physics: Physics::SpanLength(length),
+    links: Some(LinkLevel::AlternatePitch),
+};
+
+fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {
+    let half = 0.5 * f64::from(teeth);
+    let (s, c) = crate::units::sin_cos(half * angle + p[1]);
+    (0.25 * p[0] * s, 0.25 * p[0] * half * c)
+}

@@ -1,0 +1,25 @@
+//! Play: the span or coupling carries nothing over a gap.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+use crate::units::UM;
+
+pub const ROW: Effect = Effect {
+    name: "backlash",
+    title: "Backlash",
+    part: Part::Shaft,
+    on: On::Span,
+    equation: "force -= k clamp(stretch, -gap/2, gap/2)",
+    source: "Dead-zone spring",
+    order: "2, 3 ... times what drives it, at reversals",
+    speed_law: "0, with a threshold",
+    channels: "speeds at torque reversal",
+    parameters: &[Parameter::new("gap_um", UM, 0.0, 1e7, Kind::Amplitude).starts(Scale::Stretch, &[0.2, 1.0])],
+    dissipative: false,
+    physics: Physics::SpanForce(force),
+    links: None,
+};
+
+fn force(p: &[f64], at: SpanAt) -> f64 {
+    let half = 0.5 * p[0];
+    -at.stiffness * at.stretch.clamp(-half, half)
+}

@@ -1,0 +1,29 @@
+//! Dry friction of a bearing or slide.
+
+use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
+
+pub const ROW: Effect = Effect {
+    name: "coulomb_friction",
+    title: "Coulomb friction",
+    part: Part::Load,
+    on: On::Body,
+    equation: "M = -T v / sqrt(v^2 + v_s^2)",
+    source: "Coulomb; the sign smoothed",
+    order: "none: sign of the speed",
+    speed_law: "0",
+    channels: "mean torque; kink at reversal",
+    parameters: &[
+        Parameter::new("torque_nm", 1.0, 0.0, 1e6, Kind::Amplitude).sliding("force_n").starts(Scale::Force, &[0.1]),
+        Parameter::new("stick_speed_rad_s", 1.0, 1e-6, 1e4, Kind::Shape)
+            .sliding("stick_speed_m_s")
+            .default(0.1)
+            .starts(Scale::Speed, &[0.03, 0.3]),
+    ],
+    dissipative: true,
+    physics: Physics::BodyForce(force),
+    links: None,
+};
+
+fn force(p: &[f64], at: BodyAt) -> f64 {
+    -p[0] * soft_sign(at.v, p[1])
+}

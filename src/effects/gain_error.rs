@@ -1,0 +1,23 @@
+//! A channel whose scale is off.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+
+pub const ROW: Effect = Effect {
+    name: "gain_error",
+    title: "Gain error of the channel",
+    part: Part::Sensor,
+    on: On::Sensor,
+    equation: "y -> (1 + g) y",
+    source: "Calibration",
+    order: "in proportion to the signal",
+    speed_law: "none",
+    channels: "this sensor only",
+    parameters: &[Parameter::new("gain_percent", 0.01, -99.0, 1000.0, Kind::Amplitude).starts(Scale::One, &[0.02])],
+    dissipative: false,
+    physics: Physics::Signal(pass),
+    links: Some(LinkLevel::Signal),
+};
+
+fn pass(p: &[f64], trace: &mut Trace) {
+    trace.values.iter_mut().for_each(|v| *v *= 1.0 + p[0]);
+}

@@ -1,0 +1,19 @@
+//! A guide that yields: its contact in series with its mounting.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "guide_compliance",
+    title: "Guide compliance",
+    part: Part::Guide,
+    on: On::Guide,
+    equation: "1/k = 1/k_contact + 1/k_guide",
+    source: "Springs in series; the guide without mass",
+    order: "none: a mode of the guide",
+    speed_law: "0",
+    channels: "guide force, tension",
+    parameters: &[Parameter::new("compliance_um_per_kn", 1e-9, 0.0, 1e6, Kind::Amplitude).starts(Scale::One, &[1e-8])],
+    dissipative: false,
+    physics: Physics::LinksOnly,
+    links: Some(LinkLevel::GuideCompliance),
+};

@@ -1,0 +1,23 @@
+//! A drive that answers only from a threshold on.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "input_dead_zone",
+    title: "Dead zone of the drive",
+    part: Part::Input,
+    on: On::Input,
+    equation: "u -> u - clamp(u, -d, d)",
+    source: "Brush voltage, valve overlap",
+    order: "odd multiples of the input's frequency",
+    speed_law: "0",
+    channels: "all, at small inputs",
+    parameters: &[Parameter::new("width", 1.0, 0.0, 1e9, Kind::Amplitude).starts(Scale::Input, &[0.1])],
+    dissipative: false,
+    physics: Physics::Input(pass),
+    links: None,
+};
+
+fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {
+    u.iter_mut().for_each(|u| *u -= u.clamp(-p[0], p[0]));
+}

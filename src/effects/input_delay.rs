@@ -1,0 +1,23 @@
+//! A drive that answers later, and in the same form.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "input_delay",
+    title: "Delay of the drive",
+    part: Part::Input,
+    on: On::Input,
+    equation: "u(t) -> u(t - T)",
+    source: "Sampled control, transport",
+    order: "phase in proportion to frequency",
+    speed_law: "none",
+    channels: "all, in phase",
+    parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
+    dissipative: false,
+    physics: Physics::Input(pass),
+    links: None,
+};
+
+fn pass(p: &[f64], u: &mut [f64], step_s: f64) {
+    super::latency::shifted(u, p[0] / step_s);
+}

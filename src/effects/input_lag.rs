@@ -1,0 +1,23 @@
+//! A drive that follows its signal with a first-order lag: a motor's current, a valve.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "input_lag",
+    title: "Lag of the drive",
+    part: Part::Input,
+    on: On::Input,
+    equation: "T u_1' = u - u_1",
+    source: "First-order lag; electrical time constant",
+    order: "roll-off of the response",
+    speed_law: "none",
+    channels: "all, beyond 1/T",
+    parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
+    dissipative: false,
+    physics: Physics::Input(pass),
+    links: None,
+};
+
+fn pass(p: &[f64], u: &mut [f64], step_s: f64) {
+    super::low_pass::filtered(u, p[0], step_s);
+}

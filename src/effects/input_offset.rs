@@ -1,0 +1,23 @@
+//! A drive that pushes at zero signal.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "input_offset",
+    title: "Offset of the drive",
+    part: Part::Input,
+    on: On::Input,
+    equation: "u -> u + u_0",
+    source: "Amplifier offset",
+    order: "none",
+    speed_law: "0",
+    channels: "all, in the mean",
+    parameters: &[Parameter::new("offset", 1.0, -1e9, 1e9, Kind::Amplitude).starts(Scale::Input, &[0.05])],
+    dissipative: false,
+    physics: Physics::Input(pass),
+    links: None,
+};
+
+fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {
+    u.iter_mut().for_each(|u| *u += p[0]);
+}

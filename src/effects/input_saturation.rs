@@ -1,0 +1,26 @@
+//! A drive that gives no more than so much.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "input_saturation",
+    title: "Saturation of the drive",
+    part: Part::Input,
+    on: On::Input,
+    equation: "u -> s tanh(u / s)",
+    source: "Amplifier limit, smooth",
+    order: "odd multiples of the input's frequency",
+    speed_law: "0",
+    channels: "all, at large inputs",
+    parameters: &[Parameter::new("limit", 1.0, 0.0, 1e9, Kind::Amplitude).off(1e9).starts(Scale::Input, &[2.0])],
+    dissipative: false,
+    physics: Physics::Input(pass),
+    links: None,
+};
+
+fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {
+    // From 1e8 on nothing that is sampled in doubles comes near it.
+    if p[0] < 1e8 {
+        u.iter_mut().for_each(|u| *u = p[0] * libm::tanh(*u / p[0]));
+    }
+}

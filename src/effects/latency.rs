@@ -1,0 +1,37 @@
+//! A sensor that shows the truth later.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+
+pub const ROW: Effect = Effect {
+    name: "latency",
+    title: "Latency of the sensor",
+    part: Part::Sensor,
+    on: On::Sensor,
+    equation: "y(t) -> y(t - T)",
+    source: "Transport and computing time",
+    order: "phase in proportion to frequency",
+    speed_law: "none",
+    channels: "this sensor only",
+    parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
+    dissipative: false,
+    physics: Physics::Signal(pass),
+    links: Some(LinkLevel::Signal),
+};
+
+fn pass(p: &[f64], trace: &mut Trace) {
+    shifted(trace.values, p[0] / trace.step_s);
+}
+
+/// The series later by `steps` (not whole): straight lines between its values, its first one before its start.
+pub fn shifted(series: &mut [f64], steps: f64) {
+    if steps == 0.0 {
+        return;
+    }
+    for i in (0..series.len()).rev() {
+        let at = i as f64 - steps;
+        let low = libm::floor(at);
+        let value = |k: f64| series[if k > 0.0 { (k as usize).min(series.len() - 1) } else { 0 }];
+        let (a, b) = (value(low), value(low + 1.0));
+        series[i] = a + (b - a) * (at - low);
+    }
+}

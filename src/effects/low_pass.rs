@@ -1,0 +1,41 @@
+//! A sensor that follows with a first-order lag: an analogue filter behind it.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+
+pub const ROW: Effect = Effect {
+    name: "low_pass",
+    title: "Low-pass filter of the sensor",
+    part: Part::Sensor,
+    on: On::Sensor,
+    equation: "T y_1' = y - y_1",
+    source: "First-order lag",
+    order: "roll-off and phase by frequency, the same for all orders",
+    speed_law: "none",
+    channels: "this sensor only",
+    parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
+    dissipative: false,
+    physics: Physics::Signal(pass),
+    links: Some(LinkLevel::Signal),
+};
+
+fn pass(p: &[f64], trace: &mut Trace) {
+    filtered(trace.values, p[0], trace.step_s);
+}
+
+/// First-order lag, exact for straight lines between the values; it starts settled.
+pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64) {
+    if time_s <= 0.0 || series.is_empty() {
+        return;
+    }
+    let x = step_s / time_s;
+    let decay = libm::exp(-x);
+    let mean = -libm::expm1(-x) / x;
+    let (mut before, mut y) = (series[0], series[0]);
+    for value in series.iter_mut() {
+        let now = *value;
+        // y(h) of T y' + y = u with u from `before` to `now`.
+        y = decay * y + (mean - decay) * before + (1.0 - mean) * now;
+        before = now;
+        *value = y;
+    }
+}

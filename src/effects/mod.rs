@@ -1,0 +1,447 @@
+//! The catalogue of effects: what a real drive may have and a declared one lacks.
+//!
+//! One file an effect: its row says name, equation, unit and range of every parameter, source and signature (order, speed law,
+//! channels), and its function is the physics, written once and used by `--set`, by a drive file and by `identify` alike. In a
+//! drive file an effect is a table `[effects.NAME.TARGET]`; the path of a parameter, `effects.NAME.TARGET.KEY`, is its name
+//! everywhere. A parameter at its `off` value changes no bit of a run.
+//!
+//! Signs: a body's force is positive along its coordinate, a span's stretch positive in tension. All values are SI.
+
+pub mod alternate_pitch;
+pub mod backlash;
+pub mod constant_torque;
+pub mod coulomb_friction;
+pub mod drift;
+pub mod encoder_error;
+pub mod flexible_coupling;
+pub mod gain_error;
+pub mod gap_error;
+pub mod guide_compliance;
+pub mod guide_friction;
+pub mod input_dead_zone;
+pub mod input_delay;
+pub mod input_gain_curve;
+pub mod input_lag;
+pub mod input_offset;
+pub mod input_saturation;
+pub mod latency;
+pub mod low_pass;
+pub mod mark_spacing;
+pub mod mark_strength;
+pub mod missed_pulses;
+pub mod offset;
+pub mod pin_friction;
+pub mod pitch_error;
+pub mod polygon;
+pub mod quadratic_drag;
+pub mod quantisation;
+pub mod sensor_resonance;
+pub mod sign_blind;
+pub mod slack_span;
+pub mod span_damping;
+pub mod span_hardening;
+pub mod span_stiffness;
+pub mod speed_fluctuation;
+pub mod sprocket_runout;
+pub mod stribeck_friction;
+pub mod tight_joint;
+pub mod time_base;
+pub mod tooth_pitch_error;
+pub mod torque_ripple;
+pub mod torsional_resonance;
+pub mod unbalance;
+pub mod viscous_friction;
+pub mod wear_elongation;
+
+/// What an effect is put on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum On {
+    /// A rotor, slider or sprocket that moves freely.
+    Body,
+    /// A body whose motion is prescribed.
+    Prescribed,
+    /// A body with teeth.
+    Sprocket,
+    Span,
+    /// The chain as a whole; the target's name is free.
+    Chain,
+    /// Every joint; the target is `chain`.
+    Joints,
+    Guide,
+    /// A measured input of a body.
+    Input,
+    /// A sensor of any kind but pulse pickups.
+    Sensor,
+    /// A sensor that reads an angle or a speed of a body that turns.
+    AngleSensor,
+    Pickup,
+}
+
+impl On {
+    /// How a user calls it.
+    pub fn label(self) -> &'static str {
+        match self {
+            On::Body => "a free body",
+            On::Prescribed => "a body with prescribed motion",
+            On::Sprocket => "a body with teeth",
+            On::Span => "a span or coupling",
+            On::Chain => "the chain (any name)",
+            On::Joints => "the chain's joints (`chain`)",
+            On::Guide => "a guide",
+            On::Input => "a measured input",
+            On::Sensor => "a sensor of sampled values",
+            On::AngleSensor => "a sensor of an angle or a speed",
+            On::Pickup => "a pulse pickup",
+        }
+    }
+}
+
+/// Where the cause sits: what the channel pattern and the speed law tell apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    Load,
+    Shaft,
+    Sprocket,
+    Chain,
+    Guide,
+    Input,
+    Sensor,
+}
+
+impl Part {
+    pub fn label(self) -> &'static str {
+        match self {
+            Part::Load => "load",
+            Part::Shaft => "shaft",
+            Part::Sprocket => "sprocket",
+            Part::Chain => "chain",
+            Part::Guide => "guide",
+            Part::Input => "input",
+            Part::Sensor => "sensor",
+        }
+    }
+}
+
+/// What a starting value is a multiple of; found from the declared model and the records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    One,
+    /// Of the body: mean size of what accelerates it [N, N m].
+    Force,
+    /// Root mean square speed of the body [m/s, rad/s].
+    Speed,
+    ForcePerSpeed,
+    ForcePerSpeed2,
+    /// Root mean square stretch of the span [m, rad].
+    Stretch,
+    /// Its stiffness.
+    Stiffness,
+    /// Stiffness over stretch.
+    StiffnessPerStretch,
+    /// Stiffness over the fastest angular frequency that the samples show.
+    StiffnessTime,
+    /// Its tension, over its stretch the stiffness.
+    Tension,
+    /// Of the body.
+    Inertia,
+    /// Standard deviation of the channel.
+    Signal,
+    /// That, over the length of a record.
+    SignalPerTime,
+    /// Of the input.
+    Input,
+    /// One over that.
+    PerInput,
+    /// Between two samples [s].
+    SampleTime,
+    /// Middle angular frequency of the samples [rad/s].
+    Rate,
+    /// 10 um.
+    Micrometre10,
+}
+
+/// One number of an effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// In the drive file, with its unit.
+    pub key: &'static str,
+    /// The same for a body that slides, where the unit is another one.
+    pub sliding_key: &'static str,
+    /// The key's unit in SI.
+    pub unit: f64,
+    /// In the key's unit.
+    pub low: f64,
+    pub high: f64,
+    /// In the key's unit; where the effect is not there.
+    pub off: f64,
+    /// Taken where the key is not given; None: it must be.
+    pub default: Option<f64>,
+    pub scale: Scale,
+    /// Starting values, multiples of the scale.
+    pub starts: &'static [f64],
+    pub kind: Kind,
+}
+
+/// How a parameter is searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// How strong the effect is: linear for small values.
+    Amplitude,
+    /// Its form: a speed, a time, a frequency; positive, searched by its logarithm.
+    Shape,
+    /// An angle that every record has for itself, unless the sensor keeps an index [rad].
+    Phase,
+    /// A whole number: an order, a link, a tooth. Not fitted: every value of `starts` is a hypothesis of its own.
+    Whole,
+    /// One value for every mark of a pulse pickup but the first, written `key` with `#` the number.
+    PerMark,
+    /// Fitted never: what the sensor's data sheet says.
+    Given,
+}
+
+impl Parameter {
+    /// A parameter called the same on bodies that turn and that slide.
+    pub const fn new(key: &'static str, unit: f64, low: f64, high: f64, kind: Kind) -> Parameter {
+        Parameter {
+            key,
+            sliding_key: key,
+            unit,
+            low,
+            high,
+            off: 0.0,
+            default: None,
+            scale: Scale::One,
+            starts: &[1.0],
+            kind,
+        }
+    }
+
+    pub const fn sliding(mut self, key: &'static str) -> Parameter {
+        self.sliding_key = key;
+        self
+    }
+
+    pub const fn starts(mut self, scale: Scale, starts: &'static [f64]) -> Parameter {
+        self.scale = scale;
+        self.starts = starts;
+        self
+    }
+
+    pub const fn default(mut self, value: f64) -> Parameter {
+        self.default = Some(value);
+        self
+    }
+
+    pub const fn off(mut self, value: f64) -> Parameter {
+        self.off = value;
+        self
+    }
+}
+
+/// A body at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyAt {
+    /// Angle or position [rad, m].
+    pub q: f64,
+    /// Speed [rad/s, m/s].
+    pub v: f64,
+}
+
+/// A span at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpanAt {
+    pub stretch: f64,
+    pub rate: f64,
+    /// Declared stiffness.
+    pub stiffness: f64,
+    /// Declared force at this stretch and rate.
+    pub force: f64,
+}
+
+/// Where the chain stands as a span sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChainAt {
+    /// Links that have passed the driver since the start.
+    pub travel: f64,
+    pub links: f64,
+    /// First and last link of the span at the start, counted along the loop.
+    pub from: f64,
+    pub to: f64,
+}
+
+/// What a sensor would show, at every node of the integration.
+#[derive(Debug)]
+pub struct Trace<'a> {
+    pub step_s: f64,
+    pub values: &'a mut Vec<f64>,
+    /// Of the body that is read [rad, m].
+    pub angles: &'a [f64],
+    /// 0 for an angle, 1 for a speed: how an error in angle enters.
+    pub derivative: u8,
+}
+
+/// Force on a body [N, N m] by an effect's numbers.
+pub type BodyLaw = fn(&[f64], BodyAt) -> f64;
+/// Factor of a prescribed speed, less one, by angle.
+pub type MotionLaw = fn(&[f64], f64) -> f64;
+/// Torque on a sprocket by the chain's place and the sprocket's speed [N m].
+pub type ChainTorqueLaw = fn(&[f64], ChainAt, f64) -> f64;
+/// Place of a mark beyond its even one [gaps], and delay of its pulse [s].
+pub type MarkLaw = fn(&[f64], usize) -> (f64, f64);
+
+/// The law of an effect.
+#[derive(Clone, Copy)]
+pub enum Physics {
+    /// Force on a body [N, N m].
+    BodyForce(BodyLaw),
+    /// Lengthening of a span's path at a sprocket by the sprocket's angle, and its slope [m, m/rad].
+    SpanLength(fn(&[f64], u32, f64) -> (f64, f64)),
+    /// Lengthening of a span by the chain's travel, and its slope [m, m/link].
+    ChainLength(fn(&[f64], ChainAt) -> (f64, f64)),
+    /// Torque on a sprocket by the chain's travel; the arguments are those of the span that ends there [N m].
+    ChainTorque(ChainTorqueLaw),
+    /// Force of a span beyond the declared one [N, N m].
+    SpanForce(fn(&[f64], SpanAt) -> f64),
+    /// Torque on the bodies at both ends, by tension and speed [N m].
+    SpanLoss(fn(&[f64], f64, f64) -> f64),
+    /// A second body behind a spring: on the declared one as it is, or with what the sensors read.
+    SecondBody {
+        sensors_move: bool,
+    },
+    /// A prescribed speed's factor by angle.
+    Motion(MotionLaw),
+    /// What becomes of an input, given at equal steps [s].
+    Input(fn(&[f64], &mut [f64], f64)),
+    Signal(fn(&[f64], &mut Trace)),
+    /// Angle of a mark beyond its even place [gaps], and delay of its pulse [s].
+    Marks(MarkLaw),
+    /// Time read by the recorder per true time, minus one.
+    Clock(fn(&[f64]) -> f64),
+    /// Intervals that hold two pulses; found when the record is read.
+    Intake,
+    /// Only where every link is a body.
+    LinksOnly,
+}
+
+/// How a drive with every link a body takes an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkLevel {
+    SprocketRunout,
+    ToothPitchError,
+    GapError,
+    PitchError,
+    AlternatePitch,
+    WearElongation,
+    TightJoint,
+    PinFriction,
+    GuideCompliance,
+    GuideFriction,
+    /// What its sensors do to the signals.
+    Signal,
+}
+
+/// A row of the catalogue.
+pub struct Effect {
+    pub name: &'static str,
+    pub title: &'static str,
+    pub part: Part,
+    pub on: On,
+    pub equation: &'static str,
+    pub source: &'static str,
+    /// Orders of its shaft at which it shows, or the other mark it leaves.
+    pub order: &'static str,
+    /// How its size, taken as a force, goes with speed.
+    pub speed_law: &'static str,
+    pub channels: &'static str,
+    pub parameters: &'static [Parameter],
+    /// Takes energy and never gives any.
+    pub dissipative: bool,
+    pub physics: Physics,
+    pub links: Option<LinkLevel>,
+}
+
+impl std::fmt::Debug for Effect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl PartialEq for Effect {
+    fn eq(&self, other: &Effect) -> bool {
+        self.name == other.name
+    }
+}
+
+/// The catalogue. Those of sensors stand in the order in which a signal passes them.
+pub const EFFECTS: [&Effect; 45] = [
+    &sprocket_runout::ROW,
+    &tooth_pitch_error::ROW,
+    &gap_error::ROW,
+    &polygon::ROW,
+    &pitch_error::ROW,
+    &alternate_pitch::ROW,
+    &wear_elongation::ROW,
+    &tight_joint::ROW,
+    &pin_friction::ROW,
+    &span_stiffness::ROW,
+    &span_hardening::ROW,
+    &span_damping::ROW,
+    &slack_span::ROW,
+    &backlash::ROW,
+    &guide_compliance::ROW,
+    &guide_friction::ROW,
+    &torsional_resonance::ROW,
+    &flexible_coupling::ROW,
+    &coulomb_friction::ROW,
+    &stribeck_friction::ROW,
+    &viscous_friction::ROW,
+    &quadratic_drag::ROW,
+    &constant_torque::ROW,
+    &torque_ripple::ROW,
+    &unbalance::ROW,
+    &speed_fluctuation::ROW,
+    &input_gain_curve::ROW,
+    &input_saturation::ROW,
+    &input_dead_zone::ROW,
+    &input_offset::ROW,
+    &input_delay::ROW,
+    &input_lag::ROW,
+    &mark_spacing::ROW,
+    &mark_strength::ROW,
+    &missed_pulses::ROW,
+    &encoder_error::ROW,
+    &sign_blind::ROW,
+    &latency::ROW,
+    &low_pass::ROW,
+    &sensor_resonance::ROW,
+    &gain_error::ROW,
+    &offset::ROW,
+    &drift::ROW,
+    &quantisation::ROW,
+    &time_base::ROW,
+];
+
+/// What effects of one kind have in common, whatever their law: friction is friction.
+pub fn family(effect: &'static Effect) -> &'static str {
+    match effect.name {
+        "coulomb_friction" | "stribeck_friction" => "friction",
+        "viscous_friction" | "quadratic_drag" => "speed-dependent loss",
+        "low_pass" | "latency" => "lag of the sensor",
+        "input_lag" | "input_delay" => "lag of the drive",
+        "torsional_resonance" | "flexible_coupling" => "second inertia",
+        "input_gain_curve" | "input_saturation" => "non-linear gain of the drive",
+        "mark_spacing" | "mark_strength" => "marks of the pickup",
+        other => other,
+    }
+}
+
+/// The row called `name`.
+pub fn named(name: &str) -> Option<&'static Effect> {
+    EFFECTS.iter().find(|e| e.name == name).copied()
+}
+
+/// Friction's sign without its jump: v / sqrt(v^2 + width^2), an odd function from -1 to 1. Its steepest slope is that of
+/// tanh(v / width), and it costs a tenth of it.
+pub fn soft_sign(v: f64, width: f64) -> f64 {
+    v / libm::sqrt(v * v + width * width)
+}

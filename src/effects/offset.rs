@@ -1,0 +1,23 @@
+//! A channel whose zero is off.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+
+pub const ROW: Effect = Effect {
+    name: "offset",
+    title: "Offset of the channel",
+    part: Part::Sensor,
+    on: On::Sensor,
+    equation: "y -> y + y_0",
+    source: "Calibration",
+    order: "none: constant",
+    speed_law: "none",
+    channels: "this sensor only",
+    parameters: &[Parameter::new("offset", 1.0, -1e9, 1e9, Kind::Amplitude).starts(Scale::Signal, &[0.05])],
+    dissipative: false,
+    physics: Physics::Signal(pass),
+    links: Some(LinkLevel::Signal),
+};
+
+fn pass(p: &[f64], trace: &mut Trace) {
+    trace.values.iter_mut().for_each(|v| *v += p[0]);
+}

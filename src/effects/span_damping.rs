@@ -1,0 +1,25 @@
+//! Damping of a span or coupling beyond the declared one.
+
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+
+pub const ROW: Effect = Effect {
+    name: "span_damping",
+    title: "Span damping",
+    part: Part::Chain,
+    on: On::Span,
+    equation: "force += dc stretch'",
+    source: "Kelvin-Voigt",
+    order: "none: width of the resonance",
+    speed_law: "1",
+    channels: "all, at the resonance",
+    parameters: &[
+        Parameter::new("damping_n_s_per_m", 1.0, 0.0, 1e9, Kind::Amplitude).starts(Scale::StiffnessTime, &[0.05])
+    ],
+    dissipative: true,
+    physics: Physics::SpanForce(force),
+    links: None,
+};
+
+fn force(p: &[f64], at: SpanAt) -> f64 {
+    p[0] * at.rate
+}

@@ -1,0 +1,28 @@
+//! A torque that comes back every revolution, or n times in it: cam lobes, cogging, a weight off the axis.
+
+use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use crate::units::DEG;
+
+pub const ROW: Effect = Effect {
+    name: "torque_ripple",
+    title: "Torque harmonic of a shaft",
+    part: Part::Load,
+    on: On::Body,
+    equation: "M = T sin(n q + phase)",
+    source: "Fourier series over the shaft's angle",
+    order: "n of its shaft",
+    speed_law: "0",
+    channels: "torques and speeds; falls with speed in the speed",
+    parameters: &[
+        Parameter::new("torque_nm", 1.0, -1e6, 1e6, Kind::Amplitude).sliding("force_n").starts(Scale::Force, &[0.1]),
+        Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
+        Parameter::new("order", 1.0, 0.5, 200.0, Kind::Whole).default(1.0).starts(Scale::One, &[1.0, 2.0, 3.0]),
+    ],
+    dissipative: false,
+    physics: Physics::BodyForce(force),
+    links: None,
+};
+
+fn force(p: &[f64], at: BodyAt) -> f64 {
+    p[0] * libm::sin(p[2] * at.q + p[1])
+}

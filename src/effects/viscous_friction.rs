@@ -1,0 +1,25 @@
+//! Friction in proportion to speed.
+
+use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+
+pub const ROW: Effect = Effect {
+    name: "viscous_friction",
+    title: "Viscous friction",
+    part: Part::Load,
+    on: On::Body,
+    equation: "M = -c v",
+    source: "Newton, Petroff",
+    order: "none",
+    speed_law: "1",
+    channels: "mean torque over speed",
+    parameters: &[Parameter::new("torque_nm_s_per_rad", 1.0, 0.0, 1e6, Kind::Amplitude)
+        .sliding("force_n_s_per_m")
+        .starts(Scale::ForcePerSpeed, &[0.1])],
+    dissipative: true,
+    physics: Physics::BodyForce(force),
+    links: None,
+};
+
+fn force(p: &[f64], at: BodyAt) -> f64 {
+    -p[0] * at.v
+}

@@ -1,0 +1,20 @@
+//! Every link longer by the same: wear of pins and bushes.
+
+use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use crate::units::UM;
+
+pub const ROW: Effect = Effect {
+    name: "wear_elongation",
+    title: "Uniform wear elongation",
+    part: Part::Chain,
+    on: On::Joints,
+    equation: "pitch += length for every link",
+    source: "Wear in pin and bush, ISO 606 elongation limit",
+    order: "none: phase between shafts, mean tension",
+    speed_law: "0",
+    channels: "transmission phase, mean tension",
+    parameters: &[Parameter::new("length_um", UM, -200.0, 200.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0])],
+    dissipative: false,
+    physics: Physics::LinksOnly,
+    links: Some(LinkLevel::WearElongation),
+};

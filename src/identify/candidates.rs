@@ -1,0 +1,366 @@
+//! What may be missing: every effect at every place it can be, with starting values of the right size.
+
+use super::problem::{Global, Law, Point, Problem};
+use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
+use crate::machine::simulate::Samples;
+use crate::machine::{Machine, Reads, Sensor, Target};
+use crate::measurement::CandidateSpec;
+use crate::measurement::segments::Data;
+
+/// One hypothesis: an effect at its place with its forms and whole numbers chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hypothesis {
+    pub effect: &'static Effect,
+    pub name: String,
+    pub target: Target,
+    /// Starting values of all parameters, SI; amplitudes at one scale.
+    pub values: Vec<f64>,
+    /// Rows of the parameters.
+    pub rows: Vec<&'static Parameter>,
+    /// Scale of every parameter, SI.
+    pub scales: Vec<f64>,
+}
+
+impl Hypothesis {
+    /// The path of the effect: what two hypotheses of the same cause share.
+    pub fn path(&self) -> String {
+        format!("effects.{}.{}", self.effect.name, self.name)
+    }
+
+    /// The path, and what distinguishes harmonics: whole numbers.
+    pub fn identity(&self) -> String {
+        let mut id = self.path();
+        for (row, value) in self.rows.iter().zip(&self.values) {
+            if row.kind == Kind::Whole && row.key != "blind" {
+                id += &format!(" {} {}", row.key, value);
+            }
+        }
+        id
+    }
+
+    /// Indices of its amplitudes.
+    pub fn amplitudes(&self) -> Vec<usize> {
+        let is = |k: Kind| matches!(k, Kind::Amplitude | Kind::PerMark);
+        (0..self.rows.len()).filter(|i| is(self.rows[*i].kind)).collect()
+    }
+
+    pub fn phase(&self) -> Option<usize> {
+        self.rows.iter().position(|r| r.kind == Kind::Phase)
+    }
+
+    /// Numbers that a fit of it has more, for so many records.
+    pub fn freedom(&self, records: usize) -> usize {
+        self.rows
+            .iter()
+            .map(|r| match r.kind {
+                Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
+                Kind::Phase => records,
+                Kind::Whole | Kind::Given => 0,
+            })
+            .sum()
+    }
+}
+
+/// Sizes that the declared model and the records give.
+#[derive(Clone, Debug)]
+pub struct Sizes {
+    force: Vec<f64>,
+    speed: Vec<f64>,
+    tension: Vec<f64>,
+    signal: Vec<f64>,
+    input: Vec<f64>,
+    sample_s: f64,
+    /// Middle angular frequency of the samples [rad/s].
+    rate: f64,
+    length_s: f64,
+}
+
+fn rms(values: &[f64]) -> f64 {
+    libm::sqrt(values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64)
+}
+
+impl Sizes {
+    /// Runs the fitted model once and looks.
+    pub fn of(problem: &Problem, point: &Point) -> Sizes {
+        let m = &problem.machine;
+        let data = problem.data;
+        let mut all = m.clone();
+        all.sensors.clear();
+        let mut add = |reads: Reads| {
+            all.slots.push(crate::machine::Slot { path: String::new(), unit: 1.0, low: 1.0, high: 1.0 });
+            all.values.push(1.0);
+            let gain = all.values.len() - 1;
+            all.sensors.push(Sensor { name: String::new(), path: String::new(), reads, gain, unit: None });
+        };
+        (0..m.bodies.len()).for_each(|b| add(Reads::Speed(b)));
+        (0..m.springs.len()).for_each(|s| add(Reads::Tension(s)));
+        all.placed.retain(|p| !matches!(p.target, Target::Sensor(_)));
+        let n = m.bodies.len();
+        let (mut force, mut speed) = (vec![0.0_f64; n], vec![0.0_f64; n]);
+        let mut tension = vec![0.0_f64; m.springs.len()];
+        let (mut sample_s, mut length_s) = (f64::MAX, 0.0_f64);
+        let channels: Vec<usize> = (0..all.sensors.len()).collect();
+        let mut probe = problem.clone();
+        probe.machine = all;
+        for (k, s) in data.segments.iter().enumerate() {
+            let inertia = |b: usize| m.values[m.bodies[b].inertia];
+            match &s.task.samples {
+                Samples::Times { step_s, t_s, .. } => {
+                    sample_s = sample_s.min(*step_s);
+                    length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
+                    probe.channels.clone_from(&channels);
+                    let Ok(series) = probe.model(k, &point.globals, &point.locals[k], false) else { continue };
+                    for b in 0..n {
+                        speed[b] = speed[b].max(rms(&series[b]));
+                        let slopes: Vec<f64> = series[b].windows(2).map(|w| (w[1] - w[0]) / step_s).collect();
+                        force[b] = force[b].max(inertia(b) * rms(&slopes));
+                    }
+                    for (t, series) in tension.iter_mut().zip(&series[n..]) {
+                        *t = t.max(rms(series));
+                    }
+                }
+                Samples::Pulses { interval_s, .. } => {
+                    sample_s = sample_s.min(*interval_s);
+                    let known: Vec<f64> = s.measured[0].iter().copied().filter(|v| v.is_finite()).collect();
+                    let total: f64 = known.iter().map(|v| libm::exp(*v)).sum();
+                    length_s = length_s.max(total);
+                    let (Some(first), Some(last)) = (known.first(), known.last()) else { continue };
+                    for b in 0..n {
+                        let v = s.start.v[b];
+                        speed[b] = speed[b].max(v);
+                        let slope = v * (1.0 - libm::exp(first - last)).abs() / total;
+                        force[b] = force[b].max(inertia(b) * slope);
+                    }
+                }
+            }
+        }
+        let spread = |values: &[f64]| rms(values);
+        let input = (0..m.inputs.len())
+            .map(|i| data.segments.iter().map(|s| s.task.inputs.get(i).map_or(0.0, |u| spread(u))).fold(0.0, f64::max))
+            .collect();
+        let mut signal = vec![1.0; m.sensors.len()];
+        for (c, channel) in data.channels.iter().enumerate() {
+            signal[channel.sensor] = super::problem::spread(data, c).max(1e-12);
+        }
+        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
+    }
+
+    /// Size of what accelerates a body [N, N m].
+    pub fn force(&self, body: usize) -> f64 {
+        self.force.get(body).copied().filter(|f| *f > 0.0).unwrap_or(1e-3)
+    }
+
+    /// Size of a parameter for its target, SI.
+    fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
+        let body = match target {
+            Target::Body(b) => b,
+            _ => 0,
+        };
+        let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
+        let (force, speed) = (known(&self.force, body), known(&self.speed, body));
+        let inertia = m.bodies.get(body).map_or(1.0, |b| m.values[b.inertia]);
+        let (stiffness, tension) = match target {
+            Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
+            _ => (1.0, 1.0),
+        };
+        let input = match target {
+            Target::Input(i) => known(&self.input, i),
+            _ => 1.0,
+        };
+        let signal = match target {
+            Target::Sensor(s) => known(&self.signal, s),
+            _ => 1.0,
+        };
+        match scale {
+            Scale::One => 1.0,
+            Scale::Force => force,
+            Scale::Speed => speed,
+            Scale::ForcePerSpeed => force / speed,
+            Scale::ForcePerSpeed2 => force / (speed * speed),
+            Scale::Stretch => tension / stiffness,
+            Scale::Stiffness => stiffness,
+            Scale::StiffnessPerStretch => stiffness * stiffness / tension,
+            Scale::StiffnessTime => stiffness / self.rate,
+            Scale::Tension => tension,
+            Scale::Inertia => inertia,
+            Scale::Signal => signal,
+            Scale::SignalPerTime => signal / self.length_s.max(1e-9),
+            Scale::Input => input,
+            Scale::PerInput => 1.0 / input,
+            Scale::SampleTime => self.sample_s,
+            Scale::Rate => self.rate,
+            Scale::Micrometre10 => 10e-6,
+        }
+    }
+}
+
+/// A middle angular frequency: a fifth of the highest that the samples can show [rad/s].
+fn rate(problem: &Problem) -> f64 {
+    let step = problem
+        .data
+        .segments
+        .iter()
+        .map(|s| match &s.task.samples {
+            Samples::Times { step_s, .. } => *step_s,
+            Samples::Pulses { interval_s, .. } => *interval_s,
+        })
+        .fold(f64::MAX, f64::min);
+    std::f64::consts::PI / step / 5.0
+}
+
+/// Most hypotheses of one effect at one place.
+const MOST_FORMS: usize = 24;
+
+/// All hypotheses for a machine; what is left out goes into `reasons`.
+pub fn all(
+    m: &Machine,
+    data: &Data,
+    sizes: &Sizes,
+    spec: &CandidateSpec,
+    fitted: &[usize],
+    reasons: &mut Vec<(String, String)>,
+) -> Vec<Hypothesis> {
+    let mut found = Vec::new();
+    let own_unit = data.channels.iter().find_map(|c| m.sensors[c.sensor].unit.as_deref());
+    for effect in EFFECTS {
+        if spec.without.iter().any(|n| n == effect.name)
+            || (!spec.only.is_empty() && spec.only.iter().all(|n| n != effect.name))
+        {
+            continue;
+        }
+        for (name, target) in m.targets(effect) {
+            let path = format!("effects.{}.{name}", effect.name);
+            let mut leave = |why: &str| reasons.push((path.clone(), why.to_string()));
+            let channel = match target {
+                Target::Sensor(s) => data.channels.iter().find(|c| c.sensor == s),
+                _ => None,
+            };
+            if matches!(target, Target::Sensor(_)) && channel.is_none() {
+                continue;
+            }
+            // Declared, with its number free: nothing to look for.
+            let declared = m.placed.iter().any(|p| {
+                p.effect == effect
+                    && p.target == target
+                    && (p.slots.iter().any(|s| fitted.contains(s)) || p.path == path)
+            });
+            // The same number under another name, and it is free already.
+            let twin = match (effect.name, target) {
+                ("span_stiffness", Target::Spring(s)) => Some(m.springs[s].stiffness),
+                ("span_damping", Target::Spring(s)) => Some(m.springs[s].damping),
+                ("gain_error", Target::Sensor(s)) => Some(m.sensors[s].gain),
+                _ => None,
+            };
+            if twin.is_some_and(|slot| fitted.contains(&slot)) {
+                leave("its number is fitted already");
+                continue;
+            }
+            if declared && effect.parameters.iter().all(|p| p.kind != Kind::Whole || p.key == "blind") {
+                leave("declared already");
+                continue;
+            }
+            if effect.parameters.iter().any(|p| p.kind == Kind::Given) {
+                continue;
+            }
+            if effect.name == "sign_blind"
+                && let Some(c) = channel
+                && data.facts.iter().any(|f| f.channel == c.name && f.below_zero)
+            {
+                leave("the channel goes below zero");
+                continue;
+            }
+            let by_angle = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
+            if let Some(unit) = own_unit.filter(|_| by_angle) {
+                leave(&format!("speeds are in {unit}: a revolution is not known"));
+                continue;
+            }
+            if matches!(effect.physics, Physics::Marks(_)) && m.keys(effect, target).is_empty() {
+                leave("one mark only");
+                continue;
+            }
+            let rows: Vec<&'static Parameter> = m.keys(effect, target).into_iter().map(|(_, p)| p).collect();
+            let scales: Vec<f64> = rows.iter().map(|p| sizes.scale(m, target, p.scale)).collect();
+            let mut forms: Vec<Vec<f64>> = vec![Vec::new()];
+            for (p, scale) in rows.iter().zip(&scales) {
+                let starts: Vec<f64> = match p.kind {
+                    Kind::Amplitude => p.starts.iter().map(|s| s * scale).collect(),
+                    Kind::PerMark => vec![p.starts[0] * scale],
+                    Kind::Shape => p.starts.iter().map(|s| s * scale).collect(),
+                    Kind::Whole => p.starts.to_vec(),
+                    Kind::Phase | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
+                };
+                forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
+            }
+            forms.truncate(MOST_FORMS);
+            for values in forms {
+                let h = Hypothesis {
+                    effect,
+                    name: name.clone(),
+                    target,
+                    values,
+                    rows: rows.clone(),
+                    scales: scales.clone(),
+                };
+                let there = m.placed.iter().any(|p| {
+                    p.path == path
+                        && p.effect == effect
+                        && p.slots
+                            .iter()
+                            .zip(&h.values)
+                            .zip(&h.rows)
+                            .all(|((s, v), r)| r.kind != Kind::Whole || m.values[*s] == *v)
+                });
+                if !there {
+                    found.push(h);
+                }
+            }
+        }
+    }
+    found
+}
+
+/// How far a form may go from its start: in both directions by this factor.
+const FORM_RANGE: f64 = 12.0;
+
+/// A problem with a hypothesis built in: its numbers free, starting at `values` with phases by record.
+pub fn with<'a>(
+    problem: &Problem<'a>,
+    point: &Point,
+    h: &Hypothesis,
+    values: &[f64],
+    phases: &[f64],
+) -> (Problem<'a>, Point) {
+    let mut next = problem.clone();
+    let mut point = point.clone();
+    // A second harmonic of an effect that is there needs a name of its own.
+    let mut name = h.name.clone();
+    while next.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
+        name.push('+');
+    }
+    let (machine, slots) = next.machine.with(h.effect, &name, h.target, values);
+    next.machine = machine;
+    for (i, (row, slot)) in h.rows.iter().zip(&slots).enumerate() {
+        let s = &next.machine.slots[*slot];
+        let (low, high) = (s.low * s.unit, s.high * s.unit);
+        let law = match row.kind {
+            Kind::Amplitude | Kind::PerMark => Law { scale: h.scales[i].abs(), logarithm: false, low, high },
+            Kind::Shape => {
+                let start = values[i];
+                let range = (start / FORM_RANGE).max(low.max(1e-300))..=(start * FORM_RANGE).min(high);
+                Law { scale: start, logarithm: true, low: *range.start(), high: *range.end() }
+            }
+            Kind::Phase => Law { scale: 1.0, logarithm: false, low: -1e3, high: 1e3 },
+            Kind::Whole | Kind::Given => continue,
+        };
+        if row.kind == Kind::Phase {
+            for (record, phase) in phases.iter().enumerate() {
+                next.globals.push(Global { slot: *slot, record: Some(record), law, prior: None });
+                point.globals.push(law.seen(*phase));
+            }
+        } else {
+            next.globals.push(Global { slot: *slot, record: None, law, prior: None });
+            point.globals.push(law.seen(values[i]));
+        }
+    }
+    (next, point)
+}

@@ -1,0 +1,417 @@
+//! Bounded least squares for many parts with numbers of their own: Levenberg-Marquardt on the Schur complement.
+//!
+//! ```text
+//! minimise sum over parts |r_k(g, l_k)|^2 + sum over priors ((g - g_0) / s)^2
+//! ```
+//! For every part the Jacobian by forward differences, columns by globals and locals; locals are eliminated part by part, so
+//! that a thousand parts cost a thousand small systems. A number at its bound that would leave it is held there for the step.
+//! Damping after Nielsen (1999). The order of all sums is fixed, so that any number of threads gives the same bits.
+
+use super::problem::{Local, Point, Problem};
+use nalgebra::{DMatrix, DVector};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// How a fit ended.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    pub point: Point,
+    /// Sum of squares with priors.
+    pub cost: f64,
+    pub converged: bool,
+    /// Covariance of the globals as the fit sees them, for unit variance of the residuals.
+    pub covariance: DMatrix<f64>,
+    /// Residuals of every part at the end.
+    pub residuals: Vec<Vec<f64>>,
+    /// Derivatives of a part's residuals by the globals with the locals projected out.
+    pub jacobians: Vec<DMatrix<f64>>,
+}
+
+/// Size of a step for differences, as the fit sees a number.
+const DIFFERENCE: f64 = 1e-6;
+/// A fit has converged when a step lowers the cost by less than this share.
+const CONVERGED: f64 = 2e-6;
+
+/// Residuals and derivatives of one part.
+struct Part {
+    residuals: Vec<f64>,
+    /// Columns: the globals that concern it, then its locals.
+    columns: Vec<Vec<f64>>,
+}
+
+/// Runs `job` for 0 .. n on all cores and returns the results in their order.
+pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    if threads <= 1 || n < 2 {
+        return (0..n).map(job).collect();
+    }
+    let next = AtomicUsize::new(0);
+    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(n))
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut mine = Vec::new();
+                    loop {
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        if i >= n {
+                            return mine;
+                        }
+                        mine.push((i, job(i)));
+                    }
+                })
+            })
+            .collect();
+        let joined = workers.into_iter().map(|w| w.join());
+        joined.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    done.sort_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, t)| t).collect()
+}
+
+/// Settings of a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    pub iterations: usize,
+    pub threads: usize,
+    /// Globals stand still, and parts that judge are fitted by their locals.
+    pub judging: bool,
+}
+
+/// Fits from `start`.
+pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
+    let parts: Vec<usize> = (0..problem.data.segments.len())
+        .filter(|k| problem.fitted(*k, options.judging) > 0)
+        .filter(|k| !options.judging || problem.data.segments[*k].judge_from == 0)
+        .collect();
+    let globals_free = !options.judging;
+    let mut point = start.clone();
+    keep_inside(problem, &mut point);
+    let mut cost = total(problem, &point, &parts, options);
+    let mut lambda = 1e-3;
+    let mut grow = 2.0;
+    let mut converged = false;
+    let mut jacobian = linearised(problem, &point, &parts, options, globals_free);
+    for _ in 0..options.iterations {
+        let Some(step) = solve(problem, &point, &parts, &jacobian, lambda, globals_free) else {
+            lambda *= 10.0;
+            if lambda > 1e12 {
+                break;
+            }
+            continue;
+        };
+        let mut trial = point.clone();
+        for (x, d) in trial.globals.iter_mut().zip(step.globals.iter()) {
+            *x += d;
+        }
+        for (k, d) in parts.iter().zip(&step.locals) {
+            for (x, d) in trial.locals[*k].iter_mut().zip(d.iter()) {
+                *x += d;
+            }
+        }
+        keep_inside(problem, &mut trial);
+        let new_cost = total(problem, &trial, &parts, options);
+        let gain = (cost - new_cost) / step.predicted.max(1e-300);
+        if new_cost < cost {
+            let small = (cost - new_cost) < CONVERGED * cost;
+            point = trial;
+            cost = new_cost;
+            let x = 2.0 * gain - 1.0;
+            lambda = (lambda * (1.0 - x * x * x).max(1.0 / 3.0)).max(1e-12);
+            grow = 2.0;
+            if small {
+                converged = true;
+                jacobian = linearised(problem, &point, &parts, options, globals_free);
+                break;
+            }
+            jacobian = linearised(problem, &point, &parts, options, globals_free);
+        } else {
+            if step.predicted < CONVERGED * cost {
+                converged = true;
+                break;
+            }
+            lambda *= grow;
+            grow *= 2.0;
+            if lambda > 1e12 {
+                converged = step.predicted < 1e-3 * cost;
+                break;
+            }
+        }
+    }
+    finish(problem, point, cost, converged, &parts, jacobian)
+}
+
+/// Clamps everything into its bounds.
+fn keep_inside(problem: &Problem, point: &mut Point) {
+    for (x, g) in point.globals.iter_mut().zip(&problem.globals) {
+        let (low, high) = g.law.bounds();
+        *x = x.clamp(low, high);
+    }
+    for locals in &mut point.locals {
+        for (x, l) in locals.iter_mut().zip(&problem.locals) {
+            if let Local::Slot { law, .. } = l {
+                let (low, high) = law.bounds();
+                *x = x.clamp(low, high);
+            }
+        }
+    }
+}
+
+fn priors(problem: &Problem, point: &Point) -> f64 {
+    let of = problem.globals.iter().zip(&point.globals);
+    of.filter_map(|(g, x)| g.prior.map(|(mean, s)| ((x - mean) / s) * ((x - mean) / s))).sum()
+}
+
+fn total(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> f64 {
+    let sums = parallel(parts.len(), options.threads, |i| {
+        let k = parts[i];
+        let r = problem.residuals(k, &point.globals, &point.locals[k], options.judging);
+        r.iter().map(|r| r * r).sum::<f64>()
+    });
+    sums.iter().sum::<f64>() + priors(problem, point)
+}
+
+fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Options, globals_free: bool) -> Vec<Part> {
+    // Parts and their columns as one list of jobs: few long parts keep all cores busy as many short ones do.
+    let mut jobs: Vec<(usize, usize)> = Vec::new();
+    for (i, k) in parts.iter().enumerate() {
+        let concerned = (0..problem.globals.len()).filter(|g| globals_free && problem.concerns(*g, *k)).count();
+        jobs.extend((0..=concerned + problem.locals.len()).map(|c| (i, c)));
+    }
+    let columns = parallel(jobs.len(), options.threads, |job| {
+        let (i, column) = jobs[job];
+        let k = parts[i];
+        let concerned: Vec<usize> =
+            (0..problem.globals.len()).filter(|g| globals_free && problem.concerns(*g, k)).collect();
+        if column == 0 {
+            return (1.0, problem.residuals(k, &point.globals, &point.locals[k], options.judging));
+        }
+        let (mut globals, mut locals) = (point.globals.clone(), point.locals[k].clone());
+        // Towards the inside of the bounds.
+        let nudged = |x: f64, bounds: (f64, f64)| {
+            let d = DIFFERENCE * x.abs().max(1.0);
+            if x + d > bounds.1 { x - d } else { x + d }
+        };
+        let width;
+        if column <= concerned.len() {
+            let g = concerned[column - 1];
+            let x = nudged(globals[g], problem.globals[g].law.bounds());
+            width = x - globals[g];
+            globals[g] = x;
+        } else {
+            let l = column - 1 - concerned.len();
+            let bounds = match problem.locals[l] {
+                Local::Slot { law, .. } => law.bounds(),
+                _ => (f64::MIN, f64::MAX),
+            };
+            let x = nudged(locals[l], bounds);
+            width = x - locals[l];
+            locals[l] = x;
+        }
+        (width, problem.residuals(k, &globals, &locals, options.judging))
+    });
+    let mut all: Vec<Part> = Vec::new();
+    for ((i, column), (width, values)) in jobs.iter().zip(columns) {
+        if *column == 0 {
+            all.push(Part { residuals: values, columns: Vec::new() });
+        } else {
+            let part = &mut all[*i];
+            let slope = values.iter().zip(&part.residuals).map(|(a, b)| (a - b) / width).collect();
+            part.columns.push(slope);
+        }
+    }
+    all
+}
+
+struct Step {
+    globals: DVector<f64>,
+    locals: Vec<DVector<f64>>,
+    /// By which the cost would fall if the model were linear.
+    predicted: f64,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Blocks of the normal equations of one part: locals by locals, locals by globals, and the gradient of the locals.
+struct Blocks {
+    ll: DMatrix<f64>,
+    lg: DMatrix<f64>,
+    l: DVector<f64>,
+}
+
+fn solve(
+    problem: &Problem,
+    point: &Point,
+    parts: &[usize],
+    jacobian: &[Part],
+    lambda: f64,
+    globals_free: bool,
+) -> Option<Step> {
+    let n = if globals_free { problem.globals.len() } else { 0 };
+    let n_local = problem.locals.len();
+    let mut a = DMatrix::<f64>::zeros(n, n);
+    let mut b = DVector::<f64>::zeros(n);
+    let mut blocks = Vec::new();
+    for (part, k) in jacobian.iter().zip(parts) {
+        let concerned: Vec<usize> = (0..n).filter(|g| problem.concerns(*g, *k)).collect();
+        let (global, local) = part.columns.split_at(concerned.len());
+        let mut block =
+            Blocks { ll: DMatrix::zeros(n_local, n_local), lg: DMatrix::zeros(n_local, n), l: DVector::zeros(n_local) };
+        for i in 0..n_local {
+            block.l[i] = dot(&local[i], &part.residuals);
+            for j in 0..=i {
+                let v = dot(&local[i], &local[j]);
+                (block.ll[(i, j)], block.ll[(j, i)]) = (v, v);
+            }
+            for (j, g) in concerned.iter().enumerate() {
+                block.lg[(i, *g)] = dot(&local[i], &global[j]);
+            }
+        }
+        for (i, gi) in concerned.iter().enumerate() {
+            b[*gi] += dot(&global[i], &part.residuals);
+            for (j, gj) in concerned.iter().enumerate().take(i + 1) {
+                let v = dot(&global[i], &global[j]);
+                a[(*gi, *gj)] += v;
+                if i != j {
+                    a[(*gj, *gi)] += v;
+                }
+            }
+        }
+        blocks.push(block);
+    }
+    for (i, (g, x)) in problem.globals.iter().zip(&point.globals).enumerate().take(n) {
+        if let Some((mean, s)) = g.prior {
+            a[(i, i)] += 1.0 / (s * s);
+            b[i] += (x - mean) / (s * s);
+        }
+    }
+    // Held at a bound: the gradient points outwards.
+    let mut held: Vec<bool> = (0..n)
+        .map(|i| {
+            let (low, high) = problem.globals[i].law.bounds();
+            let x = point.globals[i];
+            (x <= low && b[i] > 0.0) || (x >= high && b[i] < 0.0)
+        })
+        .collect();
+    for _ in 0..=n {
+        let step = solve_free(&a, &b, &blocks, lambda, &held)?;
+        let mut again = false;
+        for i in 0..n {
+            let (low, high) = problem.globals[i].law.bounds();
+            let x = point.globals[i];
+            let leaves = (x <= low && step.globals[i] < 0.0) || (x >= high && step.globals[i] > 0.0);
+            if !held[i] && leaves {
+                held[i] = true;
+                again = true;
+            }
+        }
+        if !again {
+            return Some(step);
+        }
+    }
+    None
+}
+
+fn damped(m: &DMatrix<f64>, lambda: f64) -> DMatrix<f64> {
+    let mut m = m.clone();
+    for i in 0..m.nrows() {
+        let d = m[(i, i)];
+        m[(i, i)] = d + lambda * d.max(1e-12) + 1e-14;
+    }
+    m
+}
+
+fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, blocks: &[Blocks], lambda: f64, held: &[bool]) -> Option<Step> {
+    let n = b.len();
+    let mut schur = damped(a, lambda);
+    let mut right = -b.clone();
+    let mut inverses = Vec::new();
+    for block in blocks {
+        let inverse =
+            if block.l.is_empty() { DMatrix::zeros(0, 0) } else { damped(&block.ll, lambda).try_inverse()? };
+        if n > 0 && !block.l.is_empty() {
+            let x = &inverse * &block.lg;
+            schur -= block.lg.transpose() * &x;
+            right += x.transpose() * &block.l;
+        }
+        inverses.push(inverse);
+    }
+    for i in (0..n).filter(|i| held[*i]) {
+        for j in 0..n {
+            schur[(i, j)] = 0.0;
+            schur[(j, i)] = 0.0;
+        }
+        schur[(i, i)] = 1.0;
+        right[i] = 0.0;
+    }
+    let globals = if n > 0 { schur.full_piv_lu().solve(&right)? } else { DVector::zeros(0) };
+    let mut predicted = -2.0 * b.dot(&globals) - (a * &globals).dot(&globals);
+    let mut locals = Vec::new();
+    for (block, inverse) in blocks.iter().zip(&inverses) {
+        let step = -(inverse * (&block.l + &block.lg * &globals));
+        predicted -=
+            2.0 * block.l.dot(&step) + (&block.ll * &step).dot(&step) + 2.0 * (&block.lg * &globals).dot(&step);
+        locals.push(step);
+    }
+    if globals.iter().chain(locals.iter().flat_map(|l| l.iter())).all(|x| x.is_finite()) {
+        Some(Step { globals, locals, predicted: predicted.max(0.0) })
+    } else {
+        None
+    }
+}
+
+/// Covariance, and Jacobians of the globals with locals projected out.
+fn finish(problem: &Problem, point: Point, cost: f64, converged: bool, parts: &[usize], jacobian: Vec<Part>) -> Fit {
+    let n = problem.globals.len();
+    let mut information = DMatrix::<f64>::zeros(n, n);
+    let mut residuals = vec![Vec::new(); problem.data.segments.len()];
+    let mut jacobians = vec![DMatrix::zeros(0, n); problem.data.segments.len()];
+    for (part, k) in jacobian.into_iter().zip(parts) {
+        let concerned: Vec<usize> = (0..n).filter(|g| problem.concerns(*g, *k)).collect();
+        if part.columns.len() == concerned.len() + problem.locals.len() {
+            let (global, local) = part.columns.split_at(concerned.len());
+            let basis = orthonormal(local);
+            let mut j = DMatrix::zeros(part.residuals.len(), n);
+            for (column, g) in global.iter().zip(&concerned) {
+                j.set_column(*g, &DVector::from_vec(without(column, &basis)));
+            }
+            information += j.transpose() * &j;
+            jacobians[*k] = j;
+        }
+        residuals[*k] = part.residuals;
+    }
+    for (i, g) in problem.globals.iter().enumerate() {
+        if let Some((_, s)) = g.prior {
+            information[(i, i)] += 1.0 / (s * s);
+        }
+        information[(i, i)] += 1e-14;
+    }
+    let covariance = information.clone().try_inverse().unwrap_or_else(|| DMatrix::from_element(n, n, f64::INFINITY));
+    Fit { point, cost, converged, covariance, residuals, jacobians }
+}
+
+/// Orthonormal columns that span the given ones (modified Gram-Schmidt; what depends on others is left out).
+pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    for column in columns {
+        let before = libm::sqrt(dot(column, column));
+        let mut rest = without(column, &basis);
+        // Twice is enough: Kahan and Parlett.
+        rest = without(&rest, &basis);
+        let size = libm::sqrt(dot(&rest, &rest));
+        if size > 1e-9 * before && size > 0.0 {
+            rest.iter_mut().for_each(|x| *x /= size);
+            basis.push(rest);
+        }
+    }
+    basis
+}
+
+/// A column with its part along the basis taken away.
+pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
+    let mut rest = column.to_vec();
+    for b in basis {
+        let along = dot(&rest, b);
+        rest.iter_mut().zip(b).for_each(|(x, b)| *x -= along * b);
+    }
+    rest
+}

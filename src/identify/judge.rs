@@ -1,0 +1,163 @@
+//! Scores: residuals of a fit on what it was fitted to, and on what it was not.
+
+use super::fit::{Fit, Options, fit};
+use super::problem::{Point, Problem};
+use super::stats;
+use crate::measurement::segments::Data;
+
+/// Residuals in the unit in which channels are compared (not weighted), channel by channel and part by part.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Residuals {
+    pub fit: Vec<Vec<Vec<f64>>>,
+    pub judge: Vec<Vec<Vec<f64>>>,
+    /// Record of every part.
+    pub fit_record: Vec<usize>,
+    pub judge_record: Vec<usize>,
+}
+
+/// The parts that only judge, as data that fits: their own numbers have to be found.
+pub fn judging(data: &Data) -> Data {
+    let mut own = data.clone();
+    own.segments.retain(|s| s.judge_from == 0);
+    for s in &mut own.segments {
+        s.judge_from = s.len();
+    }
+    own
+}
+
+/// Fits the own numbers (starts, phases of their records) of the parts that judge, the drive's numbers held.
+pub fn fit_judging<'a>(
+    problem: &Problem<'a>,
+    found: &Fit,
+    own: &'a Data,
+    threads: usize,
+) -> Option<(Problem<'a>, Point)> {
+    if own.segments.is_empty() {
+        return None;
+    }
+    let mut held = problem.clone();
+    held.data = own;
+    let mut kept = Vec::new();
+    let mut start = Vec::new();
+    for (g, x) in problem.globals.iter().zip(&found.point.globals) {
+        match g.record {
+            Some(r) if own.segments.iter().any(|s| s.record == r) => {
+                // A record that fits too has told its numbers already.
+                let fits = problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
+                if fits {
+                    held.machine.values[g.slot] = g.law.value(*x);
+                } else {
+                    kept.push(g.clone());
+                    start.push(*x);
+                }
+            }
+            Some(_) => {}
+            None => held.machine.values[g.slot] = g.law.value(*x),
+        }
+    }
+    held.globals = kept;
+    let point = Point { globals: start, locals: held.start().locals };
+    let options = Options { iterations: 30, threads, judging: false };
+    let mut best = fit(&held, &point, options);
+    // A phase may have started on the wrong side of its circle.
+    let phases: Vec<usize> = (0..held.globals.len())
+        .filter(|g| held.machine.slots[held.globals[*g].slot].path.ends_with("phase_deg"))
+        .collect();
+    if !phases.is_empty() {
+        for turn in 1..4 {
+            let mut turned = best.point.clone();
+            for g in &phases {
+                turned.globals[*g] += f64::from(turn) * std::f64::consts::FRAC_PI_2;
+            }
+            let other = fit(&held, &turned, options);
+            if other.cost < best.cost {
+                best = other;
+            }
+        }
+    }
+    Some((held, best.point))
+}
+
+/// Residuals of everything.
+pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Residuals {
+    let n = problem.channels.len();
+    let mut out = Residuals { fit: vec![Vec::new(); n], judge: vec![Vec::new(); n], ..Residuals::default() };
+    let mut take = |record: usize, measured: &[Vec<f64>], model: &[Vec<f64>], judge_from: usize| {
+        if judge_from > 0 {
+            out.fit_record.push(record);
+        }
+        if measured.first().is_some_and(|m| judge_from < m.len()) {
+            out.judge_record.push(record);
+        }
+        for c in 0..n {
+            let all = |a: usize, b: usize| -> Vec<f64> {
+                (a..b.min(measured[c].len()))
+                    .map(|i| model.get(c).and_then(|m| m.get(i)).map_or(f64::NAN, |m| m - measured[c][i]))
+                    .filter(|r| r.is_finite())
+                    .collect()
+            };
+            if judge_from > 0 {
+                out.fit[c].push(all(0, judge_from));
+            }
+            if judge_from < measured[c].len() {
+                out.judge[c].push(all(judge_from, measured[c].len()));
+            }
+        }
+    };
+    for (k, s) in problem.data.segments.iter().enumerate().filter(|(_, s)| s.judge_from > 0) {
+        let model = problem.model(k, &found.point.globals, &found.point.locals[k], false);
+        let model = model.unwrap_or_else(|_| lost(s.measured.len(), s.len()));
+        take(s.record, &s.measured, &model, s.judge_from);
+    }
+    if let Some((held, point)) = fit_judging(problem, found, own, threads) {
+        for (k, s) in own.segments.iter().enumerate() {
+            let model = held.model(k, &point.globals, &point.locals[k], false);
+            let model = model.unwrap_or_else(|_| lost(s.measured.len(), s.len()));
+            take(s.record, &s.measured, &model, 0);
+        }
+    }
+    out
+}
+
+/// A model that ran away explains nothing.
+fn lost(channels: usize, samples: usize) -> Vec<Vec<f64>> {
+    vec![vec![1e6; samples]; channels]
+}
+
+impl Residuals {
+    /// Root mean square of a channel on what fits, and on what judges.
+    pub fn rms(&self, channel: usize) -> (f64, f64) {
+        (stats::rms(&self.fit[channel]), stats::rms(&self.judge[channel]))
+    }
+
+    /// Twice the negative logarithm of the likelihood of all channels on what fits, each with a variance of its own, for so many
+    /// effective samples a channel.
+    pub fn deviance(&self, effective: &[f64]) -> f64 {
+        self.fit.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
+    }
+
+    pub fn judge_deviance(&self, effective: &[f64]) -> f64 {
+        self.judge.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
+    }
+
+    pub fn effective(&self) -> Vec<f64> {
+        self.fit.iter().map(|p| stats::effective(p)).collect()
+    }
+
+    pub fn judge_effective(&self) -> Vec<f64> {
+        self.judge.iter().map(|p| stats::effective(p)).collect()
+    }
+
+    /// Ratio of the error on what judges to another's, all channels together (each by the other's size), with its interval.
+    pub fn judge_ratio(&self, before: &Residuals) -> [f64; 3] {
+        let scaled = |r: &Residuals| -> Vec<Vec<f64>> {
+            let mut all = Vec::new();
+            for (c, parts) in r.judge.iter().enumerate() {
+                let size = stats::rms(&before.judge[c]).max(1e-300);
+                all.extend(parts.iter().map(|p| p.iter().map(|x| x / size).collect::<Vec<f64>>()));
+            }
+            all
+        };
+        stats::ratio(&scaled(self), &scaled(before))
+    }
+}

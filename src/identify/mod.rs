@@ -1,0 +1,50 @@
+//! Closing the loop: measured records against a drive, until the difference has a name or is shown to have none.
+//!
+//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> report. The loop
+//! goes over the catalogue of effects and holds no physics of its own.
+
+pub mod candidates;
+pub mod fit;
+pub mod judge;
+pub mod problem;
+pub mod report;
+pub mod screen;
+pub mod search;
+pub mod stats;
+pub mod structure;
+pub mod text;
+pub mod unnamed;
+
+use crate::machine::Machine;
+use crate::measurement::Measurement;
+use crate::measurement::segments::Data;
+use report::{Report, Verdict};
+use search::Context;
+use std::sync::atomic::Ordering;
+
+/// Everything, from data to report; `Err` says why the declared model cannot be run at all.
+pub fn identify(
+    measurement: &Measurement,
+    machine: &Machine,
+    data: &Data,
+    context: &Context,
+) -> Result<Report, String> {
+    let own = judge::judging(data);
+    let problem = search::declared(measurement, machine, data, context);
+    let start = problem.start();
+    for (k, s) in data.segments.iter().enumerate() {
+        if let Err(e) = problem.model(k, &start.globals, &start.locals[k], false) {
+            return Err(format!("the declared model cannot follow record `{}`: {e}", data.records[s.record]));
+        }
+    }
+    let found = search::search(measurement, problem, &own, context);
+    let mut report = report::report(measurement, data, &found, None, (false, false), 0);
+    if report.outcome == Verdict::None && !report.explained && !context.ends() {
+        context.say("looking for a formula without a name");
+        report.unnamed = unnamed::search(&found.best, &own, context);
+    }
+    report.interrupted = context.stop.load(Ordering::Relaxed);
+    report.budget_spent = found.cut_short && !report.interrupted;
+    report.model_runs = context.runs.load(Ordering::Relaxed);
+    Ok(report)
+}

@@ -1,0 +1,444 @@
+//! What is said in the end: outcome, effects with their errors, what was tried and why it lost, error before and after.
+
+use super::judge::Residuals;
+use super::search::{Found, Model, Trial, placed_path, standard_error};
+use super::structure::{self, Alike, Collision, Detectable};
+use super::unnamed::Unnamed;
+use super::{candidates::Hypothesis, stats};
+use crate::effects::family;
+use crate::measurement::Measurement;
+use crate::measurement::facts::{Clock, Facts};
+use crate::measurement::segments::Data;
+use serde::Serialize;
+
+/// How it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    Named,
+    Ambiguous,
+    None,
+}
+
+/// A fitted number.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Number {
+    pub path: String,
+    /// For one record only.
+    pub record: Option<String>,
+    /// In the unit of the path's last word.
+    pub value: f64,
+    pub standard_error: f64,
+    /// Of the drive file.
+    pub nameplate: Option<f64>,
+    /// Difference from the nameplate in standard deviations of the nameplate, where they are given.
+    pub nameplate_z: Option<f64>,
+    pub at_bound: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NamedEffect {
+    pub name: String,
+    pub family: String,
+    pub path: String,
+    /// Path and value, in the unit of the path.
+    pub parameters: Vec<Number>,
+    /// Of the first amplitude, in its unit.
+    pub standard_error: f64,
+    /// What cannot be told from it.
+    pub rivals: Vec<super::search::Rival>,
+    /// All rivals have the same kind of cause at the same place.
+    pub only_its_law_is_open: bool,
+    pub judge_ratio: [f64; 3],
+    pub score: f64,
+    pub gain: f64,
+    pub sham_gain: f64,
+}
+
+/// Error of a channel in a record, or in all of them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelError {
+    pub channel: String,
+    pub unit: String,
+    /// None: all records together.
+    pub record: Option<String>,
+    /// Root mean square, with its 95 % interval by block bootstrap.
+    pub fit: Option<f64>,
+    pub fit_interval: Option<[f64; 2]>,
+    pub held_out: Option<f64>,
+    pub held_out_interval: Option<[f64; 2]>,
+}
+
+/// Floor of a channel, and whether the best model reaches it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Floor {
+    pub channel: String,
+    pub unit: String,
+    pub noise_floor: f64,
+    pub times_floor: f64,
+    pub white: bool,
+    /// Correlation of neighbouring residuals.
+    pub lag1: f64,
+}
+
+/// A piece of the error budget.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Share {
+    pub of: String,
+    /// Part of the declared model's squared error on what fits, all channels alike [percent].
+    pub percent: f64,
+}
+
+/// Series of a part of a record, to be drawn.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curve {
+    pub record: String,
+    pub channel: String,
+    pub unit: String,
+    pub t_s: Vec<f64>,
+    pub measured: Vec<f64>,
+    pub before: Vec<f64>,
+    pub after: Vec<f64>,
+    /// From this index on it judges.
+    pub judge_from: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    pub title: String,
+    pub outcome: Verdict,
+    pub effects: Vec<NamedEffect>,
+    pub candidates: Vec<Trial>,
+    pub left_out: Vec<(String, String)>,
+    pub error_before: Vec<ChannelError>,
+    pub error_after: Vec<ChannelError>,
+    pub noise_floor: Vec<Floor>,
+    pub explained: bool,
+    pub next_experiment: Vec<String>,
+    pub unnamed: Option<Unnamed>,
+    pub numbers_before: Vec<Number>,
+    pub numbers_after: Vec<Number>,
+    pub error_budget: Vec<Share>,
+    pub collisions: Vec<Collision>,
+    pub detectable: Vec<Detectable>,
+    pub alike: Vec<Alike>,
+    pub facts: Vec<Facts>,
+    pub clocks: Vec<Clock>,
+    pub warnings: Vec<String>,
+    pub converged: bool,
+    pub interrupted: bool,
+    /// Stopped by the budget before the search was through.
+    pub budget_spent: bool,
+    pub model_runs: u64,
+    /// XXH3 of the samples that judge, and of the drive.
+    pub held_out_hash: String,
+    pub drive_hash: String,
+    #[serde(skip)]
+    pub curves: Vec<Curve>,
+}
+
+fn numbers(model: &Model, data: &Data, globals: impl Iterator<Item = usize>, nameplates: &[f64]) -> Vec<Number> {
+    globals
+        .map(|g| {
+            let global = &model.problem.globals[g];
+            let slot = &model.problem.machine.slots[global.slot];
+            let x = model.fit.point.globals[g];
+            let value = global.law.value(x);
+            let se = standard_error(model, g) * if global.law.logarithm { value.abs() } else { global.law.scale };
+            let nameplate = nameplates.get(global.slot).copied();
+            let (low, high) = global.law.bounds();
+            Number {
+                path: slot.path.clone(),
+                record: global.record.map(|r| data.records[r].clone()),
+                value: value / slot.unit,
+                standard_error: se / slot.unit,
+                nameplate: nameplate.map(|n| n / slot.unit),
+                nameplate_z: global.prior.map(|(mean, s)| (x - mean) / s),
+                at_bound: (x <= low || x >= high) && !slot.path.ends_with("phase_deg"),
+            }
+        })
+        .collect()
+}
+
+fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
+    let mut all = Vec::new();
+    for (c, channel) in data.channels.iter().enumerate() {
+        let of = |record: Option<usize>| {
+            let pick = |parts: &[Vec<f64>], records: &[usize]| -> Vec<Vec<f64>> {
+                let chosen = parts.iter().zip(records).filter(|(_, r)| record.is_none_or(|x| x == **r));
+                chosen.map(|(p, _)| p.iter().map(|v| v * channel.shown).collect()).collect()
+            };
+            let (fit, judge) = (pick(&r.fit[c], &r.fit_record), pick(&r.judge[c], &r.judge_record));
+            let one = |parts: &[Vec<f64>]| {
+                (parts.iter().map(Vec::len).sum::<usize>() > 0).then(|| stats::rms_interval(parts))
+            };
+            let (fit, judge) = (one(&fit), one(&judge));
+            ChannelError {
+                channel: channel.name.clone(),
+                unit: channel.unit.clone(),
+                record: record.map(|r| data.records[r].clone()),
+                fit: fit.map(|x| x[0]),
+                fit_interval: fit.map(|x| [x[1], x[2]]),
+                held_out: judge.map(|x| x[0]),
+                held_out_interval: judge.map(|x| [x[1], x[2]]),
+            }
+        };
+        all.push(of(None));
+        if data.records.len() > 1 {
+            all.extend((0..data.records.len()).map(|k| of(Some(k))));
+        }
+    }
+    all
+}
+
+fn floors(best: &Model, data: &Data) -> Vec<Floor> {
+    data.channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let (_, held_out) = best.residuals.rms(c);
+            let (fit, _) = best.residuals.rms(c);
+            let rms = if best.residuals.judge[c].is_empty() { fit } else { held_out };
+            Floor {
+                channel: channel.name.clone(),
+                unit: channel.unit.clone(),
+                noise_floor: channel.noise * channel.shown,
+                times_floor: rms / channel.noise.max(1e-300),
+                white: stats::white(&best.residuals.judge[c]) && stats::white(&best.residuals.fit[c]),
+                lag1: stats::neighbour_correlation(&best.residuals.fit[c]),
+            }
+        })
+        .collect()
+}
+
+/// Within so many times the floor, and white: explained.
+const EXPLAINED: f64 = 1.5;
+
+fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
+    let best = &found.best;
+    let h: &Hypothesis = &best.effects[which];
+    let path = placed_path(best, which);
+    let prefix = format!("{path}.");
+    let globals = (0..best.problem.globals.len())
+        .filter(|g| best.problem.machine.slots[best.problem.globals[*g].slot].path.starts_with(&prefix));
+    let mut parameters = numbers(best, data, globals, &[]);
+    let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
+    // Whole numbers are part of the name, and of the drive file.
+    let keys = best.problem.machine.keys(h.effect, h.target);
+    for ((key, row), value) in keys.iter().zip(&h.values) {
+        if row.kind == crate::effects::Kind::Whole {
+            parameters.push(Number {
+                path: format!("{path}.{key}"),
+                record: None,
+                value: value / row.unit,
+                standard_error: 0.0,
+                nameplate: None,
+                nameplate_z: None,
+                at_bound: false,
+            });
+        }
+    }
+    let rivals = found.rivals.get(which).cloned().unwrap_or_default();
+    let kind = |path: &str| {
+        let mut words = path.split('.').skip(1);
+        let effect = words.next().and_then(crate::effects::named);
+        (effect.map(family), words.collect::<Vec<_>>().join("."))
+    };
+    let only_its_law_is_open = rivals.iter().all(|r| kind(&r.path) == kind(&h.path()));
+    let ground = found.grounds.get(which);
+    NamedEffect {
+        name: h.effect.name.to_string(),
+        family: family(h.effect).to_string(),
+        path,
+        parameters,
+        standard_error,
+        rivals,
+        only_its_law_is_open,
+        judge_ratio: ground.map_or([1.0; 3], |g| g.judge_ratio),
+        score: ground.map_or(0.0, |g| g.score),
+        gain: ground.map_or(0.0, |g| g.gain),
+        sham_gain: ground.map_or(0.0, |g| g.sham),
+    }
+}
+
+/// What was found, put together.
+pub fn report(
+    measurement: &Measurement,
+    data: &Data,
+    found: &Found,
+    unnamed: Option<Unnamed>,
+    ends: (bool, bool),
+    model_runs: u64,
+) -> Report {
+    let best = &found.best;
+    let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
+    let noise_floor = floors(best, data);
+    let explained = noise_floor.iter().all(|f| f.times_floor <= EXPLAINED && f.white);
+    let (toothed, links) = structure::counts(&found.declared.problem.machine);
+    let collisions = structure::collisions(&toothed, links);
+    let outcome = if effects.is_empty() {
+        Verdict::None
+    } else if effects.iter().all(|e| e.only_its_law_is_open) {
+        Verdict::Named
+    } else {
+        Verdict::Ambiguous
+    };
+    let mut next_experiment: Vec<String> = Vec::new();
+    for e in &effects {
+        for r in &e.rivals {
+            let text = structure::experiment(&e.path, &r.path);
+            if !next_experiment.contains(&text) {
+                next_experiment.push(text);
+            }
+        }
+    }
+    if !explained && next_experiment.is_empty() {
+        next_experiment.push(
+            "a channel nearer to where the residual arises, or the same run at another speed and load: what is left does not have the form of any effect known here".into(),
+        );
+    }
+    let machine = &found.declared.problem.machine;
+    let n_declared = found.declared.problem.globals.len();
+    Report {
+        title: measurement.title.clone(),
+        outcome,
+        error_before: errors(&found.declared.residuals, data),
+        error_after: errors(&best.residuals, data),
+        numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values),
+        numbers_after: numbers(best, data, 0..n_declared, &machine.values),
+        error_budget: budget(found),
+        effects,
+        candidates: found.trials.clone(),
+        left_out: found.reasons.clone(),
+        noise_floor,
+        explained,
+        next_experiment,
+        unnamed,
+        collisions,
+        detectable: found.detectable.clone(),
+        alike: found.alike.clone(),
+        facts: data.facts.clone(),
+        clocks: data.clocks.clone(),
+        warnings: data.warnings.clone(),
+        converged: found.declared.fit.converged && best.fit.converged,
+        interrupted: ends.0,
+        budget_spent: ends.1,
+        model_runs,
+        held_out_hash: held_out_hash(data),
+        drive_hash: format!("{:016x}", xxhash_rust::xxh3::xxh3_64(machine.text.as_bytes())),
+        curves: curves(found, data),
+    }
+}
+
+/// The samples that judge, sealed.
+fn held_out_hash(data: &Data) -> String {
+    let mut all: Vec<f64> = Vec::new();
+    for s in &data.segments {
+        for m in &s.measured {
+            all.extend(&m[s.judge_from.min(m.len())..]);
+        }
+    }
+    format!("{:016x}", xxhash_rust::xxh3::xxh3_64(bytemuck::cast_slice(&all)))
+}
+
+/// What each effect takes of the declared model's squared error, in the order in which they were accepted; and what is left.
+fn budget(found: &Found) -> Vec<Share> {
+    let total = |r: &Residuals| -> f64 {
+        let n = r.fit.len().max(1) as f64;
+        r.fit
+            .iter()
+            .zip(&found.declared.residuals.fit)
+            .map(|(a, b)| (stats::rms(a) / stats::rms(b).max(1e-300)) * (stats::rms(a) / stats::rms(b).max(1e-300)))
+            .sum::<f64>()
+            / n
+    };
+    let left = total(&found.best.residuals);
+    let weights: f64 = found.grounds.iter().map(|g| g.gain.max(0.0)).sum();
+    let mut shares: Vec<Share> = found
+        .grounds
+        .iter()
+        .map(|g| Share {
+            of: g.identity.clone(),
+            percent: 100.0 * (1.0 - left) * g.gain.max(0.0) / weights.max(1e-300),
+        })
+        .collect();
+    let noise: f64 = found
+        .declared
+        .problem
+        .data
+        .channels
+        .iter()
+        .enumerate()
+        .map(|(c, channel)| {
+            let x = channel.noise / stats::rms(&found.declared.residuals.fit[c]).max(1e-300);
+            x * x
+        })
+        .sum::<f64>()
+        / found.declared.problem.data.channels.len().max(1) as f64;
+    let noise = noise.min(left);
+    shares.push(Share { of: "noise floor".into(), percent: 100.0 * noise });
+    shares.push(Share { of: "not explained".into(), percent: 100.0 * (left - noise) });
+    shares
+}
+
+/// Most parts that are drawn.
+const MOST_CURVES: usize = 12;
+
+/// Measured, before and after, for the parts that judge first.
+fn curves(found: &Found, data: &Data) -> Vec<Curve> {
+    let mut order: Vec<usize> = (0..data.segments.len()).collect();
+    order.sort_by_key(|k| (data.segments[*k].judge_from == data.segments[*k].len(), *k));
+    let own = super::judge::judging(data);
+    let refit = |m: &Model| {
+        super::judge::fit_judging(&m.problem, &m.fit, &own, 1).map(|(p, point)| (p.machine, p.globals, point))
+    };
+    let (before, after) = (refit(&found.declared), refit(&found.best));
+    let mut all = Vec::new();
+    for k in order.into_iter().take(MOST_CURVES) {
+        let s = &data.segments[k];
+        let at = own.segments.iter().position(|o| o.record == s.record && o.start_s == s.start_s);
+        let series = |m: &Model, judged: &Option<_>| -> Vec<Vec<f64>> {
+            let model = match (judged, at) {
+                (Some((machine, globals, point)), Some(at)) if s.judge_from == 0 => {
+                    let point: &super::problem::Point = point;
+                    let mut p = m.problem.clone();
+                    p.machine = Clone::clone(machine);
+                    p.globals = Clone::clone(globals);
+                    p.data = data;
+                    p.model(k, &point.globals, &point.locals[at], false)
+                }
+                _ => m.problem.model(k, &m.fit.point.globals, &m.fit.point.locals[k], false),
+            };
+            model.unwrap_or_else(|_| vec![vec![f64::NAN; s.len()]; data.channels.len()])
+        };
+        let (b, a) = (series(&found.declared, &before), series(&found.best, &after));
+        let t_s: Vec<f64> = match &s.task.samples {
+            crate::machine::simulate::Samples::Times { t_s, .. } => t_s.iter().map(|t| t + s.start_s).collect(),
+            crate::machine::simulate::Samples::Pulses { .. } => {
+                let mut t = s.start_s;
+                s.measured[0]
+                    .iter()
+                    .map(|v| {
+                        t += if v.is_finite() { libm::exp(*v) } else { 0.0 };
+                        t
+                    })
+                    .collect()
+            }
+        };
+        for (c, channel) in data.channels.iter().enumerate() {
+            // Intervals are shown in ms, not as logarithms.
+            let shown = |v: &f64| if channel.relative { 1e3 * libm::exp(*v) } else { v * channel.shown };
+            all.push(Curve {
+                record: data.records[s.record].clone(),
+                channel: channel.name.clone(),
+                unit: if channel.relative { "ms".into() } else { channel.unit.clone() },
+                t_s: t_s.clone(),
+                measured: s.measured[c].iter().map(shown).collect(),
+                before: b[c].iter().map(shown).collect(),
+                after: a[c].iter().map(shown).collect(),
+                judge_from: s.judge_from,
+            });
+        }
+    }
+    all
+}

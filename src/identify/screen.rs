@@ -1,0 +1,242 @@
+//! Screening: what a hypothesis would explain if it were small and linear, before any fit.
+//!
+//! A hypothesis moves the residuals by columns d_i (one for every amplitude; two for an amplitude with a phase, in every
+//! record). With the directions of all free numbers projected out, the cost falls by |P e|^2, P the projector on the columns:
+//! exact for amplitudes that enter linearly (variable projection, Golub and Pereyra 1973).
+
+use super::candidates::Hypothesis;
+use super::fit::{Fit, orthonormal, without};
+use super::problem::{Point, Problem};
+use crate::effects::Kind;
+use nalgebra::{DMatrix, DVector};
+
+/// What a hypothesis promises.
+#[derive(Clone, Debug)]
+pub struct Promise {
+    /// Share of the cost that it would take away.
+    pub gain: f64,
+    /// Amplitudes and phases to start a fit from, SI.
+    pub values: Vec<f64>,
+    pub phases: Vec<f64>,
+    /// Its columns, residuals of all parts one after the other, free numbers projected out.
+    pub columns: Vec<Vec<f64>>,
+}
+
+/// Residuals and directions of the free numbers at a fit, in one piece.
+pub struct Base {
+    pub residual: Vec<f64>,
+    /// As they are.
+    raw: Vec<f64>,
+    pub basis: Vec<Vec<f64>>,
+    /// Parts that fit: index and where their residuals start.
+    parts: Vec<(usize, usize)>,
+    local_bases: Vec<Vec<Vec<f64>>>,
+}
+
+/// Amplitude of a probe, as a share of the starting amplitude.
+const PROBE: f64 = 1e-3;
+
+impl Base {
+    pub fn new(problem: &Problem, fit: &Fit) -> Base {
+        let mut residual = Vec::new();
+        let mut parts = Vec::new();
+        let n = problem.globals.len();
+        let mut columns = vec![Vec::new(); n];
+        for (k, r) in fit.residuals.iter().enumerate() {
+            if r.is_empty() {
+                continue;
+            }
+            parts.push((k, residual.len()));
+            residual.extend_from_slice(r);
+            let j = &fit.jacobians[k];
+            for (g, column) in columns.iter_mut().enumerate() {
+                match j.nrows() == r.len() {
+                    true => column.extend(j.column(g).iter()),
+                    false => column.resize(residual.len(), 0.0),
+                }
+            }
+        }
+        let local_bases = parts.iter().map(|(k, _)| local_basis(problem, &fit.point, *k)).collect();
+        let mut base = Base { raw: residual.clone(), residual, basis: orthonormal(&columns), parts, local_bases };
+        let residual = base.residual.clone();
+        base.residual = base.projected(&residual);
+        base
+    }
+
+    /// A column with the directions of all free numbers taken away.
+    fn projected(&self, column: &[f64]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(column.len());
+        for (i, (_, from)) in self.parts.iter().enumerate() {
+            let to = self.parts.get(i + 1).map_or(column.len(), |(_, from)| *from);
+            out.extend(without(&column[*from..to], &self.local_bases[i]));
+        }
+        without(&out, &self.basis)
+    }
+
+    /// Sum of squares that is left to be explained.
+    pub fn cost(&self) -> f64 {
+        self.residual.iter().map(|r| r * r).sum()
+    }
+
+    /// Share of the cost that columns would take away.
+    pub fn gain(&self, columns: &[Vec<f64>]) -> f64 {
+        let basis = orthonormal(columns);
+        let taken: f64 = basis
+            .iter()
+            .map(|b| {
+                let along: f64 = b.iter().zip(&self.residual).map(|(b, r)| b * r).sum();
+                along * along
+            })
+            .sum();
+        taken / self.cost().max(1e-300)
+    }
+
+    /// Columns of a sham: the same, shifted in time within every part by so many thousandths of it.
+    pub fn shifted(&self, columns: &[Vec<f64>], thousandths: usize) -> Vec<Vec<f64>> {
+        columns
+            .iter()
+            .map(|c| {
+                let mut out = Vec::with_capacity(c.len());
+                for (i, (_, from)) in self.parts.iter().enumerate() {
+                    let to = self.parts.get(i + 1).map_or(c.len(), |(_, from)| *from);
+                    let part = &c[*from..to];
+                    let shift = (part.len() * thousandths / 1000).max(1) % part.len().max(1);
+                    out.extend(part[shift..].iter().chain(&part[..shift]));
+                }
+                self.projected(&out)
+            })
+            .collect()
+    }
+}
+
+/// Directions of a part's own numbers.
+fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
+    let locals = &point.locals[part];
+    let base = problem.residuals(part, &point.globals, locals, false);
+    let columns: Vec<Vec<f64>> = (0..locals.len())
+        .map(|l| {
+            let mut moved = locals.clone();
+            let d = 1e-6 * moved[l].abs().max(1.0);
+            moved[l] += d;
+            let r = problem.residuals(part, &point.globals, &moved, false);
+            r.iter().zip(&base).map(|(a, b)| (a - b) / d).collect()
+        })
+        .collect();
+    orthonormal(&columns)
+}
+
+/// Residuals of all fitting parts with a hypothesis at given values and no number free, minus those without.
+fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: &[f64]) -> Vec<f64> {
+    let mut with = problem.clone();
+    let mut name = h.name.clone();
+    while with.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
+        name.push('+');
+    }
+    (with.machine, _) = problem.machine.with(h.effect, &name, h.target, values);
+    let mut out = Vec::new();
+    for (k, from) in &base.parts {
+        let now = with.residuals(*k, &point.globals, &point.locals[*k], false);
+        out.extend(now.iter().zip(&base.raw[*from..]).map(|(a, b)| a - b));
+    }
+    out
+}
+
+/// What a hypothesis promises at this fit.
+pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Promise {
+    let records = problem.data.records.len();
+    let mut probe = h.values.clone();
+    let amplitudes = h.amplitudes();
+    for i in &amplitudes {
+        probe[*i] = h.rows[*i].off * h.rows[*i].unit;
+    }
+    let none = Promise { gain: 0.0, values: h.values.clone(), phases: vec![0.0; records], columns: Vec::new() };
+    if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
+        return none;
+    }
+    let mut columns = Vec::new();
+    // What each column stands for: amplitude, record of its phase, cosine or sine.
+    let mut meaning = Vec::new();
+    for i in amplitudes {
+        let size = PROBE * h.values[i];
+        let angles: &[f64] = if h.phase().is_some() { &[0.0, std::f64::consts::FRAC_PI_2] } else { &[0.0] };
+        for angle in angles {
+            let mut values = probe.clone();
+            values[i] = size;
+            if let Some(p) = h.phase() {
+                values[p] = *angle;
+            }
+            let column: Vec<f64> = moved(problem, base, &fit.point, h, &values).iter().map(|d| d / size).collect();
+            if column.iter().any(|x| !x.is_finite()) {
+                return none;
+            }
+            if h.phase().is_none() {
+                columns.push(base.projected(&column));
+                meaning.push((i, 0, 0));
+                continue;
+            }
+            for record in 0..records {
+                let mut own = vec![0.0; column.len()];
+                for (at, (k, from)) in base.parts.iter().enumerate() {
+                    let to = base.parts.get(at + 1).map_or(column.len(), |(_, from)| *from);
+                    if problem.data.segments[*k].record == record {
+                        own[*from..to].copy_from_slice(&column[*from..to]);
+                    }
+                }
+                if own.iter().any(|x| *x != 0.0) {
+                    columns.push(base.projected(&own));
+                    meaning.push((i, record, usize::from(*angle > 0.0)));
+                }
+            }
+        }
+    }
+    let Some(x) = least_squares(&columns, &base.residual) else { return none };
+    let mut values = probe;
+    let mut phases = vec![0.0; records];
+    if h.phase().is_some() {
+        // a sin(n q + phase) = a cos(phase) sin(n q) + a sin(phase) cos(n q)
+        let mut pairs = vec![[0.0; 2]; records];
+        for ((_, record, part), x) in meaning.iter().zip(&x) {
+            pairs[*record][*part] = -x;
+        }
+        let sizes: Vec<f64> = pairs.iter().map(|[a, b]| libm::sqrt(a * a + b * b)).filter(|s| *s > 0.0).collect();
+        let mean = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
+        values[meaning[0].0] = mean;
+        phases = pairs.iter().map(|[a, b]| crate::units::atan2(*b, *a)).collect();
+    } else {
+        for ((i, ..), x) in meaning.iter().zip(&x) {
+            values[*i] = -x;
+        }
+    }
+    let mut gain = base.gain(&columns);
+    for (i, row) in h.rows.iter().enumerate() {
+        let (low, high) = (row.low * row.unit, row.high * row.unit);
+        if matches!(row.kind, Kind::Amplitude | Kind::PerMark) && (values[i] < low || values[i] > high) {
+            // Its sign is wrong, or it is larger than can be: small is where a fit starts.
+            gain *= if values[i] < low { 0.05 } else { 0.5 };
+            values[i] = (0.1 * h.values[i]).clamp(low, high);
+        }
+    }
+    Promise { gain, values, phases, columns }
+}
+
+/// The x with columns x = right in the sense of least squares.
+fn least_squares(columns: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
+    let n = columns.len();
+    let sizes: Vec<f64> = columns.iter().map(|c| libm::sqrt(c.iter().map(|x| x * x).sum::<f64>())).collect();
+    if sizes.iter().all(|s| *s <= 0.0) {
+        return None;
+    }
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let scale = |i: usize| if sizes[i] > 0.0 { sizes[i] } else { 1.0 };
+    let mut a = DMatrix::zeros(n, n);
+    let mut b = DVector::zeros(n);
+    for i in 0..n {
+        b[i] = dot(&columns[i], right) / scale(i);
+        for j in 0..n {
+            a[(i, j)] = dot(&columns[i], &columns[j]) / (scale(i) * scale(j));
+        }
+        a[(i, i)] += 1e-9;
+    }
+    let x = a.full_piv_lu().solve(&b)?;
+    Some((0..n).map(|i| x[i] / scale(i)).collect())
+}

@@ -1,0 +1,191 @@
+//! Structure before data: which orders fall together by the count of teeth and links, how small an effect could be seen, and
+//! which effects these records cannot tell apart.
+
+use super::candidates::Hypothesis;
+use super::screen::{Base, Promise};
+use crate::machine::Machine;
+use serde::Serialize;
+
+/// Two periods of a chain drive that fall together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Collision {
+    /// What comes back.
+    pub of: String,
+    /// As a multiple of this.
+    pub with: String,
+    pub harmonic: u32,
+    pub says: String,
+}
+
+/// What could be seen of a hypothesis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Detectable {
+    pub effect: String,
+    /// Parameter, and its size at four standard deviations of the residual, in its unit.
+    pub parameter: String,
+    pub smallest: f64,
+}
+
+/// Two hypotheses that look alike in these records.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Alike {
+    pub a: String,
+    pub b: String,
+    pub angle_deg: f64,
+}
+
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Collisions of orders by teeth z and links N: exact, from whole numbers.
+pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collision> {
+    let mut found = Vec::new();
+    for (name, z) in toothed {
+        if z % 2 == 0 {
+            found.push(Collision {
+                of: "two links".into(),
+                with: format!("{name} once per revolution"),
+                harmonic: z / 2,
+                says: format!(
+                    "z = {z} is even: alternate pitch comes back {} times a turn of `{name}`, and cannot be told from a tooth error of that order by order alone",
+                    z / 2
+                ),
+            });
+        }
+        if let Some(n) = links {
+            let g = gcd(n, *z);
+            let (loops, turns) = (z / g, n / g);
+            if loops == 1 {
+                found.push(Collision {
+                    of: "chain loop".into(),
+                    with: format!("{name} once per revolution"),
+                    harmonic: turns,
+                    says: format!(
+                        "N = {n} is {turns} times z = {z}: one link always meets the same tooth of `{name}`, so that harmonic {turns} of the chain loop is its revolution, and one link or joint cannot be separated from runout or a tooth of `{name}` by order; a chain re-hung by one link would, or one with {} links",
+                        n + 1
+                    ),
+                });
+            } else if loops <= 6 {
+                found.push(Collision {
+                    of: format!("{loops} chain loops"),
+                    with: format!("{name}, {turns} revolutions"),
+                    harmonic: turns,
+                    says: format!("link and tooth of `{name}` meet again after {turns} revolutions, {loops} loops"),
+                });
+            }
+        }
+    }
+    for (i, (a, za)) in toothed.iter().enumerate() {
+        for (b, zb) in &toothed[i + 1..] {
+            let (small, large, zs, zl) = if za <= zb { (a, b, za, zb) } else { (b, a, zb, za) };
+            if zl % zs == 0 {
+                found.push(Collision {
+                    of: format!("{large} once per revolution"),
+                    with: format!("{small} once per revolution"),
+                    harmonic: zl / zs,
+                    says: format!(
+                        "{zl} teeth are {} times {zs}: order {} of `{large}` is order 1 of `{small}`; only the pattern over channels separates them",
+                        zl / zs,
+                        zl / zs
+                    ),
+                });
+            }
+        }
+    }
+    found
+}
+
+/// Teeth and links of a lumped machine.
+pub fn counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
+    (m.toothed(), m.chain.as_ref().map(|c| c.links))
+}
+
+/// How small every hypothesis could be seen, once for each effect and place.
+pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Detectable> {
+    let sigma = libm::sqrt(base.cost() / base.residual.len().max(1) as f64);
+    let mut found: Vec<Detectable> = Vec::new();
+    for (h, p) in hypotheses.iter().zip(promises) {
+        let (Some(first), Some(column)) = (h.amplitudes().first().copied(), p.columns.first()) else { continue };
+        let size = libm::sqrt(column.iter().map(|x| x * x).sum::<f64>());
+        let keys = m.keys(h.effect, h.target);
+        if size > 0.0 && found.iter().all(|f| f.effect != h.identity()) {
+            found.push(Detectable {
+                effect: h.identity(),
+                parameter: keys[first].0.clone(),
+                smallest: 4.0 * sigma / size / h.rows[first].unit,
+            });
+        }
+    }
+    found
+}
+
+/// Pairs whose columns point nearly the same way, within 15 degrees.
+pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
+    let bases: Vec<(usize, Vec<Vec<f64>>)> = promises
+        .iter()
+        .enumerate()
+        .filter(|(i, p)| {
+            let id = hypotheses[*i].identity();
+            !p.columns.is_empty() && (0..*i).all(|j| hypotheses[j].identity() != id)
+        })
+        .map(|(i, p)| (i, super::fit::orthonormal(&p.columns)))
+        .filter(|(_, b)| !b.is_empty())
+        .collect();
+    let mut found = Vec::new();
+    for (n, (i, a)) in bases.iter().enumerate() {
+        for (j, b) in &bases[n + 1..] {
+            if a.len() != b.len() {
+                continue;
+            }
+            // The smallest share of a direction of one that the other one holds.
+            let mut least: f64 = 1.0;
+            for x in a {
+                let held: f64 = b
+                    .iter()
+                    .map(|y| {
+                        let d: f64 = x.iter().zip(y).map(|(x, y)| x * y).sum();
+                        d * d
+                    })
+                    .sum();
+                least = least.min(held);
+            }
+            let angle = libm::acos(libm::sqrt(least.clamp(0.0, 1.0))).to_degrees();
+            if angle < 15.0 {
+                found.push(Alike { a: hypotheses[*i].identity(), b: hypotheses[*j].identity(), angle_deg: angle });
+            }
+        }
+    }
+    found.sort_by(|x, y| x.angle_deg.total_cmp(&y.angle_deg));
+    found
+}
+
+/// An experiment that would tell two effects apart.
+pub fn experiment(a: &str, b: &str) -> String {
+    let name = |path: &str| path.split('.').nth(1).unwrap_or(path).split(' ').next().unwrap_or(path).to_string();
+    let (a, b) = (name(a), name(b));
+    let is = |x: &str, names: &[&str]| names.contains(&x);
+    let both = |p: &[&str], q: &[&str]| (is(&a, p) && is(&b, q)) || (is(&a, q) && is(&b, p));
+    let friction = ["coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag", "constant_torque"];
+    let once = ["sprocket_runout", "tooth_pitch_error", "gap_error", "torque_ripple", "unbalance", "polygon"];
+    let marks = ["mark_spacing", "mark_strength", "encoder_error"];
+    let chain = ["pitch_error", "tight_joint", "alternate_pitch"];
+    let lag = ["low_pass", "latency", "input_lag", "input_delay", "sensor_resonance", "time_base"];
+    if is(&a, &friction) && is(&b, &friction) {
+        "a record with slow reversals and one at a much higher steady speed: the laws differ most at both ends".into()
+    } else if both(&once, &marks) {
+        "a second sensor on the same shaft, or a record at twice the speed: an error of marks keeps its share of the interval, a torque does not".into()
+    } else if is(&a, &marks) && is(&b, &marks) {
+        "a record at twice the speed: spacing keeps its share of the interval, strength its time".into()
+    } else if both(&once, &chain) || (is(&a, &chain) && is(&b, &chain)) {
+        "the chain hung on again, shifted by one link, or a chain with a link count that the teeth do not divide".into()
+    } else if is(&a, &once) && is(&b, &once) {
+        "the same records at a second speed: unbalance grows with its square, runout and torque stay".into()
+    } else if is(&a, &lag) && is(&b, &lag) {
+        "a sweep of the input up to the highest frequency that the samples show, and a sensor of known response beside this one".into()
+    } else {
+        format!(
+            "a record in which `{a}` and `{b}` act differently: another speed, load or direction, or a sensor nearer to one of them"
+        )
+    }
+}

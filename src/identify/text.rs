@@ -1,0 +1,291 @@
+//! The report as text, and the drive file with what was found.
+
+use super::report::{Number, Report, Verdict};
+use crate::machine::Machine;
+use std::fmt::Write;
+
+/// Four digits that count.
+fn short(x: f64) -> String {
+    let size = x.abs();
+    if x == 0.0 || !x.is_finite() {
+        format!("{x}")
+    } else if (1e-3..1e5).contains(&size) {
+        let digits = (3.0 - libm::floor(libm::log10(size))).max(0.0) as usize;
+        format!("{x:.digits$}")
+    } else {
+        format!("{x:.3e}")
+    }
+}
+
+fn optional(x: Option<f64>) -> String {
+    x.map_or("-".to_string(), short)
+}
+
+/// One screen.
+pub fn text(r: &Report) -> String {
+    let mut t = String::new();
+    write_all(&mut t, r);
+    t
+}
+
+fn verdict(r: &Report) -> String {
+    let named = |law: bool| {
+        let names: Vec<String> = r
+            .effects
+            .iter()
+            .map(|e| if law && !e.rivals.is_empty() { format!("{} ({})", e.family, e.path) } else { e.path.clone() })
+            .collect();
+        names.join(", ")
+    };
+    match r.outcome {
+        Verdict::Named => format!("NAMED: {}", named(true)),
+        Verdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
+        Verdict::None => "NONE: no effect known here explains what is left".to_string(),
+    }
+}
+
+fn write_all(t: &mut String, r: &Report) {
+    // Writing into a String never fails.
+    let _infallible = (|| -> std::fmt::Result {
+        writeln!(t, "{}", r.title)?;
+        for c in &r.clocks {
+            writeln!(
+                t,
+                "  record {:<14} {:>8} samples, {} 1/s, {:.4} s{}",
+                c.record,
+                c.samples,
+                short(c.rate_hz),
+                c.length_s,
+                if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
+            )?;
+        }
+        writeln!(t, "  held-out samples {}, drive {}", r.held_out_hash, r.drive_hash)?;
+        writeln!(t, "\n{}", verdict(r))?;
+        writeln!(
+            t,
+            "{}",
+            if r.explained {
+                "EXPLAINED: what is left is white and at the noise floor"
+            } else {
+                "NOT EXPLAINED: what is left is above the noise floor, or not white"
+            }
+        )?;
+        if r.interrupted || r.budget_spent || !r.converged {
+            let why = if r.interrupted {
+                "interrupted"
+            } else if r.budget_spent {
+                "the budget was spent"
+            } else {
+                "a fit did not converge"
+            };
+            writeln!(t, "PARTIAL: {why}; more may be found, and what is said is less sure")?;
+        }
+        errors(t, r)?;
+        effects(t, r)?;
+        declared_numbers(t, r)?;
+        rest(t, r)
+    })();
+}
+
+fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
+    writeln!(
+        t,
+        "\nchannel            record         unit        floor  held out before -> after            ratio  x floor  white"
+    )?;
+    for (b, a) in r.error_before.iter().zip(&r.error_after) {
+        let floor = r.noise_floor.iter().find(|f| f.channel == b.channel);
+        let interval = a.held_out_interval.map_or(String::new(), |[l, h]| format!("[{}, {}]", short(l), short(h)));
+        let ratio = match (b.held_out, a.held_out) {
+            (Some(b), Some(a)) if b > 0.0 => format!("{:.3}", a / b),
+            _ => "-".into(),
+        };
+        let (floor_value, white) = match (&b.record, floor) {
+            (None, Some(f)) => (short(f.noise_floor), if f.white { "yes" } else { "no" }),
+            _ => (String::new(), ""),
+        };
+        let times = match (&b.record, floor) {
+            (None, Some(f)) => format!("{:.2}", f.times_floor),
+            _ => String::new(),
+        };
+        writeln!(
+            t,
+            "{:<18} {:<14} {:<9} {:>7}  {:>8} -> {:<8} {:<20} {:>6}  {:>7}  {}",
+            b.channel,
+            b.record.as_deref().unwrap_or("all"),
+            b.unit,
+            floor_value,
+            optional(b.held_out),
+            optional(a.held_out),
+            interval,
+            ratio,
+            times,
+            white
+        )?;
+    }
+    Ok(())
+}
+
+fn number(n: &Number) -> String {
+    let key = n.path.rsplit('.').next().unwrap_or(&n.path);
+    let of = n.record.as_ref().map_or(String::new(), |r| format!(" in {r}"));
+    if n.standard_error > 0.0 {
+        format!("{key}{of} = {} +- {}", short(n.value), short(n.standard_error))
+    } else {
+        format!("{key}{of} = {}", short(n.value))
+    }
+}
+
+fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
+    for (i, e) in r.effects.iter().enumerate() {
+        let row = crate::effects::named(&e.name);
+        writeln!(t, "\neffect {}: {}  {}", i + 1, e.path, row.map_or("", |r| r.title))?;
+        for n in &e.parameters {
+            writeln!(t, "    {}", number(n))?;
+        }
+        writeln!(
+            t,
+            "    held-out error with it / without it {:.3} [{:.3}, {:.3}]; takes {:.1} % of the squared error, a sham {:.2} %",
+            e.judge_ratio[0],
+            e.judge_ratio[1],
+            e.judge_ratio[2],
+            100.0 * e.gain,
+            100.0 * e.sham_gain
+        )?;
+        for rival in &e.rivals {
+            writeln!(
+                t,
+                "    cannot be told from {} (held-out error {:.3} times [{:.3}, {:.3}])",
+                rival.identity, rival.judge_ratio[0], rival.judge_ratio[1], rival.judge_ratio[2]
+            )?;
+        }
+    }
+    if let Some(u) = &r.unnamed {
+        writeln!(t, "\nUNNAMED force on {}: {}", u.body, u.formula)?;
+        writeln!(
+            t,
+            "    held-out error with it / without it {:.3} [{:.3}, {:.3}]; q and v are angle or position and speed; no physical name is implied",
+            u.judge_ratio[0], u.judge_ratio[1], u.judge_ratio[2]
+        )?;
+    }
+    Ok(())
+}
+
+fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
+    if r.numbers_before.is_empty() {
+        return Ok(());
+    }
+    writeln!(t, "\ndeclared number                                     in file     before      after")?;
+    for (b, a) in r.numbers_before.iter().zip(&r.numbers_after) {
+        writeln!(
+            t,
+            "{:<50} {:>9}  {:>9}  {:>9} +- {}{}",
+            match &b.record {
+                Some(record) => format!("{} ({record})", b.path),
+                None => b.path.clone(),
+            },
+            optional(b.nameplate),
+            short(b.value),
+            short(a.value),
+            short(a.standard_error),
+            if a.at_bound { "  AT ITS BOUND" } else { "" }
+        )?;
+    }
+    Ok(())
+}
+
+fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
+    writeln!(t, "\nerror budget (squared error of the declared model)")?;
+    for s in &r.error_budget {
+        writeln!(t, "    {:>5.1} %  {}", s.percent, s.of)?;
+    }
+    if !r.collisions.is_empty() {
+        writeln!(t, "\nwhat teeth and links leave open")?;
+        for c in &r.collisions {
+            writeln!(t, "    {}", c.says)?;
+        }
+    }
+    let mut lost: Vec<_> = r.candidates.iter().filter(|c| c.rms_fit.is_some() && c.why != "accepted").collect();
+    lost.sort_by(|a, b| a.score.unwrap_or(f64::MAX).total_cmp(&b.score.unwrap_or(f64::MAX)));
+    lost.dedup_by(|a, b| a.identity == b.identity);
+    if !lost.is_empty() {
+        writeln!(t, "\nfitted, and not taken (of {} looked at; all with --json)", r.candidates.len())?;
+        let mut shown: Vec<&str> = Vec::new();
+        for c in lost {
+            if shown.len() < 8 && !shown.contains(&c.identity.as_str()) {
+                shown.push(&c.identity);
+                writeln!(t, "    {:<44} {}", c.identity, c.why)?;
+            }
+        }
+    }
+    for e in &r.next_experiment {
+        writeln!(t, "\nnext experiment: {e}")?;
+    }
+    writeln!(t, "\n{} model runs", r.model_runs)
+}
+
+/// The drive file with fitted numbers and effects written in; comments stay. `Err`: what could not be placed.
+pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
+    let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
+    let mut inserts: Vec<(usize, String)> = Vec::new();
+    for n in r.numbers_after.iter().filter(|n| n.record.is_none()) {
+        match machine.places.span(&n.path) {
+            Some(span) => edits.push((span, toml_number(n.value))),
+            None => {
+                let (table, key) = n.path.rsplit_once('.').unwrap_or(("", &n.path));
+                let header = format!("[{table}]");
+                let at = machine.text.lines().scan(0, |at, line| {
+                    let start = *at;
+                    *at += line.len() + 1;
+                    Some((start, line))
+                });
+                let line = at.into_iter().find(|(_, l)| l.split('#').next().is_some_and(|l| l.trim() == header));
+                let Some((start, line)) = line else {
+                    return Err(format!("`{}` has no table `{header}` to stand in", n.path));
+                };
+                inserts.push((start + line.len(), format!("\n{key} = {}", toml_number(n.value))));
+            }
+        }
+    }
+    edits.extend(inserts.into_iter().map(|(at, text)| (at..at, text)));
+    edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));
+    let mut text = machine.text.clone();
+    for (span, new) in edits {
+        text.replace_range(span, &new);
+    }
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    for e in &r.effects {
+        let mut words = e.path.splitn(3, '.').skip(1);
+        let (name, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+        let quoted = if target.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-') {
+            target.to_string()
+        } else {
+            format!("\"{target}\"")
+        };
+        text += &format!(
+            "\n[effects.{name}.{quoted}] # found by identify; held-out error {:.3} times that without it\n",
+            e.judge_ratio[0]
+        );
+        let mut keys: Vec<&str> = Vec::new();
+        for n in &e.parameters {
+            let key = n.path.rsplit('.').next().unwrap_or_default();
+            let note = match (&n.record, n.standard_error > 0.0) {
+                (Some(record), _) => format!(" # in record {record}; other records have their own"),
+                (None, true) => format!(" # +- {}", short(n.standard_error)),
+                (None, false) => String::new(),
+            };
+            if !keys.contains(&key) {
+                keys.push(key);
+                text += &format!("{key} = {}{note}\n", toml_number(n.value));
+            }
+        }
+    }
+    Ok(text)
+}
+
+/// A float that TOML reads back to the same bits.
+fn toml_number(x: f64) -> String {
+    let text = format!("{x}");
+    if text.contains(['.', 'e', 'i', 'N']) { text } else { format!("{text}.0") }
+}

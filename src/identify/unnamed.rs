@@ -1,0 +1,155 @@
+//! What is left without a name: the residual force at the body where it is simplest, as a curve and as the shortest formula
+//! that holds on records it has not seen. It never gets a physical name.
+
+use super::candidates::Hypothesis;
+use super::fit::{Fit, parallel};
+use super::screen::{Base, promise};
+use super::search::{Context, Model, refit_with};
+use crate::effects::{BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use crate::machine::{Motion, Target};
+use crate::measurement::segments::Data;
+use serde::Serialize;
+
+/// A force law without a name.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Unnamed {
+    pub body: String,
+    /// In SI, q and v being angle or position and speed of the body.
+    pub formula: String,
+    pub terms: Vec<(String, f64)>,
+    /// Error on what judges with it, over that without.
+    pub judge_ratio: [f64; 3],
+    /// Speeds between which the records let it be known [rad/s or m/s].
+    pub from_speed: f64,
+    pub to_speed: f64,
+}
+
+/// Library of terms: how it is written, and what it is.
+const LIBRARY: [(&str, BodyLaw); 12] = [
+    ("1", |p, _| p[0]),
+    ("v", |p, at| p[0] * at.v),
+    ("v |v|", |p, at| p[0] * at.v * at.v.abs()),
+    ("v^3", |p, at| p[0] * at.v * at.v * at.v),
+    ("sign(v)", |p, at| p[0] * crate::effects::soft_sign(at.v, 0.05)),
+    ("sign(v) exp(-|v|)", |p, at| p[0] * crate::effects::soft_sign(at.v, 0.05) * libm::exp(-at.v.abs())),
+    ("q", |p, at| p[0] * at.q),
+    ("q^3", |p, at| p[0] * at.q * at.q * at.q),
+    ("sin(q)", |p, at| p[0] * libm::sin(at.q)),
+    ("cos(q)", |p, at| p[0] * libm::cos(at.q)),
+    ("sin(2 q)", |p, at| p[0] * libm::sin(2.0 * at.q)),
+    ("cos(2 q)", |p, at| p[0] * libm::cos(2.0 * at.q)),
+];
+
+const SIZE: Parameter = Parameter::new("size", 1.0, -1e12, 1e12, Kind::Amplitude).starts(Scale::Force, &[0.1]);
+
+/// The library as effects, so that they are fitted like those with a name.
+fn effect(index: usize) -> &'static Effect {
+    static ROWS: std::sync::OnceLock<Vec<Effect>> = std::sync::OnceLock::new();
+    let rows = ROWS.get_or_init(|| {
+        LIBRARY
+            .iter()
+            .map(|(name, law)| Effect {
+                name,
+                title: "Term of an unnamed force",
+                part: Part::Load,
+                on: On::Body,
+                equation: name,
+                source: "library of terms",
+                order: "",
+                speed_law: "",
+                channels: "",
+                parameters: &[SIZE],
+                dissipative: false,
+                physics: Physics::BodyForce(*law),
+                links: None,
+            })
+            .collect()
+    });
+    &rows[index]
+}
+
+/// Most terms of a formula.
+const MOST_TERMS: usize = 3;
+
+/// The shortest formula for what is left, if one holds.
+pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option<Unnamed> {
+    let m = &best.problem.machine;
+    let mut found: Option<(Model<'a>, usize, Vec<usize>)> = None;
+    for (b, body) in m.bodies.iter().enumerate() {
+        if body.motion != Motion::Free || body.path.starts_with("effects.") {
+            continue;
+        }
+        let mut model = best.clone();
+        let mut terms: Vec<usize> = Vec::new();
+        while terms.len() < MOST_TERMS && !context.ends() {
+            let Some((term, next)) = one_more(&model, b, &terms, own, context) else { break };
+            let ratio = next.residuals.judge_ratio(&model.residuals);
+            if ratio[2] >= 1.0 || ratio[0] > 0.97 {
+                break;
+            }
+            terms.push(term);
+            model = next;
+        }
+        let better = |old: &Model| judge_error(&model) < judge_error(old);
+        if !terms.is_empty() && found.as_ref().is_none_or(|(old, ..)| better(old)) {
+            found = Some((model, b, terms));
+        }
+    }
+    let (model, b, terms) = found?;
+    let first = best.problem.globals.len();
+    let values: Vec<(String, f64)> = terms
+        .iter()
+        .enumerate()
+        .map(|(i, t)| {
+            let g = &model.problem.globals[first + i];
+            (LIBRARY[*t].0.to_string(), g.law.value(model.fit.point.globals[first + i]))
+        })
+        .collect();
+    let formula = values.iter().map(|(term, x)| format!("{x:+.4e} {term}")).collect::<Vec<_>>().join(" ");
+    let speeds = || best.problem.data.segments.iter().map(|s| s.start.v[b]);
+    Some(Unnamed {
+        body: m.bodies[b].path.clone(),
+        formula: format!("r = {formula}"),
+        terms: values,
+        judge_ratio: model.residuals.judge_ratio(&best.residuals),
+        from_speed: speeds().fold(f64::MAX, f64::min),
+        to_speed: speeds().fold(f64::MIN, f64::max),
+    })
+}
+
+fn judge_error(model: &Model) -> f64 {
+    let n = model.residuals.judge.len();
+    (0..n).map(|c| libm::log(model.residuals.rms(c).1.max(1e-300))).sum()
+}
+
+/// The term that explains most, fitted beside the others.
+fn one_more<'a>(
+    model: &Model<'a>,
+    body: usize,
+    taken: &[usize],
+    own: &Data,
+    context: &Context<'_>,
+) -> Option<(usize, Model<'a>)> {
+    let fit: &Fit = &model.fit;
+    let base = Base::new(&model.problem, fit);
+    let sizes = super::candidates::Sizes::of(&model.problem, &fit.point);
+    let scale = sizes.force(body);
+    let hypothesis = |t: usize| Hypothesis {
+        effect: effect(t),
+        name: model.problem.machine.bodies[body].name.clone(),
+        target: Target::Body(body),
+        values: vec![0.1 * scale],
+        rows: vec![&effect(t).parameters[0]],
+        scales: vec![scale],
+    };
+    let gains = parallel(LIBRARY.len(), context.threads, |t| {
+        if taken.contains(&t) { 0.0 } else { promise(&model.problem, &base, fit, &hypothesis(t)).gain }
+    });
+    let term = (0..LIBRARY.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b]))?;
+    if gains[term] < 0.02 {
+        return None;
+    }
+    let h = hypothesis(term);
+    let p = promise(&model.problem, &base, fit, &h);
+    Some((term, refit_with(model, &h, &p.values, &p.phases, own, context.threads)))
+}

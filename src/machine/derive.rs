@@ -1,0 +1,1 @@
+//! A lumped machine from a drive whose links are bodies.

@@ -1,0 +1,222 @@
+//! The lumped fidelity of a drive: rotors and sliders, spans and couplings as springs, loads with laws in speed, inputs and
+//! sensors; the same effects as a drive whose links are bodies.
+//!
+//! ```text
+//! J_i q_i'' = sum of inputs, loads and effects - sum over springs (dl/dq_i) F
+//! l = g_a q_a - g_b q_b + effects' lengths      F = k l + c l' + effects' forces
+//! ```
+//! g is the radius of a span's end, 1 for a coupling. Every number is a slot of one list, found by its path in the file, so
+//! that a fit changes a machine by writing into a list.
+
+pub mod derive;
+pub mod modes;
+mod place;
+mod read;
+pub mod simulate;
+
+use crate::diag::Report;
+use crate::drive::reader::{Places, Reader};
+use crate::effects::Effect;
+
+/// A checked lumped drive.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    pub name: String,
+    pub text: String,
+    pub title: String,
+    pub slots: Vec<Slot>,
+    /// One for every slot, SI.
+    pub values: Vec<f64>,
+    pub bodies: Vec<Body>,
+    pub springs: Vec<Spring>,
+    pub inputs: Vec<Input>,
+    pub sensors: Vec<Sensor>,
+    /// Loads and effects; those of sensors in the order of the catalogue.
+    pub placed: Vec<Placed>,
+    pub chain: Option<Loop>,
+    pub places: Places,
+}
+
+/// A number of the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slot {
+    pub path: String,
+    /// The unit of its name in SI.
+    pub unit: f64,
+    /// In the unit of its name.
+    pub low: f64,
+    pub high: f64,
+}
+
+/// What moves in one coordinate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    pub name: String,
+    pub path: String,
+    /// Along a line, not round an axis.
+    pub slides: bool,
+    /// Slot of its inertia or mass.
+    pub inertia: usize,
+    /// Slot of what a second body has taken of it.
+    pub minus: Option<usize>,
+    pub teeth: Option<u32>,
+    pub motion: Motion,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    Free,
+    /// Slot of the speed.
+    Constant(usize),
+    /// Index of the input that gives speed or angle.
+    Measured(usize),
+}
+
+/// One end of a spring.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct End {
+    pub body: usize,
+    /// Slot of the radius or ratio.
+    pub gain: usize,
+    pub sign: i8,
+}
+
+/// A coupling, a span or a spring to the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spring {
+    pub name: String,
+    pub path: String,
+    pub ends: Vec<End>,
+    /// Slots of stiffness and damping; of a tuned spring those of eigenfrequency and damping ratio.
+    pub stiffness: usize,
+    pub damping: usize,
+    /// Slot of the inertia with which a spring is tuned: k = J w^2, c = 2 zeta J w.
+    pub tuned: Option<usize>,
+    /// Links at its ends, counted along the loop, for effects of single links.
+    pub links: Option<(f64, f64)>,
+}
+
+/// What a measured column does to a body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Input {
+    pub name: String,
+    pub path: String,
+    pub body: usize,
+    pub kind: InputKind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// Force or torque; slot of the gain per unit of the column.
+    Force(usize),
+    /// The column is a speed.
+    Speed,
+    /// The column is an angle or a position.
+    Angle,
+}
+
+/// What a sensor reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reads {
+    Angle(usize),
+    Speed(usize),
+    Acceleration(usize),
+    /// Time between the marks of this body.
+    Pulses {
+        body: usize,
+        marks: usize,
+    },
+    /// Force of this spring.
+    Tension(usize),
+    /// What must act on this prescribed body from outside.
+    Reaction(usize),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    pub name: String,
+    pub path: String,
+    pub reads: Reads,
+    /// Slot of the gain: value shown per SI unit.
+    pub gain: usize,
+    /// Its own unit, where it has one; else SI.
+    pub unit: Option<String>,
+}
+
+/// An effect at its place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placed {
+    pub effect: &'static Effect,
+    pub path: String,
+    pub target: Target,
+    /// Of its parameters, in their order.
+    pub slots: Vec<usize>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    Body(usize),
+    Spring(usize),
+    Input(usize),
+    Sensor(usize),
+    Chain,
+}
+
+/// The chain as counted: what orders come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loop {
+    pub links: u32,
+    /// Body whose teeth count the links that pass.
+    pub leader: usize,
+}
+
+/// Keys that tell a lumped drive from one with links.
+pub fn is_lumped(text: &str) -> bool {
+    text.lines().any(|l| l.split('#').next().is_some_and(|l| l.replace(' ', "").starts_with("fidelity=\"lumped\"")))
+}
+
+impl Machine {
+    /// Reads and checks a machine. All mistakes come back at once.
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
+        let reader = Reader::new(name, text, overrides);
+        let root = reader.parse(text)?;
+        let machine = read::machine(&reader.root(&root));
+        drop(root);
+        let places = reader.finish()?;
+        let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
+        Ok(Machine { name: stem.to_string(), text: text.to_string(), places, ..machine })
+    }
+
+    /// Index of the slot with this path.
+    pub fn slot(&self, path: &str) -> Option<usize> {
+        self.slots.iter().position(|s| s.path == path)
+    }
+
+    /// Value of a slot in the unit of its name.
+    pub fn shown(&self, slot: usize, value: f64) -> f64 {
+        value / self.slots[slot].unit
+    }
+
+    /// Bodies with teeth, in their order: name and teeth.
+    pub fn toothed(&self) -> Vec<(String, u32)> {
+        self.bodies.iter().filter_map(|b| b.teeth.map(|z| (b.name.clone(), z))).collect()
+    }
+
+    /// Stiffness and damping of a spring.
+    pub fn spring_numbers(&self, values: &[f64], spring: &Spring) -> (f64, f64) {
+        let (a, b) = (values[spring.stiffness], values[spring.damping]);
+        match spring.tuned {
+            None => (a, b),
+            Some(inertia) => (values[inertia] * a * a, 2.0 * b * values[inertia] * a),
+        }
+    }
+
+    /// The body that a sensor reads, if it is one.
+    pub fn body_of(&self, sensor: usize) -> Option<usize> {
+        match self.sensors[sensor].reads {
+            Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
+            Reads::Pulses { body, .. } => Some(body),
+            Reads::Tension(_) => None,
+        }
+    }
+}

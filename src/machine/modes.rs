@@ -1,0 +1,1 @@
+//! Eigenfrequencies of a lumped machine.

@@ -1,0 +1,332 @@
+//! Reading a lumped drive, table by table.
+
+use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
+use crate::drive::reader::{Places, Table};
+use crate::effects::{EFFECTS, Effect, Kind, On, named};
+use crate::units::{MM, RPM};
+
+/// Most marks whose spacing is fitted one by one.
+pub const MOST_MARKS: usize = 60;
+
+/// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
+pub(super) fn machine(root: &Table<'_>) -> Machine {
+    let mut m = Machine {
+        name: String::new(),
+        text: String::new(),
+        title: root.text("title").unwrap_or_default(),
+        slots: Vec::new(),
+        values: Vec::new(),
+        bodies: Vec::new(),
+        springs: Vec::new(),
+        inputs: Vec::new(),
+        sensors: Vec::new(),
+        placed: Vec::new(),
+        chain: None,
+        places: Places::empty(),
+    };
+    root.choice("fidelity", &[("lumped", ())]);
+    bodies(root, &mut m);
+    springs(root, &mut m);
+    inputs(root, &mut m);
+    chain(root, &mut m);
+    sensors(root, &mut m);
+    loads(root, &mut m);
+    effects(root, &mut m);
+    if m.bodies.is_empty() {
+        root.error("a machine needs a body".into(), Some("add `[rotors.NAME]` or `[sliders.NAME]`".into()));
+    }
+    if m.sensors.is_empty() {
+        let kinds = "add `[sensors.tachometer.BODY]`; `pitchline sensors` lists the kinds";
+        root.error("a machine needs a sensor".into(), Some(kinds.into()));
+    }
+    root.finish();
+    m
+}
+
+/// Adds a slot that the file may give; without a default it must.
+fn slot(m: &mut Machine, t: &Table<'_>, key: &str, unit: f64, range: (f64, f64), default: Option<f64>) -> usize {
+    let value = match default {
+        Some(default) => t.number(key, unit, range.0..=range.1).unwrap_or(default * unit),
+        None => t.required(key, unit, range.0..=range.1),
+    };
+    let path = format!("{}.{key}", t.path());
+    m.slots.push(Slot { path, unit, low: range.0, high: range.1 });
+    m.values.push(value);
+    m.slots.len() - 1
+}
+
+fn bodies(root: &Table<'_>, m: &mut Machine) {
+    let speeds = root.table("speeds");
+    let constant = speeds.table("constant");
+    for (kind, slides, key) in [("rotors", false, "inertia_kg_m2"), ("sliders", true, "mass_kg")] {
+        let table = root.table(kind);
+        for (name, t) in table.tables() {
+            let speed = constant.table(&name);
+            let motion = if speed.is_present() {
+                Motion::Constant(match slides {
+                    false => slot(m, &speed, "speed_rpm", RPM, (-1e6, 1e6), None),
+                    true => slot(m, &speed, "speed_m_s", 1.0, (-1e4, 1e4), None),
+                })
+            } else {
+                Motion::Free
+            };
+            speed.finish();
+            let needs = if motion == Motion::Free { None } else { Some(1.0) };
+            let inertia = slot(m, &t, key, 1.0, (1e-12, 1e9), needs);
+            let teeth = t.integer("teeth", 5..=1000).map(|z| z as u32);
+            if m.bodies.iter().any(|b| b.name == name) {
+                t.error(format!("two bodies are called `{name}`"), Some("give one of them another name".into()));
+            }
+            m.bodies.push(Body { path: t.path().to_string(), name, slides, inertia, minus: None, teeth, motion });
+            t.finish();
+        }
+        table.finish();
+    }
+    constant.finish();
+    speeds.finish();
+}
+
+fn body_names(m: &Machine) -> String {
+    m.bodies.iter().map(|b| b.name.clone()).collect::<Vec<_>>().join(", ")
+}
+
+fn body_named(m: &Machine, t: &Table<'_>, name: &str) -> usize {
+    m.bodies.iter().position(|b| b.name == name).unwrap_or_else(|| {
+        t.error(format!("no body is called `{name}`"), Some(format!("bodies: {}", body_names(m))));
+        0
+    })
+}
+
+fn springs(root: &Table<'_>, m: &mut Machine) {
+    for kind in ["couplings", "spans", "grounds"] {
+        let table = root.table(kind);
+        for (name, t) in table.tables() {
+            let key = if kind == "grounds" { "body" } else { "between" };
+            let names = match kind {
+                "grounds" => t.text(key).map(|n| vec![n]),
+                _ => t.texts(key),
+            };
+            let wanted = if kind == "grounds" { 1 } else { 2 };
+            let names = names.unwrap_or_default();
+            if names.len() != wanted {
+                let example =
+                    if wanted == 1 { "body = \"NAME\"".to_string() } else { "between = [\"A\", \"B\"]".to_string() };
+                t.error(format!("`{}` does not say between what it lies", t.path()), Some(format!("add {example}")));
+            }
+            let mut ends = Vec::new();
+            for (k, end) in names.iter().take(wanted).enumerate() {
+                let body = body_named(m, &t, end);
+                let gain = match kind {
+                    "spans" => {
+                        let key = ["from_radius_mm", "to_radius_mm"][k];
+                        let slides = m.bodies.get(body).is_some_and(|b| b.slides);
+                        // A slider moves with the span itself.
+                        slot(m, &t, key, MM, (1e-3, 1e6), slides.then_some(1.0 / MM))
+                    }
+                    _ if k == 1 => slot(m, &t, "ratio", 1.0, (-1e6, 1e6), Some(1.0)),
+                    _ => {
+                        m.slots.push(Slot { path: format!("{}.one", t.path()), unit: 1.0, low: 1.0, high: 1.0 });
+                        m.values.push(1.0);
+                        m.slots.len() - 1
+                    }
+                };
+                ends.push(End { body, gain, sign: if k == 0 { 1 } else { -1 } });
+            }
+            let slides = kind == "spans" || ends.iter().all(|e| m.bodies.get(e.body).is_some_and(|b| b.slides));
+            let (k, c) = match slides {
+                true => ("stiffness_n_per_m", "damping_n_s_per_m"),
+                false => ("stiffness_nm_per_rad", "damping_nm_s_per_rad"),
+            };
+            let stiffness = slot(m, &t, k, 1.0, (0.0, 1e13), None);
+            let damping = slot(m, &t, c, 1.0, (0.0, 1e10), Some(0.0));
+            let from = t.number("from_link", 1.0, 0.0..=1e5);
+            let to = t.number("to_link", 1.0, 0.0..=1e5);
+            m.springs.push(Spring {
+                path: t.path().to_string(),
+                name,
+                ends,
+                stiffness,
+                damping,
+                tuned: None,
+                links: from.zip(to),
+            });
+            t.finish();
+        }
+        table.finish();
+    }
+}
+
+fn inputs(root: &Table<'_>, m: &mut Machine) {
+    let table = root.table("inputs");
+    for kind in ["torque", "force", "speed", "angle", "position"] {
+        let of_kind = table.table(kind);
+        for (name, t) in of_kind.tables() {
+            let on = t.text("body").unwrap_or_else(|| name.clone());
+            let body = body_named(m, &t, &on);
+            let kind = match kind {
+                "torque" => InputKind::Force(slot(m, &t, "gain_nm_per_unit", 1.0, (-1e9, 1e9), Some(1.0))),
+                "force" => InputKind::Force(slot(m, &t, "gain_n_per_unit", 1.0, (-1e9, 1e9), Some(1.0))),
+                "speed" => InputKind::Speed,
+                _ => InputKind::Angle,
+            };
+            if let (Some(b), false) = (m.bodies.get(body), matches!(kind, InputKind::Force(_))) {
+                if b.motion != Motion::Free {
+                    t.error(format!("the motion of `{}` is given twice", b.name), Some("keep one of them".into()));
+                }
+                m.bodies[body].motion = Motion::Measured(m.inputs.len());
+            }
+            m.inputs.push(Input { path: t.path().to_string(), name, body, kind });
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+}
+
+fn chain(root: &Table<'_>, m: &mut Machine) {
+    let t = root.table("chain");
+    if t.is_present() {
+        let links = t.required_integer("links", 5..=100_000) as u32;
+        let leader = t.text("leader");
+        let leader = match leader {
+            Some(name) => body_named(m, &t, &name),
+            None => m.bodies.iter().position(|b| b.teeth.is_some()).unwrap_or(0),
+        };
+        if m.bodies.get(leader).is_none_or(|b| b.teeth.is_none()) {
+            t.error("no body of this chain has teeth".into(), Some("add `teeth = ...` to its `[rotors.NAME]`".into()));
+        }
+        m.chain = Some(Loop { links, leader });
+    }
+    t.finish();
+}
+
+/// Kinds of sensors: key, what it reads, SI unit.
+pub const SENSOR_KINDS: [(&str, &str, &str); 8] = [
+    ("encoder", "angle of a rotor", "rad"),
+    ("displacement", "position of a slider", "m"),
+    ("tachometer", "speed of a rotor or slider", "rad/s or m/s"),
+    ("pulse_pickup", "time between the marks of a rotor", "s"),
+    ("accelerometer", "acceleration of a rotor or slider", "rad/s^2 or m/s^2"),
+    ("strain_gauge", "force of a span, coupling or ground", "N or N m"),
+    ("torque", "what must turn a body with prescribed motion from outside", "N m or N"),
+    ("force", "the same for a slider", "N"),
+];
+
+fn sensors(root: &Table<'_>, m: &mut Machine) {
+    let table = root.table("sensors");
+    for (kind, ..) in SENSOR_KINDS {
+        let of_kind = table.table(kind);
+        for (name, t) in of_kind.tables() {
+            let key = if kind == "strain_gauge" { "span" } else { "body" };
+            let on = t.text(key).unwrap_or_else(|| name.clone());
+            let reads = if kind == "strain_gauge" {
+                Reads::Tension(m.springs.iter().position(|s| s.name == on).unwrap_or_else(|| {
+                    let names: Vec<_> = m.springs.iter().map(|s| s.name.clone()).collect();
+                    let help = format!("spans, couplings and grounds: {}", names.join(", "));
+                    t.error(format!("no span is called `{on}`"), Some(help));
+                    0
+                }))
+            } else {
+                let body = body_named(m, &t, &on);
+                match kind {
+                    "tachometer" => Reads::Speed(body),
+                    "accelerometer" => Reads::Acceleration(body),
+                    "pulse_pickup" => Reads::Pulses { body, marks: t.required_integer("marks", 1..=100_000) as usize },
+                    "torque" | "force" => {
+                        if m.bodies.get(body).is_some_and(|b| b.motion == Motion::Free) {
+                            t.error(
+                                format!("`{on}` moves freely: nothing holds it from outside"),
+                                Some("prescribe its motion with `[inputs.speed.NAME]` or `[speeds.constant.NAME]`, or measure the torque of a coupling with `[sensors.strain_gauge.NAME]`".into()),
+                            );
+                        }
+                        Reads::Reaction(body)
+                    }
+                    _ => Reads::Angle(body),
+                }
+            };
+            let gain = slot(m, &t, "gain", 1.0, (-1e12, 1e12), Some(1.0));
+            let unit = t.text("unit");
+            m.sensors.push(Sensor { path: t.path().to_string(), name, reads, gain, unit });
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+}
+
+/// Declared loads are effects under another name: table, row of the catalogue.
+const LOADS: [(&str, &str); 6] = [
+    ("constant", "constant_torque"),
+    ("viscous", "viscous_friction"),
+    ("quadratic", "quadratic_drag"),
+    ("friction", "coulomb_friction"),
+    ("stribeck", "stribeck_friction"),
+    ("harmonic", "torque_ripple"),
+];
+
+fn loads(root: &Table<'_>, m: &mut Machine) {
+    let table = root.table("loads");
+    for (kind, row) in LOADS {
+        let of_kind = table.table(kind);
+        let Some(effect) = named(row) else { continue };
+        for (name, t) in of_kind.tables_or_set() {
+            let on = t.text("body").unwrap_or_else(|| name.clone());
+            let body = body_named(m, &t, &on);
+            place(m, &t, effect, Target::Body(body));
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+}
+
+fn effects(root: &Table<'_>, m: &mut Machine) {
+    let table = root.table("effects");
+    for effect in EFFECTS {
+        let of_kind = table.table(effect.name);
+        for (name, t) in of_kind.tables_or_set() {
+            match m.target(effect, &name) {
+                Ok(target) => place(m, &t, effect, target),
+                Err(e) => t.error(e, Some("`pitchline effects NAME` says what it is put on".into())),
+            }
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+}
+
+/// Reads an effect's numbers and puts it into the machine.
+fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target) {
+    let keys = m.keys(effect, target);
+    let slots = keys
+        .iter()
+        .map(|(key, p)| {
+            if p.kind == Kind::Whole {
+                let range = (p.low, p.high);
+                return slot(m, t, key, p.unit, range, p.default);
+            }
+            slot(m, t, key, p.unit, (p.low, p.high), p.default)
+        })
+        .collect();
+    m.put(effect, t.path().to_string(), target, slots);
+}
+
+impl Machine {
+    /// What `name` means for an effect.
+    pub fn target(&self, effect: &Effect, name: &str) -> Result<Target, String> {
+        let known = self.targets(effect);
+        // A second one of the same kind at the same place: its name has a plus more.
+        let name = name.trim_end_matches('+');
+        if effect.on == On::Chain {
+            return known.first().map(|(_, t)| *t).ok_or_else(|| "this machine has no `[chain]`".to_string());
+        }
+        known.iter().find(|(n, _)| n == name).map(|(_, t)| *t).ok_or_else(|| {
+            let names: Vec<_> = known.iter().map(|(n, _)| n.as_str()).collect();
+            match names.is_empty() {
+                true => format!("`{}` needs {}, and this machine has none", effect.name, effect.on.label()),
+                false => format!("`{}` goes on {}: {}", effect.name, effect.on.label(), names.join(", ")),
+            }
+        })
+    }
+}

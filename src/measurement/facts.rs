@@ -1,0 +1,140 @@
+//! The fact sheet of a record: what its samples are, before any model is believed.
+//!
+//! Noise floor: the standard deviation of what no smooth signal explains, from fourth differences
+//! (x_i-2 - 4 x_i-1 + 6 x_i - 4 x_i+1 + x_i+2, variance 70 sigma^2 for white noise), taken as a median over blocks so that
+//! events do not count; from stretches at rest where there are any; never below quantisation, step / sqrt(12).
+
+use serde::Serialize;
+
+/// Facts of one channel in one record.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Facts {
+    pub record: String,
+    pub channel: String,
+    pub unit: String,
+    pub samples: usize,
+    pub missing: usize,
+    pub low: f64,
+    pub high: f64,
+    /// Distance of the grid on which all values lie; zero if there is none.
+    pub quantisation: f64,
+    /// Share of the samples that stand at the lowest or highest value [percent].
+    pub clipped_percent: f64,
+    /// Samples at rest: a stretch in which nothing changes but noise.
+    pub rest_samples: usize,
+    /// Mean of those.
+    pub rest_mean: Option<f64>,
+    pub noise: f64,
+    pub below_zero: bool,
+}
+
+/// Facts of how a record is sampled.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Clock {
+    pub record: String,
+    pub samples: usize,
+    pub rate_hz: f64,
+    /// Standard deviation of the distance of samples, as a share of its mean [percent].
+    pub jitter_percent: f64,
+    /// Distances of more than 1.5 times the median.
+    pub gaps: usize,
+    pub length_s: f64,
+}
+
+/// Median; sorts.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n % 2 == 1 { values[n / 2] } else { 0.5 * (values[n / 2 - 1] + values[n / 2]) }
+}
+
+/// Distance of the grid on which all values lie, or zero.
+pub fn quantisation(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    if sorted.len() < 2 {
+        return 0.0;
+    }
+    let span = sorted[sorted.len() - 1] - sorted[0];
+    let step = sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 1e-9 * span).fold(f64::MAX, f64::min);
+    // Printed values are rounded, so distances are whole multiples only to a few percent of a step.
+    let off = |v: f64| {
+        let steps = (v - sorted[0]) / step;
+        (steps - libm::round(steps)).abs()
+    };
+    let on_grid = sorted.iter().filter(|v| off(**v) < 0.1).count();
+    if on_grid as f64 > 0.98 * sorted.len() as f64 && span / step < 1e5 { step } else { 0.0 }
+}
+
+/// Noise from fourth differences: median over blocks of their mean squares.
+pub fn noise(values: &[f64]) -> f64 {
+    let squares: Vec<f64> = values
+        .windows(5)
+        .map(|w| w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4])
+        .filter(|d| d.is_finite())
+        .map(|d| d * d / 70.0)
+        .collect();
+    let block = (squares.len() / 20).clamp(1, 50);
+    let mut means: Vec<f64> = squares.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
+    libm::sqrt(median(&mut means))
+}
+
+/// The longest stretch from the start in which the value stays within a few steps: at rest.
+fn rest(values: &[f64], band: f64) -> (usize, Option<f64>) {
+    let Some(first) = values.iter().copied().find(|v| v.is_finite()) else { return (0, None) };
+    let n = values.iter().take_while(|v| (**v - first).abs() <= band).count();
+    if n < 8 {
+        return (0, None);
+    }
+    (n, Some(values[..n].iter().sum::<f64>() / n as f64))
+}
+
+/// Facts of one series.
+pub fn of(record: &str, channel: &str, unit: &str, values: &[f64], declared_noise: Option<f64>) -> Facts {
+    let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let low = finite.iter().copied().fold(f64::MAX, f64::min);
+    let high = finite.iter().copied().fold(f64::MIN, f64::max);
+    let step = quantisation(&finite);
+    let edge = finite.iter().filter(|v| **v == low || **v == high).count();
+    // A value or two at each end is no clipping.
+    let clipped = if edge > 4 + finite.len() / 200 { 100.0 * edge as f64 / finite.len() as f64 } else { 0.0 };
+    let (rest_samples, rest_mean) = rest(values, (6.0 * step).max(1e-3 * (high - low)));
+    let noise = noise(values).max(step / libm::sqrt(12.0));
+    Facts {
+        record: record.to_string(),
+        channel: channel.to_string(),
+        unit: unit.to_string(),
+        samples: values.len(),
+        missing: values.len() - finite.len(),
+        low,
+        high,
+        quantisation: step,
+        clipped_percent: clipped,
+        rest_samples,
+        rest_mean,
+        noise: declared_noise.unwrap_or(noise),
+        // Beyond what a zero that is off explains.
+        below_zero: low < rest_mean.unwrap_or(0.0).min(0.0) - (6.0 * noise).max(0.02 * (high - low)),
+    }
+}
+
+/// Facts of the times of samples [s].
+pub fn clock(record: &str, t_s: &[f64]) -> Clock {
+    let mut steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let n = steps.len().max(1) as f64;
+    let mean = steps.iter().sum::<f64>() / n;
+    let variance = steps.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / n;
+    let middle = median(&mut steps);
+    Clock {
+        record: record.to_string(),
+        samples: t_s.len(),
+        rate_hz: if mean > 0.0 { 1.0 / mean } else { 0.0 },
+        jitter_percent: if mean > 0.0 { 100.0 * libm::sqrt(variance) / mean } else { 0.0 },
+        gaps: steps.iter().filter(|d| **d > 1.5 * middle).count(),
+        length_s: t_s.last().copied().unwrap_or(0.0) - t_s.first().copied().unwrap_or(0.0),
+    }
+}

@@ -1,0 +1,203 @@
+//! Reading a measurement file, table by table.
+
+use super::columns::Layout;
+use super::{
+    CandidateSpec, ChannelSpec, FileSpec, FitSpec, InputSpec, Measurement, PulseValues, RecordSpec, Scope, Split, Use,
+};
+use crate::diag::nearest;
+use crate::drive::reader::{Places, Table};
+use crate::effects::{EFFECTS, named};
+
+pub(super) fn measurement(root: &Table<'_>) -> Measurement {
+    let title = root.text("title").unwrap_or_default();
+    let drive = root.text("drive").unwrap_or_else(|| {
+        root.error("`drive` is missing".into(), Some("add `drive = \"FILE.toml\"`, beside this file".into()));
+        String::new()
+    });
+    let files = files(root);
+    let channels = channels(root);
+    let inputs = inputs(root);
+    let records = records(root, &files, &channels, &inputs);
+    let fit = fit(root);
+    let table = root.table("candidates");
+    let candidates = CandidateSpec { only: effect_names(&table, "only"), without: effect_names(&table, "without") };
+    table.finish();
+    root.finish();
+    Measurement {
+        name: String::new(),
+        text: String::new(),
+        title,
+        drive,
+        files,
+        channels,
+        inputs,
+        records,
+        fit,
+        candidates,
+        places: Places::empty(),
+    }
+}
+
+fn effect_names(t: &Table<'_>, key: &str) -> Vec<String> {
+    let names = t.texts(key).unwrap_or_default();
+    for name in &names {
+        if named(name).is_none() {
+            let near = nearest(name, EFFECTS.iter().map(|e| e.name));
+            let help = near.map_or("`pitchline effects` lists all".to_string(), |n| format!("did you mean \"{n}\"?"));
+            t.error_at(key, format!("no effect is called `{name}`"), Some(help));
+        }
+    }
+    names
+}
+
+fn text(t: &Table<'_>, key: &str, example: &str) -> String {
+    t.text(key).unwrap_or_else(|| {
+        t.error(format!("`{}.{key}` is missing", t.path()), Some(format!("add `{key} = \"{example}\"`")));
+        String::new()
+    })
+}
+
+fn files(root: &Table<'_>) -> Vec<FileSpec> {
+    let table = root.table("files");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let path = text(&t, "path", "FILE.csv");
+        let separator = match t.text("separator") {
+            None => b',',
+            Some(s) if s.len() == 1 => s.as_bytes()[0],
+            Some(s) if s == "\\t" || s == "tab" => b'\t',
+            Some(s) => {
+                t.error_at("separator", format!("`{s}` is not one character"), Some("\",\", \";\" or \"tab\"".into()));
+                b','
+            }
+        };
+        let layout = Layout {
+            header: t.flag("header").unwrap_or(true),
+            separator,
+            skip_lines: t.integer("skip_lines", 0..=10_000).unwrap_or(0) as usize,
+        };
+        all.push(FileSpec { name, path, layout });
+        t.finish();
+    }
+    if all.is_empty() {
+        root.error("no measured file is named".into(), Some("add `[files.NAME]` with `path = \"FILE.csv\"`".into()));
+    }
+    table.finish();
+    all
+}
+
+fn channels(root: &Table<'_>) -> Vec<ChannelSpec> {
+    let table = root.table("channels");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        all.push(ChannelSpec {
+            sensor: text(&t, "sensor", "sensors.tachometer.BODY"),
+            column: text(&t, "column", "name of a column"),
+            unit: text(&t, "unit", "rad/s"),
+            noise: t.number("noise", 1.0, 0.0..=1e12),
+            values: t
+                .choice("values", &[("intervals", PulseValues::Intervals), ("times", PulseValues::Times)])
+                .unwrap_or(PulseValues::Intervals),
+            name,
+        });
+        t.finish();
+    }
+    if all.is_empty() {
+        let help = "add `[channels.NAME]` with `sensor`, `column` and `unit`";
+        root.error("no channel is measured".into(), Some(help.into()));
+    }
+    table.finish();
+    all
+}
+
+fn inputs(root: &Table<'_>) -> Vec<InputSpec> {
+    let table = root.table("inputs");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        all.push(InputSpec {
+            input: text(&t, "input", "inputs.torque.BODY"),
+            column: text(&t, "column", "name of a column"),
+            unit: t.text("unit").unwrap_or_else(|| "1".into()),
+            hold: t.flag("hold").unwrap_or(false),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+fn records(root: &Table<'_>, files: &[FileSpec], channels: &[ChannelSpec], inputs: &[InputSpec]) -> Vec<RecordSpec> {
+    let table = root.table("records");
+    let mut all: Vec<RecordSpec> = Vec::new();
+    for (name, t) in table.tables() {
+        let file = t.text("file").unwrap_or_else(|| match files {
+            [only] => only.name.clone(),
+            _ => text(&t, "file", "NAME of a [files.NAME]"),
+        });
+        if !file.is_empty() && files.iter().all(|f| f.name != file) {
+            let names: Vec<_> = files.iter().map(|f| f.name.clone()).collect();
+            t.error_at("file", format!("no file is called `{file}`"), Some(format!("files: {}", names.join(", "))));
+        }
+        let time = t.text("time_column").map(|c| (c, t.text("time_unit").unwrap_or_else(|| "s".into())));
+        let columns_table = t.table("columns");
+        let known = channels.iter().map(|c| &c.name).chain(inputs.iter().map(|i| &i.name));
+        let columns = known.filter_map(|n| columns_table.text(n).map(|c| (n.clone(), c))).collect();
+        columns_table.finish();
+        let set_table = t.table("set");
+        let set = set_table.numbers();
+        set_table.finish();
+        let split = match t.choice("split", &[("whole", false), ("coasting", true)]).unwrap_or(false) {
+            false => Split::Whole,
+            true => Split::Coasting { at_least: t.integer("at_least_pulses", 8..=100_000).unwrap_or(24) as usize },
+        };
+        let record = RecordSpec {
+            file,
+            usage: t.choice("use", &[("fit", Use::Fit), ("judge", Use::Judge)]).unwrap_or(Use::Fit),
+            from_row: t.integer("from_row", 1..=1_000_000_000).unwrap_or(1) as usize,
+            to_row: t.integer("to_row", 1..=1_000_000_000).map(|n| n as usize),
+            judge_from_row: t.integer("judge_from_row", 2..=1_000_000_000).map(|n| n as usize),
+            judge_share: t.number("judge_share", 1.0, 0.0..=0.9),
+            rate_hz: t.number("rate_hz", 1.0, 1e-6..=1e9),
+            time,
+            split,
+            at_rest: t.choice("start", &[("free", false), ("rest", true)]).unwrap_or(false),
+            columns,
+            set,
+            name,
+        };
+        if let Some(to) = record.to_row.filter(|to| *to <= record.from_row) {
+            t.error_at("to_row", format!("the record ends at row {to}, before it starts"), None);
+        }
+        if let Some(row) =
+            record.judge_from_row.filter(|r| *r <= record.from_row || record.to_row.is_some_and(|t| *r > t))
+        {
+            t.error_at("judge_from_row", format!("row {row} is no row of this record"), None);
+        }
+        all.push(record);
+        t.finish();
+    }
+    if all.is_empty() {
+        root.error("no record is named".into(), Some("add `[records.NAME]` with `rate_hz` or `time_column`".into()));
+    }
+    table.finish();
+    all
+}
+
+fn fit(root: &Table<'_>) -> Vec<FitSpec> {
+    let table = root.table("fit");
+    let mut all = Vec::new();
+    for (path, t) in table.tables() {
+        let scope = [("all", Scope::All), ("record", Scope::Record), ("part", Scope::Part)];
+        all.push(FitSpec {
+            path,
+            spread: t.number("spread_percent", 0.01, 0.01..=1e6),
+            low: t.number("low", 1.0, -1e300..=1e300),
+            high: t.number("high", 1.0, -1e300..=1e300),
+            scope: t.choice("per", &scope).unwrap_or(Scope::All),
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}

@@ -1,0 +1,751 @@
+//! From files to the parts of records that a model is run over: units, times, phases, who fits and who judges.
+
+use super::columns::{Columns, read};
+use super::facts::{self, Clock, Facts};
+use super::units::{Quantity, shows, unit};
+use super::{ChannelSpec, Measurement, PulseValues, RecordSpec, Split, Use};
+use crate::diag::{Diag, nearest};
+use crate::machine::simulate::{Samples, Start, Task};
+use crate::machine::{InputKind, Machine, Reads};
+use std::f64::consts::PI;
+use std::path::Path;
+
+/// A stretch of a record that is run in one go.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Segment {
+    /// Index of its record.
+    pub record: usize,
+    pub task: Task,
+    /// One series for every channel, SI (or the sensor's own unit); pulses: ln of intervals. Missing: NaN.
+    pub measured: Vec<Vec<f64>>,
+    /// Samples before this one fit, the others judge.
+    pub judge_from: usize,
+    /// A first guess of the start.
+    pub start: Start,
+    /// Start of the segment in its record [s].
+    pub start_s: f64,
+}
+
+impl Segment {
+    pub fn len(&self) -> usize {
+        self.measured.first().map_or(0, Vec::len)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A channel, bound to a sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    pub name: String,
+    pub sensor_path: String,
+    pub sensor: usize,
+    /// Unit of results: the column's; values times `shown` are in it.
+    pub unit: String,
+    pub shown: f64,
+    /// Standard deviation of its noise, as the model is compared (SI, or ln).
+    pub noise: f64,
+    /// Residuals are differences of logarithms: relative errors.
+    pub relative: bool,
+    pub quantisation: f64,
+}
+
+/// All that is known of the records.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Data {
+    pub channels: Vec<Channel>,
+    pub records: Vec<String>,
+    pub segments: Vec<Segment>,
+    pub facts: Vec<Facts>,
+    pub clocks: Vec<Clock>,
+    /// What the reader should know and what was done about it.
+    pub warnings: Vec<String>,
+    /// Operating points: for every record the slots it sets, SI.
+    pub set: Vec<Vec<(usize, f64)>>,
+}
+
+/// Why data cannot be used.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DataError {
+    /// Mistakes in the measurement file.
+    File(Box<crate::diag::Report>),
+    /// Mistakes in the measured files.
+    World(String),
+}
+
+impl std::fmt::Display for DataError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            DataError::File(report) => write!(f, "{report}"),
+            DataError::World(text) => write!(f, "error: {text}"),
+        }
+    }
+}
+
+/// Shortest record that is accepted [samples].
+const SHORTEST: usize = 16;
+
+/// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file.
+pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Result<Data, DataError> {
+    let mut diags = Vec::new();
+    let channels = bind_channels(measurement, machine, &mut diags);
+    check_inputs(measurement, machine, &mut diags);
+    let set = bind_set(measurement, machine, &mut diags);
+    if !diags.is_empty() {
+        return Err(DataError::File(Box::new(measurement.places.report(diags))));
+    }
+    let mut data = Data {
+        channels,
+        records: measurement.records.iter().map(|r| r.name.clone()).collect(),
+        segments: Vec::new(),
+        facts: Vec::new(),
+        clocks: Vec::new(),
+        warnings: Vec::new(),
+        set,
+    };
+    let mut tables: Vec<(String, Columns)> = Vec::new();
+    for file in &measurement.files {
+        let path = folder.join(&file.path);
+        let columns = read(&path, file.layout).map_err(DataError::World)?;
+        tables.push((file.name.clone(), columns));
+    }
+    for (index, record) in measurement.records.iter().enumerate() {
+        let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
+        let pulses = data.channels.iter().any(|c| c.relative);
+        if pulses {
+            pulse_segments(measurement, machine, index, columns, &mut data, &mut diags);
+        } else {
+            sampled_segment(measurement, machine, index, columns, &mut data, &mut diags);
+        }
+    }
+    if diags.is_empty() {
+        who_judges(measurement, &mut data, &mut diags);
+    }
+    if !diags.is_empty() {
+        return Err(DataError::File(Box::new(measurement.places.report(diags))));
+    }
+    set_noise(&mut data, measurement);
+    Ok(data)
+}
+
+fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Channel> {
+    let mut all = Vec::new();
+    for c in &measurement.channels {
+        let at = |key: &str| format!("channels.{}.{key}", c.name);
+        let mut error = |key: &str, title: String, help: String| {
+            diags.push(measurement.places.error(&at(key), title, Some(help)));
+        };
+        let Some(sensor) = machine.sensors.iter().position(|s| s.path == c.sensor) else {
+            let known: Vec<&str> = machine.sensors.iter().map(|s| s.path.as_str()).collect();
+            let help = match nearest(&c.sensor, known.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("sensors of the drive: {}", known.join(", ")),
+            };
+            error("sensor", format!("the drive has no sensor `{}`", c.sensor), help);
+            continue;
+        };
+        let (quantity, si) = shows(machine, sensor);
+        let own = machine.sensors[sensor].unit.clone();
+        let factor = match (&own, unit(&c.unit)) {
+            (Some(own), _) if *own == c.unit => 1.0,
+            (None, Some((q, factor))) if q == quantity => factor,
+            (Some(own), _) => {
+                error(
+                    "unit",
+                    format!("`{}` shows {own}, not {}", c.sensor, c.unit),
+                    format!("write `unit = \"{own}\"`"),
+                );
+                continue;
+            }
+            (None, Some((q, _))) => {
+                let title = format!("`{}` is {}, and `{}` shows {}", c.unit, q.label(), c.sensor, quantity.label());
+                error("unit", title, format!("its SI unit is {si}"));
+                continue;
+            }
+            (None, None) => {
+                let title = format!("the unit `{}` is not known", c.unit);
+                let units: Vec<&str> =
+                    super::units::UNITS.iter().filter(|(_, q, _)| *q == quantity).map(|(n, ..)| *n).collect();
+                let help = format!(
+                    "units of {}: {}; a unit of its own is given with the sensor (`unit = \"{}\"`, `gain`)",
+                    quantity.label(),
+                    units.join(", "),
+                    c.unit
+                );
+                error("unit", title, help);
+                continue;
+            }
+        };
+        let relative = matches!(machine.sensors[sensor].reads, Reads::Pulses { .. });
+        all.push(Channel {
+            name: c.name.clone(),
+            sensor_path: c.sensor.clone(),
+            sensor,
+            unit: if relative { "%".into() } else { c.unit.clone() },
+            shown: if relative { 100.0 } else { 1.0 / factor },
+            noise: 0.0,
+            relative,
+            quantisation: 0.0,
+        });
+    }
+    let pulses = all.iter().filter(|c| c.relative).count();
+    if pulses > 0 && all.len() > 1 {
+        let title = "a pulse pickup and another channel in one measurement".to_string();
+        let help = "pulses have times of their own: write one measurement file for each";
+        diags.push(measurement.places.error("channels", title, Some(help.into())));
+    }
+    all
+}
+
+fn check_inputs(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) {
+    for i in &measurement.inputs {
+        if machine.inputs.iter().all(|m| m.path != i.input) {
+            let known: Vec<&str> = machine.inputs.iter().map(|m| m.path.as_str()).collect();
+            let help = match known.is_empty() {
+                true => "the drive has no inputs: add `[inputs.torque.BODY]` to it".to_string(),
+                false => format!("inputs of the drive: {}", known.join(", ")),
+            };
+            let title = format!("the drive has no input `{}`", i.input);
+            diags.push(measurement.places.error(&format!("inputs.{}.input", i.name), title, Some(help)));
+        }
+    }
+    for m in &machine.inputs {
+        if measurement.inputs.iter().all(|i| i.input != m.path) {
+            let title = format!("nothing is measured for the drive's input `{}`", m.path);
+            let help = format!("add `[inputs.NAME]` with `input = \"{}\"` and `column`", m.path);
+            diags.push(measurement.places.error("inputs", title, Some(help)));
+        }
+    }
+    for i in &measurement.inputs {
+        let Some(m) = machine.inputs.iter().find(|m| m.path == i.input) else { continue };
+        let slides = machine.bodies.get(m.body).is_some_and(|b| b.slides);
+        let wanted = match (m.kind, slides) {
+            (InputKind::Force(_), _) => continue,
+            (InputKind::Speed, false) => Quantity::AngularSpeed,
+            (InputKind::Speed, true) => Quantity::Speed,
+            (InputKind::Angle, false) => Quantity::Angle,
+            (InputKind::Angle, true) => Quantity::Length,
+        };
+        if unit(&i.unit).is_none_or(|(q, _)| q != wanted) {
+            let title = format!("`{}` is no unit of {}", i.unit, wanted.label());
+            let of = super::units::UNITS.iter().filter(|(_, q, _)| *q == wanted).map(|(n, ..)| *n);
+            let help = format!("units of {}: {}", wanted.label(), of.collect::<Vec<_>>().join(", "));
+            diags.push(measurement.places.error(&format!("inputs.{}.unit", i.name), title, Some(help)));
+        }
+    }
+}
+
+fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Vec<(usize, f64)>> {
+    let mut all = Vec::new();
+    for r in &measurement.records {
+        let mut slots = Vec::new();
+        for (path, value) in &r.set {
+            match machine.slot(path) {
+                Some(slot) => slots.push((slot, value * machine.slots[slot].unit)),
+                None => diags.push(no_such_path(measurement, machine, &format!("records.{}.set", r.name), path)),
+            }
+        }
+        all.push(slots);
+    }
+    for f in &measurement.fit {
+        let Some(slot) = machine.slot(&f.path) else {
+            diags.push(no_such_path(measurement, machine, &format!("fit.{}", f.path), &f.path));
+            continue;
+        };
+        let value = machine.shown(slot, machine.values[slot]);
+        let (low, high) = (f.low.unwrap_or(f64::MIN), f.high.unwrap_or(f64::MAX));
+        if low >= high || value < low || value > high {
+            let title = format!("the drive's {value} lies outside the bounds {low} .. {high} of `{}`", f.path);
+            diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some("widen them".into())));
+        }
+        if f.spread.is_some() && value == 0.0 {
+            let title = format!("`spread_percent` of `{}`, which is zero", f.path);
+            let help = "a share of nothing says nothing: leave it out, or give the drive a value";
+            diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some(help.into())));
+        }
+    }
+    all
+}
+
+fn no_such_path(measurement: &Measurement, machine: &Machine, at: &str, path: &str) -> Diag {
+    let near = nearest(path, machine.slots.iter().map(|s| s.path.as_str()));
+    let help = near.map(|n| format!("did you mean `{n}`?"));
+    measurement.places.error(at, format!("the drive has no number `{path}`"), help)
+}
+
+/// Index of a column for a channel or an input in a record.
+fn column_of(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    columns: &Columns,
+    (kind, name, column): (&str, &str, &str),
+    diags: &mut Vec<Diag>,
+) -> Option<usize> {
+    let own = record.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_str());
+    let wanted = own.unwrap_or(column);
+    let found = columns.find(wanted);
+    if found.is_none() {
+        let at = match own {
+            Some(_) => format!("records.{}.columns.{name}", record.name),
+            None => format!("{kind}.{name}.column"),
+        };
+        let help = match nearest(wanted, columns.names.iter().map(String::as_str)) {
+            Some(near) => format!("did you mean \"{near}\"?"),
+            None => {
+                let shown: Vec<&str> = columns.names.iter().take(12).map(String::as_str).collect();
+                format!("columns there: {}", shown.join(", "))
+            }
+        };
+        let title = format!("file `{}` has no column \"{wanted}\"", record.file);
+        let diag = measurement.places.error(&at, title, Some(help));
+        if !diags.contains(&diag) {
+            diags.push(diag);
+        }
+    }
+    found
+}
+
+/// Rows of a record: first, and one after the last, from 0.
+fn rows_of(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    columns: &Columns,
+    diags: &mut Vec<Diag>,
+) -> Option<(usize, usize)> {
+    let to = record.to_row.unwrap_or(columns.rows());
+    if to > columns.rows() || record.from_row > columns.rows() {
+        let title = format!(
+            "record `{}` reaches to row {}, and the file has {} rows",
+            record.name,
+            to.max(record.from_row),
+            columns.rows()
+        );
+        diags.push(measurement.places.error(&format!("records.{}.to_row", record.name), title, None));
+        return None;
+    }
+    if to - (record.from_row - 1) < SHORTEST {
+        let title = format!("record `{}` has {} samples", record.name, to + 1 - record.from_row);
+        let help = format!("at least {SHORTEST} are needed");
+        diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help)));
+        return None;
+    }
+    Some((record.from_row - 1, to))
+}
+
+/// Times of a record from 0, or a mistake.
+fn times_of(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    columns: &Columns,
+    (from, to): (usize, usize),
+    diags: &mut Vec<Diag>,
+) -> Option<Vec<f64>> {
+    let at = format!("records.{}", record.name);
+    match (&record.time, record.rate_hz) {
+        (None, Some(rate)) => Some((0..to - from).map(|i| i as f64 / rate).collect()),
+        (Some((name, unit_name)), None) => {
+            let index = column_of(measurement, record, columns, ("records", &record.name, name), diags)?;
+            let Some((Quantity::Time, factor)) = unit(unit_name) else {
+                let title = format!("`{unit_name}` is no unit of time");
+                diags.push(measurement.places.error(&format!("{at}.time_unit"), title, Some("s, ms, us".into())));
+                return None;
+            };
+            let values = &columns.values[index][from..to];
+            let wrong = (0..values.len()).find(|i| !values[*i].is_finite() || (*i > 0 && values[*i] <= values[*i - 1]));
+            if let Some(i) = wrong {
+                let title = format!(
+                    "time does not grow: column \"{name}\" of file `{}` has {} after {} at line {}",
+                    record.file,
+                    values[i],
+                    if i > 0 { values[i - 1] } else { f64::NAN },
+                    columns.first_line + from + i
+                );
+                diags.push(measurement.places.error(&format!("{at}.time_column"), title, None));
+                return None;
+            }
+            Some(values.iter().map(|v| (v - values[0]) * factor).collect())
+        }
+        _ => {
+            let title = format!("the times of record `{}` are not stated in one way", record.name);
+            let help = "write `rate_hz`, or `time_column` with `time_unit`";
+            diags.push(measurement.places.error(&at, title, Some(help.into())));
+            None
+        }
+    }
+}
+
+fn sampled_segment(
+    measurement: &Measurement,
+    machine: &Machine,
+    index: usize,
+    columns: &Columns,
+    data: &mut Data,
+    diags: &mut Vec<Diag>,
+) {
+    let record = &measurement.records[index];
+    let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
+    let times = times_of(measurement, record, columns, (from, to), diags);
+    let mut measured = Vec::new();
+    for (c, channel) in measurement.channels.iter().zip(data.channels.clone()) {
+        let Some(i) = column_of(measurement, record, columns, ("channels", &c.name, &c.column), diags) else {
+            continue;
+        };
+        let raw = &columns.values[i][from..to];
+        check_values(measurement, record, c, raw, diags);
+        data.facts.push(facts::of(&record.name, &c.name, &c.unit, raw, c.noise));
+        measured.push(raw.iter().map(|v| v / channel.shown).collect::<Vec<f64>>());
+    }
+    let mut inputs = Vec::new();
+    let mut hold = false;
+    for input in &machine.inputs {
+        let Some(spec) = measurement.inputs.iter().find(|i| i.input == input.path) else { continue };
+        let Some(i) = column_of(measurement, record, columns, ("inputs", &spec.name, &spec.column), diags) else {
+            continue;
+        };
+        let raw = &columns.values[i][from..to];
+        if let Some(k) = raw.iter().position(|v| !v.is_finite()) {
+            let line = columns.first_line + from + k;
+            let title = format!("input `{}` has no value at line {line} of file `{}`", spec.name, record.file);
+            let help = "an input must be known at every instant: cut the record there";
+            diags.push(measurement.places.error(&format!("inputs.{}", spec.name), title, Some(help.into())));
+        }
+        let factor = match input.kind {
+            InputKind::Force(_) => 1.0,
+            _ => unit(&spec.unit).map_or(1.0, |(_, f)| f),
+        };
+        hold |= spec.hold;
+        inputs.push(raw.iter().map(|v| v * factor).collect::<Vec<f64>>());
+    }
+    let Some(t_s) = times else { return };
+    if measured.len() < measurement.channels.len() || inputs.len() < machine.inputs.len() {
+        return;
+    }
+    let clock = facts::clock(&record.name, &t_s);
+    let even = clock.jitter_percent < 0.01 && clock.gaps == 0;
+    if clock.gaps > 0 {
+        data.warnings.push(format!(
+            "record `{}` has {} gaps in its times; the model runs through them",
+            record.name, clock.gaps
+        ));
+    }
+    let step_s = if clock.rate_hz > 0.0 { 1.0 / clock.rate_hz } else { 1.0 };
+    let start = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
+    let judge_from = match (record.usage, record.judge_from_row) {
+        (Use::Judge, _) => 0,
+        (Use::Fit, Some(row)) => row - 1 - from,
+        (Use::Fit, None) => to - from,
+    };
+    data.clocks.push(clock);
+    data.segments.push(Segment {
+        record: index,
+        task: Task { samples: Samples::Times { t_s, step_s, even }, inputs, hold },
+        measured,
+        judge_from,
+        start,
+        start_s: 0.0,
+    });
+}
+
+/// What no series may be.
+fn check_values(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    channel: &ChannelSpec,
+    raw: &[f64],
+    diags: &mut Vec<Diag>,
+) {
+    let at = format!("channels.{}", channel.name);
+    let known: Vec<f64> = raw.iter().copied().filter(|v| v.is_finite()).collect();
+    let missing = raw.len() - known.len();
+    if 5 * missing > raw.len() {
+        let title =
+            format!("channel `{}` lacks {missing} of {} values in record `{}`", channel.name, raw.len(), record.name);
+        let help = "a fifth may be missing at most: cut the record, or take the channel away";
+        diags.push(measurement.places.error(&at, title, Some(help.into())));
+    } else if known.iter().all(|v| Some(v) == known.first()) {
+        let title = format!("channel `{}` is constant in record `{}`", channel.name, record.name);
+        diags.push(measurement.places.error(&at, title, Some("it tells nothing: take it away".into())));
+    }
+}
+
+/// Speeds and positions at the start, as far as the channels tell.
+fn first_guess(machine: &Machine, channels: &[Channel], measured: &[Vec<f64>], step_s: f64, at_rest: bool) -> Start {
+    let n = machine.bodies.len();
+    let mut start = Start { q: vec![0.0; n], v: vec![0.0; n] };
+    if at_rest {
+        return start;
+    }
+    let mut known = vec![false; n];
+    for (c, channel) in channels.iter().enumerate() {
+        let first = measured[c].iter().copied().find(|v| v.is_finite()).unwrap_or(0.0);
+        let gain = machine.values[machine.sensors[channel.sensor].gain];
+        match machine.sensors[channel.sensor].reads {
+            Reads::Speed(b) => {
+                start.v[b] = first / gain;
+                known[b] = true;
+            }
+            Reads::Angle(b) => {
+                start.q[b] = first / gain;
+                let some: Vec<f64> = measured[c].iter().take(6).copied().filter(|v| v.is_finite()).collect();
+                if let (Some(last), false) = (some.last(), known[b]) {
+                    start.v[b] = (last - first) / gain / (step_s * (some.len() - 1).max(1) as f64);
+                    known[b] = true;
+                }
+            }
+            _ => {}
+        }
+    }
+    // Bodies on the same springs turn along with those that are known.
+    for _ in 0..n {
+        for s in &machine.springs {
+            let [a, b] = s.ends.as_slice() else { continue };
+            for (from, to) in [(a, b), (b, a)] {
+                if known[from.body] && !known[to.body] {
+                    start.v[to.body] = start.v[from.body] * machine.values[from.gain] / machine.values[to.gain];
+                    start.q[to.body] = start.q[from.body] * machine.values[from.gain] / machine.values[to.gain];
+                    known[to.body] = true;
+                }
+            }
+        }
+    }
+    start
+}
+
+/// Intervals with pulses that were missed put back as unknown ones: ln of the interval, or NaN; and how many there were.
+fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
+    let mut values = Vec::with_capacity(intervals.len());
+    let mut times = Vec::with_capacity(intervals.len());
+    let mut missed = 0;
+    let mut t = 0.0;
+    for (i, dt) in intervals.iter().enumerate() {
+        // Neighbours on both sides, of which most are whole.
+        let low = i.saturating_sub(3);
+        let mut near: Vec<f64> =
+            (low..(i + 4).min(intervals.len())).filter(|k| *k != i).map(|k| intervals[k]).collect();
+        let usual = facts::median(&mut near);
+        let times_longer = dt / usual;
+        let whole = libm::round(times_longer);
+        // Beside a pause the neighbours are no measure.
+        if (2.0..=4.0).contains(&whole) && (times_longer - whole).abs() < 0.15 * whole {
+            missed += whole as usize - 1;
+            for k in 0..whole as usize {
+                values.push(f64::NAN);
+                times.push(t + dt * k as f64 / whole);
+            }
+        } else {
+            values.push(libm::log(*dt));
+            times.push(t);
+        }
+        t += dt;
+    }
+    (values, times, missed)
+}
+
+/// Stretches in which the flywheel slows down: the mean of the two turns ahead is longer than that of the two turns behind. Two
+/// turns at each end are left out: they may mix with what drives.
+fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)> {
+    let turns = 2 * marks;
+    let mean = |a: usize, b: usize| {
+        let known = || ln_dt[a..b].iter().filter(|v| v.is_finite());
+        let n = known().count();
+        // Half of them tell enough.
+        if 2 * n >= b - a { Some(known().sum::<f64>() / n as f64) } else { None }
+    };
+    let slows = |i: usize| {
+        let (behind, ahead) = (mean(i - turns, i), mean(i, i + turns));
+        // Two turns never take twice as long as the two before: that is a pause.
+        matches!((behind, ahead), (Some(a), Some(b)) if b > a && b < a + std::f64::consts::LN_2)
+    };
+    let mut parts = Vec::new();
+    let mut from = None;
+    for i in turns..=ln_dt.len() {
+        let on = i + turns <= ln_dt.len() && slows(i);
+        match (on, from) {
+            (true, None) => from = Some(i),
+            (false, Some(start)) => {
+                let (a, b) = (start + turns, i.saturating_sub(turns));
+                if b > a + at_least {
+                    parts.push((a, b));
+                }
+                from = None;
+            }
+            _ => {}
+        }
+    }
+    parts
+}
+
+fn pulse_segments(
+    measurement: &Measurement,
+    machine: &Machine,
+    index: usize,
+    columns: &Columns,
+    data: &mut Data,
+    diags: &mut Vec<Diag>,
+) {
+    let record = &measurement.records[index];
+    let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
+    let spec = &measurement.channels[0];
+    let Some(i) = column_of(measurement, record, columns, ("channels", &spec.name, &spec.column), diags) else {
+        return;
+    };
+    let factor = unit(&spec.unit).map_or(1.0, |(_, f)| f);
+    let raw: Vec<f64> = columns.values[i][from..to].iter().map(|v| v * factor).collect();
+    let intervals: Vec<f64> = match spec.values {
+        PulseValues::Intervals => raw,
+        PulseValues::Times => raw.windows(2).map(|w| w[1] - w[0]).collect(),
+    };
+    if let Some(k) = intervals.iter().position(|dt| !(dt.is_finite() && *dt > 0.0)) {
+        let title = format!(
+            "pulse {} at line {} of file `{}` comes {} s after the one before it",
+            k + 1,
+            columns.first_line + from + k,
+            record.file,
+            intervals[k]
+        );
+        let help = match spec.values {
+            PulseValues::Intervals => "are these times of pulses? Then write `values = \"times\"`",
+            PulseValues::Times => "times must grow; are these intervals? Then leave `values` out",
+        };
+        diags.push(measurement.places.error(&format!("channels.{}.column", spec.name), title, Some(help.into())));
+        return;
+    }
+    let sensor = data.channels[0].sensor;
+    let Reads::Pulses { body, marks } = machine.sensors[sensor].reads else { return };
+    let mut facts = facts::of(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
+    facts.rest_samples = 0;
+    facts.rest_mean = None;
+    data.facts.push(facts);
+    let (ln_dt, times, missed) = with_missed(&intervals);
+    let mut starts: Vec<f64> = times.clone();
+    starts.push(times.last().copied().unwrap_or(0.0) + intervals.last().copied().unwrap_or(0.0));
+    data.clocks.push(facts::clock(&record.name, &starts));
+    if missed > 0 {
+        data.warnings.push(format!(
+            "record `{}`: {missed} pulses were missed; marks are counted through them, and their intervals not compared",
+            record.name
+        ));
+    }
+    let parts = match record.split {
+        Split::Whole => vec![(0, ln_dt.len())],
+        Split::Coasting { at_least } => coasting(&ln_dt, marks, at_least),
+    };
+    if parts.is_empty() {
+        let title = format!("record `{}` never runs down freely", record.name);
+        let help = "lower `at_least_pulses`, or leave `split` out";
+        diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help.into())));
+        return;
+    }
+    let gap = 2.0 * PI / marks as f64;
+    let n_parts = parts.len();
+    let judged = record.judge_share.map_or(0, |share| libm::round(share * n_parts as f64) as usize);
+    for (k, (a, b)) in parts.into_iter().enumerate() {
+        // Speed and slowest step from what is known nearby.
+        let known: Vec<f64> = ln_dt[a..b].iter().copied().filter(|v| v.is_finite()).collect();
+        let Some(first) = known.first() else { continue };
+        let mean = known.iter().take(marks).sum::<f64>() / known.len().min(marks) as f64;
+        let shortest = known.iter().copied().fold(f64::MAX, f64::min);
+        let longest = known.iter().copied().fold(f64::MIN, f64::max);
+        let mut start = Start { q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
+        start.v[body] = gap / libm::exp(mean.min(first + 1.0));
+        let n = b - a;
+        let judge_from = match (record.usage, record.judge_share) {
+            (Use::Judge, _) => 0,
+            _ if k >= n_parts - judged => 0,
+            _ => n,
+        };
+        data.segments.push(Segment {
+            record: index,
+            task: Task {
+                samples: Samples::Pulses {
+                    intervals: n,
+                    first: a % marks,
+                    interval_s: libm::exp(shortest),
+                    longest_s: libm::exp(longest),
+                },
+                inputs: Vec::new(),
+                hold: false,
+            },
+            measured: vec![ln_dt[a..b].to_vec()],
+            judge_from,
+            start,
+            start_s: times[a],
+        });
+    }
+}
+
+/// Nobody judges: the last third of what there is does.
+fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
+    let judges = data.segments.iter().any(|s| s.judge_from < s.len());
+    if !judges {
+        data.warnings.push(
+            "no record judges: the last 30 % of every record will; a record of its own (`use = \"judge\"`) would say more"
+                .to_string(),
+        );
+        let n = data.segments.len();
+        let parts = data.segments.iter().filter(|s| s.record == data.segments[0].record).count();
+        for (k, s) in data.segments.iter_mut().enumerate() {
+            let len = s.len();
+            s.judge_from = if parts > 3 { if 10 * k >= 7 * n { 0 } else { len } } else { 7 * len / 10 };
+        }
+    }
+    if data.segments.iter().all(|s| s.judge_from == 0) {
+        let title = "every record judges, none fits".to_string();
+        diags.push(measurement.places.error("records", title, Some("give one of them `use = \"fit\"`".into())));
+    }
+    let samples: usize = data.segments.iter().map(|s| s.judge_from * s.measured.len()).sum();
+    let wanted = measurement.fit.len() * 4;
+    if samples < wanted.max(SHORTEST) {
+        let title = format!("{samples} samples fit {} numbers", measurement.fit.len());
+        let help = format!("at least {} are needed", wanted.max(SHORTEST));
+        diags.push(measurement.places.error("records", title, Some(help)));
+    }
+}
+
+/// Noise floors of the channels as they are compared: the median over records.
+fn set_noise(data: &mut Data, measurement: &Measurement) {
+    for (c, spec) in measurement.channels.iter().enumerate() {
+        let of = data.facts.iter().filter(|f| f.channel == spec.name);
+        let mut steps: Vec<f64> = of.clone().map(|f| f.quantisation).collect();
+        let mut noises: Vec<f64> = of.map(|f| f.noise).collect();
+        let channel = &mut data.channels[c];
+        if !channel.relative {
+            channel.noise = facts::median(&mut noises) / channel.shown;
+            channel.quantisation = facts::median(&mut steps) / channel.shown;
+            continue;
+        }
+        // Intervals one turn apart differ by noise and a slow change: second differences over turns, variance 6 sigma^2.
+        let marks = 1 + data
+            .segments
+            .iter()
+            .map(|s| match s.task.samples {
+                Samples::Pulses { first, .. } => first,
+                Samples::Times { .. } => 0,
+            })
+            .max()
+            .unwrap_or(0);
+        let mut squares = Vec::new();
+        for s in &data.segments {
+            let m = &s.measured[c];
+            for i in 2 * marks..m.len() {
+                let d = m[i] - 2.0 * m[i - marks] + m[i - 2 * marks];
+                if d.is_finite() {
+                    squares.push(d * d / 6.0);
+                }
+            }
+        }
+        // Median of chi-squared with one degree of freedom: 0.4549.
+        channel.noise = libm::sqrt(facts::median(&mut squares) / 0.4549);
+        let mean_interval = data
+            .segments
+            .iter()
+            .flat_map(|s| &s.measured[c])
+            .filter(|v| v.is_finite())
+            .fold((0.0, 0.0_f64), |(a, n), v| (a + libm::exp(*v), n + 1.0));
+        let step = facts::median(&mut steps) / (mean_interval.0 / mean_interval.1.max(1.0));
+        channel.quantisation = step;
+        channel.noise = channel.noise.max(step / libm::sqrt(12.0));
+    }
+}

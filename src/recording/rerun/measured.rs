@@ -1,0 +1,35 @@
+//! Measured series beside a model's, on one timeline.
+
+use super::writer::Writer;
+use anyhow::{Context, Result};
+use rerun::{RecordingStream, RecordingStreamBuilder, Scalars, TimeColumn};
+use std::fs::File;
+use std::path::Path;
+
+/// A series: its path, and its values over time [s].
+pub struct Series<'a> {
+    pub path: String,
+    pub t_s: &'a [f64],
+    pub values: &'a [f64],
+}
+
+/// Writes all series into one file; every path becomes a plot of its own parent.
+pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
+    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    let writer = Writer::new(file)?;
+    let id = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(name.as_bytes()));
+    let (_, store, properties, batching, hooks, _) =
+        RecordingStreamBuilder::new("pitchline").recording_id(id.as_str()).into_args();
+    let stream = RecordingStream::new(store, properties, batching, hooks, Box::new(writer.clone()))?;
+    stream.disable_timeline("log_time");
+    stream.disable_timeline("log_tick");
+    stream.send_recording_name(name)?;
+    for s in all {
+        let known: Vec<usize> = (0..s.values.len()).filter(|i| s.values[*i].is_finite()).collect();
+        let times = TimeColumn::new_duration_secs("time", known.iter().map(|i| s.t_s[*i]));
+        let scalars = Scalars::new(known.iter().map(|i| s.values[*i])).columns_of_unit_batches()?;
+        stream.send_columns(s.path.as_str(), [times], scalars)?;
+    }
+    stream.flush_blocking()?;
+    writer.finish()
+}
