@@ -4,6 +4,7 @@ mod check;
 mod compare;
 mod diff;
 mod drives;
+mod effects;
 mod explain;
 mod export;
 mod geometry;
@@ -57,6 +58,10 @@ enum Verb {
     Snapshot(snapshot::SnapshotArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
+    /// List the effects that a drive may have beyond its ideal, or all of one
+    Effects(effects::EffectsArgs),
+    /// List the kinds of sensors and the units of measured columns
+    Sensors(effects::SensorsArgs),
     /// Read a drive, assemble it, and say what follows from it
     Check(check::CheckArgs),
     /// The numbers of a profile, and its drawing
@@ -143,6 +148,8 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Replay(args) => replay::run(&args),
         Verb::Snapshot(args) => snapshot::run(&args),
         Verb::Drives(args) => drives::run(&args),
+        Verb::Effects(args) => effects::run(&args),
+        Verb::Sensors(args) => effects::sensors(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
         Verb::Identify(args) => identify::run(&args),

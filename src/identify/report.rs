@@ -81,6 +81,21 @@ pub struct Floor {
     pub lag1: f64,
 }
 
+/// How the numbers found hold on a record of which nothing was used.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Transfer {
+    pub record: String,
+    pub channel: String,
+    pub unit: String,
+    pub error: f64,
+    /// Of the declared model.
+    pub error_before: f64,
+    /// Standard deviation of what was measured there.
+    pub signal: f64,
+    /// More than twice the error on what judges: another plant, or another state of it.
+    pub refused: bool,
+}
+
 /// A piece of the error budget.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Share {
@@ -119,6 +134,7 @@ pub struct Report {
     pub numbers_before: Vec<Number>,
     pub numbers_after: Vec<Number>,
     pub error_budget: Vec<Share>,
+    pub transfer: Vec<Transfer>,
     pub collisions: Vec<Collision>,
     pub detectable: Vec<Detectable>,
     pub alike: Vec<Alike>,
@@ -307,6 +323,7 @@ pub fn report(
         numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values),
         numbers_after: numbers(best, data, 0..n_declared, &machine.values),
         error_budget: budget(found),
+        transfer: transfer(found, data),
         effects,
         candidates: found.trials.clone(),
         left_out: found.reasons.clone(),
@@ -339,6 +356,43 @@ fn held_out_hash(data: &Data) -> String {
         }
     }
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(bytemuck::cast_slice(&all)))
+}
+
+/// Error on records that neither fitted nor judged: only their starts are found.
+fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
+    if data.transfer.is_empty() {
+        return Vec::new();
+    }
+    let mut elsewhere = data.clone();
+    elsewhere.segments.clone_from(&data.transfer);
+    let own = super::judge::judging(&elsewhere);
+    let residuals = |m: &Model| {
+        let mut problem = m.problem.clone();
+        problem.data = &elsewhere;
+        super::judge::residuals(&problem, &m.fit, &own, 1)
+    };
+    let (before, after) = (residuals(&found.declared), residuals(&found.best));
+    let mut all = Vec::new();
+    for (c, channel) in data.channels.iter().enumerate() {
+        let (_, judged) = found.best.residuals.rms(c);
+        for (k, s) in elsewhere.segments.iter().enumerate() {
+            let values: Vec<f64> = s.measured[c].iter().copied().filter(|v| v.is_finite()).collect();
+            let n = values.len().max(1) as f64;
+            let mean = values.iter().sum::<f64>() / n;
+            let signal = libm::sqrt(values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n);
+            let rms = |r: &Residuals| stats::rms(&r.judge[c][k..=k]);
+            all.push(Transfer {
+                record: data.records[s.record].clone(),
+                channel: channel.name.clone(),
+                unit: channel.unit.clone(),
+                error: rms(&after) * channel.shown,
+                error_before: rms(&before) * channel.shown,
+                signal: signal * channel.shown,
+                refused: rms(&after) > 2.0 * judged,
+            });
+        }
+    }
+    all
 }
 
 /// What each effect takes of the declared model's squared error, in the order in which they were accepted; and what is left.

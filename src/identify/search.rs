@@ -498,6 +498,23 @@ fn rebuilt<'a>(
     fitted(problem, &point, own, effects, threads, 40)
 }
 
+/// Sets, the best first, that are asked whether what judges believes each of their effects.
+const LOOKED_AT: usize = 40;
+
+/// Whether every effect of a set improves on the set without it, as far as that one was fitted.
+fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
+    let records = model.problem.data.records.len();
+    model.effects.iter().all(|e| {
+        let mut rest: Vec<String> = model.identity();
+        let own = e.identity();
+        rest.retain(|id| *id != own);
+        let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
+        let ratio = model.residuals.judge_ratio(&less.residuals);
+        let worth = score(less, effective, records) - score(model, effective, records);
+        worth >= CLEAR && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0
+    })
+}
+
 /// Prunes, asks every effect for its grounds, looks for rivals of those that stay.
 fn finish<'a>(
     declared: Model<'a>,
@@ -510,7 +527,13 @@ fn finish<'a>(
     cut_short: bool,
 ) -> Found<'a> {
     let records = declared.problem.data.records.len();
-    let mut best = all.first().cloned().unwrap_or_else(|| declared.clone());
+    let mut best = all
+        .iter()
+        .take(LOOKED_AT)
+        .find(|m| stands(m, &all, effective))
+        .or(all.first())
+        .cloned()
+        .unwrap_or_else(|| declared.clone());
     let mut grounds: Vec<Ground> = Vec::new();
     // Take away what does not stand, one at a time, the weakest first.
     loop {

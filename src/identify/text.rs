@@ -198,6 +198,22 @@ fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
     for s in &r.error_budget {
         writeln!(t, "    {:>5.1} %  {}", s.percent, s.of)?;
     }
+    if !r.transfer.is_empty() {
+        writeln!(t, "\ntransfer to records of which nothing was used")?;
+        for x in &r.transfer {
+            writeln!(
+                t,
+                "    {:<14} {:<14} {} -> {} {} of a signal of {}: {}",
+                x.record,
+                x.channel,
+                short(x.error_before),
+                short(x.error),
+                x.unit,
+                short(x.signal),
+                if x.refused { "REFUSED, another plant or another state of it" } else { "holds" }
+            )?;
+        }
+    }
     if !r.collisions.is_empty() {
         writeln!(t, "\nwhat teeth and links leave open")?;
         for c in &r.collisions {

@@ -8,11 +8,11 @@
 //! g is the radius of a span's end, 1 for a coupling. Every number is a slot of one list, found by its path in the file, so
 //! that a fit changes a machine by writing into a list.
 
-pub mod derive;
-pub mod modes;
 mod place;
 mod read;
 pub mod simulate;
+
+pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
 use crate::drive::reader::{Places, Reader};

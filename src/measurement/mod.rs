@@ -73,6 +73,8 @@ pub struct InputSpec {
 pub enum Use {
     Fit,
     Judge,
+    /// Neither: how well the numbers found elsewhere hold here is told apart.
+    Transfer,
 }
 
 /// Where the parts of a record that are compared come from.

@@ -153,7 +153,9 @@ fn records(root: &Table<'_>, files: &[FileSpec], channels: &[ChannelSpec], input
         };
         let record = RecordSpec {
             file,
-            usage: t.choice("use", &[("fit", Use::Fit), ("judge", Use::Judge)]).unwrap_or(Use::Fit),
+            usage: t
+                .choice("use", &[("fit", Use::Fit), ("judge", Use::Judge), ("transfer", Use::Transfer)])
+                .unwrap_or(Use::Fit),
             from_row: t.integer("from_row", 1..=1_000_000_000).unwrap_or(1) as usize,
             to_row: t.integer("to_row", 1..=1_000_000_000).map(|n| n as usize),
             judge_from_row: t.integer("judge_from_row", 2..=1_000_000_000).map(|n| n as usize),

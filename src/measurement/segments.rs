@@ -58,6 +58,8 @@ pub struct Data {
     pub channels: Vec<Channel>,
     pub records: Vec<String>,
     pub segments: Vec<Segment>,
+    /// Parts of records that neither fit nor judge.
+    pub transfer: Vec<Segment>,
     pub facts: Vec<Facts>,
     pub clocks: Vec<Clock>,
     /// What the reader should know and what was done about it.
@@ -100,6 +102,7 @@ pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Resu
         channels,
         records: measurement.records.iter().map(|r| r.name.clone()).collect(),
         segments: Vec::new(),
+        transfer: Vec::new(),
         facts: Vec::new(),
         clocks: Vec::new(),
         warnings: Vec::new(),
@@ -120,6 +123,8 @@ pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Resu
             sampled_segment(measurement, machine, index, columns, &mut data, &mut diags);
         }
     }
+    let elsewhere = |s: &Segment| measurement.records[s.record].usage == Use::Transfer;
+    (data.transfer, data.segments) = std::mem::take(&mut data.segments).into_iter().partition(elsewhere);
     if diags.is_empty() {
         who_judges(measurement, &mut data, &mut diags);
     }
@@ -433,7 +438,7 @@ fn sampled_segment(
     let step_s = if clock.rate_hz > 0.0 { 1.0 / clock.rate_hz } else { 1.0 };
     let start = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
     let judge_from = match (record.usage, record.judge_from_row) {
-        (Use::Judge, _) => 0,
+        (Use::Judge | Use::Transfer, _) => 0,
         (Use::Fit, Some(row)) => row - 1 - from,
         (Use::Fit, None) => to - from,
     };
@@ -652,7 +657,7 @@ fn pulse_segments(
         start.v[body] = gap / libm::exp(mean.min(first + 1.0));
         let n = b - a;
         let judge_from = match (record.usage, record.judge_share) {
-            (Use::Judge, _) => 0,
+            (Use::Judge | Use::Transfer, _) => 0,
             _ if k >= n_parts - judged => 0,
             _ => n,
         };
@@ -678,6 +683,11 @@ fn pulse_segments(
 
 /// Nobody judges: the last third of what there is does.
 fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
+    if data.segments.is_empty() {
+        let title = "no record fits".to_string();
+        diags.push(measurement.places.error("records", title, Some("give one of them `use = \"fit\"`".into())));
+        return;
+    }
     let judges = data.segments.iter().any(|s| s.judge_from < s.len());
     if !judges {
         data.warnings.push(

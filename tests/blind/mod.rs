@@ -79,7 +79,7 @@ pub fn case(class: Class, number: u64) -> Case {
 
 /// Steps for one sample: of what is written, and of what only weighs it.
 const FINE: usize = 20;
-const COARSE: usize = 5;
+const COARSE: usize = 4;
 /// Smallest and largest mark of an effect over the noise floor.
 const MARK: (f64, f64) = (0.5, 20.0);
 
@@ -1034,11 +1034,13 @@ impl Scene<'_> {
         u
     }
 
-    fn at(&self, sample: usize, part: f64, torque: f64) -> At {
-        let (rec, place) = (self.rec, sample as f64 + part);
-        let share = (place - rec.lead as f64) / rec.n as f64;
-        let speed = if self.m.kind == Kind::Chain { at_place(&rec.input, place) } else { 0.0 };
-        At { torque, speed, walk: at_place(&rec.walk, place), gate: rec.gate[sample], share: share.clamp(0.0, 1.0) }
+    /// An instant, but for the torque; `part` of a sample after `sample`.
+    fn at(&self, sample: usize, part: f64) -> At {
+        let (rec, next) = (self.rec, (sample + 1).min(self.rec.gate.len() - 1));
+        let between = |series: &[f64]| series[sample] + part * (series[next] - series[sample]);
+        let share = (sample as f64 + part - rec.lead as f64) / rec.n as f64;
+        let speed = if self.m.kind == Kind::Chain { between(&rec.input) } else { 0.0 };
+        At { torque: 0.0, speed, walk: between(&rec.walk), gate: rec.gate[sample], share: share.clamp(0.0, 1.0) }
     }
 
     /// What a channel's sensor makes of its quantity, at all steps.
@@ -1103,6 +1105,7 @@ fn run(scene: &Scene, parts: usize, nudge: Option<Nudge>) -> Run {
     let mut raw = vec![Vec::with_capacity(steps + 1); m.channels];
     let mut angle = vec![Vec::with_capacity(steps + 1); 2];
     let mut out = Run { channels: Vec::new(), angle: Vec::new(), stretch: Vec::new(), speed: [Vec::new(), Vec::new()] };
+    let mut to = scene.at(0, 0.0);
     for s in 0..=steps {
         let (sample, part) = (s / parts, s % parts);
         if s == rec.lead * parts {
@@ -1113,8 +1116,8 @@ fn run(scene: &Scene, parts: usize, nudge: Option<Nudge>) -> Run {
             }
         }
         let torque = feed.get(s).copied().unwrap_or(0.0);
-        let from = scene.at(sample, part as f64 / parts as f64, torque);
-        let to = scene.at(sample, (part + 1) as f64 / parts as f64, torque);
+        let from = At { torque, ..to };
+        to = At { torque, ..scene.at(sample, (part + 1) as f64 / parts as f64) };
         let before = x;
         let act = scene.step(&mut x, &from, &to, h);
         let speed = [if m.kind == Kind::Chain { act.speed } else { before.v[0] }, before.v[1]];
@@ -1136,6 +1139,29 @@ fn run(scene: &Scene, parts: usize, nudge: Option<Nudge>) -> Run {
 }
 
 // ---------------------------------------------------------------------------------------------------------------- weighing
+
+/// What a bench shows with some effects: what one more is held against.
+struct Beside<'a> {
+    bench: &'a Bench,
+    faults: Vec<Fault>,
+    parts: usize,
+    judging: bool,
+    shown: Vec<f64>,
+}
+
+impl Beside<'_> {
+    /// What one effect more adds, over noise.
+    fn mark(&self, added: &Fault) -> Vec<f64> {
+        let with: Vec<Fault> = self.faults.iter().copied().chain([*added]).collect();
+        let with = self.bench.shows(&self.bench.m, &with, self.parts, None, self.judging);
+        with.iter().zip(&self.shown).map(|(a, b)| a - b).collect()
+    }
+
+    /// The largest of its channels.
+    fn size(&self, added: &Fault) -> f64 {
+        self.bench.best(&self.mark(added), self.judging)
+    }
+}
 
 /// A machine with its records and the noise of its channels.
 struct Bench {
@@ -1222,24 +1248,22 @@ impl Bench {
             .collect()
     }
 
-    /// What the faults after `others` add.
-    fn mark(&self, others: &[Fault], added: &Fault, parts: usize, judging: bool) -> Vec<f64> {
-        let with: Vec<Fault> = others.iter().copied().chain([*added]).collect();
-        let without = self.shows(&self.m, others, parts, None, judging);
-        let with = self.shows(&self.m, &with, parts, None, judging);
-        with.iter().zip(&without).map(|(a, b)| a - b).collect()
+    fn beside(&self, faults: &[Fault], parts: usize, judging: bool) -> Beside<'_> {
+        let shown = self.shows(&self.m, faults, parts, None, judging);
+        Beside { bench: self, faults: faults.to_vec(), parts, judging, shown }
     }
 
     /// The fault at the size that leaves a mark of `target`; None where no believable size does.
     fn sized(&self, others: &[Fault], fault: &Fault, target: f64) -> Option<Fault> {
         let mut fault = *fault;
+        let beside = self.beside(others, COARSE, true);
         if fault.law == Law::SignBlind {
-            let found = self.best(&self.mark(others, &fault, COARSE, true), true);
+            let found = beside.size(&fault);
             return (found.is_finite() && found > MARK.0).then_some(fault);
         }
         let most = self.scale.size(&self.m, &fault).1;
         for _ in 0..7 {
-            let found = self.best(&self.mark(others, &fault, COARSE, true), true);
+            let found = beside.size(&fault);
             if !found.is_finite() {
                 fault.size *= 0.1;
                 continue;
@@ -1254,14 +1278,14 @@ impl Bench {
                 fault.size = most.copysign(fault.size);
             }
         }
-        let found = self.best(&self.mark(others, &fault, COARSE, true), true);
+        let found = beside.size(&fault);
         (found.is_finite() && (found / target - 1.0).abs() < 0.3).then_some(fault)
     }
 
     /// Directions in which free numbers and starts move what fits: orthonormal.
-    fn frame(&self, others: &[Fault]) -> Vec<Vec<f64>> {
-        let base = self.shows(&self.m, others, COARSE, None, false);
-        let less = |a: Vec<f64>| -> Vec<f64> { a.iter().zip(&base).map(|(a, b)| a - b).collect() };
+    fn frame(&self, beside: &Beside) -> Vec<Vec<f64>> {
+        let others = &beside.faults;
+        let less = |a: Vec<f64>| -> Vec<f64> { a.iter().zip(&beside.shown).map(|(a, b)| a - b).collect() };
         let mut columns = Vec::new();
         for number in self.m.numbers(self.wish) {
             let mut m = self.m.clone();
@@ -1274,11 +1298,7 @@ impl Bench {
         }
         for nudge in nudges {
             let moved = less(self.shows(&self.m, others, COARSE, Some(nudge), false));
-            columns.extend(self.slices().into_iter().map(|range| {
-                let mut own = vec![0.0; moved.len()];
-                own[range.clone()].copy_from_slice(&moved[range]);
-                own
-            }));
+            columns.extend(self.slices().into_iter().map(|range| only(&moved, range)));
         }
         let mut frame: Vec<Vec<f64>> = Vec::new();
         for column in columns {
@@ -1295,6 +1315,13 @@ impl Bench {
     }
 }
 
+/// A column in this range, and nothing elsewhere.
+fn only(column: &[f64], range: std::ops::Range<usize>) -> Vec<f64> {
+    let mut own = vec![0.0; column.len()];
+    own[range.clone()].copy_from_slice(&column[range]);
+    own
+}
+
 /// A column without its share along the frame.
 fn outside(column: &[f64], frame: &[Vec<f64>]) -> Vec<f64> {
     let mut rest = column.to_vec();
@@ -1309,19 +1336,19 @@ fn outside(column: &[f64], frame: &[Vec<f64>]) -> Vec<f64> {
 const TELLING: f64 = 12.0;
 
 impl Bench {
-    /// Paths of effects that leave the mark of `fault` as well, beside `others`.
-    fn rivals(&self, others: &[Fault], fault: &Fault, mark: &[f64], frame: &[Vec<f64>]) -> Vec<String> {
+    /// Paths of effects that leave the mark of `fault` as well, beside others.
+    fn rivals(&self, beside: &Beside, fault: &Fault, mark: &[f64], frame: &[Vec<f64>]) -> Vec<String> {
         let whole = dot(mark, mark);
         let own = fault.path(&self.m);
         let mut found: Vec<String> = Vec::new();
         for rival in self.alternatives(fault) {
             let path = rival.path(&self.m);
-            if path == own || found.contains(&path) || others.iter().any(|o| o.path(&self.m) == path) {
+            if path == own || found.contains(&path) || beside.faults.iter().any(|o| o.path(&self.m) == path) {
                 continue;
             }
             let left = match rival.order(&self.m) {
-                Some(_) => self.left_by_wave(others, rival, mark, frame),
-                None => self.left_by_size(others, rival, mark, frame),
+                Some(_) => self.left_by_wave(beside, rival, mark, frame),
+                None => self.left_by_size(beside, rival, mark, frame),
             };
             if left < TELLING && left < 0.5 * whole {
                 found.push(path);
@@ -1379,17 +1406,23 @@ impl Bench {
         for c in 0..m.channels {
             [Law::Latency, Law::LowPass, Law::Gain, Law::Offset, Law::Drift].iter().for_each(|law| add(*law, c, 0.0));
         }
+        // One time for another.
+        let late = |f: &Fault| matches!(f.law, Law::InputDelay | Law::Lag | Law::Latency | Law::LowPass);
+        if late(fault) {
+            all.iter_mut().filter(|f| late(f)).for_each(|f| f.size = fault.size);
+        }
         all
     }
 
     /// Squared length that a rival of best size leaves of a mark.
-    fn left_by_size(&self, others: &[Fault], mut rival: Fault, mark: &[f64], frame: &[Vec<f64>]) -> f64 {
+    fn left_by_size(&self, beside: &Beside, mut rival: Fault, mark: &[f64], frame: &[Vec<f64>]) -> f64 {
         let whole = dot(mark, mark);
-        let most = self.scale.size(&self.m, &rival).1;
+        // A fit is held to less than what is believable.
+        let most = 10.0 * self.scale.size(&self.m, &rival).1;
         let mut least = whole;
         // Marks do not grow quite as sizes do: a few rounds find the size.
         for round in 0..6 {
-            let raw = self.mark(others, &rival, COARSE, false);
+            let raw = beside.mark(&rival);
             let own = outside(&raw, frame);
             let (size, all) = (dot(&own, &own), dot(&raw, &raw));
             // What free numbers take over leaves nothing but rounding.
@@ -1413,32 +1446,46 @@ impl Bench {
         least
     }
 
-    /// The same for a rival with a phase in every record and one size.
-    fn left_by_wave(&self, others: &[Fault], rival: Fault, mark: &[f64], frame: &[Vec<f64>]) -> f64 {
-        let turned = Fault { phase: 0.5 * PI, ..rival };
-        let c = outside(&self.mark(others, &rival, COARSE, false), frame);
-        let s = outside(&self.mark(others, &turned, COARSE, false), frame);
-        let mut fits = Vec::new();
-        for range in self.slices() {
-            let (c, s, d) = (&c[range.clone()], &s[range.clone()], &mark[range.clone()]);
-            let (cc, cs, ss) = (dot(c, c), dot(c, s), dot(s, s));
-            let determinant = cc * ss - cs * cs;
-            if determinant <= 1e-9 * cc * ss {
-                return f64::MAX;
-            }
-            let (cd, sd) = (dot(c, d), dot(s, d));
-            fits.push((range, [(ss * cd - cs * sd) / determinant, (cc * sd - cs * cd) / determinant], cc + ss));
+    /// The same for a rival with one size and a phase in every record.
+    fn left_by_wave(&self, beside: &Beside, rival: Fault, mark: &[f64], frame: &[Vec<f64>]) -> f64 {
+        let waves = [rival, Fault { phase: 0.5 * PI, ..rival }].map(|f| beside.mark(&f));
+        let slices = self.slices();
+        let columns: Vec<Vec<f64>> = slices
+            .iter()
+            .flat_map(|range| waves.iter().map(|w| outside(&only(w, range.clone()), frame)))
+            .collect();
+        let Some(fit) = least_squares(&columns, mark) else { return f64::MAX };
+        let sizes: Vec<f64> = fit.chunks(2).map(|x| x[0].hypot(x[1])).collect();
+        // The size that all records share, by how well each tells it.
+        let weights: Vec<f64> = columns.chunks(2).map(|c| dot(&c[0], &c[0]) + dot(&c[1], &c[1])).collect();
+        let size = dot(&weights, &sizes) / weights.iter().sum::<f64>();
+        let mut left = mark.to_vec();
+        for (i, (column, x)) in columns.iter().zip(&fit).enumerate() {
+            let x = x * size / sizes[i / 2].max(1e-300);
+            left.iter_mut().zip(column).for_each(|(l, c)| *l -= x * c);
         }
-        let weights: f64 = fits.iter().map(|(.., w)| w).sum();
-        let size = fits.iter().map(|(_, [a, b], w)| w * a.hypot(*b)).sum::<f64>() / weights;
-        fits.iter()
-            .map(|(range, [a, b], _)| {
-                let scale = size / a.hypot(*b).max(1e-300);
-                let left = range.clone().map(|i| mark[i] - scale * (a * c[i] + b * s[i]));
-                left.map(|x| x * x).sum::<f64>()
-            })
-            .sum()
+        dot(&left, &left)
     }
+}
+
+/// The x that brings the columns nearest to `right`; by Gauss and Jordan, few columns that are hardly alike.
+fn least_squares(columns: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
+    let n = columns.len();
+    let mut a: Vec<Vec<f64>> = columns.iter().map(|c| columns.iter().map(|d| dot(c, d)).collect()).collect();
+    let mut x: Vec<f64> = columns.iter().map(|c| dot(c, right)).collect();
+    for i in 0..n {
+        let pivot = a[i][i];
+        if pivot.is_nan() || pivot <= 1e-9 * dot(&columns[i], &columns[i]) {
+            return None;
+        }
+        let own = a[i].clone();
+        for k in (0..n).filter(|k| *k != i) {
+            let share = a[k][i] / pivot;
+            a[k].iter_mut().zip(&own).for_each(|(x, y)| *x -= share * y);
+            x[k] -= share * x[i];
+        }
+    }
+    Some((0..n).map(|i| x[i] / a[i][i]).collect())
 }
 
 // ------------------------------------------------------------------------------------------------------------------- cases
@@ -1503,7 +1550,9 @@ fn double(random: &mut Random) -> Draft {
     let all = laws(kind);
     let part = |law: Law| ROWS.iter().find(|r| r.law == law).map(|r| r.part);
     let (first, places) = random.pick(&all);
-    let others: Vec<(Law, &[usize])> = all.into_iter().filter(|(l, _)| part(*l) != part(first)).collect();
+    let spring = |law: Law| matches!(law, Law::Backlash | Law::Hardening);
+    let fits = |law: Law| part(law) != part(first) && !(spring(law) && spring(first));
+    let others: Vec<(Law, &[usize])> = all.into_iter().filter(|(l, _)| fits(*l)).collect();
     let (second, more) = random.pick(&others);
     let wish = Wish { biased: first == Law::SignBlind || second == Law::SignBlind, ..Wish::default() };
     Draft { kind, wish, laws: vec![(first, random.pick(places), None), (second, random.pick(more), None)] }
@@ -1620,16 +1669,16 @@ fn weighed(bench: &Bench, faults: &[Fault], class: Class) -> Option<(Vec<Truth>,
     let mut marks: Vec<Vec<f64>> = Vec::new();
     for (i, f) in faults.iter().enumerate() {
         let others: Vec<Fault> = faults.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, f)| *f).collect();
-        let over_floor = bench.best(&bench.mark(&others, f, FINE, true), true);
+        let over_floor = bench.beside(&others, FINE, true).size(f);
         if !(over_floor > 0.8 * MARK.0 && (over_floor < 1.3 * MARK.1 || f.law == Law::SignBlind)) {
             return None;
         }
-        let frame = bench.frame(&others);
-        let mark = outside(&bench.mark(&others, f, COARSE, false), &frame);
+        let beside = bench.beside(&others, COARSE, false);
+        let frame = bench.frame(&beside);
+        let mark = outside(&beside.mark(f), &frame);
         let sigmas = dot(&mark, &mark).sqrt();
         if class != Class::Outside && sigmas > 3.0 {
-            let found = bench.rivals(&others, f, &mark, &frame);
-            rivals.extend(found);
+            rivals.extend(bench.rivals(&beside, f, &mark, &frame));
         }
         let after_fit = bench.best(&mark, false);
         truth.push(Truth { path: f.path(&bench.m), sizes: f.sizes(&bench.m), over_floor, after_fit, sigmas });
@@ -1741,7 +1790,9 @@ impl Written {
                     let _ = write!(own, "{t:.9},");
                 }
                 let _ = write!(own, "{:.9e}", columns[0][i]);
-                columns[1..].iter().for_each(|c| drop(write!(own, ",{:.7e}", c[i])));
+                for c in &columns[1..] {
+                    let _ = write!(own, ",{:.7e}", c[i]);
+                }
                 own.push('\n');
                 row += 1;
             }
@@ -1762,7 +1813,9 @@ impl Written {
         let mut text = format!("title = \"{name}\"\nfidelity = \"lumped\"\n");
         let mut put = |table: String, lines: &[String]| {
             let _ = write!(text, "\n[{table}]\n");
-            lines.iter().for_each(|l| drop(writeln!(text, "{l}")));
+            for l in lines {
+                let _ = writeln!(text, "{l}");
+            }
         };
         let line = |key: &str, value: f64| format!("{key} = {value:.9e}");
         for b in 0..=d.last() {
@@ -1847,7 +1900,7 @@ impl Written {
             }
             match self.time_column {
                 true => text += "time_column = \"t\"\ntime_unit = \"s\"\n",
-                false => drop(writeln!(text, "rate_hz = {}", m.rate_hz)),
+                false => text += &format!("rate_hz = {}\n", m.rate_hz),
             }
             if rec.judges {
                 text += "use = \"judge\"\n";

@@ -1,0 +1,136 @@
+//! `pitchline effects` and `pitchline sensors`: what a drive file may have beside its bodies.
+
+use super::{Failure, Outcome, print_json, print_out};
+use crate::diag::nearest;
+use crate::effects::{EFFECTS, Effect, Kind, Physics, family, named};
+use crate::machine::SENSOR_KINDS;
+use crate::measurement::units::UNITS;
+
+#[derive(clap::Args, Debug)]
+pub struct EffectsArgs {
+    /// Print all of this one
+    name: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct SensorsArgs {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which drive files take it.
+fn fidelities(e: &Effect) -> &'static str {
+    match (matches!(e.physics, Physics::LinksOnly), e.links.is_some()) {
+        (true, _) => "links",
+        (false, true) => "lumped, links",
+        (false, false) => "lumped",
+    }
+}
+
+pub fn run(args: &EffectsArgs) -> Result<Outcome, Failure> {
+    let chosen: Vec<&'static Effect> = match &args.name {
+        None => EFFECTS.to_vec(),
+        Some(name) => vec![named(name).ok_or_else(|| {
+            let near = nearest(name, EFFECTS.iter().map(|e| e.name));
+            let help = near.map_or("`pitchline effects` lists all".to_string(), |n| format!("did you mean `{n}`?"));
+            Failure::Input(format!("no effect is called `{name}`\nhelp: {help}"))
+        })?],
+    };
+    if args.json {
+        return print_json(&serde_json::json!({ "effects": chosen.iter().map(|e| json(e)).collect::<Vec<_>>() }));
+    }
+    if args.name.is_some() {
+        return print_out(&chosen.iter().map(|e| whole(e)).collect::<String>());
+    }
+    let mut text = format!("{:<22} {:<9} {:<34} {:<15} what it is\n", "effect", "part", "put on", "drive");
+    for e in chosen {
+        text +=
+            &format!("{:<22} {:<9} {:<34} {:<15} {}\n", e.name, e.part.label(), e.on.label(), fidelities(e), e.title);
+    }
+    text += "\n`pitchline effects NAME` prints equation, numbers with units and ranges, source and signature\n";
+    print_out(&text)
+}
+
+fn kind(k: Kind) -> &'static str {
+    match k {
+        Kind::Amplitude => "amplitude",
+        Kind::Shape => "form",
+        Kind::Phase => "phase, one for every record",
+        Kind::Whole => "whole number or order, not fitted",
+        Kind::PerMark => "one for every mark # but the first",
+        Kind::Given => "given, not fitted",
+    }
+}
+
+fn whole(e: &Effect) -> String {
+    let mut text = format!(
+        "{}: {}\n  part       {} ({})\n  put on     {}\n  drive      {}\n  equation   {}\n  source     {}\n  order      {}\n  speed law  {}\n  channels   {}\n",
+        e.name,
+        e.title,
+        e.part.label(),
+        family(named(e.name).unwrap_or(EFFECTS[0])),
+        e.on.label(),
+        fidelities(e),
+        e.equation,
+        e.source,
+        e.order,
+        e.speed_law,
+        e.channels
+    );
+    text += &format!("  [effects.{}.TARGET]\n", e.name);
+    for p in e.parameters {
+        let default = p.default.map_or(String::new(), |d| format!(", {d} if not given"));
+        let sliding =
+            if p.key == p.sliding_key { String::new() } else { format!(" (`{}` on a slider)", p.sliding_key) };
+        text += &format!(
+            "    {:<26} {} ..= {}, off at {}{default}; {}{sliding}\n",
+            p.key,
+            p.low,
+            p.high,
+            p.off,
+            kind(p.kind)
+        );
+    }
+    text
+}
+
+fn json(e: &Effect) -> serde_json::Value {
+    let parameters: Vec<_> = e
+        .parameters
+        .iter()
+        .map(|p| {
+            serde_json::json!({
+                "key": p.key, "sliding_key": p.sliding_key, "low": p.low, "high": p.high, "off": p.off,
+                "default": p.default, "kind": kind(p.kind), "unit_si": p.unit,
+            })
+        })
+        .collect();
+    serde_json::json!({
+        "name": e.name, "title": e.title, "part": e.part.label(), "on": e.on.label(), "drive": fidelities(e),
+        "equation": e.equation, "source": e.source, "order": e.order, "speed_law": e.speed_law,
+        "channels": e.channels, "dissipative": e.dissipative, "parameters": parameters,
+    })
+}
+
+pub fn sensors(args: &SensorsArgs) -> Result<Outcome, Failure> {
+    if args.json {
+        let list: Vec<_> = SENSOR_KINDS
+            .iter()
+            .map(|(kind, reads, unit)| serde_json::json!({ "kind": kind, "reads": reads, "unit": unit }))
+            .collect();
+        let units: Vec<&str> = UNITS.iter().map(|(n, ..)| *n).collect();
+        return print_json(&serde_json::json!({ "sensors": list, "units": units }));
+    }
+    let mut text = String::new();
+    for (kind, reads, unit) in SENSOR_KINDS {
+        text += &format!("[sensors.{kind}.NAME]{:<w$} {reads} ({unit})\n", "", w = 14_usize.saturating_sub(kind.len()));
+    }
+    text += "\nkeys: `body` or `span` where NAME is not its name, `gain`, `unit` for a unit of its own, `marks` of a pulse pickup\n";
+    text += &format!("units of measured columns: {}\n", UNITS.map(|(n, ..)| n).join(", "));
+    text += "their errors are effects: `pitchline effects`, part sensor\n";
+    print_out(&text)
+}

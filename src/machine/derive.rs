@@ -1,1 +1,0 @@
-//! A lumped machine from a drive whose links are bodies.

@@ -1,1 +1,0 @@
-//! Eigenfrequencies of a lumped machine.
