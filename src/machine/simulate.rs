@@ -76,6 +76,8 @@ struct Ready<'a> {
     chain_torque: Vec<(ChainTorqueLaw, Vec<f64>)>,
     leader_teeth: f64,
     most_steps: f64,
+    /// The body that stands for each: a second body of no inertia is the one it hangs on.
+    stands_for: Vec<usize>,
 }
 
 enum OnSpring {
@@ -106,7 +108,13 @@ impl<'a> Ready<'a> {
             chain_torque: Vec::new(),
             leader_teeth: m.chain.as_ref().and_then(|c| m.bodies[c.leader].teeth).map_or(0.0, f64::from),
             most_steps: MOST_STEPS,
+            stands_for: (0..m.bodies.len()).collect(),
         };
+        for spring in m.springs.iter().filter(|s| s.tuned.is_some_and(|slot| values[slot] == 0.0)) {
+            if let [near, far] = spring.ends.as_slice() {
+                ready.stands_for[far.body] = near.body;
+            }
+        }
         for p in &m.placed {
             match (p.effect.physics, p.target) {
                 (Physics::BodyForce(law), Target::Body(b)) => ready.on_body.push((b, law, of(p))),
@@ -270,7 +278,8 @@ fn inertia(body: &Body, values: &[f64]) -> f64 {
     match body.minus {
         // What is left of a body that was split: never nothing.
         Some(far) => (whole - values[far]).max(1e-3 * whole),
-        None => whole,
+        // A second body of no inertia feels no force; it must not divide by zero.
+        None => whole.max(1e-300),
     }
 }
 
@@ -455,9 +464,12 @@ fn sampled(
             let sensor = &m.sensors[*channel];
             let gain = ready.values[sensor.gain];
             let (value, body) = match sensor.reads {
-                Reads::Angle(b) => (q_before[b], b),
-                Reads::Speed(b) => (work.v_at_node[b], b),
-                Reads::Acceleration(b) => (work.at_node[b] / ready.inertia[b], b),
+                Reads::Angle(b) => (q_before[ready.stands_for[b]], ready.stands_for[b]),
+                Reads::Speed(b) => (work.v_at_node[ready.stands_for[b]], ready.stands_for[b]),
+                Reads::Acceleration(b) => {
+                    let b = ready.stands_for[b];
+                    (work.at_node[b] / ready.inertia[b], b)
+                }
                 Reads::Tension(s) => (work.tension_at_node[s], 0),
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
@@ -604,6 +616,7 @@ fn pulses(
     let Reads::Pulses { body, marks } = m.sensors[*sensor].reads else {
         return Ok(vec![vec![f64::NAN; intervals]]);
     };
+    let body = ready.stands_for[body];
     let laws: Vec<(MarkLaw, Vec<f64>)> = m
         .placed
         .iter()
@@ -698,11 +711,11 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
         } else {
             low = x;
         }
-        let next = x - error / slope(x);
-        let next = if next > low && next < high { next } else { 0.5 * (low + high) };
-        if (next - x).abs() < 1e-12 {
-            return next * h;
+        let newton = x - error / slope(x);
+        if (newton - x).abs() < 1e-12 {
+            return newton * h;
         }
+        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
         x = next;
     }
     x * h

@@ -1,0 +1,265 @@
+//! Closing the loop: measured machines, planted effects, what records cannot tell, and what is wrong with a file.
+
+use pitchline::identify::identify;
+use pitchline::identify::report::{Report, Verdict};
+use pitchline::identify::search::{Budget, Context};
+use pitchline::machine::Machine;
+use pitchline::measurement::Measurement;
+use pitchline::measurement::segments::load;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64};
+
+/// Reads a measurement file and everything it names, and identifies.
+fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Report, String> {
+    let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
+    let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(|r| r.to_string())?;
+    let folder = path.parent().map_or_else(PathBuf::new, PathBuf::from);
+    let drive = std::fs::read_to_string(folder.join(&measurement.drive)).map_err(|e| e.to_string())?;
+    let machine = Machine::parse(&measurement.drive, &drive, &[]).map_err(|r| r.to_string())?;
+    let data = load(&measurement, &machine, &folder).map_err(|e| e.to_string())?;
+    let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
+    let quiet = |_: &str, _: u64| {};
+    let context =
+        Context { threads, budget, started: std::time::Instant::now(), stop: &stop, progress: &quiet, runs: &runs };
+    identify(&measurement, &machine, &data, &context)
+}
+
+const ALL: Budget = Budget { runs: None, seconds: None };
+
+/// A bundled measurement beside its data, or None where the data is not at hand.
+fn measured(name: &str, data: &[&str]) -> Option<(tempfile::TempDir, PathBuf)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().expect("a folder");
+    for file in [format!("{name}.toml"), format!("{name}-drive.toml")] {
+        std::fs::copy(root.join("assets/measurements").join(&file), folder.path().join(&file)).expect("copied");
+    }
+    for file in data {
+        let from = root.join("../shared/data").join(file);
+        if !from.exists() {
+            println!("skipped: no {}", from.display());
+            return None;
+        }
+        let to = Path::new(file).file_name().expect("a name");
+        std::fs::copy(&from, folder.path().join(to)).expect("copied");
+    }
+    let path = folder.path().join(format!("{name}.toml"));
+    Some((folder, path))
+}
+
+fn paths(r: &Report) -> Vec<&str> {
+    r.effects.iter().map(|e| e.path.as_str()).collect()
+}
+
+/// A pulse pickup's uneven marks, and not runout of a shaft: published as a cyclic error of this machine's magnets.
+#[test]
+fn the_rowing_flywheel_has_uneven_marks() {
+    let Some((_folder, path)) = measured("rowerg", &["rowing_flywheel/Concept2_RowErg_Session_2000meters.csv"]) else {
+        return;
+    };
+    let r = identified(&path, 2, ALL).expect("identified");
+    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
+    assert_eq!(paths(&r), ["effects.mark_spacing.flywheel"]);
+    let (before, after) = (r.error_before[0].held_out.expect("held out"), r.error_after[0].held_out.expect("held out"));
+    // Found before by other means: 0.948 % to 0.125 %. Measured here: 0.948 to 0.125.
+    assert!((0.93..0.97).contains(&before) && after < 0.13, "{before} % to {after} %");
+}
+
+/// The same maker's older machine has no such effect.
+#[test]
+fn the_older_flywheel_has_none() {
+    let Some((_folder, path)) = measured("model-c", &["rowing_flywheel/Concept2_Model_C.csv"]) else { return };
+    let r = identified(&path, 2, ALL).expect("identified");
+    assert_eq!(r.outcome, Verdict::None, "{:?}", paths(&r));
+    assert!(r.warnings.iter().any(|w| w.contains("pulses were missed")));
+}
+
+#[test]
+fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
+    let data = ["coupled_electric_drives/DATAUNIF.csv", "coupled_electric_drives/DATAPRBS.csv"];
+    let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
+    let r = identified(&path, 2, ALL).expect("identified");
+    let families: Vec<&str> = r.effects.iter().map(|e| e.family.as_str()).collect();
+    assert!(paths(&r).contains(&"effects.sign_blind.pulley"), "{families:?}");
+    assert!(families.contains(&"friction") && families.iter().any(|f| f.starts_with("lag")), "{families:?}");
+    assert!(!r.explained, "the residual is not white");
+    let held_out = |name: &str| {
+        let of = r.error_after.iter().find(|e| e.record.as_deref() == Some(name));
+        of.and_then(|e| e.held_out).expect("held out")
+    };
+    // measured 0.0764 and 0.0945 ticks/s; declared 0.221 and 0.305
+    assert!(held_out("first") < 0.090 && held_out("second") < 0.095, "{} {}", held_out("first"), held_out("second"));
+    assert_eq!(r.transfer.len(), 3);
+    assert!(r.transfer.iter().all(|t| t.refused), "{:?}", r.transfer);
+}
+
+/// A rotor under a torque that steps up and down: its speed, with friction that the declared model lacks. The data is made here
+/// by an Euler scheme at a fiftieth of the samples' step with friction as an inequality, so that it is not the model's own.
+fn rotor_with_friction(folder: &Path, friction_nm: f64, noise: f64) -> PathBuf {
+    let mut seed = 88_172_645_463_325_252_u64;
+    let mut random = move || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for (file, samples) in [("a.csv", 600), ("b.csv", 600), ("c.csv", 500)] {
+        let mut text = String::from("time_ms,torque,speed_rpm\n");
+        let (mut v, mut torque) = (2.0 * random(), 0.0);
+        for i in 0..samples {
+            if i % 40 == 0 {
+                torque = 4.0 * (random() - 0.5);
+            }
+            let gauss = (0..12).map(|_| random()).sum::<f64>() - 6.0;
+            text += &format!("{},{torque},{}\n", i * 5, (v + noise * gauss) * 30.0 / std::f64::consts::PI);
+            for _ in 0..50 {
+                let h = 0.005 / 50.0;
+                let free: f64 = v + h * (torque - 0.08 * v) / 0.05;
+                let stop = h * friction_nm / 0.05;
+                v = if free.abs() <= stop { 0.0 } else { free - stop * free.signum() };
+            }
+        }
+        std::fs::write(folder.join(file), text).expect("written");
+    }
+    let drive = "# a test rig\nfidelity = \"lumped\"\n\n[rotors.disc]\ninertia_kg_m2 = 0.055 # from the drawing\n\n[loads.viscous.disc]\ntorque_nm_s_per_rad = 0.1\n\n[inputs.torque.disc]\n\n[sensors.tachometer.disc]\n";
+    std::fs::write(folder.join("rig.toml"), drive).expect("written");
+    let record = |name: &str, usage: &str| {
+        format!(
+            "[records.{name}]\nfile = \"{name}\"\nuse = \"{usage}\"\ntime_column = \"time_ms\"\ntime_unit = \"ms\"\n"
+        )
+    };
+    let text = format!(
+        "title = \"rig\"\ndrive = \"rig.toml\"\n[files.a]\npath = \"a.csv\"\n[files.b]\npath = \"b.csv\"\n[files.c]\npath = \"c.csv\"\n\
+         [channels.speed]\nsensor = \"sensors.tachometer.disc\"\ncolumn = \"speed_rpm\"\nunit = \"rpm\"\n\
+         [inputs.torque]\ninput = \"inputs.torque.disc\"\ncolumn = \"torque\"\nunit = \"N m\"\nhold = true\n{}{}{}\
+         [fit.\"rotors.disc.inertia_kg_m2\"]\nspread_percent = 20\n[fit.\"loads.viscous.disc.torque_nm_s_per_rad\"]\n",
+        record("a", "fit"),
+        record("b", "fit"),
+        record("c", "judge")
+    );
+    let path = folder.join("rig-measured.toml");
+    std::fs::write(&path, text).expect("written");
+    path
+}
+
+#[test]
+fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.4, 0.15);
+    let r = identified(&path, 2, ALL).expect("identified");
+    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
+    assert_eq!(paths(&r), ["effects.coulomb_friction.disc"]);
+    let torque = &r.effects[0].parameters[0];
+    assert!((torque.value - 0.4).abs() < 4.0 * torque.standard_error + 0.01, "{torque:?}");
+    assert!(r.explained, "{:?}", r.noise_floor);
+    let inertia = &r.numbers_after[0];
+    assert!((inertia.value - 0.05).abs() < 0.001, "{inertia:?}");
+    let drive = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
+    let machine = Machine::parse("rig.toml", &drive, &[]).expect("a machine");
+    let updated = pitchline::identify::text::updated(&machine, &r).expect("written");
+    assert!(updated.contains("# from the drawing") && updated.contains("[effects.coulomb_friction.disc]"), "{updated}");
+    let again = Machine::parse("updated.toml", &updated, &[]).expect("it reads back");
+    let slot = again.slot("effects.coulomb_friction.disc.torque_nm").expect("the number");
+    assert_eq!(again.values[slot], torque.value);
+}
+
+#[test]
+fn a_clean_record_is_explained_without_a_name_and_the_same_input_gives_the_same_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.15);
+    let one = identified(&path, 1, ALL).expect("identified");
+    let two = identified(&path, 2, ALL).expect("identified");
+    let text = |r: &Report| serde_json::to_string(r).expect("JSON");
+    assert_eq!(one.outcome, Verdict::None, "{:?}", paths(&one));
+    assert!(one.explained, "{:?}", one.noise_floor);
+    assert_eq!(text(&one), text(&two));
+    assert_eq!(pitchline::render::identify::html(&one), pitchline::render::identify::html(&two));
+}
+
+#[test]
+fn a_budget_ends_the_search_and_what_was_found_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.4, 0.15);
+    let r = identified(&path, 1, Budget { runs: Some(60), seconds: None }).expect("identified");
+    assert!(r.budget_spent);
+    assert!(pitchline::identify::text::text(&r).contains("PARTIAL"));
+}
+
+#[test]
+fn teeth_that_divide_the_links_leave_open_what_they_leave_open() {
+    use pitchline::identify::structure::collisions;
+    let says = |z: u32, n: u32| {
+        let all = collisions(&[("crank".to_string(), z)], Some(n));
+        all.iter().any(|c| c.of == "chain loop" && c.says.contains("re-hung"))
+    };
+    assert!(says(20, 120), "harmonic 6 of the loop is the revolution");
+    assert!(!says(21, 120) && !says(20, 127));
+}
+
+/// What is wrong with a file, and what has to be said about it.
+#[test]
+fn mistakes_are_told_before_a_model_is_run() {
+    let good = |folder: &Path| {
+        let path = rotor_with_friction(folder, 0.0, 0.1);
+        (std::fs::read_to_string(&path).expect("text"), path)
+    };
+    let cases: [(&str, &str, &str); 9] = [
+        ("column = \"speed_rpm\"", "column = \"speed\"", "did you mean \"speed_rpm\"?"),
+        ("unit = \"rpm\"", "unit = \"m/s\"", "is a speed, and `sensors.tachometer.disc` shows an angular speed"),
+        ("unit = \"rpm\"", "unit = \"furlongs\"", "the unit `furlongs` is not known"),
+        ("sensors.tachometer.disc", "sensors.tachometer.disk", "did you mean `sensors.tachometer.disc`?"),
+        ("time_unit = \"ms\"", "time_unit = \"V\"", "no unit of time"),
+        ("rotors.disc.inertia_kg_m2\"]", "rotors.disc.inertia\"]", "the drive has no number `rotors.disc.inertia`"),
+        ("use = \"fit\"", "use = \"judge\"", "every record judges, none fits"),
+        ("title = \"rig\"", "titel = \"rig\"", "did you mean `title`?"),
+        ("path = \"a.csv\"", "path = \"x.csv\"", "cannot read"),
+    ];
+    for (from, to, says) in cases {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (text, path) = good(folder.path());
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&path, text.replace(from, to)).expect("written");
+        let error = identified(&path, 1, ALL).expect_err(to);
+        assert!(error.contains(says), "{to}: no `{says}` in\n{error}");
+    }
+    type Change = fn(&str) -> String;
+    let data: [(Change, &str); 6] = [
+        (|t| t.replacen("50,", "abc,", 1), "is no number"),
+        (|t| t.lines().take(9).collect::<Vec<_>>().join("\n"), "record `a` has 8 samples"),
+        (|t| t.replacen("\n250,", "\n25,", 1), "time does not grow"),
+        (
+            |t| {
+                t.lines()
+                    .map(|l| {
+                        l.rsplit_once(',').map_or(l.to_string(), |(a, b)| {
+                            if b == "speed_rpm" { l.to_string() } else { format!("{a},7.5") }
+                        })
+                    })
+                    .collect::<Vec<_>>()
+                    .join("\n")
+            },
+            "is constant",
+        ),
+        (
+            |t| {
+                t.lines()
+                    .map(|l| {
+                        l.rsplit_once(',').map_or(l.to_string(), |(a, b)| {
+                            if b == "speed_rpm" { l.to_string() } else { format!("{a},nan") }
+                        })
+                    })
+                    .collect::<Vec<_>>()
+                    .join("\n")
+            },
+            "lacks 600 of 600 values",
+        ),
+        (|_| String::new(), "holds no rows"),
+    ];
+    for (change, says) in data {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (_, path) = good(folder.path());
+        let csv = std::fs::read_to_string(folder.path().join("a.csv")).expect("text");
+        std::fs::write(folder.path().join("a.csv"), change(&csv)).expect("written");
+        let error = identified(&path, 1, ALL).expect_err(says);
+        assert!(error.contains(says), "no `{says}` in\n{error}");
+    }
+}

@@ -1,0 +1,375 @@
+//! The lumped fidelity and the catalogue of effects: closed forms, order of convergence, and every row by the same rules.
+
+use pitchline::effects::{EFFECTS, Effect, Kind, On, Physics, named};
+use pitchline::machine::simulate::{MOST_STEPS, Samples, Start, Task, run};
+use pitchline::machine::{Machine, Reads};
+
+fn machine(text: &str) -> Machine {
+    match Machine::parse("machine.toml", text, &[]) {
+        Ok(m) => m,
+        Err(report) => panic!("{report}"),
+    }
+}
+
+/// A drive with everything an effect can be put on.
+const ALL: &str = r#"
+title = "everything"
+fidelity = "lumped"
+[rotors.motor]
+inertia_kg_m2 = 0.02
+[rotors.crank]
+inertia_kg_m2 = 0.01
+teeth = 20
+[rotors.cam]
+inertia_kg_m2 = 0.03
+teeth = 40
+[rotors.shaft]
+inertia_kg_m2 = 1.0
+[speeds.constant.shaft]
+speed_rpm = 300.0
+[couplings.joint]
+between = ["motor", "crank"]
+stiffness_nm_per_rad = 200.0
+damping_nm_s_per_rad = 0.1
+[couplings.soft]
+between = ["shaft", "cam"]
+stiffness_nm_per_rad = 5.0
+damping_nm_s_per_rad = 0.05
+[spans.tight]
+between = ["crank", "cam"]
+from_radius_mm = 25.0
+to_radius_mm = 50.0
+stiffness_n_per_m = 50000.0
+damping_n_s_per_m = 20.0
+from_link = 0.0
+to_link = 30.0
+[chain]
+links = 90
+leader = "crank"
+[loads.viscous.motor]
+torque_nm_s_per_rad = 0.05
+[inputs.torque.motor]
+gain_nm_per_unit = 1.5
+[sensors.tachometer.motor]
+[sensors.tachometer.crank]
+[sensors.encoder.crank_angle]
+body = "crank"
+[sensors.tachometer.cam]
+[sensors.strain_gauge.tight]
+"#;
+
+const SAMPLES: usize = 400;
+const STEP_S: f64 = 1e-3;
+
+fn task() -> Task {
+    let input = (0..SAMPLES).map(|i| 2.0 + 3.0 * ((i * i) as f64 * 1e-4).sin()).collect();
+    Task {
+        samples: Samples::Times { t_s: (0..SAMPLES).map(|i| i as f64 * STEP_S).collect(), step_s: STEP_S, even: true },
+        inputs: vec![input],
+        hold: false,
+    }
+}
+
+fn start(m: &Machine) -> Start {
+    let mut start = Start { q: vec![0.3; m.bodies.len()], v: vec![60.0; m.bodies.len()] };
+    if let Some(cam) = m.bodies.iter().position(|b| b.name == "cam") {
+        start.v[cam] = 30.0;
+    }
+    start
+}
+
+fn channels(m: &Machine, values: &[f64]) -> Vec<Vec<f64>> {
+    let all: Vec<usize> = (0..5).collect();
+    match run(m, values, &task(), &start(m), &all, MOST_STEPS) {
+        Ok(series) => series,
+        Err(e) => panic!("{e}"),
+    }
+}
+
+/// Values of a row: off, or strong enough to be seen.
+fn values(m: &Machine, effect: &'static Effect, target: pitchline::machine::Target, strong: bool) -> Vec<f64> {
+    m.keys(effect, target)
+        .iter()
+        .map(|(_, p)| {
+            let amplitude = matches!(p.kind, Kind::Amplitude | Kind::PerMark | Kind::Given) || p.key == "blind";
+            let shape = match p.key {
+                "frequency_hz" => 40.0,
+                "period_ms" => 12.0,
+                "damping_ratio" => 0.1,
+                "stribeck_speed_rad_s" => 30.0,
+                _ => 0.5,
+            };
+            let strong_value = match p.key {
+                "limit" | "preload_n" => 2.0,
+                "amplitude_um" | "outward_um" | "length_um" | "difference_um" | "gap_um" => 200.0,
+                "ppm" => 500.0,
+                "stiffness_n_per_m" => 5000.0,
+                "stiffness_n_per_m2" => 1e7,
+                "inertia_kg_m2" | "far_inertia_kg_m2" => 0.004,
+                "delay_ms" | "time_ms" => 5.0,
+                "blind" => 1.0,
+                "width" => 0.5,
+                "arm_um" => 2000.0,
+                "order" => 2.0,
+                _ => 0.5,
+            };
+            let value = match (strong, amplitude) {
+                (true, true) => strong_value,
+                (false, true) if p.key == "blind" => 0.0,
+                (false, true) => p.off,
+                _ if p.kind == Kind::Shape => shape,
+                _ => p.default.unwrap_or(p.starts[0]),
+            };
+            value * p.unit
+        })
+        .collect()
+}
+
+#[test]
+fn every_row_says_what_it_is() {
+    assert!(EFFECTS.len() >= 24, "{} effects", EFFECTS.len());
+    for (i, e) in EFFECTS.iter().enumerate() {
+        assert!(EFFECTS[..i].iter().all(|o| o.name != e.name), "two rows are called {}", e.name);
+        for (what, text) in [
+            ("title", e.title),
+            ("equation", e.equation),
+            ("source", e.source),
+            ("order", e.order),
+            ("speed law", e.speed_law),
+            ("channels", e.channels),
+        ] {
+            assert!(!text.is_empty(), "{} has no {what}", e.name);
+        }
+        assert!(!e.parameters.is_empty(), "{} has no parameter", e.name);
+        for p in e.parameters {
+            assert!(p.low < p.high && p.unit > 0.0 && !p.starts.is_empty(), "{}.{}", e.name, p.key);
+            assert!(
+                (p.low..=p.high).contains(&p.off) || matches!(p.kind, Kind::Shape | Kind::Whole),
+                "{}.{} is off outside its range",
+                e.name,
+                p.key
+            );
+        }
+    }
+}
+
+#[test]
+fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() {
+    let m = machine(ALL);
+    let without = channels(&m, &m.values);
+    let mut tested = 0;
+    for e in EFFECTS {
+        if matches!(e.physics, Physics::LinksOnly | Physics::Intake | Physics::Marks(_)) {
+            continue;
+        }
+        let (name, target) = m
+            .targets(e)
+            .into_iter()
+            .find(|(n, _)| n != "shaft" || e.on == On::Prescribed)
+            .unwrap_or_else(|| panic!("nothing to put {} on", e.name));
+        // A sensor's form (its period) has no off but absence.
+        if e.name != "sensor_resonance" {
+            let (off, _) = m.with(e, &name, target, &values(&m, e, target, false));
+            let same = channels(&off, &off.values);
+            let bits = |s: &[Vec<f64>]| s.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert!(bits(&same) == bits(&without), "{} changes a bit where it is off", e.name);
+        }
+        let (on, _) = m.with(e, &name, target, &values(&m, e, target, true));
+        // A sign-blind sensor shows itself only backwards.
+        let mut numbers = on.values.clone();
+        if e.name == "sign_blind" {
+            let gain = on.slot("inputs.torque.motor.gain_nm_per_unit").expect("the gain");
+            numbers[gain] *= -8.0;
+        }
+        let reference = if e.name == "sign_blind" { channels(&m, &numbers[..m.values.len()]) } else { without.clone() };
+        let moved = channels(&on, &numbers);
+        assert!(moved != reference, "{} moves no sensor", e.name);
+        tested += 1;
+    }
+    assert!(tested >= 24, "{tested} rows");
+}
+
+#[test]
+fn dissipative_rows_take_energy_and_never_give_any() {
+    // A free two-mass oscillator: its energy may only fall, and at the end less is left than without.
+    let text = "fidelity = \"lumped\"\n[rotors.a]\ninertia_kg_m2 = 0.5\nteeth = 20\n[rotors.b]\ninertia_kg_m2 = 0.3\nteeth = 40\n[spans.s]\nbetween = [\"a\", \"b\"]\nfrom_radius_mm = 50.0\nto_radius_mm = 100.0\nstiffness_n_per_m = 20000.0\nfrom_link = 0.0\nto_link = 30.0\n[chain]\nlinks = 90\n[sensors.tachometer.ta]\nbody = \"a\"\n[sensors.tachometer.tb]\nbody = \"b\"\n[sensors.strain_gauge.s]\n";
+    let m = machine(text);
+    let task = Task {
+        samples: Samples::Times { t_s: (0..2000).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
+        inputs: vec![],
+        hold: false,
+    };
+    let start = Start { q: vec![0.0, 0.05], v: vec![8.0, 5.0] };
+    let energy = |m: &Machine| -> Vec<f64> {
+        let s = run(m, &m.values, &task, &start, &[0, 1, 2], MOST_STEPS).expect("the run holds");
+        (0..2000)
+            .map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i] + 0.5 * s[2][i] * s[2][i] / 20000.0)
+            .collect()
+    };
+    let conserved = energy(&m);
+    // Fourth order at 30 steps a period: measured 2e-5 of the energy in 2 s.
+    let drift = (conserved[1999] - conserved[0]).abs() / conserved[0];
+    assert!(drift < 1e-4, "the oscillator itself drifts by {drift}");
+    for e in EFFECTS.iter().filter(|e| e.dissipative && !matches!(e.physics, Physics::LinksOnly)) {
+        let Some((name, target)) = m.targets(e).into_iter().next() else { panic!("nothing to put {} on", e.name) };
+        let mut numbers = values(&m, e, target, true);
+        if e.name == "span_damping" {
+            numbers[0] = 100.0;
+        }
+        let (with, _) = m.with(e, &name, target, &numbers);
+        // Damping forces of a span are no stored energy: the tension of the declared spring alone is.
+        let series = if matches!(e.physics, Physics::SpanForce(_)) {
+            let s = run(&with, &with.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
+            (0..2000).map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i]).collect::<Vec<f64>>()
+        } else {
+            energy(&with)
+        };
+        assert!(
+            series[1999] < 0.999 * conserved[1999],
+            "{} takes nothing: {} of {}",
+            e.name,
+            series[1999],
+            conserved[1999]
+        );
+        if !matches!(e.physics, Physics::SpanForce(_)) {
+            let most = series.windows(2).map(|w| w[1] - w[0]).fold(f64::MIN, f64::max);
+            assert!(most < 1e-5 * series[0], "{} gives {most} J in a sample", e.name);
+        }
+    }
+}
+
+#[test]
+fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
+    // J w' = -k w^2: t(theta) = J / (k w0) (exp(k theta / J) - 1), so that intervals grow by exp(k dtheta / J) exactly.
+    let m = machine(
+        "fidelity = \"lumped\"\n[rotors.w]\ninertia_kg_m2 = 0.1\n[loads.quadratic.w]\ntorque_nm_s2_per_rad2 = 0.0002\n[sensors.pulse_pickup.w]\nmarks = 6\n",
+    );
+    let task = Task {
+        samples: Samples::Pulses { intervals: 200, first: 2, interval_s: 0.01, longest_s: 0.1 },
+        inputs: vec![],
+        hold: false,
+    };
+    let start = Start { q: vec![0.0], v: vec![100.0] };
+    let ln_dt = &run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds")[0];
+    let (rate, gap) = (0.0002 / 0.1, std::f64::consts::PI / 3.0);
+    let first = (1.0 / (rate * 100.0)) * (rate * gap).exp_m1();
+    for (i, v) in ln_dt.iter().enumerate() {
+        let exact = first.ln() + rate * gap * i as f64;
+        // measured 5.0e-8, the cubic's error over one turn at this speed; a twentieth of a thousandth of a noise floor
+        assert!((v - exact).abs() < 1e-7, "interval {i}: {v} for {exact}");
+    }
+}
+
+#[test]
+fn dry_friction_stops_at_a_constant_rate() {
+    let m = machine(
+        "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 4.0\n[loads.friction.s]\nforce_n = 6.0\nstick_speed_m_s = 0.0001\n[sensors.tachometer.s]\n[sensors.displacement.s]\n",
+    );
+    let task = Task {
+        samples: Samples::Times { t_s: (0..200).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
+        inputs: vec![],
+        hold: false,
+    };
+    let start = Start { q: vec![0.5], v: vec![1.0] };
+    let s = run(&m, &m.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
+    // Sensors stand in the order of the kinds: displacement first.
+    let (position, speed) = if matches!(m.sensors[0].reads, Reads::Angle(_)) { (&s[0], &s[1]) } else { (&s[1], &s[0]) };
+    for i in 0..200 {
+        let t = i as f64 * 1e-3;
+        assert!((speed[i] - (1.0 - 1.5 * t)).abs() < 1e-7, "{} at {t}", speed[i]);
+        assert!((position[i] - (0.5 + t - 0.75 * t * t)).abs() < 1e-7, "{} at {t}", position[i]);
+    }
+}
+
+#[test]
+fn a_free_oscillator_converges_with_the_fourth_order() {
+    let text = "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 1.0\n[grounds.g]\nbody = \"s\"\nstiffness_n_per_m = 400.0\n[sensors.displacement.s]\n";
+    let m = machine(text);
+    // The step is a tenth of a radian at most; with samples nearer than that it is the samples' own.
+    let error = |step_s: f64| {
+        let n = (1.0 / step_s).round() as usize;
+        let task = Task {
+            samples: Samples::Times { t_s: (0..=n).map(|i| i as f64 * step_s).collect(), step_s, even: true },
+            inputs: vec![],
+            hold: false,
+        };
+        let start = Start { q: vec![0.01], v: vec![0.0] };
+        let s = run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
+        (s[0][n] - 0.01 * 20.0_f64.cos()).abs()
+    };
+    let (coarse, fine) = (error(0.004), error(0.002));
+    let order = (coarse / fine).log2();
+    // measured 3.99
+    assert!((3.7..4.3).contains(&order), "order {order}: {coarse} and {fine}");
+}
+
+#[test]
+fn filters_and_delays_do_to_a_ramp_what_they_should() {
+    // A slider pushed by a constant force has a speed that is a ramp.
+    let text = "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 2.0\n[loads.constant.s]\nforce_n = -4.0\n[sensors.tachometer.s]\n";
+    let m = machine(text);
+    let task = Task {
+        samples: Samples::Times { t_s: (0..500).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
+        inputs: vec![],
+        hold: false,
+    };
+    let start = Start { q: vec![0.0], v: vec![0.0] };
+    let show = |name: &str, value: f64| -> Vec<f64> {
+        let e = named(name).expect("a row");
+        let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
+        let (with, _) = m.with(e, &place, target, &[value]);
+        run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0)
+    };
+    let (lagging, late) = (show("low_pass", 0.02), show("latency", 0.0125));
+    let ringing = show("sensor_resonance", 0.03);
+    for i in 200..500 {
+        let t = i as f64 * 1e-3;
+        // T y' + y = 2 t: y = 2 (t - T + T exp(-t / T))
+        let exact = 2.0 * (t - 0.02 + 0.02 * (-t / 0.02).exp());
+        assert!((lagging[i] - exact).abs() < 1e-10, "{} for {exact} at {t}", lagging[i]);
+        assert!((late[i] - 2.0 * (t - 0.0125)).abs() < 1e-10, "{} at {t}", late[i]);
+        // A second-order sensor follows a ramp late by 2 zeta / w once it has rung out.
+        let late_s = 2.0 * 0.1 * 0.03 / (2.0 * std::f64::consts::PI);
+        let rings = 2.0 * 0.03 / (2.0 * std::f64::consts::PI) * (-0.1 * 2.0 * std::f64::consts::PI / 0.03 * t).exp();
+        assert!((ringing[i] - 2.0 * (t - late_s)).abs() < 1.1 * rings + 1e-6, "{} at {t}", ringing[i]);
+    }
+}
+
+#[test]
+fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
+    let text = "fidelity = \"lumped\"\n[rotors.w]\ninertia_kg_m2 = 0.1\n[sensors.pulse_pickup.w]\nmarks = 4\n";
+    let m = machine(text);
+    let e = named("mark_spacing").expect("a row");
+    let (name, target) = m.targets(e).remove(0);
+    let (with, _) = m.with(e, &name, target, &[0.01, 0.0, -0.02]);
+    for speed in [10.0, 200.0] {
+        let gap = std::f64::consts::FRAC_PI_2 / speed;
+        let task = Task {
+            samples: Samples::Pulses { intervals: 8, first: 0, interval_s: gap, longest_s: gap },
+            inputs: vec![],
+            hold: false,
+        };
+        let start = Start { q: vec![0.0], v: vec![speed] };
+        let s = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
+        // s_m+1 - s_m with s = 0, 0.01, 0, -0.02
+        let shares = [1.01, 0.99, 0.98, 1.02, 1.01, 0.99, 0.98, 1.02];
+        for (v, share) in s[0].iter().zip(shares) {
+            assert!((v.exp() / gap - share).abs() < 1e-10, "{} for {share}", v.exp() / gap);
+        }
+    }
+}
+
+#[test]
+fn mistakes_in_a_machine_are_all_told_at_once() {
+    let text = "fidelity = \"lumped\"\n[rotors.a]\ninertia = 1.0\n[couplings.c]\nbetween = [\"a\", \"nobody\"]\nstiffness_nm_per_rad = 1.0\n[sensors.tachometer.b]\n[effects.coulomb_friction.c]\ntorque_nm = 1.0\n";
+    let report = Machine::parse("m.toml", text, &[]).expect_err("mistakes").to_string();
+    for part in [
+        "write `inertia_kg_m2`",
+        "no body is called `nobody`",
+        "no body is called `b`",
+        "goes on a free body: a",
+        "m.toml:3",
+    ] {
+        assert!(report.contains(part), "no `{part}` in\n{report}");
+    }
+}
