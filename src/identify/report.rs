@@ -201,7 +201,8 @@ fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
         };
         all.push(of(None));
         if data.records.len() > 1 {
-            all.extend((0..data.records.len()).map(|k| of(Some(k))));
+            let own = (0..data.records.len()).map(|k| of(Some(k)));
+            all.extend(own.filter(|e| e.fit.is_some() || e.held_out.is_some()));
         }
     }
     all

@@ -125,10 +125,15 @@ pub struct Ground {
 
 /// Sets that a round goes on with.
 const BEAM: usize = 6;
+/// A set whose score is worse than the best by more is not gone on with.
+const HOPE: f64 = 60.0;
 /// Hypotheses that are fitted in a round for each set.
 const FITTED: usize = 6;
 /// Most effects.
 pub const MOST_EFFECTS: usize = 4;
+/// An effect whose score is worth less is not looked at further: positive evidence after Kass and Raftery 1995, no more. What
+/// judges, shams and standard errors have to believe it as well, and they are stricter.
+const WORTH: f64 = 3.0;
 /// Two sets whose scores differ by less are rivals; twice the natural logarithm of a likelihood ratio of 150.
 const CLEAR: f64 = 10.0;
 /// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
@@ -281,9 +286,11 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
         let effective = best_effective(&all);
         next.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
         next.truncate(BEAM);
+        let lead = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
+        next.retain(|m| score(m, &effective, records) <= lead + HOPE);
         let before = beam.iter().map(|m| score(m, &effective, records)).fold(f64::MAX, f64::min);
         let after = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
-        if after > before - CLEAR {
+        if after > before - WORTH {
             break;
         }
         beam = next;
@@ -498,8 +505,25 @@ fn rebuilt<'a>(
     fitted(problem, &point, own, effects, threads, 40)
 }
 
-/// Sets, the best first, that are asked whether what judges believes each of their effects.
-const LOOKED_AT: usize = 40;
+/// The set to be judged: of every size the best whose effects all stand, and a larger one only if it leaves clearly less of the
+/// error. Many samples make small differences certain; they do not make them worth a name.
+fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: &[f64]) -> Model<'a> {
+    let mut best = declared;
+    let records = declared.problem.data.records.len();
+    for size in 1..=MOST_EFFECTS {
+        // In the order of their scores.
+        let next = all.iter().filter(|m| m.effects.len() == size).find(|m| {
+            let ratio = m.residuals.judge_ratio(&best.residuals);
+            // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
+            let judged = m.residuals.judge_effective();
+            let predicted = best.residuals.judge_deviance(&judged) - m.residuals.judge_deviance(&judged);
+            let worth = score(best, effective, records) - score(m, effective, records) + predicted;
+            worth >= WORTH && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0 && stands(m, all, effective)
+        });
+        best = next.unwrap_or(best);
+    }
+    best.clone()
+}
 
 /// Whether every effect of a set improves on the set without it, as far as that one was fitted.
 fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
@@ -510,8 +534,10 @@ fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
         rest.retain(|id| *id != own);
         let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
         let ratio = model.residuals.judge_ratio(&less.residuals);
-        let worth = score(less, effective, records) - score(model, effective, records);
-        worth >= CLEAR && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0
+        let judged = model.residuals.judge_effective();
+        let predicted = less.residuals.judge_deviance(&judged) - model.residuals.judge_deviance(&judged);
+        let worth = score(less, effective, records) - score(model, effective, records) + predicted;
+        worth >= WORTH && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0
     })
 }
 
@@ -527,13 +553,7 @@ fn finish<'a>(
     cut_short: bool,
 ) -> Found<'a> {
     let records = declared.problem.data.records.len();
-    let mut best = all
-        .iter()
-        .take(LOOKED_AT)
-        .find(|m| stands(m, &all, effective))
-        .or(all.first())
-        .cloned()
-        .unwrap_or_else(|| declared.clone());
+    let mut best = smallest_that_stands(&declared, &all, effective);
     let mut grounds: Vec<Ground> = Vec::new();
     // Take away what does not stand, one at a time, the weakest first.
     loop {
@@ -546,8 +566,8 @@ fn finish<'a>(
             let (gain, sham) = shams(&best, &less, which, context.threads);
             let bound = at_bound(&best, which);
             let sure = sigmas(&best, which);
-            let why = if worth < CLEAR {
-                Some(format!("worth {worth:.1}, less than {CLEAR}"))
+            let why = if worth < WORTH {
+                Some(format!("worth {worth:.1}, less than {WORTH}"))
             } else if ratio[0] > WORTH_A_NAME || ratio[2] >= 1.0 {
                 Some(format!(
                     "on what judges the error is {:.3} times that without it [{:.3}, {:.3}]",

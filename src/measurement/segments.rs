@@ -91,13 +91,34 @@ const SHORTEST: usize = 16;
 
 /// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file.
 pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Result<Data, DataError> {
+    check_names(measurement, machine)?;
+    let mut tables: Vec<(String, Columns)> = Vec::new();
+    for file in &measurement.files {
+        let path = folder.join(&file.path);
+        let columns = read(&path, file.layout).map_err(DataError::World)?;
+        tables.push((file.name.clone(), columns));
+    }
+    from_tables(measurement, machine, &tables)
+}
+
+/// What can be wrong before any data is read.
+fn check_names(measurement: &Measurement, machine: &Machine) -> Result<Vec<Channel>, DataError> {
     let mut diags = Vec::new();
     let channels = bind_channels(measurement, machine, &mut diags);
     check_inputs(measurement, machine, &mut diags);
+    bind_set(measurement, machine, &mut diags);
+    if diags.is_empty() { Ok(channels) } else { Err(DataError::File(Box::new(measurement.places.report(diags)))) }
+}
+
+/// As [`load`], from columns that are read: the names of files, and what is in them.
+pub fn from_tables(
+    measurement: &Measurement,
+    machine: &Machine,
+    tables: &[(String, Columns)],
+) -> Result<Data, DataError> {
+    let channels = check_names(measurement, machine)?;
+    let mut diags = Vec::new();
     let set = bind_set(measurement, machine, &mut diags);
-    if !diags.is_empty() {
-        return Err(DataError::File(Box::new(measurement.places.report(diags))));
-    }
     let mut data = Data {
         channels,
         records: measurement.records.iter().map(|r| r.name.clone()).collect(),
@@ -108,12 +129,6 @@ pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Resu
         warnings: Vec::new(),
         set,
     };
-    let mut tables: Vec<(String, Columns)> = Vec::new();
-    for file in &measurement.files {
-        let path = folder.join(&file.path);
-        let columns = read(&path, file.layout).map_err(DataError::World)?;
-        tables.push((file.name.clone(), columns));
-    }
     for (index, record) in measurement.records.iter().enumerate() {
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
         let pulses = data.channels.iter().any(|c| c.relative);
@@ -717,7 +732,8 @@ fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>)
 /// Noise floors of the channels as they are compared: the median over records.
 fn set_noise(data: &mut Data, measurement: &Measurement) {
     for (c, spec) in measurement.channels.iter().enumerate() {
-        let of = data.facts.iter().filter(|f| f.channel == spec.name);
+        let elsewhere = |name: &str| measurement.records.iter().any(|r| r.name == name && r.usage == Use::Transfer);
+        let of = data.facts.iter().filter(|f| f.channel == spec.name && !elsewhere(&f.record));
         let mut steps: Vec<f64> = of.clone().map(|f| f.quantisation).collect();
         let mut noises: Vec<f64> = of.map(|f| f.noise).collect();
         let channel = &mut data.channels[c];

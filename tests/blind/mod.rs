@@ -1,9 +1,9 @@
 //! Blind cases for `pitchline identify`: measured records of drives whose deviation from what is declared is known.
 //!
 //! Nothing here comes from pitchline. The equations are those of the catalogue's rows, written again and stepped another way:
-//! Heun's rule at 20 or 40 steps a sample where the product takes Runge and Kutta's of fourth order, friction by a rule that sticks
-//! or by tanh, filters by their exact decay, delays as shifted series. Every record runs for a while before it is recorded,
-//! so that filters, delays and hidden springs carry a history that the file does not tell.
+//! Heun's rule at 20 or 40 steps a sample where the product takes Runge and Kutta's of fourth order, friction by a rule that
+//! sticks or by tanh, filters by their exact decay, delays as shifted series. Every record runs for a while before it is
+//! recorded, so that filters, delays and hidden springs carry a history that the file does not tell.
 //!
 //! ```text
 //! one    J v' = g u - c v                                                    v measured; a rotor or a slider
@@ -892,10 +892,7 @@ impl Scene<'_> {
         let m = self.m;
         let mut a = Act { speed: x.v[0], inertia: [m.inertia[0], m.inertia[1].max(1e-12), 1.0], ..Act::default() };
         if m.kind == Kind::Chain {
-            a.speed = at.speed;
-            for f in self.faults.iter().filter(|f| f.law == Law::Fluctuation) {
-                a.speed *= 1.0 + f.size * (f.form[0] * (x.q[0] + self.rec.angle0[0]) + f.phase).sin();
-            }
+            a.speed = self.given_speed(x.q[0], at);
         } else {
             a.force[0] = at.torque;
         }
@@ -913,6 +910,15 @@ impl Scene<'_> {
             a.acceleration[i] = a.force[i] / a.inertia[i];
         }
         a
+    }
+
+    /// Speed of a driver at an angle.
+    fn given_speed(&self, q: f64, at: &At) -> f64 {
+        let mut speed = at.speed;
+        for f in self.faults.iter().filter(|f| f.law == Law::Fluctuation) {
+            speed *= 1.0 + f.size * (f.form[0] * (q + self.rec.angle0[0]) + f.phase).sin();
+        }
+        speed
     }
 
     /// The spring between both bodies; work that lengthens it is taken from who lengthens it.
@@ -1005,7 +1011,8 @@ impl Scene<'_> {
         }
         guess.z += h * a.z_rate;
         if given {
-            guess.q[0] = x.q[0] + 0.5 * h * (a.speed + to.speed);
+            let next = self.given_speed(x.q[0] + h * a.speed, to);
+            guess.q[0] = x.q[0] + 0.5 * h * (a.speed + next);
         }
         let b = self.act(&guess, to);
         let was = *x;
@@ -1015,7 +1022,6 @@ impl Scene<'_> {
         }
         x.z += 0.5 * h * (a.z_rate + b.z_rate);
         if given {
-            // Its speed may swing by its angle.
             x.q[0] = was.q[0] + 0.5 * h * (a.speed + b.speed);
             x.v[0] = b.speed;
         }

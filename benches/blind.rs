@@ -1,0 +1,37 @@
+//! The blind test of `identify`: machines made at random by code of their own, with one effect, two, none, or one outside the
+//! catalogue; the table of how many were named right. `cargo bench --bench blind -- 200 150 60 40 50` takes so many of each class
+//! (single, clean, outside, confusable, double); fewer are a quick look.
+
+#[path = "../tests/blind/mod.rs"]
+mod blind;
+#[path = "../tests/blind/judge.rs"]
+mod judge;
+
+use blind::Class;
+
+fn main() {
+    let counts: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let count = |i: usize, usual: u64| counts.get(i).copied().unwrap_or(usual);
+    let classes = [
+        (Class::Single, count(0, 200)),
+        (Class::Clean, count(1, 150)),
+        (Class::Outside, count(2, 60)),
+        (Class::Confusable, count(3, 40)),
+        (Class::Double, count(4, 50)),
+    ];
+    let started = std::time::Instant::now();
+    let mut table = judge::Table::default();
+    for (class, n) in classes {
+        let verbose = std::env::args().any(|a| a == "--verbose");
+        for outcome in judge::outcomes(class, n) {
+            if verbose {
+                println!("{}", outcome.line);
+            }
+            table.add(&outcome);
+        }
+    }
+    println!("{table}");
+    let (first, in_set, _) = table.shares(Class::Single);
+    println!("single, clear: first name right {:.1} %, set holds the truth {:.1} %", 100.0 * first, 100.0 * in_set);
+    println!("{:.0} s", started.elapsed().as_secs_f64());
+}

@@ -1,0 +1,35 @@
+//! A small, fixed share of the blind test; all of it is `cargo bench --bench blind`.
+
+#[path = "blind/mod.rs"]
+mod blind;
+#[path = "blind/judge.rs"]
+mod judge;
+
+use blind::Class;
+
+#[test]
+fn a_share_of_the_blind_cases_is_named_right_and_nothing_is_named_that_is_not_there() {
+    let mut table = judge::Table::default();
+    let mut right = 0;
+    for (class, n) in [(Class::Single, SINGLE), (Class::Clean, CLEAN)] {
+        for o in judge::outcomes(class, n) {
+            println!("{}", o.line);
+            right += usize::from(o.in_set);
+            assert!(!o.line.contains("FAILED"), "{}", o.line);
+            assert!(!o.false_name, "{}", o.line);
+            assert!(!o.explained_wrongly, "{}", o.line);
+            table.add(&o);
+        }
+    }
+    println!("{table}");
+    assert!(right >= NAMED, "{right} named");
+    // Every effect that stands clearly above the floor is found.
+    let (first, in_set, _) = table.shares(Class::Single);
+    assert!(first == 1.0 && in_set == 1.0, "{first} {in_set}");
+}
+
+/// Cases of each class.
+const SINGLE: u64 = 10;
+const CLEAN: u64 = 6;
+/// Of the ten that have an effect, some far below the noise; measured: 5.
+const NAMED: usize = 5;
