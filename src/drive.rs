@@ -197,6 +197,20 @@ pub struct PreloadSpec {
 pub struct Effects {
     pub gap_errors: Vec<GapError>,
     pub pitch_errors: Vec<PitchError>,
+    /// Of every link [m].
+    pub elongation_m: f64,
+    /// Of every pin in its bush, beyond the declared friction.
+    pub pin_friction: f64,
+    pub guides: Vec<GuideEffect>,
+}
+
+/// What a guide has beyond its declared contact.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuideEffect {
+    pub guide: String,
+    pub friction: f64,
+    /// Of its mounting, in series with the contact [m/N].
+    pub compliance_m_per_n: f64,
 }
 
 /// A tooth gap that stands further out than the others of its sprocket.
@@ -361,6 +375,14 @@ impl Drive {
                 &format!("effects.pitch_error.{}.link", e.name),
                 format!("the chain has no link {}", e.link),
                 &format!("links are numbered 0 to {}", self.links - 1),
+            );
+        }
+        let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
+        if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {
+            error(
+                "effects.guide_compliance",
+                "a yielding guide needs the linear contact law".into(),
+                "take `[contact.guide.linear]`",
             );
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();

@@ -6,6 +6,7 @@
 
 use crate::diag::{Diag, Report};
 use crate::drive::{ChainSpec, Drive, OuterSpec, RingForm, SprocketDrive};
+use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
@@ -298,7 +299,7 @@ impl Model {
             stiffness_n_per_m: drive.joint.stiffness_n_per_m,
             damping_n_s_per_m: drive.joint.damping_n_s_per_m,
             clearance_m: drive.joint.clearance_m,
-            friction_arm_m: drive.joint.friction * 0.5 * drive.chain.pin_diameter_m(),
+            friction_arm_m: (drive.joint.friction + drive.effects.pin_friction) * 0.5 * drive.chain.pin_diameter_m(),
             stick_speed_rad_s: drive.joint.stick_speed_rad_s,
         };
         let mut chain = ChainModel::new(drive.links, &placed.rows, joint, LANE_WIDTH);
@@ -307,6 +308,9 @@ impl Model {
         }
         for e in &drive.effects.pitch_errors {
             chain.lengthen(e.link, e.length_m);
+        }
+        if drive.effects.elongation_m != 0.0 {
+            (0..drive.links).for_each(|link| chain.lengthen(link, drive.effects.elongation_m));
         }
         Ok(Model {
             step_s: f64::NAN,
@@ -627,9 +631,21 @@ fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel
                 friction: contact.friction,
                 stick_speed_m_s: contact.stick_speed_m_s,
             };
+            let body = with_effects(drive, &g.name, body);
             GuideModel { name: g.name.clone(), geometry, body }
         })
         .collect()
+}
+
+/// A guide with what its effects change: friction more, and the mounting's compliance in series with the contact.
+fn with_effects(drive: &Drive, name: &str, mut body: GuideBody) -> GuideBody {
+    for e in drive.effects.guides.iter().filter(|e| e.guide == name) {
+        body.friction = (body.friction + e.friction).max(0.0);
+        if let ContactLaw::Linear { stiffness_n_per_m, .. } = &mut body.law {
+            *stiffness_n_per_m /= 1.0 + *stiffness_n_per_m * e.compliance_m_per_n;
+        }
+    }
+    body
 }
 
 /// Bodies that stand in each other's way, by parry's shape queries (in mm: its tolerances are absolute).

@@ -287,3 +287,32 @@ fn positions_without_contact_converge_with_the_second_order() {
     println!("position error {e2:.2e} m at 1 us, {e1:.2e} m at 0.5 us: order {order:.2}");
     assert!(order > 1.8 && order < 2.4, "order {order}");
 }
+
+/// Effects on all joints and on guides change what they say, and nothing where they are zero.
+#[test]
+fn effects_on_joints_and_guides_reach_the_model() {
+    let model = |sets: &[&str]| common::assembled(&common::drive(sets)).model;
+    let plain = model(&[]);
+    let off = model(&["effects.wear_elongation.chain.length_um=0", "effects.pin_friction.chain.friction=0"]);
+    assert_eq!(plain.chain.lever, off.chain.lever);
+    let worn = model(&["effects.wear_elongation.chain.length_um=4"]);
+    for (a, b) in plain.chain.lever.iter().zip(&worn.chain.lever).take(90) {
+        assert!((b - a - 2e-6).abs() < 1e-15, "half of it on either side");
+    }
+    let name = plain.guides[0].name.clone();
+    let guided = model(&[
+        &format!("effects.guide_friction.{name}.friction=0.05"),
+        &format!("effects.guide_compliance.{name}.compliance_um_per_kn=100"),
+        "effects.pin_friction.chain.friction=0.02",
+    ]);
+    let stiffness = |m: &pitchline::model::Model, k: usize| match m.guides[k].body.law {
+        pitchline::elements::contact_law::ContactLaw::Linear { stiffness_n_per_m, .. } => stiffness_n_per_m,
+        _ => f64::NAN,
+    };
+    // 100 um/kN is 1e7 N/m, in series.
+    let series = 1.0 / (1.0 / stiffness(&plain, 0) + 1e-7);
+    assert!((stiffness(&guided, 0) / series - 1.0).abs() < 1e-12);
+    assert_eq!(stiffness(&guided, 1), stiffness(&plain, 1));
+    assert!((guided.guides[0].body.friction - plain.guides[0].body.friction - 0.05).abs() < 1e-15);
+    assert!(guided.chain.joint.friction_arm_m > plain.chain.joint.friction_arm_m);
+}

@@ -3,8 +3,8 @@
 
 use super::reader::{Places, Table};
 use super::{
-    ChainSpec, ContactSpec, Drive, Effects, GapError, GuideSpec, JointSpec, OuterSpec, PitchError, PreloadSpec,
-    RingForm, RunSpec, ScatterSpec, SprocketDrive,
+    ChainSpec, ContactSpec, Drive, Effects, GapError, GuideEffect, GuideSpec, JointSpec, OuterSpec, PitchError,
+    PreloadSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::chain::abutment::AbutmentChain;
@@ -45,7 +45,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let (sprockets, names) = read_sprockets(root);
     let guides = read_guides(root, &names);
     let preload = read_preload(&root.table("preload"), &names);
-    let effects = read_effects(&root.table("effects"), &names);
+    let effects = read_effects(&root.table("effects"), &names, &guides);
     let run_table = root.table("run");
     let run = RunSpec {
         step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
@@ -77,7 +77,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     }
 }
 
-fn read_effects(t: &Table<'_>, sprockets: &[String]) -> Effects {
+fn read_effects(t: &Table<'_>, sprockets: &[String], guides: &[GuideSpec]) -> Effects {
     let (gap_table, pitch_table) = (t.table("gap_error"), t.table("pitch_error"));
     let mut effects = Effects::default();
     for (name, t) in gap_table.tables_or_set() {
@@ -99,8 +99,45 @@ fn read_effects(t: &Table<'_>, sprockets: &[String]) -> Effects {
     }
     gap_table.finish();
     pitch_table.finish();
+    read_joint_effects(t, &mut effects);
+    read_guide_effects(t, guides, &mut effects);
     t.finish();
     effects
+}
+
+/// Effects on all joints: `[effects.NAME.chain]`.
+fn read_joint_effects(t: &Table<'_>, effects: &mut Effects) {
+    let wear = t.table("wear_elongation");
+    let all = wear.table("chain");
+    effects.elongation_m = all.number("length_um", UM, -200.0..=200.0).unwrap_or(0.0);
+    all.finish();
+    wear.finish();
+    let pins = t.table("pin_friction");
+    let all = pins.table("chain");
+    effects.pin_friction = all.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0);
+    all.finish();
+    pins.finish();
+}
+
+/// Effects on guides, by their names.
+fn read_guide_effects(t: &Table<'_>, guides: &[GuideSpec], effects: &mut Effects) {
+    let (friction, compliance) = (t.table("guide_friction"), t.table("guide_compliance"));
+    for (table, key, unit, range) in
+        [(&friction, "friction", 1.0, -1.0..=2.0), (&compliance, "compliance_um_per_kn", 1e-9, 0.0..=1e6)]
+    {
+        for (name, own) in table.tables_or_set() {
+            let value = own.required(key, unit, range.clone());
+            if guides.iter().all(|g| g.name != name) {
+                let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
+                own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
+            }
+            let (mu, c) = if key == "friction" { (value, 0.0) } else { (0.0, value) };
+            effects.guides.push(GuideEffect { guide: name, friction: mu, compliance_m_per_n: c });
+            own.finish();
+        }
+    }
+    friction.finish();
+    compliance.finish();
 }
 
 /// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.

@@ -1,6 +1,6 @@
 //! Inner and outer links of different pitch: with each pair of links the chain gains and loses half of the difference.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     title: "Alternate pitch of inner and outer links",
     part: Part::Chain,
     on: On::Sprocket,
-    equation: "links: inner pitch + d/2, outer pitch - d/2; lumped: stretch += d/4 sin(z theta / 2 + phase)",
+    equation: "stretch += d/4 sin(z theta / 2 + phase)",
     source: "Inner and outer plates are cut and worn apart; ISO 606, length tolerance",
     order: "z/2 of the sprockets",
     speed_law: "0 (quasi-static)",
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: Some(LinkLevel::AlternatePitch),
+    links: None,
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -1,6 +1,6 @@
 //! A channel whose zero wanders with time.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "drift",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("per_s", 1.0, -1e9, 1e9, Kind::Amplitude).starts(Scale::SignalPerTime, &[0.1])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! An encoder whose scale is off centre: its angle swings once a revolution, or n times, fixed in angle.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 use crate::units::DEG;
 
 pub const ROW: Effect = Effect {
@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! A channel whose scale is off.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "gain_error",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("gain_percent", 0.01, -99.0, 1000.0, Kind::Amplitude).starts(Scale::One, &[0.02])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! A sensor that shows the truth later.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "latency",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! A sensor that follows with a first-order lag: an analogue filter behind it.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "low_pass",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -58,7 +58,7 @@ pub mod wear_elongation;
 pub enum On {
     /// A rotor, slider or sprocket that moves freely.
     Body,
-    /// A body whose motion is prescribed.
+    /// A body that turns at a prescribed, constant speed.
     Prescribed,
     /// A body with teeth.
     Sprocket,
@@ -82,7 +82,7 @@ impl On {
     pub fn label(self) -> &'static str {
         match self {
             On::Body => "a free body",
-            On::Prescribed => "a body with prescribed motion",
+            On::Prescribed => "a body at a prescribed speed",
             On::Sprocket => "a body with teeth",
             On::Span => "a span or coupling",
             On::Chain => "the chain (any name)",
@@ -326,18 +326,12 @@ pub enum Physics {
 /// How a drive with every link a body takes an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkLevel {
-    SprocketRunout,
-    ToothPitchError,
     GapError,
     PitchError,
-    AlternatePitch,
     WearElongation,
-    TightJoint,
     PinFriction,
     GuideCompliance,
     GuideFriction,
-    /// What its sensors do to the signals.
-    Signal,
 }
 
 /// A row of the catalogue.

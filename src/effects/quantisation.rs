@@ -1,6 +1,6 @@
 //! A channel that knows only steps.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Trace};
 
 pub const ROW: Effect = Effect {
     name: "quantisation",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("step", 1.0, 0.0, 1e9, Kind::Given)],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

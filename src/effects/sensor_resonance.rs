@@ -1,6 +1,6 @@
 //! A sensor that rings: its own mass on its mounting.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "sensor_resonance",
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("period_ms", 1e-3, 0.0, 1e6, Kind::Shape).starts(Scale::SampleTime, &[4.0, 15.0])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: Some(LinkLevel::Signal),
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

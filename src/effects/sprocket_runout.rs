@@ -1,6 +1,6 @@
 //! A sprocket whose pitch circle runs out of true by `amplitude`: the path of every span at it is longer by e sin(theta + phase).
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: Some(LinkLevel::SprocketRunout),
+    links: None,
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

@@ -1,13 +1,13 @@
 //! One joint that turns against a friction torque of its own: it costs work only where the chain bends.
 
-use super::{ChainAt, Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, soft_sign};
+use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
 
 pub const ROW: Effect = Effect {
     name: "tight_joint",
     title: "One tight joint",
     part: Part::Chain,
     on: On::Chain,
-    equation: "M = -T sign(omega_rel) in this joint; lumped: -T on a sprocket while the joint enters or leaves it",
+    equation: "M = -T sign(v) on a sprocket while the joint enters or leaves it",
     source: "Coulomb friction in one joint",
     order: "z/N of the sprockets, two events a sprocket",
     speed_law: "0",
@@ -18,7 +18,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::ChainTorque(torque),
-    links: Some(LinkLevel::TightJoint),
+    links: None,
 };
 
 fn torque(p: &[f64], at: ChainAt, v: f64) -> f64 {

@@ -1,6 +1,6 @@
 //! Cumulative pitch error of a sprocket: tooth gaps displaced along the pitch circle by e sin(n theta + phase).
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: Some(LinkLevel::ToothPitchError),
+    links: None,
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

@@ -138,6 +138,8 @@ const WORTH: f64 = 3.0;
 const CLEAR: f64 = 10.0;
 /// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
 const WORTH_A_NAME: f64 = 0.95;
+/// An effect explains three times as much as a sham, or leaves at most this share of what a sham leaves.
+const SHAM: f64 = 0.8;
 /// Shams an accepted effect is held against.
 const SHAMS: usize = 40;
 
@@ -573,7 +575,7 @@ fn finish<'a>(
                     "on what judges the error is {:.3} times that without it [{:.3}, {:.3}]",
                     ratio[0], ratio[1], ratio[2]
                 ))
-            } else if gain < 3.0 * sham {
+            } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
                 Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
             } else if sure < 3.0 {
                 Some(format!("its size is {sure:.1} standard errors from nothing"))
@@ -631,9 +633,16 @@ fn finish<'a>(
 fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64) {
     let h = &best.effects[which];
     let base = Base::new(&less.problem, &less.fit);
-    let before: f64 = less.residuals.fit.iter().flatten().flatten().map(|r| r * r).sum();
-    let after: f64 = best.residuals.fit.iter().flatten().flatten().map(|r| r * r).sum();
-    let gain = 1.0 - after / before.max(1e-300);
+    // Squares of all channels by the weights of the smaller model: units do not matter.
+    let squares = |r: &Residuals| -> f64 {
+        let of = r.fit.iter().zip(&less.problem.weights);
+        of.map(|(parts, w)| parts.iter().flatten().map(|x| x * x / (w * w)).sum::<f64>()).sum()
+    };
+    let gain = 1.0 - squares(&best.residuals) / squares(&less.residuals).max(1e-300);
+    if h.phase().is_some() {
+        // A wave with a free phase explains as much when it is shifted: no sham.
+        return (gain, 0.0);
+    }
     let p = promise(&less.problem, &base, &less.fit, h);
     if p.columns.is_empty() {
         return (gain, 0.0);

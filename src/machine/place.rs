@@ -10,6 +10,7 @@ impl Machine {
             return Vec::new();
         }
         // What effects have added carries no effects of its own.
+        let by_angle = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
         let declared = |path: &str| !path.starts_with("effects.");
         let bodies = |fits: &dyn Fn(&Body) -> bool| {
             let all = self.bodies.iter().enumerate();
@@ -21,8 +22,9 @@ impl Machine {
         };
         let sprung = |i: usize| self.springs.iter().any(|s| s.ends.iter().any(|e| e.body == i));
         match effect.on {
-            On::Body => bodies(&|b| b.motion == Motion::Free),
-            On::Prescribed => bodies(&|b| b.motion != Motion::Free),
+            On::Body => bodies(&|b| b.motion == Motion::Free && !(b.slides && by_angle)),
+            // A measured speed holds its own fluctuation.
+            On::Prescribed => bodies(&|b| matches!(b.motion, Motion::Constant(_)) && !b.slides),
             On::Sprocket => {
                 let all = self.bodies.iter().enumerate();
                 all.filter(|(i, b)| b.teeth.is_some() && sprung(*i))

@@ -5,7 +5,7 @@
 //! nodes (values and slopes) crosses a mark; its error is of the order of the scheme.
 
 use super::{Body, InputKind, Machine, Motion, Placed, Reads, Target};
-use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, MarkLaw, MotionLaw, Physics, SpanAt, Trace};
+use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MarkLaw, MotionLaw, Physics, SpanAt, Trace};
 use std::f64::consts::PI;
 
 /// What is asked of a run.
@@ -92,6 +92,7 @@ enum OnSpring {
 struct Acting {
     force: Vec<f64>,
     tension: Vec<f64>,
+    slopes: Vec<(usize, f64)>,
 }
 
 impl<'a> Ready<'a> {
@@ -165,13 +166,13 @@ impl<'a> Ready<'a> {
         for (s, spring) in self.m.springs.iter().enumerate() {
             let (mut stretch, mut rate) = (0.0, 0.0);
             // Slopes of the length by the bodies' coordinates, beyond the gains.
-            let mut slopes = [(usize::MAX, 0.0); 4];
+            out.slopes.clear();
             for e in &spring.ends {
                 let gain = f64::from(e.sign) * self.values[e.gain];
                 stretch += gain * q[e.body];
                 rate += gain * v[e.body];
             }
-            for (k, on) in self.on_spring[s].iter().enumerate() {
+            for on in &self.on_spring[s] {
                 let (body, (length, slope)) = match on {
                     OnSpring::Length { body, teeth, law, p } => (*body, law(p, *teeth, q[*body])),
                     OnSpring::Chain { law, p } => {
@@ -183,7 +184,7 @@ impl<'a> Ready<'a> {
                 };
                 stretch += length;
                 rate += slope * v[body];
-                slopes[k.min(3)] = (body, slopes[k.min(3)].1 + slope);
+                out.slopes.push((body, slope));
             }
             let (k, c) = self.springs[s];
             let declared = k * stretch + c * rate;
@@ -196,7 +197,7 @@ impl<'a> Ready<'a> {
             for e in &spring.ends {
                 force[e.body] -= f64::from(e.sign) * self.values[e.gain] * tension;
             }
-            for (body, slope) in slopes.iter().filter(|(b, _)| *b != usize::MAX) {
+            for (body, slope) in &out.slopes {
                 force[*body] -= slope * tension;
             }
             for on in &self.on_spring[s] {
@@ -222,8 +223,17 @@ impl<'a> Ready<'a> {
     /// Highest order at which an effect comes back by angle.
     fn highest_order(&self) -> Option<f64> {
         let mut highest: Option<f64> = None;
-        for p in &self.m.placed {
+        // What is off needs no steps.
+        let on = |p: &Placed| {
+            let rows = p.effect.parameters.iter().zip(&p.slots);
+            rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
+        };
+        for p in self.m.placed.iter().filter(|p| on(p)) {
             let order = match p.effect.physics {
+                Physics::SpanLength(_) if p.effect.name == "sprocket_runout" => 1.0,
+                Physics::SpanLength(_) if p.effect.name == "tooth_pitch_error" => {
+                    p.slots.get(2).map_or(1.0, |s| self.values[*s])
+                }
                 Physics::SpanLength(_) | Physics::ChainLength(_) | Physics::ChainTorque(_) => {
                     self.m.bodies.iter().filter_map(|b| b.teeth).max().map_or(1.0, f64::from)
                 }
@@ -315,7 +325,10 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> 
 /// Steps that a sample needs.
 fn steps_per_sample(ready: &Ready, step_s: f64, speed: &[f64]) -> Result<usize, RunError> {
     let (omega, rate) = ready.rates(speed, false);
-    let steps = libm::ceil((step_s * omega / 0.2).max(step_s * rate / 2.0)).max(1.0);
+    // Ten steps for a wave of the highest order at the highest speed that is known.
+    let top = speed.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    let waves = ready.highest_order().map_or(0.0, |order| order * top / (2.0 * PI));
+    let steps = libm::ceil((step_s * omega / 0.2).max(step_s * rate / 2.0).max(10.0 * step_s * waves)).max(1.0);
     if steps.is_finite() && steps <= ready.most_steps { Ok(steps as usize) } else { Err(RunError::Stiff { steps }) }
 }
 
@@ -404,7 +417,10 @@ fn sampled(
     channels: &[usize],
 ) -> Result<Vec<Vec<f64>>, RunError> {
     let m = ready.m;
-    let top: Vec<f64> = start.v.iter().map(|v| v.abs().max(1e-3)).collect();
+    let mut top: Vec<f64> = start.v.iter().map(|v| v.abs().max(1e-3)).collect();
+    for (input, series) in m.inputs.iter().zip(&task.inputs).filter(|(i, _)| i.kind == InputKind::Speed) {
+        top[input.body] = series.iter().fold(top[input.body], |t, v| t.max(v.abs()));
+    }
     let parts = steps_per_sample(ready, step_s, &top)?;
     let h = step_s / parts as f64;
     let span = t_s.last().copied().unwrap_or(0.0);
