@@ -152,6 +152,7 @@ struct Row {
     explained_wrongly: usize,
 }
 
+#[allow(dead_code)] // the bench prints shares, the test does not
 impl Table {
     pub fn add(&mut self, o: &Outcome) {
         if !self.all.iter().any(|r| r.class == o.class) {
