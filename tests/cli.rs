@@ -425,3 +425,18 @@ fn the_debugger_answers_on_the_command_line() {
     let on = ["run", "--resume", &b, "--break", "contact.normal_force > 580 N", "--no-output", "--json"];
     assert!(json(&pitchline(&on))["steps"].as_u64() > Some(100), "not the same hit again");
 }
+
+#[test]
+fn a_lumped_drive_is_told_from_one_with_links_and_effects_are_listed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("rig.toml");
+    std::fs::write(&path, "fidelity = \"lumped\"\n").expect("written");
+    refused(&["check", path.to_str().expect("text")], "is a lumped drive");
+    refused(&["identify", "nothing.toml"], "cannot read measurement file");
+    refused(&["effects", "sproket_runout"], "did you mean `sprocket_runout`");
+    let effects = json(&pitchline(&["effects", "--json"]));
+    let list = effects["effects"].as_array().expect("a list");
+    assert!(list.len() >= 24);
+    assert!(list.iter().all(|e| e["equation"].as_str().is_some_and(|t| !t.is_empty())));
+    assert!(json(&pitchline(&["sensors", "--json"]))["sensors"].as_array().is_some_and(|s| s.len() == 8));
+}

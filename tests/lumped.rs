@@ -263,7 +263,7 @@ fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
 #[test]
 fn dry_friction_stops_at_a_constant_rate() {
     let m = machine(
-        "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 4.0\n[loads.friction.s]\nforce_n = 6.0\nstick_speed_m_s = 0.0001\n[sensors.tachometer.s]\n[sensors.displacement.s]\n",
+        "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 4.0\n[loads.friction.s]\nforce_n = 6.0\nstick_speed_m_s = 0.0001\n[sensors.tachometer.s]\n[sensors.displacement.place]\nbody = \"s\"\n",
     );
     let task = Task {
         samples: Samples::Times { t_s: (0..200).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },

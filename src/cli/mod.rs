@@ -215,6 +215,11 @@ fn drive_text(drive: &str) -> Result<(String, String), Failure> {
 /// Reads a drive with overrides.
 fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, Failure> {
     let (name, text) = drive_text(drive)?;
+    if crate::machine::is_lumped(&text) {
+        return Err(Failure::Input(format!(
+            "`{drive}` is a lumped drive: it has no links to simulate\nhelp: hold it against measured records with `pitchline identify`"
+        )));
+    }
     crate::drive::Drive::parse(&name, &text, overrides).map_err(|report| Failure::Input(report.to_string()))
 }
 

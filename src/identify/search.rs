@@ -620,7 +620,14 @@ fn finish<'a>(
                 } else {
                     let (rms, _) = m.residuals.rms(0);
                     let (best_rms, _) = best.residuals.rms(0);
-                    format!("leaves {:.3} times the error of what was accepted", rms / best_rms)
+                    if rms > best_rms {
+                        format!("leaves {:.3} times the error of what was accepted", rms / best_rms)
+                    } else {
+                        format!(
+                            "beside what was accepted it leaves {:.3} times the error: not worth a name",
+                            rms / best_rms
+                        )
+                    }
                 };
             }
         }

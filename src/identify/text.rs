@@ -99,6 +99,10 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
             (Some(b), Some(a)) if b > 0.0 => format!("{:.3}", a / b),
             _ => "-".into(),
         };
+        // A record that only fits has no held-out samples: what it is fitted to is told instead, and said so.
+        let only_fits = b.held_out.is_none();
+        let (before, after) = if only_fits { (b.fit, a.fit) } else { (b.held_out, a.held_out) };
+        let interval = if only_fits { "(fitted)".to_string() } else { interval };
         let (floor_value, white) = match (&b.record, floor) {
             (None, Some(f)) => (short(f.noise_floor), if f.white { "yes" } else { "no" }),
             _ => (String::new(), ""),
@@ -114,8 +118,8 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
             b.record.as_deref().unwrap_or("all"),
             b.unit,
             floor_value,
-            optional(b.held_out),
-            optional(a.held_out),
+            optional(before),
+            optional(after),
             interval,
             ratio,
             times,

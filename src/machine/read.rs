@@ -244,6 +244,11 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
                     _ => Reads::Angle(body),
                 }
             };
+            if m.sensors.iter().any(|s| s.name == name) {
+                let help =
+                    "give one of them another name, and `body` or `span` what it reads: effects are put on names";
+                t.error(format!("two sensors are called `{name}`"), Some(help.into()));
+            }
             let gain = slot(m, &t, "gain", 1.0, (-1e12, 1e12), Some(1.0));
             let unit = t.text("unit");
             m.sensors.push(Sensor { path: t.path().to_string(), name, reads, gain, unit });
