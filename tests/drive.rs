@@ -316,3 +316,24 @@ fn effects_on_joints_and_guides_reach_the_model() {
     assert!((guided.guides[0].body.friction - plain.guides[0].body.friction - 0.05).abs() < 1e-15);
     assert!(guided.chain.joint.friction_arm_m > plain.chain.joint.friction_arm_m);
 }
+
+/// What the catalogue says that drives with links take, they take.
+#[test]
+fn drives_with_links_take_the_effects_that_say_so() {
+    use pitchline::effects::{EFFECTS, On};
+    let mut taken = 0;
+    for e in EFFECTS {
+        let target = match e.on {
+            On::Guide => "tight",
+            On::Sprocket => "driver",
+            On::Chain => "odd",
+            _ => "chain",
+        };
+        let keys = e.parameters.iter().filter(|p| p.key != "arm_um");
+        let sets: Vec<String> = keys.map(|p| format!("effects.{}.{target}.{}=1", e.name, p.key)).collect();
+        let result = pitchline::drive::Drive::parse("bush-20-40", pitchline::drive::BUNDLED[0].1, &sets);
+        assert_eq!(result.is_ok(), e.links, "{}: {sets:?}", e.name);
+        taken += usize::from(e.links);
+    }
+    assert_eq!(taken, 6);
+}

@@ -2,7 +2,7 @@
 
 use pitchline::identify::identify;
 use pitchline::identify::report::{Report, Verdict};
-use pitchline::identify::search::{Budget, Context};
+use pitchline::identify::search::{Budget, Context, declared};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
 use pitchline::measurement::segments::load;
@@ -182,6 +182,32 @@ fn a_budget_ends_the_search_and_what_was_found_is_said() {
     let r = identified(&path, 1, Budget { runs: Some(60), seconds: None }).expect("identified");
     assert!(r.budget_spent);
     assert!(pitchline::identify::text::text(&r).contains("PARTIAL"));
+}
+
+#[test]
+fn records_that_start_at_rest_have_no_start_to_find() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.1);
+    let text = std::fs::read_to_string(&path).expect("text");
+    let machine = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
+    let machine = Machine::parse("rig.toml", &machine, &[]).expect("a machine");
+    for (start, moves) in [("free", true), ("rest", false)] {
+        let text = text.replace("time_unit = \"ms\"", &format!("time_unit = \"ms\"\nstart = \"{start}\""));
+        let measurement = Measurement::parse("m.toml", &text).expect("a measurement");
+        let data = load(&measurement, &machine, folder.path()).expect("data");
+        let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
+        let quiet = |_: &str, _: u64| {};
+        let started = std::time::Instant::now();
+        let context = Context { threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
+        let problem = declared(&measurement, &machine, &data, &context);
+        let point = problem.start();
+        for part in 0..2 {
+            let shifted: Vec<f64> = point.locals[part].iter().map(|x| x + 0.5).collect();
+            let (a, b) = (&point.locals[part], &shifted);
+            let same = problem.residuals(part, &point.globals, a) == problem.residuals(part, &point.globals, b);
+            assert_eq!(same, !moves, "{start}, part {part}");
+        }
+    }
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub struct SensorsArgs {
 
 /// Which drive files take it.
 fn fidelities(e: &Effect) -> &'static str {
-    match (matches!(e.physics, Physics::LinksOnly), e.links.is_some()) {
+    match (matches!(e.physics, Physics::LinksOnly), e.links) {
         (true, _) => "links",
         (false, true) => "lumped, links",
         (false, false) => "lumped",

@@ -19,6 +19,8 @@ use std::f64::consts::PI;
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
 pub(super) fn drive(root: &Table<'_>) -> Drive {
     let title = root.text("title").unwrap_or_default();
+    // The other one is read by `machine`.
+    root.choice("fidelity", &[("links", ())]);
     let chain_table = root.table("chain");
     let (chain, links) = read_chain(&chain_table);
     let scatter_table = chain_table.table("scatter");

@@ -1,6 +1,6 @@
 //! One tooth gap that stands further out than the others of its sprocket, or is worn deeper.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: Some(LinkLevel::GapError),
+    links: true,
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

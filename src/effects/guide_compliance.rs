@@ -1,6 +1,6 @@
 //! A guide that yields: its contact in series with its mounting.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "guide_compliance",
@@ -15,5 +15,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("compliance_um_per_kn", 1e-9, 0.0, 1e6, Kind::Amplitude).starts(Scale::One, &[1e-8])],
     dissipative: false,
     physics: Physics::LinksOnly,
-    links: Some(LinkLevel::GuideCompliance),
+    links: true,
 };

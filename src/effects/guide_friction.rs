@@ -1,6 +1,6 @@
 //! Friction of the chain on a guide beyond the declared one.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "guide_friction",
@@ -15,5 +15,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("friction", 1.0, -1.0, 2.0, Kind::Amplitude).starts(Scale::One, &[0.05])],
     dissipative: true,
     physics: Physics::LinksOnly,
-    links: Some(LinkLevel::GuideFriction),
+    links: true,
 };

@@ -323,17 +323,6 @@ pub enum Physics {
     LinksOnly,
 }
 
-/// How a drive with every link a body takes an effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinkLevel {
-    GapError,
-    PitchError,
-    WearElongation,
-    PinFriction,
-    GuideCompliance,
-    GuideFriction,
-}
-
 /// A row of the catalogue.
 pub struct Effect {
     pub name: &'static str,
@@ -351,7 +340,8 @@ pub struct Effect {
     /// Takes energy and never gives any.
     pub dissipative: bool,
     pub physics: Physics,
-    pub links: Option<LinkLevel>,
+    /// Drives whose links are bodies take it too.
+    pub links: bool,
 }
 
 impl std::fmt::Debug for Effect {

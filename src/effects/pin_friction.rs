@@ -1,6 +1,6 @@
 //! Friction of the pins in their bushes where the chain bends onto and off a sprocket.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale, soft_sign};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::SpanLoss(torque),
-    links: Some(LinkLevel::PinFriction),
+    links: true,
 };
 
 fn torque(p: &[f64], tension: f64, v: f64) -> f64 {

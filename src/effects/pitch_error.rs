@@ -1,6 +1,6 @@
 //! One link that is longer or shorter than the others; the span that holds it is longer by as much.
 
-use super::{ChainAt, Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::ChainLength(length),
-    links: Some(LinkLevel::PitchError),
+    links: true,
 };
 
 fn length(p: &[f64], at: ChainAt) -> (f64, f64) {

@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::SpanForce(force),
-    links: None,
+    links: false,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

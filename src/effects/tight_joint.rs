@@ -18,7 +18,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::ChainTorque(torque),
-    links: None,
+    links: false,
 };
 
 fn torque(p: &[f64], at: ChainAt, v: f64) -> f64 {

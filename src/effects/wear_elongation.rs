@@ -1,6 +1,6 @@
 //! Every link longer by the same: wear of pins and bushes.
 
-use super::{Effect, Kind, LinkLevel, On, Parameter, Part, Physics, Scale};
+use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -16,5 +16,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("length_um", UM, -200.0, 200.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0])],
     dissipative: false,
     physics: Physics::LinksOnly,
-    links: Some(LinkLevel::WearElongation),
+    links: true,
 };

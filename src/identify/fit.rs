@@ -71,26 +71,21 @@ pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sy
 pub struct Options {
     pub iterations: usize,
     pub threads: usize,
-    /// Globals stand still, and parts that judge are fitted by their locals.
-    pub judging: bool,
 }
 
 /// Fits from `start`.
 pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
-    let parts: Vec<usize> = (0..problem.data.segments.len())
-        .filter(|k| problem.fitted(*k, options.judging) > 0)
-        .filter(|k| !options.judging || problem.data.segments[*k].judge_from == 0)
-        .collect();
-    let globals_free = !options.judging;
+    let segments = &problem.data.segments;
+    let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
     let mut point = start.clone();
     keep_inside(problem, &mut point);
     let mut cost = total(problem, &point, &parts, options);
     let mut lambda = 1e-3;
     let mut grow = 2.0;
     let mut converged = false;
-    let mut jacobian = linearised(problem, &point, &parts, options, globals_free);
+    let mut jacobian = linearised(problem, &point, &parts, options);
     for _ in 0..options.iterations {
-        let Some(step) = solve(problem, &point, &parts, &jacobian, lambda, globals_free) else {
+        let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
             lambda *= 10.0;
             if lambda > 1e12 {
                 break;
@@ -118,10 +113,10 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             grow = 2.0;
             if small {
                 converged = true;
-                jacobian = linearised(problem, &point, &parts, options, globals_free);
+                jacobian = linearised(problem, &point, &parts, options);
                 break;
             }
-            jacobian = linearised(problem, &point, &parts, options, globals_free);
+            jacobian = linearised(problem, &point, &parts, options);
         } else {
             if step.predicted < CONVERGED * cost {
                 converged = true;
@@ -162,26 +157,25 @@ fn priors(problem: &Problem, point: &Point) -> f64 {
 fn total(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> f64 {
     let sums = parallel(parts.len(), options.threads, |i| {
         let k = parts[i];
-        let r = problem.residuals(k, &point.globals, &point.locals[k], options.judging);
+        let r = problem.residuals(k, &point.globals, &point.locals[k]);
         r.iter().map(|r| r * r).sum::<f64>()
     });
     sums.iter().sum::<f64>() + priors(problem, point)
 }
 
-fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Options, globals_free: bool) -> Vec<Part> {
+fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Part> {
     // Parts and their columns as one list of jobs: few long parts keep all cores busy as many short ones do.
     let mut jobs: Vec<(usize, usize)> = Vec::new();
     for (i, k) in parts.iter().enumerate() {
-        let concerned = (0..problem.globals.len()).filter(|g| globals_free && problem.concerns(*g, *k)).count();
+        let concerned = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k)).count();
         jobs.extend((0..=concerned + problem.locals.len()).map(|c| (i, c)));
     }
     let columns = parallel(jobs.len(), options.threads, |job| {
         let (i, column) = jobs[job];
         let k = parts[i];
-        let concerned: Vec<usize> =
-            (0..problem.globals.len()).filter(|g| globals_free && problem.concerns(*g, k)).collect();
+        let concerned: Vec<usize> = (0..problem.globals.len()).filter(|g| problem.concerns(*g, k)).collect();
         if column == 0 {
-            return (1.0, problem.residuals(k, &point.globals, &point.locals[k], options.judging));
+            return (1.0, problem.residuals(k, &point.globals, &point.locals[k]));
         }
         let (mut globals, mut locals) = (point.globals.clone(), point.locals[k].clone());
         // Towards the inside of the bounds.
@@ -205,7 +199,7 @@ fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Option
             width = x - locals[l];
             locals[l] = x;
         }
-        (width, problem.residuals(k, &globals, &locals, options.judging))
+        (width, problem.residuals(k, &globals, &locals))
     });
     let mut all: Vec<Part> = Vec::new();
     for ((i, column), (width, values)) in jobs.iter().zip(columns) {
@@ -238,15 +232,8 @@ struct Blocks {
     l: DVector<f64>,
 }
 
-fn solve(
-    problem: &Problem,
-    point: &Point,
-    parts: &[usize],
-    jacobian: &[Part],
-    lambda: f64,
-    globals_free: bool,
-) -> Option<Step> {
-    let n = if globals_free { problem.globals.len() } else { 0 };
+fn solve(problem: &Problem, point: &Point, parts: &[usize], jacobian: &[Part], lambda: f64) -> Option<Step> {
+    let n = problem.globals.len();
     let n_local = problem.locals.len();
     let mut a = DMatrix::<f64>::zeros(n, n);
     let mut b = DVector::<f64>::zeros(n);

@@ -57,7 +57,7 @@ pub fn fit_judging<'a>(
     }
     held.globals = kept;
     let point = Point { globals: start, locals: held.start().locals };
-    let options = Options { iterations: 30, threads, judging: false };
+    let options = Options { iterations: 30, threads };
     let mut best = fit(&held, &point, options);
     // A phase may have started on the wrong side of its circle.
     let phases: Vec<usize> = (0..held.globals.len())

@@ -122,6 +122,7 @@ impl<'a> Problem<'a> {
         let mut start = s.start.clone();
         for (l, x) in self.locals.iter().zip(locals) {
             match *l {
+                Local::Angle { .. } | Local::Speed { .. } if s.at_rest => {}
                 Local::Angle { body, scale } => start.q[body] = x * scale,
                 Local::Speed { body, scale } => start.v[body] = x * scale,
                 Local::Slot { slot, law } => values[slot] = law.value(*x),
@@ -161,18 +162,11 @@ impl<'a> Problem<'a> {
         run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
     }
 
-    /// Samples of a part that a fit uses.
-    pub fn fitted(&self, segment: usize, judging: bool) -> usize {
+    /// Residuals of what fits of a part, the channels one after the other; what is missing is zero.
+    pub fn residuals(&self, segment: usize, globals: &[f64], locals: &[f64]) -> Vec<f64> {
         let s = &self.data.segments[segment];
-        // Parts that judge have their locals fitted to all of them.
-        if s.judge_from == 0 && judging { s.len() } else { s.judge_from }
-    }
-
-    /// Residuals of a part, the channels one after the other; what is missing is zero.
-    pub fn residuals(&self, segment: usize, globals: &[f64], locals: &[f64], judging: bool) -> Vec<f64> {
-        let n = self.fitted(segment, judging);
-        let s = &self.data.segments[segment];
-        let model = self.model(segment, globals, locals, !judging || s.judge_from > 0);
+        let n = s.judge_from;
+        let model = self.model(segment, globals, locals, true);
         let mut out = Vec::with_capacity(n * self.channels.len());
         match model {
             Ok(model) => {

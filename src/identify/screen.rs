@@ -112,13 +112,13 @@ impl Base {
 /// Directions of a part's own numbers.
 fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
     let locals = &point.locals[part];
-    let base = problem.residuals(part, &point.globals, locals, false);
+    let base = problem.residuals(part, &point.globals, locals);
     let columns: Vec<Vec<f64>> = (0..locals.len())
         .map(|l| {
             let mut moved = locals.clone();
             let d = 1e-6 * moved[l].abs().max(1.0);
             moved[l] += d;
-            let r = problem.residuals(part, &point.globals, &moved, false);
+            let r = problem.residuals(part, &point.globals, &moved);
             r.iter().zip(&base).map(|(a, b)| (a - b) / d).collect()
         })
         .collect();
@@ -135,7 +135,7 @@ fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: 
     (with.machine, _) = problem.machine.with(h.effect, &name, h.target, values);
     let mut out = Vec::new();
     for (k, from) in &base.parts {
-        let now = with.residuals(*k, &point.globals, &point.locals[*k], false);
+        let now = with.residuals(*k, &point.globals, &point.locals[*k]);
         out.extend(now.iter().zip(&base.raw[*from..]).map(|(a, b)| a - b));
     }
     out

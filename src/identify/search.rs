@@ -152,11 +152,6 @@ pub fn declared<'a>(
 ) -> Problem<'a> {
     let mut globals = Vec::new();
     let mut locals = Problem::default_locals(machine, data);
-    for (record, spec) in measurement.records.iter().enumerate() {
-        if spec.at_rest && data.segments.iter().all(|s| s.record == record) {
-            locals.clear();
-        }
-    }
     for spec in &measurement.fit {
         let Some(slot) = machine.slot(&spec.path) else { continue };
         let (value, s) = (machine.values[slot], &machine.slots[slot]);
@@ -206,7 +201,7 @@ fn fitted<'a>(
     threads: usize,
     iterations: usize,
 ) -> Model<'a> {
-    let options = Options { iterations, threads, judging: false };
+    let options = Options { iterations, threads };
     let found = fit(&problem, start, options);
     if problem.channels.len() > 1 {
         let residuals = judge::residuals(&problem, &found, own, threads);

@@ -61,7 +61,7 @@ fn effect(index: usize) -> &'static Effect {
                 parameters: &[SIZE],
                 dissipative: false,
                 physics: Physics::BodyForce(*law),
-                links: None,
+                links: false,
             })
             .collect()
     });

@@ -22,6 +22,8 @@ pub struct Segment {
     pub judge_from: usize,
     /// A first guess of the start.
     pub start: Start,
+    /// Starts at rest at zero: there is nothing to find.
+    pub at_rest: bool,
     /// Start of the segment in its record [s].
     pub start_s: f64,
 }
@@ -464,6 +466,7 @@ fn sampled_segment(
         measured,
         judge_from,
         start,
+        at_rest: record.at_rest,
         start_s: 0.0,
     });
 }
@@ -691,6 +694,7 @@ fn pulse_segments(
             measured: vec![ln_dt[a..b].to_vec()],
             judge_from,
             start,
+            at_rest: false,
             start_s: times[a],
         });
     }
