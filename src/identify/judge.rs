@@ -119,6 +119,11 @@ pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> 
     out
 }
 
+fn mean_error(channels: &[Vec<Vec<f64>>]) -> f64 {
+    let sum: f64 = channels.iter().map(|parts| libm::log(stats::rms(parts).max(1e-300))).sum();
+    libm::exp(sum / channels.len().max(1) as f64)
+}
+
 /// A model that ran away explains nothing.
 fn lost(channels: usize, samples: usize) -> Vec<Vec<f64>> {
     vec![vec![1e6; samples]; channels]
@@ -128,6 +133,16 @@ impl Residuals {
     /// Root mean square of a channel on what fits, and on what judges.
     pub fn rms(&self, channel: usize) -> (f64, f64) {
         (stats::rms(&self.fit[channel]), stats::rms(&self.judge[channel]))
+    }
+
+    /// Geometric mean over channels of the root mean square on what fits: units do not matter for ratios of it.
+    pub fn fit_error(&self) -> f64 {
+        mean_error(&self.fit)
+    }
+
+    /// The same on what judges.
+    pub fn judge_error(&self) -> f64 {
+        mean_error(&self.judge)
     }
 
     /// Twice the negative logarithm of the likelihood of all channels on what fits, each with a variance of its own, for so many

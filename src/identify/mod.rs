@@ -3,6 +3,7 @@
 //! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> report. The loop
 //! goes over the catalogue of effects and holds no physics of its own.
 
+pub mod accept;
 pub mod candidates;
 pub mod fit;
 pub mod judge;
@@ -37,8 +38,9 @@ pub fn identify(
             return Err(format!("the declared model cannot follow record `{}`: {e}", data.records[s.record]));
         }
     }
-    let found = search::search(measurement, problem, &own, context);
-    let mut report = report::report(measurement, data, &found, None, (false, false), 0);
+    let searched = search::search(measurement, problem, &own, context);
+    let found = accept::accept(searched, &own, context);
+    let mut report = report::report(measurement, data, &found);
     if report.outcome == Verdict::None && !report.explained && !context.ends() {
         context.say("looking for a formula without a name");
         report.unnamed = unnamed::search(&found.best, &own, context);

@@ -1,7 +1,8 @@
 //! What is said in the end: outcome, effects with their errors, what was tried and why it lost, error before and after.
 
+use super::accept::{Found, Rival, placed_path, standard_error};
 use super::judge::Residuals;
-use super::search::{Found, Model, Trial, placed_path, standard_error};
+use super::search::{Model, Trial};
 use super::structure::{self, Alike, Collision, Detectable};
 use super::unnamed::Unnamed;
 use super::{candidates::Hypothesis, stats};
@@ -46,7 +47,7 @@ pub struct NamedEffect {
     /// Of the first amplitude, in its unit.
     pub standard_error: f64,
     /// What cannot be told from it.
-    pub rivals: Vec<super::search::Rival>,
+    pub rivals: Vec<Rival>,
     /// All rivals have the same kind of cause at the same place.
     pub only_its_law_is_open: bool,
     pub judge_ratio: [f64; 3],
@@ -278,15 +279,8 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
     }
 }
 
-/// What was found, put together.
-pub fn report(
-    measurement: &Measurement,
-    data: &Data,
-    found: &Found,
-    unnamed: Option<Unnamed>,
-    ends: (bool, bool),
-    model_runs: u64,
-) -> Report {
+/// What was found, put together; how the search ended is the caller's to say.
+pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     let best = &found.best;
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
     let noise_floor = floors(best, data);
@@ -331,7 +325,7 @@ pub fn report(
         noise_floor,
         explained,
         next_experiment,
-        unnamed,
+        unnamed: None,
         collisions,
         detectable: found.detectable.clone(),
         alike: found.alike.clone(),
@@ -339,9 +333,9 @@ pub fn report(
         clocks: data.clocks.clone(),
         warnings: data.warnings.clone(),
         converged: found.declared.fit.converged && best.fit.converged,
-        interrupted: ends.0,
-        budget_spent: ends.1,
-        model_runs,
+        interrupted: false,
+        budget_spent: false,
+        model_runs: 0,
         held_out_hash: held_out_hash(data),
         drive_hash: format!("{:016x}", xxhash_rust::xxh3::xxh3_64(machine.text.as_bytes())),
         curves: curves(found, data),

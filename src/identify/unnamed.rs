@@ -90,7 +90,7 @@ pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option
             terms.push(term);
             model = next;
         }
-        let better = |old: &Model| judge_error(&model) < judge_error(old);
+        let better = |old: &Model| model.residuals.judge_error() < old.residuals.judge_error();
         if !terms.is_empty() && found.as_ref().is_none_or(|(old, ..)| better(old)) {
             found = Some((model, b, terms));
         }
@@ -115,11 +115,6 @@ pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option
         from_speed: speeds().fold(f64::MAX, f64::min),
         to_speed: speeds().fold(f64::MIN, f64::max),
     })
-}
-
-fn judge_error(model: &Model) -> f64 {
-    let n = model.residuals.judge.len();
-    (0..n).map(|c| libm::log(model.residuals.rms(c).1.max(1e-300))).sum()
 }
 
 /// The term that explains most, fitted beside the others.

@@ -1,0 +1,390 @@
+//! What is believed of a search: the set that stands, the grounds of every effect in it, and its rivals.
+//!
+//! An effect stays when its score is worth it, when the error on what judges falls by a twentieth and surely, when it explains more
+//! than a sham, and when its size is three standard errors from nothing. A rival is what takes its place as well.
+
+use super::candidates::{self, Hypothesis};
+use super::fit::parallel;
+use super::judge::Residuals;
+use super::screen::{Base, promise};
+use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
+use super::stats::{self, Random};
+use super::structure::{Alike, Detectable};
+use crate::effects::Kind;
+use crate::measurement::segments::Data;
+
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Rival {
+    pub identity: String,
+    pub path: String,
+    pub score: f64,
+    pub judge_ratio: [f64; 3],
+}
+
+/// What was found.
+pub struct Found<'a> {
+    pub declared: Model<'a>,
+    pub best: Model<'a>,
+    /// For every effect of the best model: what cannot be told from it.
+    pub rivals: Vec<Vec<Rival>>,
+    pub trials: Vec<Trial>,
+    pub reasons: Vec<(String, String)>,
+    /// For every effect of the best model: what made it accepted.
+    pub grounds: Vec<Ground>,
+    pub detectable: Vec<Detectable>,
+    pub alike: Vec<Alike>,
+    pub cut_short: bool,
+}
+
+/// Why an effect was accepted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ground {
+    pub identity: String,
+    /// Error on what judges with it to that without it.
+    pub judge_ratio: [f64; 3],
+    /// Score without it minus score with it.
+    pub score: f64,
+    /// Share of the cost taken, and the same of the median and best sham.
+    pub gain: f64,
+    pub sham: f64,
+}
+
+/// Two sets whose scores differ by less are rivals; twice the natural logarithm of a likelihood ratio of 150.
+const CLEAR: f64 = 10.0;
+/// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
+const WORTH_A_NAME: f64 = 0.95;
+/// An effect explains three times as much as a sham, or leaves at most this share of what a sham leaves.
+const SHAM: f64 = 0.8;
+/// Shams an accepted effect is held against.
+const SHAMS: usize = 40;
+
+/// The set to be judged: of every size the best whose effects all stand, and a larger one only if it leaves clearly less of the
+/// error. Many samples make small differences certain; they do not make them worth a name.
+fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: &[f64]) -> Model<'a> {
+    let mut best = declared;
+    let records = declared.problem.data.records.len();
+    for size in 1..=MOST_EFFECTS {
+        // In the order of their scores.
+        let next = all.iter().filter(|m| m.effects.len() == size).find(|m| {
+            let ratio = m.residuals.judge_ratio(&best.residuals);
+            // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
+            let judged = m.residuals.judge_effective();
+            let predicted = best.residuals.judge_deviance(&judged) - m.residuals.judge_deviance(&judged);
+            let worth = score(best, effective, records) - score(m, effective, records) + predicted;
+            worth >= WORTH && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0 && stands(m, all, effective)
+        });
+        best = next.unwrap_or(best);
+    }
+    best.clone()
+}
+
+/// Whether every effect of a set improves on the set without it, as far as that one was fitted.
+fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
+    let records = model.problem.data.records.len();
+    model.effects.iter().all(|e| {
+        let mut rest: Vec<String> = model.identity();
+        let own = e.identity();
+        rest.retain(|id| *id != own);
+        let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
+        let ratio = model.residuals.judge_ratio(&less.residuals);
+        let judged = model.residuals.judge_effective();
+        let predicted = less.residuals.judge_deviance(&judged) - model.residuals.judge_deviance(&judged);
+        let worth = score(less, effective, records) - score(model, effective, records) + predicted;
+        worth >= WORTH && ratio[0] <= WORTH_A_NAME && ratio[2] < 1.0
+    })
+}
+
+/// Judges what a search saw.
+pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> Found<'a> {
+    context.say("holding what was found against what it has not seen");
+    let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
+    let first = smallest_that_stands(&declared, &all, &effective);
+    let (best, grounds) = pruned(&declared, first, &effective, own, context, &mut trials);
+    let rivals = rivals(&declared, &best, &all, &effective, own, context, &mut trials);
+    told(&best, &all, &effective, &mut trials);
+    Found { declared, best, rivals, trials, reasons, grounds, detectable, alike, cut_short }
+}
+
+/// Takes away what does not stand, one at a time, the weakest first; the grounds of what stays.
+fn pruned<'a>(
+    declared: &Model<'a>,
+    mut best: Model<'a>,
+    effective: &[f64],
+    own: &Data,
+    context: &Context<'_>,
+    trials: &mut [Trial],
+) -> (Model<'a>, Vec<Ground>) {
+    loop {
+        let mut weakest: Option<(f64, Model<'a>, usize, String)> = None;
+        let mut grounds = Vec::new();
+        for which in 0..best.effects.len() {
+            let less = without_effect(declared, &best, which, own, context.threads);
+            let ground = ground(&best, &less, which, effective, context.threads);
+            let why = doubt(&best, which, &ground);
+            if let Some(why) = why
+                && weakest.as_ref().is_none_or(|(w, ..)| ground.score < *w)
+            {
+                weakest = Some((ground.score, less, which, why));
+            }
+            grounds.push(ground);
+        }
+        let Some((_, less, which, why)) = weakest else { return (best, grounds) };
+        let id = best.effects[which].identity();
+        for t in trials.iter_mut().filter(|t| t.identity == id && t.rms_fit.is_some() && t.why.is_empty()) {
+            t.why = format!("not accepted: {why}");
+        }
+        best = less;
+    }
+}
+
+/// What speaks for an effect of a set: the set with it against the set without.
+fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], threads: usize) -> Ground {
+    let records = best.problem.data.records.len();
+    let (gain, sham) = shams(best, less, which, threads);
+    Ground {
+        identity: best.effects[which].identity(),
+        judge_ratio: best.residuals.judge_ratio(&less.residuals),
+        score: score(less, effective, records) - score(best, effective, records),
+        gain,
+        sham,
+    }
+}
+
+/// What speaks against it, if anything does.
+fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
+    let [ratio, low, high] = ground.judge_ratio;
+    let (gain, sham) = (ground.gain, ground.sham);
+    let sure = sigmas(best, which);
+    if ground.score < WORTH {
+        Some(format!("worth {:.1}, less than {WORTH}", ground.score))
+    } else if ratio > WORTH_A_NAME || high >= 1.0 {
+        Some(format!("on what judges the error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
+    } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
+        Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
+    } else if sure < 3.0 {
+        Some(format!("its size is {sure:.1} standard errors from nothing"))
+    } else {
+        at_bound(best, which)
+    }
+}
+
+/// Says of every trial what became of it.
+fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
+    let records = best.problem.data.records.len();
+    let best_score = score(best, effective, records);
+    let accepted: Vec<String> = best.effects.iter().map(Hypothesis::identity).collect();
+    for t in trials {
+        let mut id = t.beside.clone();
+        id.push(t.identity.clone());
+        id.sort();
+        let Some(m) = all.iter().find(|m| m.identity() == id) else { continue };
+        t.score = Some(score(m, effective, records) - best_score);
+        if t.why.is_empty() {
+            let times = m.residuals.fit_error() / best.residuals.fit_error();
+            t.why = if accepted.contains(&t.identity) {
+                "accepted".into()
+            } else if times > 1.0 {
+                format!("leaves {times:.3} times the error of what was accepted")
+            } else {
+                format!("beside what was accepted it leaves {times:.3} times the error: not worth a name")
+            };
+        }
+    }
+}
+
+/// Gain of an effect over the model without it, by screening, and the median gain of its shams.
+fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64) {
+    let h = &best.effects[which];
+    let base = Base::new(&less.problem, &less.fit);
+    // Squares of all channels by the weights of the smaller model: units do not matter.
+    let squares = |r: &Residuals| -> f64 {
+        let of = r.fit.iter().zip(&less.problem.weights);
+        of.map(|(parts, w)| parts.iter().flatten().map(|x| x * x / (w * w)).sum::<f64>()).sum()
+    };
+    let gain = 1.0 - squares(&best.residuals) / squares(&less.residuals).max(1e-300);
+    if h.phase().is_some() {
+        // A wave with a free phase explains as much when it is shifted: no sham.
+        return (gain, 0.0);
+    }
+    let p = promise(&less.problem, &base, &less.fit, h);
+    if p.columns.is_empty() {
+        return (gain, 0.0);
+    }
+    let mut random = Random::new(3);
+    let shifts: Vec<usize> = (0..SHAMS).map(|_| 100 + random.below(800)).collect();
+    let mut gains = parallel(SHAMS, threads, |i| base.gain(&base.shifted(&p.columns, shifts[i])));
+    (gain, crate::measurement::facts::median(&mut gains))
+}
+
+/// Indices of an effect's globals.
+fn globals_of(model: &Model, which: usize) -> Vec<usize> {
+    let path = format!("{}.", placed_path(model, which));
+    (0..model.problem.globals.len())
+        .filter(|g| model.problem.machine.slots[model.problem.globals[*g].slot].path.starts_with(&path))
+        .collect()
+}
+
+/// Path under which an effect stands in the machine.
+pub fn placed_path(model: &Model, which: usize) -> String {
+    let h = &model.effects[which];
+    let base = h.path();
+    let same = model.effects[..which].iter().filter(|o| o.path() == base).count();
+    format!("{base}{}", "+".repeat(same))
+}
+
+/// Variance of the residuals as they are weighted, and by how much correlation makes standard errors larger.
+pub fn inflation(model: &Model) -> f64 {
+    let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
+    let n: usize = parts.iter().map(Vec::len).sum();
+    let free = model.problem.globals.len() + model.problem.locals.len() * parts.len();
+    let variance = parts.iter().flatten().map(|r| r * r).sum::<f64>() / n.saturating_sub(free).max(1) as f64;
+    variance * n as f64 / stats::effective(&parts)
+}
+
+/// Standard error of a global as the fit sees it.
+pub fn standard_error(model: &Model, global: usize) -> f64 {
+    libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
+}
+
+/// How many standard errors an effect's amplitude is from nothing, the largest of them; what has none is as sure as can be.
+fn sigmas(model: &Model, which: usize) -> f64 {
+    let amplitude = |g: &usize| {
+        let key = model.problem.machine.slots[model.problem.globals[*g].slot].path.rsplit('.').next();
+        let keys = model.problem.machine.keys(model.effects[which].effect, model.effects[which].target);
+        keys.iter().any(|(k, row)| {
+            Some(k.as_str()) == key && matches!(row.kind, Kind::Amplitude | Kind::PerMark) && row.off == 0.0
+        })
+    };
+    let globals: Vec<usize> = globals_of(model, which).into_iter().filter(amplitude).collect();
+    let size = |g: &usize| model.fit.point.globals[*g].abs() / standard_error(model, *g).max(1e-300);
+    if globals.is_empty() { f64::INFINITY } else { globals.iter().map(size).fold(0.0, f64::max) }
+}
+
+/// An amplitude that stands at a bound of what it can be.
+fn at_bound(model: &Model, which: usize) -> Option<String> {
+    for g in globals_of(model, which) {
+        let global = &model.problem.globals[g];
+        let (low, high) = global.law.bounds();
+        let x = model.fit.point.globals[g];
+        let slot = &model.problem.machine.slots[global.slot];
+        if !global.law.logarithm && (x <= low || x >= high) && !slot.path.ends_with("phase_deg") {
+            return Some(format!("`{}` stands at its bound", slot.path));
+        }
+    }
+    None
+}
+
+/// Replaces every effect of the best model by every other one that was looked at beside the rest, and keeps what is as good.
+fn rivals<'a>(
+    declared: &Model<'a>,
+    best: &Model<'a>,
+    all: &[Model<'a>],
+    effective: &[f64],
+    own: &Data,
+    context: &Context<'_>,
+    trials: &mut [Trial],
+) -> Vec<Vec<Rival>> {
+    let records = declared.problem.data.records.len();
+    let best_score = score(best, effective, records);
+    let mut rivals = Vec::new();
+    for which in 0..best.effects.len() {
+        let id = best.effects[which].identity();
+        let rest: Vec<usize> = (0..best.effects.len()).filter(|i| *i != which).collect();
+        let mut mine: Vec<Rival> = Vec::new();
+        context.say("looking for rivals");
+        let less = without_effect(declared, best, which, own, context.threads);
+        // Those that were fitted somewhere on the way.
+        let mut tried: Vec<&Hypothesis> = Vec::new();
+        for m in all {
+            for h in &m.effects {
+                let own_id = h.identity();
+                let taken = best.effects.iter().any(|b| b.identity() == own_id);
+                if !taken && own_id != id && tried.iter().all(|t| t.identity() != own_id) {
+                    tried.push(h);
+                }
+            }
+        }
+        let base = Base::new(&less.problem, &less.fit);
+        let own_gain = promise(&less.problem, &base, &less.fit, &best.effects[which]).gain;
+        let models = parallel(tried.len(), context.threads, |i| {
+            if context.ends() {
+                return None;
+            }
+            let p = promise(&less.problem, &base, &less.fit, tried[i]);
+            // What explains far less as a small addition is no rival.
+            if !p.columns.is_empty() && p.gain < 0.25 * own_gain {
+                return None;
+            }
+            Some(rebuilt(declared, best, &rest, Some((tried[i], &p.values, &p.phases)), own, 1))
+        });
+        for m in models.into_iter().flatten() {
+            let worse = score(&m, effective, records) - best_score;
+            let ratio = m.residuals.judge_ratio(&best.residuals);
+            let Some(h) = m.effects.last() else { continue };
+            let as_good = worse < CLEAR && ratio[1] < 1.02;
+            if as_good {
+                mine.push(Rival { identity: h.identity(), path: h.path(), score: worse, judge_ratio: ratio });
+                for t in trials.iter_mut().filter(|t| t.identity == h.identity()) {
+                    t.why = format!("cannot be told from {id}");
+                }
+            }
+        }
+        mine.sort_by(|a, b| a.score.total_cmp(&b.score));
+        rivals.push(mine);
+    }
+    rivals
+}
+
+/// A model without one of its effects, fitted again from the others' numbers.
+fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &Data, threads: usize) -> Model<'a> {
+    let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
+    rebuilt(declared, model, &rest, None, own, threads)
+}
+
+/// A model with some of another's effects, and perhaps one more, fitted from their numbers.
+fn rebuilt<'a>(
+    declared: &Model<'a>,
+    model: &Model<'a>,
+    kept: &[usize],
+    more: Option<(&Hypothesis, &[f64], &[f64])>,
+    own: &Data,
+    threads: usize,
+) -> Model<'a> {
+    let n_declared = declared.problem.globals.len();
+    let mut problem = declared.problem.clone();
+    problem.weights.clone_from(&model.problem.weights);
+    let mut point = declared.fit.point.clone();
+    point.globals.clone_from_slice(&model.fit.point.globals[..n_declared]);
+    point.locals.clone_from(&model.fit.point.locals);
+    let records = problem.data.records.len();
+    let mut effects = Vec::new();
+    let mut at = n_declared;
+    for (i, h) in model.effects.iter().enumerate() {
+        let mut values = h.values.clone();
+        let mut phases = vec![0.0; records];
+        for (k, row) in h.rows.iter().enumerate() {
+            match row.kind {
+                Kind::Amplitude | Kind::Shape | Kind::PerMark => {
+                    values[k] = model.problem.globals[at].law.value(model.fit.point.globals[at]);
+                    at += 1;
+                }
+                Kind::Phase => {
+                    for phase in &mut phases {
+                        *phase = model.problem.globals[at].law.value(model.fit.point.globals[at]);
+                        at += 1;
+                    }
+                }
+                Kind::Whole | Kind::Given => {}
+            }
+        }
+        if kept.contains(&i) {
+            (problem, point) = candidates::with(&problem, &point, h, &values, &phases);
+            effects.push(Hypothesis { values, ..h.clone() });
+        }
+    }
+    if let Some((h, values, phases)) = more {
+        (problem, point) = candidates::with(&problem, &point, h, values, phases);
+        effects.push(h.clone());
+    }
+    fitted(problem, &point, own, effects, threads, 40)
+}
