@@ -8,7 +8,9 @@
 //! g is the radius of a span's end, 1 for a coupling. Every number is a slot of one list, found by its path in the file, so
 //! that a fit changes a machine by writing into a list.
 
+mod forces;
 mod place;
+mod pulses;
 mod read;
 pub mod simulate;
 

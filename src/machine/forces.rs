@@ -1,0 +1,236 @@
+//! What acts on the bodies of a lumped machine: its numbers made ready, forces at an instant, and how fast they let it swing.
+
+use super::{Body, Machine, Motion, Placed, Target};
+use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MotionLaw, Physics, SpanAt};
+use std::f64::consts::PI;
+
+/// A machine with its numbers, made ready to run.
+pub(super) struct Ready<'a> {
+    pub(super) m: &'a Machine,
+    pub(super) values: &'a [f64],
+    pub(super) inertia: Vec<f64>,
+    /// Stiffness and damping of every spring.
+    pub(super) springs: Vec<(f64, f64)>,
+    /// Effects on bodies, springs: kept apart by what they act on.
+    pub(super) on_body: Vec<(usize, BodyLaw, Vec<f64>)>,
+    pub(super) on_spring: Vec<Vec<OnSpring>>,
+    pub(super) motion: Vec<(usize, MotionLaw, Vec<f64>)>,
+    pub(super) chain_torque: Vec<(ChainTorqueLaw, Vec<f64>)>,
+    pub(super) leader_teeth: f64,
+    pub(super) most_steps: f64,
+    /// The body that stands for each: a second body of no inertia is the one it hangs on.
+    pub(super) stands_for: Vec<usize>,
+}
+
+pub(super) enum OnSpring {
+    Length { body: usize, teeth: u32, law: fn(&[f64], u32, f64) -> (f64, f64), p: Vec<f64> },
+    Chain { law: fn(&[f64], ChainAt) -> (f64, f64), p: Vec<f64> },
+    Force { law: fn(&[f64], SpanAt) -> f64, p: Vec<f64> },
+    Loss { law: fn(&[f64], f64, f64) -> f64, p: Vec<f64> },
+}
+
+/// What acts at a node, filled by `Ready::forces`.
+#[derive(Default)]
+pub(super) struct Acting {
+    pub(super) force: Vec<f64>,
+    pub(super) tension: Vec<f64>,
+    pub(super) slopes: Vec<(usize, f64)>,
+}
+
+impl<'a> Ready<'a> {
+    pub(super) fn new(m: &'a Machine, values: &'a [f64], most_steps: f64) -> Ready<'a> {
+        let of = |p: &Placed| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
+        let mut ready = Ready {
+            m,
+            values,
+            inertia: m.bodies.iter().map(|b| inertia(b, values)).collect(),
+            springs: m.springs.iter().map(|s| m.spring_numbers(values, s)).collect(),
+            on_body: Vec::new(),
+            on_spring: m.springs.iter().map(|_| Vec::new()).collect(),
+            motion: Vec::new(),
+            chain_torque: Vec::new(),
+            leader_teeth: m.chain.as_ref().and_then(|c| m.bodies[c.leader].teeth).map_or(0.0, f64::from),
+            most_steps,
+            stands_for: (0..m.bodies.len()).collect(),
+        };
+        for spring in m.springs.iter().filter(|s| s.tuned.is_some_and(|slot| values[slot] == 0.0)) {
+            if let [near, far] = spring.ends.as_slice() {
+                ready.stands_for[far.body] = near.body;
+            }
+        }
+        for p in &m.placed {
+            match (p.effect.physics, p.target) {
+                (Physics::BodyForce(law), Target::Body(b)) => ready.on_body.push((b, law, of(p))),
+                (Physics::Motion(law), Target::Body(b)) => ready.motion.push((b, law, of(p))),
+                (Physics::SpanForce(law), Target::Spring(s)) => {
+                    ready.on_spring[s].push(OnSpring::Force { law, p: of(p) });
+                }
+                (Physics::SpanLength(law), Target::Body(body)) => {
+                    let teeth = m.bodies[body].teeth.unwrap_or(1);
+                    for (s, spring) in m.springs.iter().enumerate() {
+                        if spring.ends.iter().any(|e| e.body == body) {
+                            ready.on_spring[s].push(OnSpring::Length { body, teeth, law, p: of(p) });
+                        }
+                    }
+                }
+                (Physics::ChainLength(law), Target::Chain) => {
+                    for (s, _) in m.springs.iter().enumerate().filter(|(_, s)| s.links.is_some()) {
+                        ready.on_spring[s].push(OnSpring::Chain { law, p: of(p) });
+                    }
+                }
+                (Physics::SpanLoss(law), Target::Chain) => {
+                    for on in &mut ready.on_spring {
+                        on.push(OnSpring::Loss { law, p: of(p) });
+                    }
+                }
+                (Physics::ChainTorque(law), Target::Chain) => ready.chain_torque.push((law, of(p))),
+                _ => {}
+            }
+        }
+        ready
+    }
+
+    fn chain_at(&self, spring: usize, q: &[f64]) -> ChainAt {
+        let (from, to) = self.m.springs[spring].links.unwrap_or((0.0, 0.0));
+        let (links, leader) = self.m.chain.as_ref().map_or((1.0, 0), |c| (f64::from(c.links), c.leader));
+        ChainAt { travel: q[leader] * self.leader_teeth / (2.0 * PI), links, from, to }
+    }
+
+    /// Forces on all bodies from everything but inputs.
+    pub(super) fn forces(&self, q: &[f64], v: &[f64], out: &mut Acting) {
+        out.force.clear();
+        out.force.resize(q.len(), 0.0);
+        out.tension.clear();
+        let force = &mut out.force;
+        for (body, law, p) in &self.on_body {
+            force[*body] += law(p, BodyAt { q: q[*body], v: v[*body] });
+        }
+        for (s, spring) in self.m.springs.iter().enumerate() {
+            let (mut stretch, mut rate) = (0.0, 0.0);
+            // Slopes of the length by the bodies' coordinates, beyond the gains.
+            out.slopes.clear();
+            for e in &spring.ends {
+                let gain = f64::from(e.sign) * self.values[e.gain];
+                stretch += gain * q[e.body];
+                rate += gain * v[e.body];
+            }
+            for on in &self.on_spring[s] {
+                let (body, (length, slope)) = match on {
+                    OnSpring::Length { body, teeth, law, p } => (*body, law(p, *teeth, q[*body])),
+                    OnSpring::Chain { law, p } => {
+                        let leader = self.m.chain.as_ref().map_or(0, |c| c.leader);
+                        let (length, slope) = law(p, self.chain_at(s, q));
+                        (leader, (length, slope * self.leader_teeth / (2.0 * PI)))
+                    }
+                    _ => continue,
+                };
+                stretch += length;
+                rate += slope * v[body];
+                out.slopes.push((body, slope));
+            }
+            let (k, c) = self.springs[s];
+            let declared = k * stretch + c * rate;
+            let mut tension = declared;
+            for on in &self.on_spring[s] {
+                if let OnSpring::Force { law, p } = on {
+                    tension += law(p, SpanAt { stretch, rate, stiffness: k, force: tension });
+                }
+            }
+            for e in &spring.ends {
+                force[e.body] -= f64::from(e.sign) * self.values[e.gain] * tension;
+            }
+            for (body, slope) in &out.slopes {
+                force[*body] -= slope * tension;
+            }
+            for on in &self.on_spring[s] {
+                if let OnSpring::Loss { law, p } = on {
+                    for e in &spring.ends {
+                        force[e.body] += law(p, tension, v[e.body]);
+                    }
+                }
+            }
+            for (law, p) in &self.chain_torque {
+                if spring.links.is_some() {
+                    let at = self.chain_at(s, q);
+                    for e in &spring.ends {
+                        // Both ends feel the joint bend; each half of it here.
+                        force[e.body] += 0.5 * law(p, at, v[e.body]);
+                    }
+                }
+            }
+            out.tension.push(tension);
+        }
+    }
+
+    /// Highest order at which an effect comes back by angle.
+    pub(super) fn highest_order(&self) -> Option<f64> {
+        let mut highest: Option<f64> = None;
+        // What is off needs no steps.
+        let on = |p: &Placed| {
+            let rows = p.effect.parameters.iter().zip(&p.slots);
+            rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
+        };
+        for p in self.m.placed.iter().filter(|p| on(p)) {
+            let order = match p.effect.physics {
+                Physics::SpanLength(_) if p.effect.name == "sprocket_runout" => 1.0,
+                Physics::SpanLength(_) if p.effect.name == "tooth_pitch_error" => {
+                    p.slots.get(2).map_or(1.0, |s| self.values[*s])
+                }
+                Physics::SpanLength(_) | Physics::ChainLength(_) | Physics::ChainTorque(_) => {
+                    self.m.bodies.iter().filter_map(|b| b.teeth).max().map_or(1.0, f64::from)
+                }
+                Physics::BodyForce(_) if matches!(p.effect.name, "torque_ripple" | "unbalance") => {
+                    p.slots.get(2).map_or(1.0, |s| self.values[*s])
+                }
+                _ => continue,
+            };
+            highest = Some(highest.map_or(order, |h: f64| h.max(order)));
+        }
+        highest
+    }
+
+    /// Fastest angular frequency, and the largest slope of a force over speed by inertia [rad/s, 1/s].
+    pub(super) fn rates(&self, speed: &[f64], turns: bool) -> (f64, f64) {
+        let mut omega2 = vec![0.0_f64; self.m.bodies.len()];
+        let mut rate = vec![0.0_f64; self.m.bodies.len()];
+        for (s, spring) in self.m.springs.iter().enumerate() {
+            let (mut k, mut c) = self.springs[s];
+            for on in &self.on_spring[s] {
+                if let OnSpring::Force { law, p } = on {
+                    let at = |stretch, rate| SpanAt { stretch, rate, stiffness: 0.0, force: 0.0 };
+                    k += law(p, at(1e-6, 0.0)).abs() / 1e-6;
+                    c += law(p, at(0.0, 1e-6)).abs() / 1e-6;
+                }
+            }
+            for e in &spring.ends {
+                let g2 = self.values[e.gain] * self.values[e.gain];
+                omega2[e.body] += g2 * k / self.inertia[e.body];
+                rate[e.body] += g2 * c / self.inertia[e.body];
+            }
+        }
+        for (body, law, p) in &self.on_body {
+            let top = speed[*body].abs().max(1e-9);
+            let d = 1e-6 * top;
+            let slope =
+                |v: f64| (law(p, BodyAt { q: 0.0, v: v + d }) - law(p, BodyAt { q: 0.0, v: v - d })).abs() / (2.0 * d);
+            // What turns past marks never comes to rest.
+            let least = if turns { 0.3 * top } else { 0.0 };
+            rate[*body] +=
+                [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[*body];
+        }
+        let free = |i: usize| self.m.bodies[i].motion == Motion::Free;
+        let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);
+        // Two bodies on one spring swing by at most the sum of both squares.
+        (libm::sqrt(2.0 * most(&omega2)), 2.0 * most(&rate))
+    }
+}
+
+fn inertia(body: &Body, values: &[f64]) -> f64 {
+    let whole = values[body.inertia];
+    match body.minus {
+        // What is left of a body that was split: never nothing.
+        Some(far) => (whole - values[far]).max(1e-3 * whole),
+        // A second body of no inertia feels no force; it must not divide by zero.
+        None => whole.max(1e-300),
+    }
+}
