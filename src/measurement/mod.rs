@@ -3,8 +3,10 @@
 //! MEASUREMENT.toml names a drive, the files with their columns, the records in them with their operating points, which of
 //! them fit and which judge, and the numbers of the drive that may be fitted. Everything is checked before a model is run.
 
+mod bind;
 pub mod columns;
 pub mod facts;
+mod pulses;
 mod read;
 pub mod segments;
 pub mod units;

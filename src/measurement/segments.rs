@@ -1,13 +1,14 @@
-//! From files to the parts of records that a model is run over: units, times, phases, who fits and who judges.
+//! From files to the parts of records that a model is run over: rows, times, starts, who fits and who judges.
 
+use super::bind::{Bound, bind};
 use super::columns::{Columns, read};
 use super::facts::{self, Clock, Facts};
-use super::units::{Quantity, shows, unit};
-use super::{ChannelSpec, Measurement, PulseValues, RecordSpec, Split, Use};
+use super::pulses::pulse_segments;
+use super::units::{Quantity, unit};
+use super::{ChannelSpec, Measurement, RecordSpec, Use};
 use crate::diag::{Diag, nearest};
 use crate::machine::simulate::{Samples, Start, Task};
 use crate::machine::{InputKind, Machine, Reads};
-use std::f64::consts::PI;
 use std::path::Path;
 
 /// A stretch of a record that is run in one go.
@@ -91,25 +92,17 @@ impl std::fmt::Display for DataError {
 /// Shortest record that is accepted [samples].
 const SHORTEST: usize = 16;
 
-/// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file.
+/// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file. Names and units are checked
+/// before a file is opened.
 pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Result<Data, DataError> {
-    check_names(measurement, machine)?;
+    let bound = bind(measurement, machine)?;
     let mut tables: Vec<(String, Columns)> = Vec::new();
     for file in &measurement.files {
         let path = folder.join(&file.path);
         let columns = read(&path, file.layout).map_err(DataError::World)?;
         tables.push((file.name.clone(), columns));
     }
-    from_tables(measurement, machine, &tables)
-}
-
-/// What can be wrong before any data is read.
-fn check_names(measurement: &Measurement, machine: &Machine) -> Result<Vec<Channel>, DataError> {
-    let mut diags = Vec::new();
-    let channels = bind_channels(measurement, machine, &mut diags);
-    check_inputs(measurement, machine, &mut diags);
-    bind_set(measurement, machine, &mut diags);
-    if diags.is_empty() { Ok(channels) } else { Err(DataError::File(Box::new(measurement.places.report(diags)))) }
+    cut(measurement, machine, bound, &tables)
 }
 
 /// As [`load`], from columns that are read: the names of files, and what is in them.
@@ -118,9 +111,17 @@ pub fn from_tables(
     machine: &Machine,
     tables: &[(String, Columns)],
 ) -> Result<Data, DataError> {
-    let channels = check_names(measurement, machine)?;
+    cut(measurement, machine, bind(measurement, machine)?, tables)
+}
+
+/// Cuts columns into parts.
+fn cut(
+    measurement: &Measurement,
+    machine: &Machine,
+    Bound { channels, set }: Bound,
+    tables: &[(String, Columns)],
+) -> Result<Data, DataError> {
     let mut diags = Vec::new();
-    let set = bind_set(measurement, machine, &mut diags);
     let mut data = Data {
         channels,
         records: measurement.records.iter().map(|r| r.name.clone()).collect(),
@@ -152,153 +153,8 @@ pub fn from_tables(
     Ok(data)
 }
 
-fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Channel> {
-    let mut all = Vec::new();
-    for c in &measurement.channels {
-        let at = |key: &str| format!("channels.{}.{key}", c.name);
-        let mut error = |key: &str, title: String, help: String| {
-            diags.push(measurement.places.error(&at(key), title, Some(help)));
-        };
-        let Some(sensor) = machine.sensors.iter().position(|s| s.path == c.sensor) else {
-            let known: Vec<&str> = machine.sensors.iter().map(|s| s.path.as_str()).collect();
-            let help = match nearest(&c.sensor, known.iter().copied()) {
-                Some(near) => format!("did you mean `{near}`?"),
-                None => format!("sensors of the drive: {}", known.join(", ")),
-            };
-            error("sensor", format!("the drive has no sensor `{}`", c.sensor), help);
-            continue;
-        };
-        let (quantity, si) = shows(machine, sensor);
-        let own = machine.sensors[sensor].unit.clone();
-        let factor = match (&own, unit(&c.unit)) {
-            (Some(own), _) if *own == c.unit => 1.0,
-            (None, Some((q, factor))) if q == quantity => factor,
-            (Some(own), _) => {
-                error(
-                    "unit",
-                    format!("`{}` shows {own}, not {}", c.sensor, c.unit),
-                    format!("write `unit = \"{own}\"`"),
-                );
-                continue;
-            }
-            (None, Some((q, _))) => {
-                let title = format!("`{}` is {}, and `{}` shows {}", c.unit, q.label(), c.sensor, quantity.label());
-                error("unit", title, format!("its SI unit is {si}"));
-                continue;
-            }
-            (None, None) => {
-                let title = format!("the unit `{}` is not known", c.unit);
-                let units: Vec<&str> =
-                    super::units::UNITS.iter().filter(|(_, q, _)| *q == quantity).map(|(n, ..)| *n).collect();
-                let help = format!(
-                    "units of {}: {}; a unit of its own is given with the sensor (`unit = \"{}\"`, `gain`)",
-                    quantity.label(),
-                    units.join(", "),
-                    c.unit
-                );
-                error("unit", title, help);
-                continue;
-            }
-        };
-        let relative = matches!(machine.sensors[sensor].reads, Reads::Pulses { .. });
-        all.push(Channel {
-            name: c.name.clone(),
-            sensor_path: c.sensor.clone(),
-            sensor,
-            unit: if relative { "%".into() } else { c.unit.clone() },
-            shown: if relative { 100.0 } else { 1.0 / factor },
-            noise: 0.0,
-            relative,
-            quantisation: 0.0,
-        });
-    }
-    let pulses = all.iter().filter(|c| c.relative).count();
-    if pulses > 0 && all.len() > 1 {
-        let title = "a pulse pickup and another channel in one measurement".to_string();
-        let help = "pulses have times of their own: write one measurement file for each";
-        diags.push(measurement.places.error("channels", title, Some(help.into())));
-    }
-    all
-}
-
-fn check_inputs(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) {
-    for i in &measurement.inputs {
-        if machine.inputs.iter().all(|m| m.path != i.input) {
-            let known: Vec<&str> = machine.inputs.iter().map(|m| m.path.as_str()).collect();
-            let help = match known.is_empty() {
-                true => "the drive has no inputs: add `[inputs.torque.BODY]` to it".to_string(),
-                false => format!("inputs of the drive: {}", known.join(", ")),
-            };
-            let title = format!("the drive has no input `{}`", i.input);
-            diags.push(measurement.places.error(&format!("inputs.{}.input", i.name), title, Some(help)));
-        }
-    }
-    for m in &machine.inputs {
-        if measurement.inputs.iter().all(|i| i.input != m.path) {
-            let title = format!("nothing is measured for the drive's input `{}`", m.path);
-            let help = format!("add `[inputs.NAME]` with `input = \"{}\"` and `column`", m.path);
-            diags.push(measurement.places.error("inputs", title, Some(help)));
-        }
-    }
-    for i in &measurement.inputs {
-        let Some(m) = machine.inputs.iter().find(|m| m.path == i.input) else { continue };
-        let slides = machine.bodies.get(m.body).is_some_and(|b| b.slides);
-        let wanted = match (m.kind, slides) {
-            (InputKind::Force(_), _) => continue,
-            (InputKind::Speed, false) => Quantity::AngularSpeed,
-            (InputKind::Speed, true) => Quantity::Speed,
-            (InputKind::Angle, false) => Quantity::Angle,
-            (InputKind::Angle, true) => Quantity::Length,
-        };
-        if unit(&i.unit).is_none_or(|(q, _)| q != wanted) {
-            let title = format!("`{}` is no unit of {}", i.unit, wanted.label());
-            let of = super::units::UNITS.iter().filter(|(_, q, _)| *q == wanted).map(|(n, ..)| *n);
-            let help = format!("units of {}: {}", wanted.label(), of.collect::<Vec<_>>().join(", "));
-            diags.push(measurement.places.error(&format!("inputs.{}.unit", i.name), title, Some(help)));
-        }
-    }
-}
-
-fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Vec<(usize, f64)>> {
-    let mut all = Vec::new();
-    for r in &measurement.records {
-        let mut slots = Vec::new();
-        for (path, value) in &r.set {
-            match machine.slot(path) {
-                Some(slot) => slots.push((slot, value * machine.slots[slot].unit)),
-                None => diags.push(no_such_path(measurement, machine, &format!("records.{}.set", r.name), path)),
-            }
-        }
-        all.push(slots);
-    }
-    for f in &measurement.fit {
-        let Some(slot) = machine.slot(&f.path) else {
-            diags.push(no_such_path(measurement, machine, &format!("fit.{}", f.path), &f.path));
-            continue;
-        };
-        let value = machine.shown(slot, machine.values[slot]);
-        let (low, high) = (f.low.unwrap_or(f64::MIN), f.high.unwrap_or(f64::MAX));
-        if low >= high || value < low || value > high {
-            let title = format!("the drive's {value} lies outside the bounds {low} .. {high} of `{}`", f.path);
-            diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some("widen them".into())));
-        }
-        if f.spread.is_some() && value == 0.0 {
-            let title = format!("`spread_percent` of `{}`, which is zero", f.path);
-            let help = "a share of nothing says nothing: leave it out, or give the drive a value";
-            diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some(help.into())));
-        }
-    }
-    all
-}
-
-fn no_such_path(measurement: &Measurement, machine: &Machine, at: &str, path: &str) -> Diag {
-    let near = nearest(path, machine.slots.iter().map(|s| s.path.as_str()));
-    let help = near.map(|n| format!("did you mean `{n}`?"));
-    measurement.places.error(at, format!("the drive has no number `{path}`"), help)
-}
-
 /// Index of a column for a channel or an input in a record.
-fn column_of(
+pub(super) fn column_of(
     measurement: &Measurement,
     record: &RecordSpec,
     columns: &Columns,
@@ -330,7 +186,7 @@ fn column_of(
 }
 
 /// Rows of a record: first, and one after the last, from 0.
-fn rows_of(
+pub(super) fn rows_of(
     measurement: &Measurement,
     record: &RecordSpec,
     columns: &Columns,
@@ -534,170 +390,6 @@ fn first_guess(machine: &Machine, channels: &[Channel], measured: &[Vec<f64>], s
         }
     }
     start
-}
-
-/// Intervals with pulses that were missed put back as unknown ones: ln of the interval, or NaN; and how many there were.
-fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
-    let mut values = Vec::with_capacity(intervals.len());
-    let mut times = Vec::with_capacity(intervals.len());
-    let mut missed = 0;
-    let mut t = 0.0;
-    for (i, dt) in intervals.iter().enumerate() {
-        // Neighbours on both sides, of which most are whole.
-        let low = i.saturating_sub(3);
-        let mut near: Vec<f64> =
-            (low..(i + 4).min(intervals.len())).filter(|k| *k != i).map(|k| intervals[k]).collect();
-        let usual = facts::median(&mut near);
-        let times_longer = dt / usual;
-        let whole = libm::round(times_longer);
-        // Beside a pause the neighbours are no measure.
-        if (2.0..=4.0).contains(&whole) && (times_longer - whole).abs() < 0.15 * whole {
-            missed += whole as usize - 1;
-            for k in 0..whole as usize {
-                values.push(f64::NAN);
-                times.push(t + dt * k as f64 / whole);
-            }
-        } else {
-            values.push(libm::log(*dt));
-            times.push(t);
-        }
-        t += dt;
-    }
-    (values, times, missed)
-}
-
-/// Stretches in which the flywheel slows down: the mean of the two turns ahead is longer than that of the two turns behind. Two
-/// turns at each end are left out: they may mix with what drives.
-fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)> {
-    let turns = 2 * marks;
-    let mean = |a: usize, b: usize| {
-        let known = || ln_dt[a..b].iter().filter(|v| v.is_finite());
-        let n = known().count();
-        // Half of them tell enough.
-        if 2 * n >= b - a { Some(known().sum::<f64>() / n as f64) } else { None }
-    };
-    let slows = |i: usize| {
-        let (behind, ahead) = (mean(i - turns, i), mean(i, i + turns));
-        // Two turns never take twice as long as the two before: that is a pause.
-        matches!((behind, ahead), (Some(a), Some(b)) if b > a && b < a + std::f64::consts::LN_2)
-    };
-    let mut parts = Vec::new();
-    let mut from = None;
-    for i in turns..=ln_dt.len() {
-        let on = i + turns <= ln_dt.len() && slows(i);
-        match (on, from) {
-            (true, None) => from = Some(i),
-            (false, Some(start)) => {
-                let (a, b) = (start + turns, i.saturating_sub(turns));
-                if b > a + at_least {
-                    parts.push((a, b));
-                }
-                from = None;
-            }
-            _ => {}
-        }
-    }
-    parts
-}
-
-fn pulse_segments(
-    measurement: &Measurement,
-    machine: &Machine,
-    index: usize,
-    columns: &Columns,
-    data: &mut Data,
-    diags: &mut Vec<Diag>,
-) {
-    let record = &measurement.records[index];
-    let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
-    let spec = &measurement.channels[0];
-    let Some(i) = column_of(measurement, record, columns, ("channels", &spec.name, &spec.column), diags) else {
-        return;
-    };
-    let factor = unit(&spec.unit).map_or(1.0, |(_, f)| f);
-    let raw: Vec<f64> = columns.values[i][from..to].iter().map(|v| v * factor).collect();
-    let intervals: Vec<f64> = match spec.values {
-        PulseValues::Intervals => raw,
-        PulseValues::Times => raw.windows(2).map(|w| w[1] - w[0]).collect(),
-    };
-    if let Some(k) = intervals.iter().position(|dt| !(dt.is_finite() && *dt > 0.0)) {
-        let title = format!(
-            "pulse {} at line {} of file `{}` comes {} s after the one before it",
-            k + 1,
-            columns.first_line + from + k,
-            record.file,
-            intervals[k]
-        );
-        let help = match spec.values {
-            PulseValues::Intervals => "are these times of pulses? Then write `values = \"times\"`",
-            PulseValues::Times => "times must grow; are these intervals? Then leave `values` out",
-        };
-        diags.push(measurement.places.error(&format!("channels.{}.column", spec.name), title, Some(help.into())));
-        return;
-    }
-    let sensor = data.channels[0].sensor;
-    let Reads::Pulses { body, marks } = machine.sensors[sensor].reads else { return };
-    let mut facts = facts::of(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
-    facts.rest_samples = 0;
-    facts.rest_mean = None;
-    data.facts.push(facts);
-    let (ln_dt, times, missed) = with_missed(&intervals);
-    let mut starts: Vec<f64> = times.clone();
-    starts.push(times.last().copied().unwrap_or(0.0) + intervals.last().copied().unwrap_or(0.0));
-    data.clocks.push(facts::clock(&record.name, &starts));
-    if missed > 0 {
-        data.warnings.push(format!(
-            "record `{}`: {missed} pulses were missed; marks are counted through them, and their intervals not compared",
-            record.name
-        ));
-    }
-    let parts = match record.split {
-        Split::Whole => vec![(0, ln_dt.len())],
-        Split::Coasting { at_least } => coasting(&ln_dt, marks, at_least),
-    };
-    if parts.is_empty() {
-        let title = format!("record `{}` never runs down freely", record.name);
-        let help = "lower `at_least_pulses`, or leave `split` out";
-        diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help.into())));
-        return;
-    }
-    let gap = 2.0 * PI / marks as f64;
-    let n_parts = parts.len();
-    let judged = record.judge_share.map_or(0, |share| libm::round(share * n_parts as f64) as usize);
-    for (k, (a, b)) in parts.into_iter().enumerate() {
-        // Speed and slowest step from what is known nearby.
-        let known: Vec<f64> = ln_dt[a..b].iter().copied().filter(|v| v.is_finite()).collect();
-        let Some(first) = known.first() else { continue };
-        let mean = known.iter().take(marks).sum::<f64>() / known.len().min(marks) as f64;
-        let shortest = known.iter().copied().fold(f64::MAX, f64::min);
-        let longest = known.iter().copied().fold(f64::MIN, f64::max);
-        let mut start = Start { q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
-        start.v[body] = gap / libm::exp(mean.min(first + 1.0));
-        let n = b - a;
-        let judge_from = match (record.usage, record.judge_share) {
-            (Use::Judge | Use::Transfer, _) => 0,
-            _ if k >= n_parts - judged => 0,
-            _ => n,
-        };
-        data.segments.push(Segment {
-            record: index,
-            task: Task {
-                samples: Samples::Pulses {
-                    intervals: n,
-                    first: a % marks,
-                    interval_s: libm::exp(shortest),
-                    longest_s: libm::exp(longest),
-                },
-                inputs: Vec::new(),
-                hold: false,
-            },
-            measured: vec![ln_dt[a..b].to_vec()],
-            judge_from,
-            start,
-            at_rest: false,
-            start_s: times[a],
-        });
-    }
 }
 
 /// Nobody judges: the last third of what there is does.

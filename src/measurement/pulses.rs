@@ -1,0 +1,175 @@
+//! Records of a pulse pickup: pulses that were missed, stretches in which a body runs down, the mark each begins with.
+
+use super::columns::Columns;
+use super::facts;
+use super::segments::{Data, Segment, column_of, rows_of};
+use super::units::unit;
+use super::{Measurement, PulseValues, Split, Use};
+use crate::diag::Diag;
+use crate::machine::simulate::{Samples, Start, Task};
+use crate::machine::{Machine, Reads};
+use std::f64::consts::PI;
+
+/// Intervals with pulses that were missed put back as unknown ones: ln of the interval, or NaN; and how many there were.
+fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
+    let mut values = Vec::with_capacity(intervals.len());
+    let mut times = Vec::with_capacity(intervals.len());
+    let mut missed = 0;
+    let mut t = 0.0;
+    for (i, dt) in intervals.iter().enumerate() {
+        // Neighbours on both sides, of which most are whole.
+        let low = i.saturating_sub(3);
+        let mut near: Vec<f64> =
+            (low..(i + 4).min(intervals.len())).filter(|k| *k != i).map(|k| intervals[k]).collect();
+        let usual = facts::median(&mut near);
+        let times_longer = dt / usual;
+        let whole = libm::round(times_longer);
+        // Beside a pause the neighbours are no measure.
+        if (2.0..=4.0).contains(&whole) && (times_longer - whole).abs() < 0.15 * whole {
+            missed += whole as usize - 1;
+            for k in 0..whole as usize {
+                values.push(f64::NAN);
+                times.push(t + dt * k as f64 / whole);
+            }
+        } else {
+            values.push(libm::log(*dt));
+            times.push(t);
+        }
+        t += dt;
+    }
+    (values, times, missed)
+}
+
+/// Stretches in which the flywheel slows down: the mean of the two turns ahead is longer than that of the two turns behind. Two
+/// turns at each end are left out: they may mix with what drives.
+fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)> {
+    let turns = 2 * marks;
+    let mean = |a: usize, b: usize| {
+        let known = || ln_dt[a..b].iter().filter(|v| v.is_finite());
+        let n = known().count();
+        // Half of them tell enough.
+        if 2 * n >= b - a { Some(known().sum::<f64>() / n as f64) } else { None }
+    };
+    let slows = |i: usize| {
+        let (behind, ahead) = (mean(i - turns, i), mean(i, i + turns));
+        // Two turns never take twice as long as the two before: that is a pause.
+        matches!((behind, ahead), (Some(a), Some(b)) if b > a && b < a + std::f64::consts::LN_2)
+    };
+    let mut parts = Vec::new();
+    let mut from = None;
+    for i in turns..=ln_dt.len() {
+        let on = i + turns <= ln_dt.len() && slows(i);
+        match (on, from) {
+            (true, None) => from = Some(i),
+            (false, Some(start)) => {
+                let (a, b) = (start + turns, i.saturating_sub(turns));
+                if b > a + at_least {
+                    parts.push((a, b));
+                }
+                from = None;
+            }
+            _ => {}
+        }
+    }
+    parts
+}
+
+pub(super) fn pulse_segments(
+    measurement: &Measurement,
+    machine: &Machine,
+    index: usize,
+    columns: &Columns,
+    data: &mut Data,
+    diags: &mut Vec<Diag>,
+) {
+    let record = &measurement.records[index];
+    let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
+    let spec = &measurement.channels[0];
+    let Some(i) = column_of(measurement, record, columns, ("channels", &spec.name, &spec.column), diags) else {
+        return;
+    };
+    let factor = unit(&spec.unit).map_or(1.0, |(_, f)| f);
+    let raw: Vec<f64> = columns.values[i][from..to].iter().map(|v| v * factor).collect();
+    let intervals: Vec<f64> = match spec.values {
+        PulseValues::Intervals => raw,
+        PulseValues::Times => raw.windows(2).map(|w| w[1] - w[0]).collect(),
+    };
+    if let Some(k) = intervals.iter().position(|dt| !(dt.is_finite() && *dt > 0.0)) {
+        let title = format!(
+            "pulse {} at line {} of file `{}` comes {} s after the one before it",
+            k + 1,
+            columns.first_line + from + k,
+            record.file,
+            intervals[k]
+        );
+        let help = match spec.values {
+            PulseValues::Intervals => "are these times of pulses? Then write `values = \"times\"`",
+            PulseValues::Times => "times must grow; are these intervals? Then leave `values` out",
+        };
+        diags.push(measurement.places.error(&format!("channels.{}.column", spec.name), title, Some(help.into())));
+        return;
+    }
+    let sensor = data.channels[0].sensor;
+    let Reads::Pulses { body, marks } = machine.sensors[sensor].reads else { return };
+    let mut facts = facts::of(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
+    facts.rest_samples = 0;
+    facts.rest_mean = None;
+    data.facts.push(facts);
+    let (ln_dt, times, missed) = with_missed(&intervals);
+    let mut starts: Vec<f64> = times.clone();
+    starts.push(times.last().copied().unwrap_or(0.0) + intervals.last().copied().unwrap_or(0.0));
+    data.clocks.push(facts::clock(&record.name, &starts));
+    if missed > 0 {
+        data.warnings.push(format!(
+            "record `{}`: {missed} pulses were missed; marks are counted through them, and their intervals not compared",
+            record.name
+        ));
+    }
+    let parts = match record.split {
+        Split::Whole => vec![(0, ln_dt.len())],
+        Split::Coasting { at_least } => coasting(&ln_dt, marks, at_least),
+    };
+    if parts.is_empty() {
+        let title = format!("record `{}` never runs down freely", record.name);
+        let help = "lower `at_least_pulses`, or leave `split` out";
+        diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help.into())));
+        return;
+    }
+    let gap = 2.0 * PI / marks as f64;
+    let n_parts = parts.len();
+    let judged = record.judge_share.map_or(0, |share| libm::round(share * n_parts as f64) as usize);
+    for (k, (a, b)) in parts.into_iter().enumerate() {
+        // Speed and slowest step from what is known nearby.
+        let known: Vec<f64> = ln_dt[a..b].iter().copied().filter(|v| v.is_finite()).collect();
+        let Some(first) = known.first() else { continue };
+        let mean = known.iter().take(marks).sum::<f64>() / known.len().min(marks) as f64;
+        let shortest = known.iter().copied().fold(f64::MAX, f64::min);
+        let longest = known.iter().copied().fold(f64::MIN, f64::max);
+        let mut start = Start { q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
+        start.v[body] = gap / libm::exp(mean.min(first + 1.0));
+        let n = b - a;
+        let judge_from = match (record.usage, record.judge_share) {
+            (Use::Judge | Use::Transfer, _) => 0,
+            _ if k >= n_parts - judged => 0,
+            _ => n,
+        };
+        data.segments.push(Segment {
+            record: index,
+            task: Task {
+                samples: Samples::Pulses {
+                    intervals: n,
+                    first: a % marks,
+                    interval_s: libm::exp(shortest),
+                    longest_s: libm::exp(longest),
+                },
+                inputs: Vec::new(),
+                hold: false,
+            },
+            measured: vec![ln_dt[a..b].to_vec()],
+            judge_from,
+            start,
+            at_rest: false,
+            start_s: times[a],
+        });
+    }
+}
