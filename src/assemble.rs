@@ -1,7 +1,7 @@
 //! Assembly: the loop is put on, closed, tightened, loaded, given consistent speeds, and run in.
 //!
 //! 1. The chain is laid on its route and the tightening sprocket moved until the mean tension of the loop at rest, without
-//!    load, is the preload (mean over one tooth period of the driver: the loop of a polygon drive has no constant length).
+//!    load and without effects, is the preload (mean over one tooth period of the driver: the loop of a polygon drive has no constant length).
 //! 2. Under load, static equilibrium by [`crate::statics`]; its residual is reported.
 //! 3. Speeds: the derivative of that equilibrium with respect to the driver's angle, times the driver's speed: consistent
 //!    with every joint and contact.
@@ -9,7 +9,7 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 use crate::diag::Report;
-use crate::drive::Drive;
+use crate::drive::{Drive, Effects};
 use crate::elements::rotor::Rotor;
 use crate::geometry::Vec2;
 use crate::integrate::explicit::{self, RunIn, Scratch};
@@ -141,7 +141,14 @@ pub struct Compiled {
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
-    let (shift, tensions_n) = tighten(drive, &placed)?;
+    // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
+    let (shift, tensions_n) = match drive.effects == Effects::default() {
+        true => tighten(drive, &placed)?,
+        false => {
+            let ideal = Drive { effects: Effects::default(), ..drive.clone() };
+            tighten(&ideal, &place(&ideal).map_err(AssemblyError::Input)?)?
+        }
+    };
     let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;

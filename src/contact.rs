@@ -286,13 +286,13 @@ pub fn seat_index(sprocket: &Sprocket, p: Vec2) -> u32 {
 pub fn gap_contact(sprocket: &Sprocket, centre: Vec2, bush_radius_m: f64) -> GapTouch {
     let tooth = seat_index(sprocket, centre);
     let axis = crate::geometry::unit(f64::from(tooth) * sprocket.pitch_angle_rad());
-    let shift_m = sprocket.gap_shift_m(tooth);
-    let radial = centre.dot(&axis) - shift_m;
-    let lateral = cross(axis, centre);
+    let shift = sprocket.gap_shift_m(tooth);
+    let radial = centre.dot(&axis) - shift.x;
+    let lateral = cross(axis, centre) - shift.y;
     let side = if lateral < 0.0 { -1.0 } else { 1.0 };
     let folded = folded_gap_contact(sprocket, Vec2::new(lateral.abs(), radial), bush_radius_m);
     let unfold = |v: Vec2| axis * v.y + perp(axis) * (v.x * side);
-    let out = axis * shift_m;
+    let out = axis * shift.x + perp(axis) * shift.y;
     let segment = match folded.segment {
         Segment::FlankCounterclockwise if side < 0.0 => Segment::FlankClockwise,
         s => s,

@@ -6,6 +6,7 @@
 
 mod read;
 pub mod reader;
+pub mod sensors;
 
 use crate::diag::{Diag, Report};
 use crate::elements::contact_law::ContactLaw;
@@ -45,6 +46,9 @@ pub struct Drive {
     pub guides: Vec<GuideSpec>,
     pub preload: PreloadSpec,
     pub effects: Effects,
+    pub sensors: Vec<sensors::SensorSpec>,
+    /// Effects on their signals, in the order in which a signal passes them.
+    pub signals: Vec<sensors::SignalSpec>,
     pub run: RunSpec,
     pub places: Places,
 }
@@ -196,9 +200,13 @@ pub struct PreloadSpec {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
     pub gap_errors: Vec<GapError>,
+    pub gap_waves: Vec<GapWave>,
     pub pitch_errors: Vec<PitchError>,
     /// Of every link [m].
     pub elongation_m: f64,
+    /// By which inner links are longer than outer ones [m].
+    pub alternate_m: f64,
+    pub tight_joints: Vec<TightJoint>,
     /// Of every pin in its bush, beyond the declared friction.
     pub pin_friction: f64,
     pub guides: Vec<GuideEffect>,
@@ -221,6 +229,25 @@ pub struct GapError {
     pub gap: u32,
     /// Negative: cut too deep [m].
     pub outward_m: f64,
+}
+
+/// Gaps that lie beside their places by a wave round the sprocket.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GapWave {
+    /// Index of the sprocket.
+    pub sprocket: usize,
+    pub amplitude_m: f64,
+    pub phase_rad: f64,
+    /// None: the whole toothing is displaced; else gaps are early and late so many times a turn.
+    pub order: Option<u32>,
+}
+
+/// A joint that turns hard.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TightJoint {
+    pub name: String,
+    pub joint: usize,
+    pub torque_nm: f64,
 }
 
 /// A link that is longer or shorter than the others.
@@ -369,6 +396,29 @@ impl Drive {
                     &format!("bush and abutment chains: 0 to {}", s.teeth - 1),
                 );
             }
+        }
+        for w in self.effects.gap_waves.iter().filter(|_| matches!(self.chain, ChainSpec::Silent(_))) {
+            let name = if w.order.is_some() { "tooth_pitch_error" } else { "sprocket_runout" };
+            error(
+                &format!("effects.{name}.{}", self.sprockets[w.sprocket].name),
+                "gaps of a silent chain's sprocket do not move so far".into(),
+                "bush and abutment chains take it",
+            );
+        }
+        for s in &self.sensors {
+            if let sensors::SensorReads::Link(link) = s.reads
+                && link >= self.links
+            {
+                let help = format!("links are numbered 0 to {}", self.links - 1);
+                error(&format!("{}.link", s.path), format!("the chain has no link {link}"), &help);
+            }
+        }
+        for e in self.effects.tight_joints.iter().filter(|e| e.joint >= self.links) {
+            error(
+                &format!("effects.tight_joint.{}.joint", e.name),
+                format!("the chain has no joint {}", e.joint),
+                &format!("joints are numbered 0 to {}", self.links - 1),
+            );
         }
         for e in self.effects.pitch_errors.iter().filter(|e| e.link >= self.links) {
             error(

@@ -24,6 +24,7 @@ pub mod model;
 pub mod recording;
 pub mod render;
 pub mod replay;
+pub mod sensing;
 pub mod simulate;
 pub mod state;
 pub mod statics;

@@ -5,6 +5,7 @@
 //! multiple of the lane width, so that loops over them need no remainder.
 
 use crate::diag::{Diag, Report};
+use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RingForm, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
@@ -49,6 +50,8 @@ pub struct ChainModel {
     pub bush_inverse_mass: Vec<f64>,
     pub bush_inverse_inertia: Vec<f64>,
     pub joint: LinkJoint,
+    /// Joints that turn hard, and the torque of their friction [N m].
+    pub tight: Vec<(usize, f64)>,
 }
 
 /// Teeth of a sprocket.
@@ -163,6 +166,7 @@ pub struct Model {
     /// Inner and outer link.
     pub rows: Vec<LinkShape>,
     pub route: Option<Route>,
+    pub sensors: Vec<SensorReads>,
 }
 
 impl ChainModel {
@@ -196,6 +200,7 @@ impl ChainModel {
             bush_inverse_mass: column(&|j| 1.0 / row(carrier(j)).mass_kg, 0.0, padded),
             bush_inverse_inertia: column(&|j| 1.0 / row(carrier(j)).inertia_kg_m2, 0.0, padded),
             joint,
+            tight: Vec::new(),
         }
     }
 
@@ -309,9 +314,13 @@ impl Model {
         for e in &drive.effects.pitch_errors {
             chain.lengthen(e.link, e.length_m);
         }
-        if drive.effects.elongation_m != 0.0 {
-            (0..drive.links).for_each(|link| chain.lengthen(link, drive.effects.elongation_m));
+        let (all_m, half_m) = (drive.effects.elongation_m, 0.5 * drive.effects.alternate_m);
+        if all_m != 0.0 || half_m != 0.0 {
+            // Even links are inner.
+            (0..drive.links).for_each(|i| chain.lengthen(i, if i % 2 == 0 { all_m + half_m } else { all_m - half_m }));
         }
+        let tight = drive.effects.tight_joints.iter().filter(|t| t.torque_nm > 0.0);
+        chain.tight = tight.map(|t| (t.joint, t.torque_nm)).collect();
         Ok(Model {
             step_s: f64::NAN,
             chain,
@@ -324,6 +333,7 @@ impl Model {
             chain_speed_m_s: drive.chain_speed_m_s(),
             rows: placed.rows.clone(),
             route: Some(route),
+            sensors: drive.sensors.iter().map(|s| s.reads).collect(),
         })
     }
 
@@ -341,6 +351,7 @@ impl Model {
             chain_speed_m_s: 0.0,
             rows,
             route: None,
+            sensors: Vec::new(),
         }
     }
 
@@ -473,9 +484,30 @@ fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'sta
     };
     let sprocket = Sprocket::new(spec).map_err(|e| (e.to_string(), key))?;
     let mut relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
-    let own = drive.effects.gap_errors.iter().find(|e| drive.sprockets[e.sprocket].name == s.name);
-    relieved.shifted_gap = own.map(|e| (e.gap, e.outward_m));
+    relieved.gap_shifts = gap_shifts(drive, s);
     Ok(Toothing::Iso(Box::new(relieved)))
+}
+
+/// Where the gaps of a sprocket lie beside their places; empty if none does.
+fn gap_shifts(drive: &Drive, s: &SprocketDrive) -> Vec<Vec2> {
+    let own = |sprocket: usize| drive.sprockets[sprocket].name == s.name;
+    let errors: Vec<_> = drive.effects.gap_errors.iter().filter(|e| own(e.sprocket)).collect();
+    let waves: Vec<_> = drive.effects.gap_waves.iter().filter(|w| own(w.sprocket) && w.amplitude_m != 0.0).collect();
+    if errors.is_empty() && waves.is_empty() {
+        return Vec::new();
+    }
+    let shift = |gap: u32| {
+        let out: f64 = errors.iter().filter(|e| e.gap == gap).map(|e| e.outward_m).sum();
+        let angle = 2.0 * std::f64::consts::PI * f64::from(gap) / f64::from(s.teeth);
+        waves.iter().fold(Vec2::new(out, 0.0), |sum, w| {
+            sum + match w.order {
+                // A displaced toothing: its direction as this gap sees it.
+                None => crate::geometry::unit(w.phase_rad - angle) * w.amplitude_m,
+                Some(n) => Vec2::new(0.0, w.amplitude_m * crate::units::sin_cos(f64::from(n) * angle + w.phase_rad).0),
+            }
+        })
+    };
+    (0..s.teeth).map(shift).collect()
 }
 
 /// Rings and faces of an abutment chain, teeth of a silent chain.

@@ -309,7 +309,8 @@ pub fn frame_difference(theirs: &Frame, ours: &Frame) -> String {
 
 /// Every number of a frame, column by column, under the names of its channels.
 pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
-    let Frame { step, t_s, state_hash: _, crank_angle_rad, links, joints, contacts, rotors, energy } = frame;
+    let Frame { step, t_s, state_hash: _, crank_angle_rad, links, joints, contacts, rotors, energy, sensors } = frame;
+    f("sensors", sensors);
     f("step", &[*step as f64]);
     f("t_s", &[*t_s]);
     f("crank_angle_rad", &[*crank_angle_rad]);

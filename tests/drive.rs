@@ -323,17 +323,147 @@ fn drives_with_links_take_the_effects_that_say_so() {
     use pitchline::effects::{EFFECTS, On};
     let mut taken = 0;
     for e in EFFECTS {
-        let target = match e.on {
+        let target = match e.links.unwrap_or(e.on) {
             On::Guide => "tight",
             On::Sprocket => "driver",
             On::Chain => "odd",
             _ => "chain",
         };
-        let keys = e.parameters.iter().filter(|p| p.key != "arm_um");
-        let sets: Vec<String> = keys.map(|p| format!("effects.{}.{target}.{}=1", e.name, p.key)).collect();
+        let whole_chain = e.links == Some(On::Joints);
+        let keys = e.parameters.iter().filter(|p| p.key != "arm_um" && !(whole_chain && p.key == "phase_deg"));
+        let sets: Vec<String> =
+            keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))).collect();
         let result = pitchline::drive::Drive::parse("bush-20-40", pitchline::drive::BUNDLED[0].1, &sets);
-        assert_eq!(result.is_ok(), e.links, "{}: {sets:?}", e.name);
-        taken += usize::from(e.links);
+        assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
+        taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 6);
+    assert_eq!(taken, 10);
+}
+
+/// Runout is a rigid displacement of the toothing: each gap sees the bush where it would be if the bush had moved the other way.
+#[test]
+fn runout_displaces_every_gap_alike() {
+    use pitchline::contact::{gap_contact, seat_index};
+    use pitchline::geometry::unit;
+    let (e_m, phase) = (80e-6, 0.7);
+    let toothing = |sets: &[&str]| {
+        let model = common::assembled(&common::drive(sets)).model;
+        model.sprockets[0].geometry.iso().expect("seats").clone()
+    };
+    let plain = toothing(&[]);
+    let off = toothing(&["effects.sprocket_runout.driver.amplitude_um=0"]);
+    assert_eq!(plain, off);
+    let eccentric = toothing(&[
+        "effects.sprocket_runout.driver.amplitude_um=80",
+        &format!("effects.sprocket_runout.driver.phase_deg={}", phase * 180.0 / std::f64::consts::PI),
+    ]);
+    let mut compared = 0;
+    for i in 0..20_000 {
+        let radius = plain.root_radius_m + 2.3e-3 + 1.5e-3 * f64::from(i % 97) / 97.0;
+        let p = unit(f64::from(i) * 0.618) * radius;
+        let moved = p - unit(phase) * e_m;
+        if seat_index(&plain, p) != seat_index(&plain, moved) {
+            continue;
+        }
+        let (a, b) = (gap_contact(&eccentric, p, 2.5e-3), gap_contact(&plain, moved, 2.5e-3));
+        assert!((a.touch.penetration_m - b.touch.penetration_m).abs() < 1e-15, "{i}: {a:?} {b:?}");
+        assert!((a.touch.normal - b.touch.normal).norm() < 1e-9);
+        assert!((a.touch.on_body - b.touch.on_body - unit(phase) * e_m).norm() < 1e-12);
+        compared += 1;
+    }
+    assert!(compared > 19_000, "{compared}");
+}
+
+/// The step's kernel finds the depths of the exact detection where gaps lie beside their places.
+#[test]
+fn kernel_and_exact_detection_agree_on_displaced_gaps() {
+    use pitchline::integrate::explicit::{Part, Scratch, advance, evaluate};
+    let assembly = common::assembled(&common::drive(&[
+        "effects.sprocket_runout.driver.amplitude_um=60",
+        "effects.tooth_pitch_error.driven.amplitude_um=40",
+        "effects.tooth_pitch_error.driven.order=3",
+        "effects.gap_error.driven.gap=5",
+        "effects.gap_error.driven.outward_um=-30",
+    ]));
+    let (model, mut state) = (assembly.model, assembly.state);
+    let mut scratch = Scratch::new(&model);
+    let mut touching = 0;
+    for step in 0..9000 {
+        evaluate(&model, &state, &mut scratch).expect("steps");
+        if step % 300 == 0 {
+            let [(x, _), (y, _)] = scratch.joint_ends();
+            for j in (0..model.chain.n_links).filter(|j| scratch.memory(Part::Bushes).age[*j] > 0.0) {
+                let Some((k, tooth)) = scratch.partner(&model, Part::Bushes, j) else { continue };
+                // A bush on the front of its link is where the joint is for the kernel.
+                if !model.chain.bush_carrier(j).1 {
+                    continue;
+                }
+                let (c, s) = (state.rotors.cos[k], state.rotors.sin[k]);
+                let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].body.centre;
+                let d = pitchline::geometry::Vec2::new(c * d.x + s * d.y, c * d.y - s * d.x);
+                let exact =
+                    pitchline::contact::gap_contact(model.sprockets[k].geometry.iso().expect("seats"), d, 2.5e-3);
+                assert_eq!(exact.tooth, tooth);
+                let depth = scratch.depth(Part::Bushes, j);
+                assert!((depth - exact.touch.penetration_m).abs() < 1e-13, "joint {j}: {depth} {exact:?}");
+                touching += 1;
+            }
+        }
+        advance(&model, &mut state, &mut scratch);
+    }
+    assert!(touching > 300, "{touching}");
+}
+
+/// A tight joint loses its torque times the angles it turns through: twice 2 pi / z on every sprocket.
+#[test]
+fn a_tight_joint_loses_its_torque_times_its_turns() {
+    use pitchline::integrate::explicit::{Scratch, step};
+    let assembly = common::assembled(&common::drive(&[
+        "effects.tight_joint.rusty.joint=17",
+        "effects.tight_joint.rusty.torque_nm=0.01",
+        "chain.joint.friction=0",
+        "chain.joint.stick_speed_rad_s=5",
+        "speeds.constant.driver.speed_rpm=300",
+    ]));
+    let (model, mut state) = (assembly.model, assembly.state);
+    let mut scratch = Scratch::new(&model);
+    let loop_s = 90.0 / (20.0 * 5.0);
+    for _ in 0..(loop_s / model.step_s).round() as u64 {
+        step(&model, &mut state, &mut scratch).expect("steps");
+    }
+    let lost: Vec<f64> = state.lost_pin_friction[..90].to_vec();
+    let turns = 2.0 * 2.0 * std::f64::consts::PI * (1.0 / 20.0 + 1.0 / 40.0);
+    println!("lost {:.5} J, {:.5} J by its turns", lost[17], 0.01 * turns);
+    assert!(lost.iter().enumerate().all(|(j, w)| j == 17 || *w == 0.0), "others have no friction");
+    assert!((lost[17] / (0.01 * turns) - 1.0).abs() < 0.1, "{}", lost[17] / (0.01 * turns));
+}
+
+/// Sensors on a drive with links: shafts by their teeth, tensions by the load, torque by the power.
+#[test]
+fn sensors_read_what_the_drive_does() {
+    let sensors = "[sensors.tachometer.driven]\n[sensors.torque.driver]\n[sensors.encoder.angle]\nbody = \"driven\"\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n[sensors.strain_gauge.link]\nlink = 12\n";
+    let text = format!("{}\n{sensors}", pitchline::drive::BUNDLED[0].1);
+    let set = ["speeds.constant.driver.speed_rpm=1000".to_string()];
+    let drive = pitchline::drive::Drive::parse("with-sensors.toml", &text, &set).unwrap_or_else(|e| panic!("{e}"));
+    let mut tracer = pitchline::sensing::Tracer::new(&drive, 2e-5).expect("assembled");
+    tracer.go_on(0.05).expect("runs");
+    tracer.forget();
+    // One loop of the chain.
+    tracer.go_on_until(0.27).expect("runs");
+    let series = |path: &str| tracer.readings(drive.sensors.iter().position(|s| s.path == path).expect("a sensor"));
+    let mean = |path: &str| series(path).iter().sum::<f64>() / series(path).len() as f64;
+    let speed = 1000.0 / 60.0 * std::f64::consts::PI;
+    assert!((mean("sensors.tachometer.driven") / speed - 1.0).abs() < 1e-4, "{}", mean("sensors.tachometer.driven"));
+    let angle = series("sensors.encoder.angle");
+    let turned = (angle[angle.len() - 1] - angle[0]) / ((angle.len() - 1) as f64 * tracer.step_s());
+    assert!((turned / speed - 1.0).abs() < 1e-3, "{turned}");
+    // 20 N m at the driven shaft are 10 at the driver, and what friction takes.
+    let torque = mean("sensors.torque.driver");
+    assert!(torque > 10.0 && torque < 10.6, "{torque}");
+    let (tight, slack) = (mean("sensors.strain_gauge.tight"), mean("sensors.strain_gauge.slack"));
+    let load = 20.0 / (40.0 * 8e-3 / (2.0 * std::f64::consts::PI));
+    assert!(((tight - slack) / load - 1.0).abs() < 0.02, "{tight} - {slack}, load {load}");
+    let link = series("sensors.strain_gauge.link");
+    let (low, high) = link.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
+    assert!(low > 0.0 && low < slack && high > tight, "round the loop it meets both: {low} to {high}");
 }

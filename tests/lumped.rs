@@ -71,7 +71,7 @@ fn task() -> Task {
 }
 
 fn start(m: &Machine) -> Start {
-    let mut start = Start { q: vec![0.3; m.bodies.len()], v: vec![60.0; m.bodies.len()] };
+    let mut start = Start { q: vec![0.3; m.bodies.len()], v: vec![60.0; m.bodies.len()], travel: 0.0 };
     if let Some(cam) = m.bodies.iter().position(|b| b.name == "cam") {
         start.v[cam] = 30.0;
     }
@@ -144,7 +144,7 @@ fn every_row_says_what_it_is() {
         for p in e.parameters {
             assert!(p.low < p.high && p.unit > 0.0 && !p.starts.is_empty(), "{}.{}", e.name, p.key);
             assert!(
-                (p.low..=p.high).contains(&p.off) || matches!(p.kind, Kind::Shape | Kind::Whole),
+                (p.low..=p.high).contains(&p.off) || matches!(p.kind, Kind::Shape | Kind::Whole | Kind::Index),
                 "{}.{} is off outside its range",
                 e.name,
                 p.key
@@ -199,7 +199,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0, 0.05], v: vec![8.0, 5.0] };
+    let start = Start { q: vec![0.0, 0.05], v: vec![8.0, 5.0], travel: 0.0 };
     let energy = |m: &Machine| -> Vec<f64> {
         let s = run(m, &m.values, &task, &start, &[0, 1, 2], MOST_STEPS).expect("the run holds");
         (0..2000)
@@ -249,7 +249,7 @@ fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0], v: vec![100.0] };
+    let start = Start { q: vec![0.0], v: vec![100.0], travel: 0.0 };
     let ln_dt = &run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds")[0];
     let (rate, gap) = (0.0002 / 0.1, std::f64::consts::PI / 3.0);
     let first = (1.0 / (rate * 100.0)) * (rate * gap).exp_m1();
@@ -270,7 +270,7 @@ fn dry_friction_stops_at_a_constant_rate() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.5], v: vec![1.0] };
+    let start = Start { q: vec![0.5], v: vec![1.0], travel: 0.0 };
     let s = run(&m, &m.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
     // Sensors stand in the order of the kinds: displacement first.
     let (position, speed) = if matches!(m.sensors[0].reads, Reads::Angle(_)) { (&s[0], &s[1]) } else { (&s[1], &s[0]) };
@@ -293,7 +293,7 @@ fn a_free_oscillator_converges_with_the_fourth_order() {
             inputs: vec![],
             hold: false,
         };
-        let start = Start { q: vec![0.01], v: vec![0.0] };
+        let start = Start { q: vec![0.01], v: vec![0.0], travel: 0.0 };
         let s = run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
         (s[0][n] - 0.01 * 20.0_f64.cos()).abs()
     };
@@ -313,7 +313,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0], v: vec![0.0] };
+    let start = Start { q: vec![0.0], v: vec![0.0], travel: 0.0 };
     let show = |name: &str, value: f64| -> Vec<f64> {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
@@ -349,7 +349,7 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
             inputs: vec![],
             hold: false,
         };
-        let start = Start { q: vec![0.0], v: vec![speed] };
+        let start = Start { q: vec![0.0], v: vec![speed], travel: 0.0 };
         let s = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
         // s_m+1 - s_m with s = 0, 0.01, 0, -0.02
         let shares = [1.01, 0.99, 0.98, 1.02, 1.01, 0.99, 0.98, 1.02];

@@ -188,3 +188,50 @@ fn rerun_verifies_the_view() {
     println!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
     assert!(out.status.success());
 }
+
+/// A drive with sensors is recorded; its frames, as a measured file, are columns by the sensors' paths, as they show; tables of the
+/// same recording as CSV and Parquet hold the same numbers.
+#[test]
+fn recordings_and_tables_are_measured_files() {
+    use pitchline::measurement::columns::{Columns, Layout, read};
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let text = format!(
+        "{}\n[sensors.tachometer.driven]\ngain = 2.0\n[sensors.torque.driver]\n[effects.offset.driver]\noffset = 0.5\n",
+        pitchline::drive::BUNDLED[0].1
+    );
+    std::fs::write(at("drive.toml"), text).expect("written");
+    let pitchline = |args: &[&str]| {
+        let out = std::process::Command::new(env!("CARGO_BIN_EXE_pitchline"))
+            .current_dir(folder.path())
+            .args(args)
+            .output()
+            .expect("starts");
+        assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    };
+    pitchline(&["run", "drive.toml", "--duration", "4ms", "--every", "50us", "-o", "a.mcap"]);
+    for format in ["csv", "parquet"] {
+        pitchline(&["export", "a.mcap", "-o", &format!("rotors.{format}"), "--tables", "rotors"]);
+    }
+    let layout = Layout { header: true, separator: b',', skip_lines: 0 };
+    let columns = |name: &str| read(&at(name), layout).unwrap_or_else(|e| panic!("{e}"));
+    let column =
+        |c: &Columns, name: &str| c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
+    let whole = columns("a.mcap");
+    assert!(whole.rows() > 80, "{} frames", whole.rows());
+    let speed = column(&whole, "rotors.driven.speed_rad_s");
+    let shown: Vec<f64> = speed.iter().map(|v| 2.0 * v).collect();
+    assert_eq!(column(&whole, "sensors.tachometer.driven"), shown, "with its gain");
+    let torque = column(&whole, "rotors.driver.outer_torque_nm");
+    for (a, b) in column(&whole, "sensors.torque.driver").iter().zip(&torque) {
+        // Frames show forces at the instant, the step works with means over it.
+        assert!((a - b - 0.5).abs() < 0.5, "with its offset: {a} of {b}");
+    }
+    // One row for every sprocket and frame.
+    let (csv, parquet) = (columns("rotors.csv"), columns("rotors.parquet"));
+    for name in ["t_s", "speed_rad_s", "chain_torque_nm"] {
+        assert_eq!(column(&csv, name), column(&parquet, name), "{name}");
+    }
+    let driven: Vec<f64> = column(&parquet, "speed_rad_s").chunks(2).map(|of| of[1]).collect();
+    assert_eq!(driven, speed);
+}

@@ -160,6 +160,7 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     linear(&mut f.links.omega_rad_s, &b.omega_rad_s);
     linear(&mut f.joints.force_x_n, &high.joints.force_x_n);
     linear(&mut f.joints.force_y_n, &high.joints.force_y_n);
+    linear(&mut f.sensors, &high.sensors);
     linear(&mut f.rotors.angle_rad, &high.rotors.angle_rad);
     linear(&mut f.rotors.speed_rad_s, &high.rotors.speed_rad_s);
     linear(&mut f.rotors.chain_torque_nm, &high.rotors.chain_torque_nm);

@@ -26,8 +26,8 @@ pub struct SensorsArgs {
 fn fidelities(e: &Effect) -> &'static str {
     match (matches!(e.physics, Physics::LinksOnly), e.links) {
         (true, _) => "links",
-        (false, true) => "lumped, links",
-        (false, false) => "lumped",
+        (false, Some(_)) => "lumped, links",
+        (false, None) => "lumped",
     }
 }
 
@@ -61,6 +61,7 @@ fn kind(k: Kind) -> &'static str {
         Kind::Shape => "form",
         Kind::Phase => "phase, one for every record",
         Kind::Whole => "whole number or order, not fitted",
+        Kind::Index => "which one, not fitted",
         Kind::PerMark => "one for every mark # but the first",
         Kind::Given => "given, not fitted",
     }

@@ -1,6 +1,8 @@
 //! `pitchline identify`: measured records against a drive.
 
 use super::{Failure, Outcome, print_json, print_out};
+use crate::drive::Drive;
+use crate::identify::plant::Plant;
 use crate::identify::report::{Report, Verdict};
 use crate::identify::search::{Budget, Context};
 use crate::identify::{identify, text};
@@ -69,32 +71,44 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(cannot)
 }
 
+/// What is read before a model is run.
+struct Input {
+    measurement: Measurement,
+    machine: Machine,
+    /// The drive, where it has links.
+    links: Option<Drive>,
+    data: Data,
+}
+
 /// Reads measurement, drive and data. All mistakes are found before a model is run.
-fn read(path: &Path) -> Result<(Measurement, Machine, Data), Failure> {
+fn read(path: &Path) -> Result<Input, Failure> {
     let input = |r: crate::diag::Report| Failure::Input(r.to_string());
     let text = read_text(path, "measurement file")?;
     let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(input)?;
     let folder = path.parent().map_or_else(PathBuf::new, PathBuf::from);
-    let drive_path = folder.join(&measurement.drive);
-    if crate::drive::BUNDLED.iter().any(|(name, _)| *name == measurement.drive) {
-        return Err(Failure::Input(links_message(&measurement.drive)));
+    let bundled = crate::drive::BUNDLED.iter().find(|(name, _)| *name == measurement.drive);
+    let (name, text) = match bundled {
+        Some((name, text)) => ((*name).to_string(), (*text).to_string()),
+        None => {
+            let path = folder.join(&measurement.drive);
+            (path.display().to_string(), read_text(&path, "drive file")?)
+        }
+    };
+    let (machine, links) = if crate::machine::is_lumped(&text) {
+        (Machine::parse(&name, &text, &[]).map_err(input)?, None)
+    } else {
+        let drive = Drive::parse(&name, &text, &[]).map_err(input)?;
+        (Machine::of_links(&drive), Some(drive))
+    };
+    if machine.sensors.is_empty() {
+        let help = "add `[sensors.tachometer.SPROCKET]`; `pitchline sensors` lists the kinds";
+        return Err(Failure::Input(format!("drive `{}` has no sensors\nhelp: {help}", measurement.drive)));
     }
-    let drive = read_text(&drive_path, "drive file")?;
-    if !crate::machine::is_lumped(&drive) {
-        return Err(Failure::Input(links_message(&measurement.drive)));
-    }
-    let machine = Machine::parse(&drive_path.display().to_string(), &drive, &[]).map_err(input)?;
     let data = load(&measurement, &machine, &folder).map_err(|e| match e {
         DataError::File(report) => Failure::Input(report.to_string()),
         DataError::World(text) => Failure::Input(text),
     })?;
-    Ok((measurement, machine, data))
-}
-
-fn links_message(drive: &str) -> String {
-    format!(
-        "drive `{drive}` has links: measured records are held against lumped drives so far\nhelp: describe shafts, spans and sensors in a file with `fidelity = \"lumped\"`"
-    )
+    Ok(Input { measurement, machine, links, data })
 }
 
 /// Outputs that are an input are not written.
@@ -126,7 +140,7 @@ fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), F
 }
 
 pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
-    let (measurement, machine, data) = read(&args.measurement)?;
+    let Input { measurement, machine, links, data } = read(&args.measurement)?;
     check_outputs(args, &measurement)?;
     for w in &data.warnings {
         eprintln!("warning: {w}");
@@ -144,7 +158,9 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
         bar.set_message(stage.to_string());
         bar.set_position(runs);
     };
+    let plant = links.map(|drive| Plant::new(&drive, &machine, &data));
     let context = Context {
+        plant: plant.as_ref(),
         threads: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         budget: args.budget.unwrap_or(Budget { runs: None, seconds: None }),
         started: Instant::now(),

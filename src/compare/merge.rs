@@ -22,7 +22,8 @@ pub struct Part {
 
 /// The merged header, and how each run goes into it.
 pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
-    let mut merged = Header { drive_name: name.to_string(), ..runs[0].clone() };
+    // Sensors are told apart by run only in the recordings of their own.
+    let mut merged = Header { drive_name: name.to_string(), sensors: Vec::new(), ..runs[0].clone() };
     (merged.links, merged.link_outlines, merged.bodies) = (Vec::new(), Vec::new(), Vec::new());
     (merged.overrides, merged.assembly) = (Vec::new(), Vec::new());
     merged.drive_text = String::new();

@@ -2,9 +2,10 @@
 //! unknown.
 
 use super::reader::{Places, Table};
+use super::sensors;
 use super::{
-    ChainSpec, ContactSpec, Drive, Effects, GapError, GuideEffect, GuideSpec, JointSpec, OuterSpec, PitchError,
-    PreloadSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive,
+    ChainSpec, ContactSpec, Drive, Effects, GapError, GapWave, GuideEffect, GuideSpec, JointSpec, OuterSpec,
+    PitchError, PreloadSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive, TightJoint,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::chain::abutment::AbutmentChain;
@@ -13,7 +14,7 @@ use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec}
 use crate::geometry::guide::GuideSide;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
-use crate::units::{MM, RPM, UM};
+use crate::units::{DEG, MM, RPM, UM};
 use std::f64::consts::PI;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
@@ -47,7 +48,9 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let (sprockets, names) = read_sprockets(root);
     let guides = read_guides(root, &names);
     let preload = read_preload(&root.table("preload"), &names);
-    let effects = read_effects(&root.table("effects"), &names, &guides);
+    let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
+    let sensors = sensors::sensors(root, &names, driver, &guides);
+    let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
     let run_table = root.table("run");
     let run = RunSpec {
         step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
@@ -74,37 +77,76 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         guides,
         preload,
         effects,
+        sensors,
+        signals,
         run,
         places,
     }
 }
 
-fn read_effects(t: &Table<'_>, sprockets: &[String], guides: &[GuideSpec]) -> Effects {
-    let (gap_table, pitch_table) = (t.table("gap_error"), t.table("pitch_error"));
+fn read_effects(
+    t: &Table<'_>,
+    sprockets: &[String],
+    guides: &[GuideSpec],
+    sensors: &[sensors::SensorSpec],
+) -> (Effects, Vec<sensors::SignalSpec>) {
     let mut effects = Effects::default();
-    for (name, t) in gap_table.tables_or_set() {
+    read_gap_effects(t, sprockets, &mut effects);
+    read_link_effects(t, &mut effects);
+    read_joint_effects(t, &mut effects);
+    read_guide_effects(t, guides, &mut effects);
+    let signals = sensors::signals(t, sensors);
+    t.finish();
+    (effects, signals)
+}
+
+/// Effects on sprockets, by their names.
+fn read_gap_effects(t: &Table<'_>, sprockets: &[String], effects: &mut Effects) {
+    let of = |t: &Table<'_>, name: &str| {
+        sprockets.iter().position(|s| s == name).unwrap_or_else(|| {
+            t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))));
+            0
+        })
+    };
+    let table = t.table("gap_error");
+    for (name, t) in table.tables_or_set() {
         let gap = t.required_integer("gap", 0..=1000) as u32;
         let outward_m = t.required("outward_um", UM, -500.0..=500.0);
-        match sprockets.iter().position(|s| *s == name) {
-            Some(sprocket) => effects.gap_errors.push(GapError { sprocket, gap, outward_m }),
-            None => {
-                t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))))
-            }
-        }
+        effects.gap_errors.push(GapError { sprocket: of(&t, &name), gap, outward_m });
         t.finish();
     }
-    for (name, t) in pitch_table.tables_or_set() {
+    table.finish();
+    for key in ["sprocket_runout", "tooth_pitch_error"] {
+        let table = t.table(key);
+        for (name, t) in table.tables_or_set() {
+            let amplitude_m = t.required("amplitude_um", UM, -500.0..=500.0);
+            let phase_rad = t.number("phase_deg", DEG, -3600.0..=3600.0).unwrap_or(0.0);
+            let order = (key == "tooth_pitch_error").then(|| t.integer("order", 2..=5).map_or(2, |order| order as u32));
+            effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order });
+            t.finish();
+        }
+        table.finish();
+    }
+}
+
+/// Effects on single links and joints; their names are free.
+fn read_link_effects(t: &Table<'_>, effects: &mut Effects) {
+    let table = t.table("pitch_error");
+    for (name, t) in table.tables_or_set() {
         let link = t.required_integer("link", 0..=100_000) as usize;
         let length_m = t.required("length_um", UM, -500.0..=500.0);
         effects.pitch_errors.push(PitchError { name, link, length_m });
         t.finish();
     }
-    gap_table.finish();
-    pitch_table.finish();
-    read_joint_effects(t, &mut effects);
-    read_guide_effects(t, guides, &mut effects);
-    t.finish();
-    effects
+    table.finish();
+    let table = t.table("tight_joint");
+    for (name, t) in table.tables_or_set() {
+        let joint = t.required_integer("joint", 0..=100_000) as usize;
+        let torque_nm = t.required("torque_nm", 1.0, 0.0..=1000.0);
+        effects.tight_joints.push(TightJoint { name, joint, torque_nm });
+        t.finish();
+    }
+    table.finish();
 }
 
 /// Effects on all joints: `[effects.NAME.chain]`.
@@ -114,6 +156,11 @@ fn read_joint_effects(t: &Table<'_>, effects: &mut Effects) {
     effects.elongation_m = all.number("length_um", UM, -200.0..=200.0).unwrap_or(0.0);
     all.finish();
     wear.finish();
+    let alternate = t.table("alternate_pitch");
+    let all = alternate.table("chain");
+    effects.alternate_m = all.number("difference_um", UM, -500.0..=500.0).unwrap_or(0.0);
+    all.finish();
+    alternate.finish();
     let pins = t.table("pin_friction");
     let all = pins.table("chain");
     effects.pin_friction = all.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0);

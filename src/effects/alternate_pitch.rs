@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     title: "Alternate pitch of inner and outer links",
     part: Part::Chain,
     on: On::Sprocket,
-    equation: "stretch += d/4 sin(z theta / 2 + phase)",
+    equation: "lumped: stretch += d/4 sin(z theta / 2 + phase); links: inner links d/2 longer, outer ones d/2 shorter",
     source: "Inner and outer plates are cut and worn apart; ISO 606, length tolerance",
     order: "z/2 of the sprockets",
     speed_law: "0 (quasi-static)",
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: false,
+    links: Some(On::Joints),
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -16,7 +16,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("gap_um", UM, 0.0, 1e7, Kind::Amplitude).starts(Scale::Stretch, &[0.2, 1.0])],
     dissipative: false,
     physics: Physics::SpanForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

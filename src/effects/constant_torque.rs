@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
         .starts(Scale::Force, &[0.1])],
     dissipative: false,
     physics: Physics::BodyForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], _at: BodyAt) -> f64 {

@@ -21,7 +21,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::BodyForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

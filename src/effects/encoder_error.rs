@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

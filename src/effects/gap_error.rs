@@ -14,12 +14,12 @@ pub const ROW: Effect = Effect {
     speed_law: "0 (quasi-static)",
     channels: "tension, contact forces",
     parameters: &[
-        Parameter::new("gap", 1.0, 0.0, 1000.0, Kind::Whole).starts(Scale::One, &[0.0]),
+        Parameter::new("gap", 1.0, 0.0, 1000.0, Kind::Index).starts(Scale::One, &[0.0]),
         Parameter::new("outward_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: true,
+    links: Some(On::Sprocket),
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -15,5 +15,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("compliance_um_per_kn", 1e-9, 0.0, 1e6, Kind::Amplitude).starts(Scale::One, &[1e-8])],
     dissipative: false,
     physics: Physics::LinksOnly,
-    links: true,
+    links: Some(On::Guide),
 };

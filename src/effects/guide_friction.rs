@@ -15,5 +15,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("friction", 1.0, -1.0, 2.0, Kind::Amplitude).starts(Scale::One, &[0.05])],
     dissipative: true,
     physics: Physics::LinksOnly,
-    links: true,
+    links: Some(On::Guide),
 };

@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("per_unit", 1.0, -1e6, 1e6, Kind::Amplitude).starts(Scale::PerInput, &[0.1])],
     dissipative: false,
     physics: Physics::Input(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {

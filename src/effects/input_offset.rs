@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("offset", 1.0, -1e9, 1e9, Kind::Amplitude).starts(Scale::Input, &[0.05])],
     dissipative: false,
     physics: Physics::Input(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {

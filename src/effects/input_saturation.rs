@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("limit", 1.0, 0.0, 1e9, Kind::Amplitude).off(1e9).starts(Scale::Input, &[2.0])],
     dissipative: false,
     physics: Physics::Input(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {

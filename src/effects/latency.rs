@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

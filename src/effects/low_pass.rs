@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

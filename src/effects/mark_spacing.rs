@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
         .starts(Scale::One, &[0.001])],
     dissipative: false,
     physics: Physics::Marks(place),
-    links: false,
+    links: None,
 };
 
 fn place(p: &[f64], mark: usize) -> (f64, f64) {

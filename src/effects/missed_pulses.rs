@@ -15,5 +15,5 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("share_percent", 0.01, 0.0, 50.0, Kind::Given).default(0.0)],
     dissipative: false,
     physics: Physics::Intake,
-    links: false,
+    links: None,
 };

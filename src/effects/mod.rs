@@ -193,10 +193,19 @@ pub enum Kind {
     Phase,
     /// A whole number: an order, a link, a tooth. Not fitted: every value of `starts` is a hypothesis of its own.
     Whole,
+    /// Which link, joint or gap: as [`Kind::Whole`]; seen from outside, where the drive stands when a record starts.
+    Index,
     /// One value for every mark of a pulse pickup but the first, written `key` with `#` the number.
     PerMark,
     /// Fitted never: what the sensor's data sheet says.
     Given,
+}
+
+impl Kind {
+    /// A whole number: no fit moves it.
+    pub fn is_whole(self) -> bool {
+        matches!(self, Kind::Whole | Kind::Index)
+    }
 }
 
 impl Parameter {
@@ -340,8 +349,8 @@ pub struct Effect {
     /// Takes energy and never gives any.
     pub dissipative: bool,
     pub physics: Physics,
-    /// Drives whose links are bodies take it too.
-    pub links: bool,
+    /// Where drives whose links are bodies take it, if they do.
+    pub links: Option<On>,
 }
 
 impl std::fmt::Debug for Effect {

@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::SpanLoss(torque),
-    links: true,
+    links: Some(On::Joints),
 };
 
 fn torque(p: &[f64], tension: f64, v: f64) -> f64 {

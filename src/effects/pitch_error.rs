@@ -14,12 +14,12 @@ pub const ROW: Effect = Effect {
     speed_law: "0 (quasi-static)",
     channels: "tension; speeds with the delay of the link's way",
     parameters: &[
-        Parameter::new("link", 1.0, 0.0, 100000.0, Kind::Whole).starts(Scale::One, &[0.0]),
+        Parameter::new("link", 1.0, 0.0, 100000.0, Kind::Index).starts(Scale::One, &[0.0]),
         Parameter::new("length_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
     ],
     dissipative: false,
     physics: Physics::ChainLength(length),
-    links: true,
+    links: Some(On::Chain),
 };
 
 fn length(p: &[f64], at: ChainAt) -> (f64, f64) {

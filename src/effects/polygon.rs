@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: false,
+    links: None,
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("step", 1.0, 0.0, 1e9, Kind::Given)],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

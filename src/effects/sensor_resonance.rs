@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("period_ms", 1e-3, 0.0, 1e6, Kind::Shape).starts(Scale::SampleTime, &[4.0, 15.0])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

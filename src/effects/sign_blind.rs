@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("blind", 1.0, 0.0, 1.0, Kind::Whole).default(1.0).starts(Scale::One, &[1.0])],
     dissipative: false,
     physics: Physics::Signal(pass),
-    links: false,
+    links: None,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

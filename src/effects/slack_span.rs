@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("preload_n", 1.0, 0.0, 1e9, Kind::Amplitude).off(1e9).starts(Scale::Tension, &[0.5])],
     dissipative: false,
     physics: Physics::SpanForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

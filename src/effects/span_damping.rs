@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::SpanForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

@@ -16,7 +16,7 @@ pub const ROW: Effect = Effect {
         .starts(Scale::StiffnessPerStretch, &[0.1])],
     dissipative: false,
     physics: Physics::SpanForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     title: "Eccentric sprocket",
     part: Part::Sprocket,
     on: On::Sprocket,
-    equation: "stretch += e sin(theta + phase)",
+    equation: "lumped: stretch += e sin(theta + phase); links: all gaps lie beside their places by e, towards the angle `phase`",
     source: "Rigid displacement of the pitch circle; Fyfe and Munk 1997 on what is fixed in angle",
     order: "1 of its shaft",
     speed_law: "0 (quasi-static)",
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: false,
+    links: Some(On::Sprocket),
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

@@ -7,18 +7,18 @@ pub const ROW: Effect = Effect {
     title: "One tight joint",
     part: Part::Chain,
     on: On::Chain,
-    equation: "M = -T sign(v) on a sprocket while the joint enters or leaves it",
+    equation: "lumped: M = -T sign(v) on a sprocket while the joint enters or leaves it; links: M = -T sign(omega_rel) in the joint",
     source: "Coulomb friction in one joint",
     order: "z/N of the sprockets, two events a sprocket",
     speed_law: "0",
     channels: "torques, speeds; hardly tension before the bend",
     parameters: &[
-        Parameter::new("joint", 1.0, 0.0, 100000.0, Kind::Whole).starts(Scale::One, &[0.0]),
+        Parameter::new("joint", 1.0, 0.0, 100000.0, Kind::Index).starts(Scale::One, &[0.0]),
         Parameter::new("torque_nm", 1.0, 0.0, 1000.0, Kind::Amplitude).starts(Scale::Force, &[0.05]),
     ],
     dissipative: true,
     physics: Physics::ChainTorque(torque),
-    links: false,
+    links: Some(On::Chain),
 };
 
 fn torque(p: &[f64], at: ChainAt, v: f64) -> f64 {

@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     parameters: &[Parameter::new("ppm", 1e-6, -1e5, 1e5, Kind::Amplitude).starts(Scale::One, &[1e-4])],
     dissipative: false,
     physics: Physics::Clock(clock),
-    links: false,
+    links: None,
 };
 
 fn clock(p: &[f64]) -> f64 {

@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     title: "Cumulative tooth pitch error",
     part: Part::Sprocket,
     on: On::Sprocket,
-    equation: "stretch += e sin(n theta + phase), n = 2 to 5",
+    equation: "lumped: stretch += e sin(n theta + phase), n = 2 to 5; links: gap k lies further on by e sin(n 2 pi k / z + phase)",
     source: "Total cumulative pitch deviation as for gears, ISO 1328-1",
     order: "2 to 5 of its shaft",
     speed_law: "0 (quasi-static)",
@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
-    links: false,
+    links: Some(On::Sprocket),
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::BodyForce(force),
-    links: false,
+    links: None,
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

@@ -22,5 +22,5 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SecondBody { sensors_move: false },
-    links: false,
+    links: None,
 };

@@ -13,8 +13,8 @@ pub const ROW: Effect = Effect {
     order: "none: phase between shafts, mean tension",
     speed_law: "0",
     channels: "transmission phase, mean tension",
-    parameters: &[Parameter::new("length_um", UM, -200.0, 200.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0])],
+    parameters: &[Parameter::new("length_um", UM, -200.0, 200.0, Kind::Amplitude).starts(Scale::Micrometre10, &[0.1])],
     dissipative: false,
     physics: Physics::LinksOnly,
-    links: true,
+    links: Some(On::Joints),
 };

@@ -124,3 +124,22 @@ pub fn forces(
         pf[j] = -m[j] * relative;
     }
 }
+
+/// Friction of a joint `j` that turns hard, whatever its force: M = -T clamp(w_rel / w_s, -1, 1), beside that of [`forces`].
+/// w_s is at least 2 h T (1/J_j + 1/J_(j+1)), so that the explicit torque does not overshoot: 12 rad/s for 20 N mm, a step of 2.3 us
+/// and 8 mm links, and as much more for a joint that is tighter.
+pub fn tighten(
+    (joint, torque_nm): (&LinkJoint, f64),
+    (j, half_step): (usize, f64),
+    ends: &JointEnds,
+    torque: &mut [f64],
+    power_friction: &mut [f64],
+) {
+    let relative = ends.omega[j + 1] - ends.omega[j];
+    let mobility = half_step * (ends.inverse_inertia[j] + ends.inverse_inertia[j + 1]);
+    let own = friction::explicit_force(torque_nm, 1.0, relative, joint.stick_speed_rad_s, mobility);
+    // Without friction in all joints their column is not written.
+    let (m, pf) = if joint.friction_arm_m == 0.0 { (0.0, 0.0) } else { (torque[j + 1], power_friction[j]) };
+    torque[j + 1] = m + own;
+    power_friction[j] = pf - own * relative;
+}

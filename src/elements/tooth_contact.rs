@@ -46,8 +46,10 @@ pub struct ToothedBody {
     /// Directions of the gap axes in the sprocket's frame.
     pub seat_cos: Vec<f64>,
     pub seat_sin: Vec<f64>,
-    /// How far each gap stands further out [m].
-    pub seat_shift: Vec<f64>,
+    /// How far each gap lies beside its place: outwards, counterclockwise [m]; the largest of all.
+    pub seat_out: Vec<f64>,
+    pub seat_left: Vec<f64>,
+    pub most_shift_m: f64,
     pub law: ContactLaw,
     pub friction: f64,
     pub stick_speed_m_s: f64,
@@ -71,7 +73,9 @@ impl ToothedBody {
             half_gap_tan: 0.0,
             seat_cos: Vec::new(),
             seat_sin: Vec::new(),
-            seat_shift: Vec::new(),
+            seat_out: Vec::new(),
+            seat_left: Vec::new(),
+            most_shift_m: 0.0,
             law,
             friction,
             stick_speed_m_s,
@@ -104,7 +108,9 @@ impl ToothedBody {
             half_gap_tan: sin_half / cos_half,
             seat_cos,
             seat_sin,
-            seat_shift: (0..s.spec.teeth).map(|k| s.gap_shift_m(k)).collect(),
+            seat_out: (0..s.spec.teeth).map(|k| s.gap_shift_m(k).x).collect(),
+            seat_left: (0..s.spec.teeth).map(|k| s.gap_shift_m(k).y).collect(),
+            most_shift_m: s.gap_shifts.iter().map(Vec2::norm).fold(0.0, f64::max),
             law,
             friction,
             stick_speed_m_s,
@@ -141,8 +147,9 @@ pub struct Lanes {
     /// Direction of the gap axis in the sprocket's frame.
     pub seat_cos: Column,
     pub seat_sin: Column,
-    /// How far that gap stands further out [m].
-    pub seat_shift: Column,
+    /// How far that gap lies beside its place: outwards, counterclockwise [m].
+    pub seat_out: Column,
+    pub seat_left: Column,
     /// Memory of the contact: mean forces of the last step, age, approach speed.
     pub normal_force: Column,
     pub tangential_force: Column,
@@ -220,11 +227,13 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
     for i in 0..LANES {
         let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
         let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
-        let radial = lanes.x[i] * gx + lanes.y[i] * gy - lanes.seat_shift[i];
-        let lateral = gx * lanes.y[i] - gy * lanes.x[i];
+        let along = lanes.x[i] * gx + lanes.y[i] * gy;
+        let across = gx * lanes.y[i] - gy * lanes.x[i];
+        strayed |= u64::from(across.abs() > b.half_gap_tan * along);
+        let radial = along - lanes.seat_out[i];
+        let lateral = across - lanes.seat_left[i];
         let side = if lateral < 0.0 { -1.0 } else { 1.0 };
         let u = lateral * side;
-        strayed |= u64::from(u > b.half_gap_tan * radial);
         let on_seat = u * b.seat_end_cos + (radial - b.seat_centre_m) * b.seat_end_sin <= 0.0;
         let (fu, fr) = (u - b.flank_centre.x, radial - b.flank_centre.y);
         let past_flank = corner_x * fr - corner_y * fu < 0.0;

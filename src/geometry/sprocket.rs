@@ -47,7 +47,7 @@ pub struct SprocketSpec {
 }
 
 /// The tooth gap, all of its numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sprocket {
     pub spec: SprocketSpec,
     pub pitch_radius_m: f64,
@@ -75,8 +75,9 @@ pub struct Sprocket {
     pub seat_pressure_angle_rad: f64,
     /// Smallest gap between flank and the bush while its link swings in or out [m]; negative: undercut needed.
     pub articulation_clearance_m: f64,
-    /// A gap that stands further out than the others (damage, a chip, an error of manufacture), and by how much [m].
-    pub shifted_gap: Option<(u32, f64)>,
+    /// Where each gap lies beside its place (damage, runout, errors of pitch), outwards and counterclockwise [m];
+    /// empty: all where they belong.
+    pub gap_shifts: Vec<Vec2>,
 }
 
 /// Why no tooth can be made, each with the number that would do.
@@ -215,7 +216,7 @@ impl Sprocket {
             tip_land_m: flank.tip_land_m(tip_radius_m, half_pitch_angle),
             seat_pressure_angle_rad: 0.5 * PI - 0.5 * seat_angle_rad - half_pitch_angle,
             articulation_clearance_m: 0.0,
-            shifted_gap: None,
+            gap_shifts: Vec::new(),
         };
         sprocket.articulation_clearance_m = sprocket.swing_clearance_m();
         if sprocket.articulation_clearance_m < -SWING_TOLERANCE_M {
@@ -243,9 +244,9 @@ impl Sprocket {
         Ok(self)
     }
 
-    /// How far gap `tooth` stands further out than the others [m].
-    pub fn gap_shift_m(&self, tooth: u32) -> f64 {
-        self.shifted_gap.filter(|(gap, _)| *gap == tooth).map_or(0.0, |(_, outward_m)| outward_m)
+    /// How far gap `tooth` lies beside its place: outwards, counterclockwise [m].
+    pub fn gap_shift_m(&self, tooth: u32) -> Vec2 {
+        self.gap_shifts.get(tooth as usize).copied().unwrap_or_else(Vec2::zeros)
     }
 
     /// Angle between two gaps [rad].

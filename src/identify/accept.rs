@@ -6,7 +6,7 @@
 use super::candidates::{self, Hypothesis};
 use super::fit::parallel;
 use super::judge::Residuals;
-use super::screen::{Base, promise};
+use super::screen::{Base, Seed, promise};
 use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
 use super::stats::{self, Random};
 use super::structure::{Alike, Detectable};
@@ -315,7 +315,7 @@ fn rivals<'a>(
             if !p.columns.is_empty() && p.gain < 0.25 * own_gain {
                 return None;
             }
-            Some(rebuilt(declared, best, &rest, Some((tried[i], &p.values, &p.phases)), own, 1))
+            Some(rebuilt(declared, best, &rest, Some((tried[i], &p.seed)), own, 1))
         });
         for m in models.into_iter().flatten() {
             let worse = score(&m, effective, records) - best_score;
@@ -346,7 +346,7 @@ fn rebuilt<'a>(
     declared: &Model<'a>,
     model: &Model<'a>,
     kept: &[usize],
-    more: Option<(&Hypothesis, &[f64], &[f64])>,
+    more: Option<(&Hypothesis, &Seed)>,
     own: &Data,
     threads: usize,
 ) -> Model<'a> {
@@ -374,16 +374,17 @@ fn rebuilt<'a>(
                         at += 1;
                     }
                 }
-                Kind::Whole | Kind::Given => {}
+                Kind::Whole | Kind::Index | Kind::Given => {}
             }
         }
         if kept.contains(&i) {
-            (problem, point) = candidates::with(&problem, &point, h, &values, &phases);
-            effects.push(Hypothesis { values, ..h.clone() });
+            let seed = Seed { values, phases, travels: Vec::new() };
+            (problem, point) = candidates::with(&problem, &point, h, &seed);
+            effects.push(Hypothesis { values: seed.values, ..h.clone() });
         }
     }
-    if let Some((h, values, phases)) = more {
-        (problem, point) = candidates::with(&problem, &point, h, values, phases);
+    if let Some((h, seed)) = more {
+        (problem, point) = candidates::with(&problem, &point, h, seed);
         effects.push(h.clone());
     }
     fitted(problem, &point, own, effects, threads, 40)

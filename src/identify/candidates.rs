@@ -1,6 +1,8 @@
 //! What may be missing: every effect at every place it can be, with starting values of the right size.
 
-use super::problem::{Global, Law, Point, Problem};
+use super::plant::has_place;
+use super::problem::{Global, Law, Local, Point, Problem};
+use super::screen::Seed;
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
@@ -19,6 +21,8 @@ pub struct Hypothesis {
     pub rows: Vec<&'static Parameter>,
     /// Scale of every parameter, SI.
     pub scales: Vec<f64>,
+    /// On a drive with links.
+    pub on_links: bool,
 }
 
 impl Hypothesis {
@@ -50,14 +54,18 @@ impl Hypothesis {
 
     /// Numbers that a fit of it has more, for so many records.
     pub fn freedom(&self, records: usize) -> usize {
-        self.rows
+        // On links: where every record finds it.
+        let places = if self.on_links && has_place(self.effect) { records } else { 0 };
+        let numbers: usize = self
+            .rows
             .iter()
             .map(|r| match r.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
                 Kind::Phase => records,
-                Kind::Whole | Kind::Given => 0,
+                Kind::Whole | Kind::Index | Kind::Given => 0,
             })
-            .sum()
+            .sum();
+        numbers + places
     }
 }
 
@@ -84,6 +92,9 @@ impl Sizes {
     pub fn of(problem: &Problem, point: &Point) -> Sizes {
         let m = &problem.machine;
         let data = problem.data;
+        if m.linked.is_some() {
+            return Sizes::of_links(problem);
+        }
         let mut all = m.clone();
         all.sensors.clear();
         let mut add = |reads: Reads| {
@@ -145,6 +156,25 @@ impl Sizes {
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
     }
 
+    /// A drive with links tells its sizes by its runs; only signals ask.
+    fn of_links(problem: &Problem) -> Sizes {
+        let (m, data) = (&problem.machine, problem.data);
+        let mut signal = vec![1.0; m.sensors.len()];
+        for (c, channel) in data.channels.iter().enumerate() {
+            signal[channel.sensor] = super::problem::spread(data, c).max(1e-12);
+        }
+        let (mut sample_s, mut length_s) = (f64::MAX, 0.0_f64);
+        for s in &data.segments {
+            if let Samples::Times { step_s, t_s, .. } = &s.task.samples {
+                sample_s = sample_s.min(*step_s);
+                length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
+            }
+        }
+        let one = vec![1.0; m.bodies.len()];
+        let (speed, tension, input) = (one.clone(), Vec::new(), Vec::new());
+        Sizes { force: one, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
+    }
+
     /// Size of what accelerates a body [N, N m].
     pub fn force(&self, body: usize) -> f64 {
         self.force.get(body).copied().filter(|f| *f > 0.0).unwrap_or(1e-3)
@@ -189,7 +219,14 @@ impl Sizes {
             Scale::PerInput => 1.0 / input,
             Scale::SampleTime => self.sample_s,
             Scale::Rate => self.rate,
-            Scale::Micrometre10 => 10e-6,
+            // Links: large enough to stand out of what does not repeat.
+            Scale::Micrometre10 => {
+                if m.linked.is_some() {
+                    30e-6
+                } else {
+                    10e-6
+                }
+            }
         }
     }
 }
@@ -255,12 +292,32 @@ pub fn all(
                 leave("its number is fitted already");
                 continue;
             }
-            if declared && effect.parameters.iter().all(|p| p.kind != Kind::Whole || p.key == "blind") {
+            if declared && effect.parameters.iter().all(|p| !p.kind.is_whole() || p.key == "blind") {
                 leave("declared already");
                 continue;
             }
             if effect.parameters.iter().any(|p| p.kind == Kind::Given) {
                 continue;
+            }
+            if let Some(linked) = &m.linked {
+                if linked.declared.contains(&path) {
+                    leave("declared already");
+                    continue;
+                }
+                if m.placed.iter().any(|p| p.path == path) {
+                    continue;
+                }
+                let placed = m.placed.iter().any(|p| has_place(p.effect));
+                if has_place(effect) && placed {
+                    leave(
+                        "one effect with a place on the loop at a time: where a second one lies to the first is not looked for",
+                    );
+                    continue;
+                }
+                if has_place(effect) && m.sensors.iter().any(|s| matches!(s.reads, Reads::Link(_))) {
+                    leave("a gauge that goes round with the chain: where the effect lies to it is not looked for");
+                    continue;
+                }
             }
             if effect.name == "sign_blind"
                 && let Some(c) = channel
@@ -287,6 +344,9 @@ pub fn all(
                     Kind::PerMark => vec![p.starts[0] * scale],
                     Kind::Shape => p.starts.iter().map(|s| s * scale).collect(),
                     Kind::Whole => p.starts.to_vec(),
+                    // Neighbours differ, those two further do not.
+                    Kind::Index if m.linked.is_some() => vec![0.0, 1.0],
+                    Kind::Index => p.starts.to_vec(),
                     Kind::Phase | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
@@ -300,6 +360,7 @@ pub fn all(
                     values,
                     rows: rows.clone(),
                     scales: scales.clone(),
+                    on_links: m.linked.is_some(),
                 };
                 let there = m.placed.iter().any(|p| {
                     p.path == path
@@ -308,7 +369,7 @@ pub fn all(
                             .iter()
                             .zip(&h.values)
                             .zip(&h.rows)
-                            .all(|((s, v), r)| r.kind != Kind::Whole || m.values[*s] == *v)
+                            .all(|((s, v), r)| !r.kind.is_whole() || m.values[*s] == *v)
                 });
                 if !there {
                     found.push(h);
@@ -322,16 +383,16 @@ pub fn all(
 /// How far a form may go from its start: in both directions by this factor.
 const FORM_RANGE: f64 = 12.0;
 
-/// A problem with a hypothesis built in: its numbers free, starting at `values` with phases by record.
-pub fn with<'a>(
-    problem: &Problem<'a>,
-    point: &Point,
-    h: &Hypothesis,
-    values: &[f64],
-    phases: &[f64],
-) -> (Problem<'a>, Point) {
+/// A problem with a hypothesis built in: its numbers free, starting at the seed's.
+pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &Seed) -> (Problem<'a>, Point) {
+    let (values, phases) = (&seed.values, &seed.phases);
     let mut next = problem.clone();
     let mut point = point.clone();
+    if let Some(at) = problem.locals.iter().position(|l| *l == Local::Travel) {
+        for (locals, travel) in point.locals.iter_mut().zip(&seed.travels) {
+            locals[at] = *travel;
+        }
+    }
     // A second harmonic of an effect that is there needs a name of its own.
     let mut name = h.name.clone();
     while next.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
@@ -350,7 +411,7 @@ pub fn with<'a>(
                 Law { scale: start, logarithm: true, low: *range.start(), high: *range.end() }
             }
             Kind::Phase => Law { scale: 1.0, logarithm: false, low: -1e3, high: 1e3 },
-            Kind::Whole | Kind::Given => continue,
+            Kind::Whole | Kind::Index | Kind::Given => continue,
         };
         if row.kind == Kind::Phase {
             for (record, phase) in phases.iter().enumerate() {

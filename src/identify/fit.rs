@@ -26,10 +26,10 @@ pub struct Fit {
     pub jacobians: Vec<DMatrix<f64>>,
 }
 
-/// Size of a step for differences, as the fit sees a number.
-const DIFFERENCE: f64 = 1e-6;
 /// A fit has converged when a step lowers the cost by less than this share.
 const CONVERGED: f64 = 2e-6;
+/// Most steps for a drive with links, whose model is close to linear in what is looked for.
+const LINKED_ITERATIONS: usize = 8;
 
 /// Residuals and derivatives of one part.
 struct Part {
@@ -84,7 +84,12 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let mut grow = 2.0;
     let mut converged = false;
     let mut jacobian = linearised(problem, &point, &parts, options);
-    for _ in 0..options.iterations {
+    let (converges, most) = match problem.plant {
+        // What does not repeat hides smaller steps.
+        Some(_) => (1e-4, options.iterations.min(LINKED_ITERATIONS)),
+        None => (CONVERGED, options.iterations),
+    };
+    for _ in 0..most {
         let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
             lambda *= 10.0;
             if lambda > 1e12 {
@@ -105,7 +110,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
         let new_cost = total(problem, &trial, &parts, options);
         let gain = (cost - new_cost) / step.predicted.max(1e-300);
         if new_cost < cost {
-            let small = (cost - new_cost) < CONVERGED * cost;
+            let small = (cost - new_cost) < converges * cost;
             point = trial;
             cost = new_cost;
             let x = 2.0 * gain - 1.0;
@@ -118,7 +123,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             }
             jacobian = linearised(problem, &point, &parts, options);
         } else {
-            if step.predicted < CONVERGED * cost {
+            if step.predicted < converges * cost {
                 converged = true;
                 break;
             }
@@ -179,14 +184,13 @@ fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Option
         }
         let (mut globals, mut locals) = (point.globals.clone(), point.locals[k].clone());
         // Towards the inside of the bounds.
-        let nudged = |x: f64, bounds: (f64, f64)| {
-            let d = DIFFERENCE * x.abs().max(1.0);
+        let nudged = |x: f64, d: f64, bounds: (f64, f64)| {
             if x + d > bounds.1 { x - d } else { x + d }
         };
         let width;
         if column <= concerned.len() {
             let g = concerned[column - 1];
-            let x = nudged(globals[g], problem.globals[g].law.bounds());
+            let x = nudged(globals[g], problem.difference(g, globals[g]), problem.globals[g].law.bounds());
             width = x - globals[g];
             globals[g] = x;
         } else {
@@ -195,7 +199,7 @@ fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Option
                 Local::Slot { law, .. } => law.bounds(),
                 _ => (f64::MIN, f64::MAX),
             };
-            let x = nudged(locals[l], bounds);
+            let x = nudged(locals[l], problem.local_difference(l, locals[l]), bounds);
             width = x - locals[l];
             locals[l] = x;
         }

@@ -56,7 +56,8 @@ pub fn fit_judging<'a>(
         }
     }
     held.globals = kept;
-    let point = Point { globals: start, locals: held.start().locals };
+    let mut point = Point { globals: start, locals: held.start().locals };
+    held.find_travels(&mut point, threads);
     let options = Options { iterations: 30, threads };
     let mut best = fit(&held, &point, options);
     // A phase may have started on the wrong side of its circle.

@@ -7,6 +7,7 @@ pub mod accept;
 pub mod candidates;
 pub mod fit;
 pub mod judge;
+pub mod plant;
 pub mod problem;
 pub mod report;
 pub mod screen;
@@ -41,7 +42,7 @@ pub fn identify(
     let searched = search::search(measurement, problem, &own, context);
     let found = accept::accept(searched, &own, context);
     let mut report = report::report(measurement, data, &found);
-    if report.outcome == Verdict::None && !report.explained && !context.ends() {
+    if report.outcome == Verdict::None && !report.explained && !context.ends() && context.plant.is_none() {
         context.say("looking for a formula without a name");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }

@@ -5,7 +5,8 @@
 //! Residuals are (model - measured) / weight of the channel; those of different parts do not share local numbers, so that the
 //! fit solves for them part by part.
 
-use crate::machine::simulate::{RunError, Samples, Start, run};
+use super::plant::Plant;
+use crate::machine::simulate::{RunError, Start, run};
 use crate::machine::{Machine, Motion, Reads};
 use crate::measurement::segments::{Data, Segment};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,9 +25,20 @@ pub struct Global {
 /// A number that every part has for itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Local {
-    Angle { body: usize, scale: f64 },
-    Speed { body: usize, scale: f64 },
-    Slot { slot: usize, law: Law },
+    /// Where a drive with links stands in its period [pitches].
+    Travel,
+    Angle {
+        body: usize,
+        scale: f64,
+    },
+    Speed {
+        body: usize,
+        scale: f64,
+    },
+    Slot {
+        slot: usize,
+        law: Law,
+    },
 }
 
 /// How a number is seen by the fit: x = value / scale, or ln(value / scale).
@@ -59,12 +71,16 @@ impl Law {
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
     pub machine: Machine,
+    /// Runs drives with links.
+    pub plant: Option<&'a Plant>,
     pub data: &'a Data,
     pub channels: Vec<usize>,
     /// One for every channel: residuals are divided by it.
     pub weights: Vec<f64>,
     pub globals: Vec<Global>,
     pub locals: Vec<Local>,
+    /// Of a drive with links only what every pair of links does: to find where a record stands.
+    pub folded: bool,
     /// Steps for one sample beyond which a model counts as too stiff.
     pub most_steps: f64,
     /// Model runs so far.
@@ -78,6 +94,10 @@ pub struct Point {
     pub locals: Vec<Vec<f64>>,
 }
 
+/// Size of a step for differences, as the fit sees a number.
+const DIFFERENCE: f64 = 1e-6;
+/// Steps in which the place of a record is looked for [pitches].
+const FINE_PITCHES: f64 = 0.02;
 /// Residual of a sample that a model did not reach.
 const LOST: f64 = 1e6;
 
@@ -94,6 +114,7 @@ impl<'a> Problem<'a> {
         self.locals
             .iter()
             .map(|l| match *l {
+                Local::Travel => s.start.travel,
                 Local::Angle { body, scale } => s.start.q[body] / scale,
                 Local::Speed { body, scale } => s.start.v[body] / scale,
                 Local::Slot { slot, law } => law.seen(self.machine.values[slot]),
@@ -122,6 +143,7 @@ impl<'a> Problem<'a> {
         let mut start = s.start.clone();
         for (l, x) in self.locals.iter().zip(locals) {
             match *l {
+                Local::Travel => start.travel = *x,
                 Local::Angle { .. } | Local::Speed { .. } if s.at_rest => {}
                 Local::Angle { body, scale } => start.q[body] = x * scale,
                 Local::Speed { body, scale } => start.v[body] = x * scale,
@@ -150,16 +172,42 @@ impl<'a> Problem<'a> {
     ) -> Result<Vec<Vec<f64>>, RunError> {
         let s = &self.data.segments[segment];
         let (values, start) = self.numbers(segment, globals, locals);
+        if let Some(plant) = self.plant {
+            let task = if fitting { s.fitting_task() } else { s.task.clone() };
+            let corners = self.corners(segment, globals, &values);
+            return plant.samples(
+                (&self.machine, &values),
+                (&corners, self.folded),
+                (&task, &start),
+                &self.channels,
+                self.runs,
+            );
+        }
         self.runs.fetch_add(1, Ordering::Relaxed);
         if fitting && s.judge_from < s.len() && s.judge_from > 0 {
-            let mut task = s.task.clone();
-            match &mut task.samples {
-                Samples::Times { t_s, .. } => t_s.truncate(s.judge_from),
-                Samples::Pulses { intervals, .. } => *intervals = s.judge_from,
-            }
-            return run(&self.machine, &values, &task, &start, &self.channels, self.most_steps);
+            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.most_steps);
         }
         run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
+    }
+
+    /// Of every channel, what a drive with links does not repeat from period to period (root mean square over what fits): no model
+    /// of it can say that.
+    pub fn unrepeated(&self, point: &Point) -> Vec<f64> {
+        let mut squares = vec![0.0; self.channels.len()];
+        let Some(plant) = self.plant else { return squares };
+        let parts: Vec<usize> =
+            (0..self.data.segments.len()).filter(|k| self.data.segments[*k].judge_from > 0).collect();
+        for k in &parts {
+            let (values, _) = self.numbers(*k, &point.globals, &point.locals[*k]);
+            let Some((_, corner)) = self.corners(*k, &point.globals, &values).into_iter().next() else { continue };
+            let waves = plant.waves(&self.machine, &corner, self.runs);
+            let Ok(waves) = waves.as_ref() else { continue };
+            for (square, sensor) in squares.iter_mut().zip(&self.channels) {
+                let size = waves.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
+                *square += size * size / parts.len() as f64;
+            }
+        }
+        squares.into_iter().map(libm::sqrt).collect()
     }
 
     /// Residuals of what fits of a part, the channels one after the other; what is missing is zero.
@@ -182,9 +230,127 @@ impl<'a> Problem<'a> {
         out
     }
 
+    /// A step for differences of a global, as the fit sees it. What the links do is known up to what does not repeat, so that
+    /// their differences are taken over a large step.
+    pub fn difference(&self, global: usize, x: f64) -> f64 {
+        match self.spacing(global) {
+            // Within a cell of its grid the model is linear.
+            Some(spacing) => 0.01 * spacing,
+            None => DIFFERENCE * x.abs().max(1.0),
+        }
+    }
+
+    /// Distance of the grid on which links are run for this number, as the fit sees it; None: it does not concern the links.
+    fn spacing(&self, global: usize) -> Option<f64> {
+        self.plant?;
+        let g = &self.globals[global];
+        let placed = self.machine.placed.iter().find(|p| p.slots.contains(&g.slot));
+        let by_signal = placed.is_some_and(|p| crate::drive::sensors::is_signal(p.effect));
+        let gain = self.machine.sensors.iter().any(|s| s.gain == g.slot);
+        (!by_signal && !gain).then_some(if g.law.logarithm { 0.05 } else { 0.5 })
+    }
+
+    /// Numbers for which links are run, with weights that add up to one: a corner of the cell of the grid in which `globals` lie,
+    /// and its neighbours. Between them the model is linear, so that a fit is smooth although what does not repeat is different
+    /// in every run, and runs few drives.
+    fn corners(&self, segment: usize, globals: &[f64], values: &[f64]) -> Vec<(f64, Vec<f64>)> {
+        let mut corner = values.to_vec();
+        let mut steps = Vec::new();
+        for (i, (g, x)) in self.globals.iter().zip(globals).enumerate() {
+            let Some(spacing) = self.spacing(i).filter(|_| self.concerns(i, segment)) else { continue };
+            let cell = libm::floor(x / spacing);
+            corner[g.slot] = g.law.value(cell * spacing);
+            let share = x / spacing - cell;
+            if share > 1e-9 {
+                steps.push((share, g.slot, g.law.value((cell + 1.0) * spacing)));
+            }
+        }
+        let rest = 1.0 - steps.iter().map(|s| s.0).sum::<f64>();
+        let mut all = vec![(rest, corner.clone())];
+        for (share, slot, value) in steps {
+            let mut next = corner.clone();
+            next[slot] = value;
+            all.push((share, next));
+        }
+        all
+    }
+
+    /// The globals moved to the nearest places of their grids, so that links are run once.
+    pub fn snapped(&self, globals: &[f64]) -> Vec<f64> {
+        let snap = |(i, x): (usize, &f64)| self.spacing(i).map_or(*x, |s| libm::round(x / s) * s);
+        globals.iter().enumerate().map(snap).collect()
+    }
+
+    /// The same for a local number.
+    pub fn local_difference(&self, local: usize, x: f64) -> f64 {
+        match self.locals[local] {
+            Local::Travel => 2e-3,
+            _ => DIFFERENCE * x.abs().max(1.0),
+        }
+    }
+
+    /// Finds where in its period every part of a drive with links starts, and its angles with it: first within two pitches, what
+    /// every pair of links does, in steps that no impact of a tooth slips through; then which pair of links it is, and where exactly.
+    pub fn find_travels(&self, point: &mut Point, threads: usize) {
+        if self.plant.is_none() {
+            return;
+        }
+        let Some(travel) = self.locals.iter().position(|l| *l == Local::Travel) else { return };
+        let pairs = (self.machine.repeats() / 2).max(1);
+        let folded = Problem { folded: true, ..self.clone() };
+        let jobs = self.data.segments.len();
+        point.locals = super::fit::parallel(jobs, threads, |k| {
+            let best_of = |of: &Problem, from: &[f64], step: f64, n: u32| {
+                let mut best = (f64::INFINITY, from.to_vec());
+                for place in 0..n {
+                    let mut locals = from.to_vec();
+                    locals[travel] += step * f64::from(place);
+                    let cost = of.cost_with_angles(k, &point.globals, &mut locals);
+                    if cost < best.0 {
+                        best = (cost, locals);
+                    }
+                }
+                best.1
+            };
+            let mut within = best_of(&folded, &point.locals[k], FINE_PITCHES, (2.0 / FINE_PITCHES) as u32);
+            within[travel] -= FINE_PITCHES;
+            let within = best_of(&folded, &within, 0.1 * FINE_PITCHES, 21);
+            let mut pair = best_of(self, &within, 2.0, pairs);
+            pair[travel] -= FINE_PITCHES;
+            best_of(self, &pair, 0.1 * FINE_PITCHES, 21)
+        });
+    }
+
+    /// Cost of a part after its angles were set by the means of their residuals.
+    pub fn cost_with_angles(&self, segment: usize, globals: &[f64], locals: &mut [f64]) -> f64 {
+        let mut residuals = self.residuals(segment, globals, locals);
+        let n = residuals.len() / self.channels.len().max(1);
+        for (c, sensor) in self.channels.iter().enumerate() {
+            let Reads::Angle(b) = self.machine.sensors[*sensor].reads else { continue };
+            let own = &mut residuals[c * n..(c + 1) * n];
+            let mean = own.iter().sum::<f64>() / n.max(1) as f64;
+            own.iter_mut().for_each(|r| *r -= mean);
+            let gain = self.machine.values[self.machine.sensors[*sensor].gain];
+            for (l, x) in self.locals.iter().zip(locals.iter_mut()) {
+                if let Local::Angle { body, scale } = l
+                    && *body == b
+                {
+                    *x -= mean * self.weights[c] / gain / scale;
+                }
+            }
+        }
+        residuals.iter().map(|r| r * r).sum()
+    }
+
     /// Local numbers of parts: starts of the bodies that move freely, as far as something tells them.
     pub fn default_locals(machine: &Machine, data: &Data) -> Vec<Local> {
         let mut locals = Vec::new();
+        if machine.linked.is_some() {
+            locals.push(Local::Travel);
+            let read = |b: usize| data.channels.iter().any(|c| machine.sensors[c.sensor].reads == Reads::Angle(b));
+            locals.extend((0..machine.bodies.len()).filter(|b| read(*b)).map(|body| Local::Angle { body, scale: 1.0 }));
+            return locals;
+        }
         let sensed = |b: usize| {
             machine
                 .sensors

@@ -50,6 +50,8 @@ pub struct NamedEffect {
     pub rivals: Vec<Rival>,
     /// All rivals have the same kind of cause at the same place.
     pub only_its_law_is_open: bool,
+    /// Rivals by the count of teeth and links: all their orders are this effect's, whatever the shape over the loop says.
+    pub by_order: Vec<String>,
     pub judge_ratio: [f64; 3],
     pub score: f64,
     pub gain: f64,
@@ -76,10 +78,14 @@ pub struct Floor {
     pub channel: String,
     pub unit: String,
     pub noise_floor: f64,
+    /// With links: what the drive itself does not repeat from period to period (root mean square); part of the floor.
+    pub unrepeated: f64,
     pub times_floor: f64,
     pub white: bool,
     /// Correlation of neighbouring residuals.
     pub lag1: f64,
+    /// No larger than floors are, and white, or coloured by no more than what the drive does not repeat.
+    pub reached: bool,
 }
 
 /// How the numbers found hold on a record of which nothing was used.
@@ -210,6 +216,7 @@ fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
 }
 
 fn floors(best: &Model, data: &Data) -> Vec<Floor> {
+    let unrepeated = best.problem.unrepeated(&best.fit.point);
     data.channels
         .iter()
         .enumerate()
@@ -217,12 +224,20 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
             let (_, held_out) = best.residuals.rms(c);
             let (fit, _) = best.residuals.rms(c);
             let rms = if best.residuals.judge[c].is_empty() { fit } else { held_out };
+            let floor = libm::sqrt(channel.noise * channel.noise + unrepeated[c] * unrepeated[c]).max(1e-300);
+            let white = stats::white(&best.residuals.judge[c]) && stats::white(&best.residuals.fit[c]);
+            let mut noises: Vec<f64> =
+                best.residuals.fit[c].iter().map(|part| crate::measurement::facts::noise(part)).collect();
+            let rough = crate::measurement::facts::median(&mut noises);
+            let coloured = libm::sqrt((fit * fit - rough * rough).max(0.0));
             Floor {
                 channel: channel.name.clone(),
                 unit: channel.unit.clone(),
                 noise_floor: channel.noise * channel.shown,
-                times_floor: rms / channel.noise.max(1e-300),
-                white: stats::white(&best.residuals.judge[c]) && stats::white(&best.residuals.fit[c]),
+                unrepeated: unrepeated[c] * channel.shown,
+                times_floor: rms / floor,
+                white,
+                reached: rms <= EXPLAINED * floor && (white || coloured <= unrepeated[c]),
                 lag1: stats::neighbour_correlation(&best.residuals.fit[c]),
             }
         })
@@ -244,7 +259,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
     // Whole numbers are part of the name, and of the drive file.
     let keys = best.problem.machine.keys(h.effect, h.target);
     for ((key, row), value) in keys.iter().zip(&h.values) {
-        if row.kind == crate::effects::Kind::Whole {
+        if row.kind.is_whole() {
             parameters.push(Number {
                 path: format!("{path}.{key}"),
                 record: None,
@@ -256,7 +271,22 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
             });
         }
     }
-    let rivals = found.rivals.get(which).cloned().unwrap_or_default();
+    let mut rivals = found.rivals.get(which).cloned().unwrap_or_default();
+    let locked = structure::locked(&best.problem.machine, h.effect, h.target);
+    let mut by_order: Vec<String> = Vec::new();
+    for other in locked.into_iter().filter(|p| best.effects.iter().all(|e| e.path() != *p)) {
+        if rivals.iter().all(|r| r.path != other) {
+            let tried = found.trials.iter().find(|t| t.identity.starts_with(&other)).and_then(|t| t.score);
+            let score = tried.unwrap_or(f64::NAN);
+            rivals.push(super::accept::Rival {
+                identity: other.clone(),
+                path: other.clone(),
+                score,
+                judge_ratio: [f64::NAN; 3],
+            });
+        }
+        by_order.push(other);
+    }
     let kind = |path: &str| {
         let mut words = path.split('.').skip(1);
         let effect = words.next().and_then(crate::effects::named);
@@ -272,6 +302,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         standard_error,
         rivals,
         only_its_law_is_open,
+        by_order,
         judge_ratio: ground.map_or([1.0; 3], |g| g.judge_ratio),
         score: ground.map_or(0.0, |g| g.score),
         gain: ground.map_or(0.0, |g| g.gain),
@@ -284,7 +315,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     let best = &found.best;
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
     let noise_floor = floors(best, data);
-    let explained = noise_floor.iter().all(|f| f.times_floor <= EXPLAINED && f.white);
+    let explained = noise_floor.iter().all(|f| f.reached);
     let (toothed, links) = structure::counts(&found.declared.problem.machine);
     let collisions = structure::collisions(&toothed, links);
     let outcome = if effects.is_empty() {

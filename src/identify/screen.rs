@@ -6,7 +6,7 @@
 
 use super::candidates::Hypothesis;
 use super::fit::{Fit, orthonormal, without};
-use super::problem::{Point, Problem};
+use super::problem::{Local, Point, Problem};
 use crate::effects::Kind;
 use nalgebra::{DMatrix, DVector};
 
@@ -15,11 +15,22 @@ use nalgebra::{DMatrix, DVector};
 pub struct Promise {
     /// Share of the cost that it would take away.
     pub gain: f64,
-    /// Amplitudes and phases to start a fit from, SI.
-    pub values: Vec<f64>,
-    pub phases: Vec<f64>,
+    pub seed: Seed,
     /// Its columns, residuals of all parts one after the other, free numbers projected out.
     pub columns: Vec<Vec<f64>>,
+    /// It changes nothing in these records.
+    pub idle: bool,
+}
+
+/// What a fit of a hypothesis starts from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seed {
+    /// Of all its parameters, SI.
+    pub values: Vec<f64>,
+    /// By record.
+    pub phases: Vec<f64>,
+    /// By part, of a drive with links [pitches]; empty: they stay.
+    pub travels: Vec<f64>,
 }
 
 /// Residuals and directions of the free numbers at a fit, in one piece.
@@ -116,7 +127,7 @@ fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
     let columns: Vec<Vec<f64>> = (0..locals.len())
         .map(|l| {
             let mut moved = locals.clone();
-            let d = 1e-6 * moved[l].abs().max(1.0);
+            let d = problem.local_difference(l, moved[l]);
             moved[l] += d;
             let r = problem.residuals(part, &point.globals, &moved);
             r.iter().zip(&base).map(|(a, b)| (a - b) / d).collect()
@@ -149,9 +160,14 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     for i in &amplitudes {
         probe[*i] = h.rows[*i].off * h.rows[*i].unit;
     }
-    let none = Promise { gain: 0.0, values: h.values.clone(), phases: vec![0.0; records], columns: Vec::new() };
+    let seed = Seed { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+    let none = Promise { gain: 0.0, seed, columns: Vec::new(), idle: false };
     if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
-        return none;
+        let idle = moved(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
+        return Promise { idle, ..none };
+    }
+    if problem.plant.is_some() && !crate::drive::sensors::is_signal(h.effect) {
+        return promise_of_links(problem, base, fit, h).unwrap_or(none);
     }
     let mut columns = Vec::new();
     // What each column stands for: amplitude, record of its phase, cosine or sine.
@@ -216,7 +232,96 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
             values[i] = (0.1 * h.values[i]).clamp(low, high);
         }
     }
-    Promise { gain, values, phases, columns }
+    Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
+}
+
+/// What a hypothesis about links, joints, teeth or guides promises: its amplitude, and for every part the place on the loop
+/// where it fits best, by one run for each operating point.
+fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Option<Promise> {
+    let amplitude = *h.amplitudes().first()?;
+    let mut with = problem.clone();
+    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    let places = if super::plant::has_place(h.effect) { (with.machine.repeats() / 2).max(1) } else { 1 };
+    let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
+    // By part and place: along the residual, and squared.
+    let mut sizes: Vec<Vec<(f64, f64)>> = Vec::new();
+    let globals = problem.snapped(&fit.point.globals);
+    let alone: Vec<Vec<f64>> =
+        base.parts.iter().map(|(k, _)| problem.residuals(*k, &globals, &fit.point.locals[*k])).collect();
+    let column = |at: usize, place: u32| -> Vec<f64> {
+        let k = base.parts[at].0;
+        let mut locals = fit.point.locals[k].clone();
+        locals[travel] += 2.0 * f64::from(place);
+        let now = with.residuals(k, &globals, &locals);
+        let moved: Vec<f64> = now.iter().zip(&alone[at]).map(|(a, b)| a - b).collect();
+        without(&moved, &base.local_bases[at])
+    };
+    for at in 0..base.parts.len() {
+        let from = base.parts[at].1;
+        let own = |place: u32| {
+            let c = column(at, place);
+            let along: f64 = c.iter().zip(&base.residual[from..]).map(|(a, b)| a * b).sum();
+            (along, c.iter().map(|x| x * x).sum::<f64>())
+        };
+        let all: Vec<(f64, f64)> = (0..places).map(own).collect();
+        if all.iter().any(|(a, b)| !a.is_finite() || !b.is_finite()) {
+            return None;
+        }
+        sizes.push(all);
+    }
+    let row = h.rows[amplitude];
+    let (low, high) = (row.low * row.unit / h.values[amplitude], row.high * row.unit / h.values[amplitude]);
+    // Share of the cost that factor x takes at place p of a part: -(2 x along + x^2 size).
+    let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
+    let mut best: Option<(f64, f64, Vec<u32>)> = None;
+    for sign in [1.0, -1.0] {
+        let mut chosen: Vec<u32> =
+            sizes.iter().map(|all| largest(all, |s| -sign * s.0 / libm::sqrt(s.1.max(1e-300)))).collect();
+        let mut x = 0.0;
+        for _ in 0..6 {
+            let picked = || sizes.iter().zip(&chosen).map(|(all, p)| all[*p as usize]);
+            let size: f64 = picked().map(|s| s.1).sum();
+            x = (-picked().map(|s| s.0).sum::<f64>() / size.max(1e-300)).clamp(low.max(-1e6), high.min(1e6));
+            let next: Vec<u32> = sizes.iter().map(|all| largest(all, |s| takes(x, s))).collect();
+            if next == chosen {
+                break;
+            }
+            chosen = next;
+        }
+        let gain: f64 = sizes.iter().zip(&chosen).map(|(all, p)| takes(x, all[*p as usize])).sum();
+        if best.as_ref().is_none_or(|(g, ..)| gain > *g) {
+            best = Some((gain, x, chosen));
+        }
+    }
+    let (_, x, chosen) = best?;
+    let mut whole = Vec::with_capacity(base.residual.len());
+    let mut travels: Vec<f64> = fit.point.locals.iter().map(|l| l[travel]).collect();
+    for (at, place) in chosen.iter().enumerate() {
+        whole.extend(column(at, *place));
+        travels[base.parts[at].0] += 2.0 * f64::from(*place);
+    }
+    let columns = vec![without(&whole, &base.basis)];
+    let mut values = h.values.clone();
+    values[amplitude] = (x * h.values[amplitude]).clamp(row.low * row.unit, row.high * row.unit);
+    if values[amplitude] == 0.0 {
+        values[amplitude] = 0.1 * h.values[amplitude];
+    }
+    let along: f64 = columns[0].iter().zip(&base.residual).map(|(a, b)| a * b).sum();
+    // What would need a sign that it cannot have explains nothing.
+    let gain = if x == 0.0 || along * x > 0.0 { 0.0 } else { base.gain(&columns) };
+    let phases = vec![0.0; problem.data.records.len()];
+    Some(Promise { gain, seed: Seed { values, phases, travels }, columns, idle: false })
+}
+
+/// Place of the largest.
+fn largest(all: &[(f64, f64)], of: impl Fn((f64, f64)) -> f64) -> u32 {
+    let mut best = 0;
+    for i in 1..all.len() {
+        if of(all[i]) > of(all[best]) {
+            best = i;
+        }
+    }
+    best as u32
 }
 
 /// The x with columns x = right in the sense of least squares.

@@ -7,8 +7,9 @@
 use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, Options, fit, parallel};
 use super::judge::{self, Residuals};
+use super::plant::Plant;
 use super::problem::{Global, Law, Point, Problem};
-use super::screen::{Base, Promise, promise};
+use super::screen::{Base, Promise, Seed, promise};
 use super::stats::{self, Random};
 use super::structure::{self, Alike, Detectable};
 use crate::machine::Machine;
@@ -36,6 +37,8 @@ pub struct Context<'a> {
     pub stop: &'a AtomicBool,
     pub progress: Progress<'a>,
     pub runs: &'a AtomicU64,
+    /// Runs the drive where it has links.
+    pub plant: Option<&'a Plant>,
 }
 
 impl Context<'_> {
@@ -108,6 +111,10 @@ const BEAM: usize = 6;
 const HOPE: f64 = 60.0;
 /// Hypotheses that are fitted in a round for each set.
 const FITTED: usize = 6;
+/// The same for drives with links, whose runs take a second each; and most effects.
+const LINKED_BEAM: usize = 2;
+const LINKED_FITTED: usize = 4;
+const LINKED_EFFECTS: usize = 2;
 /// Most effects.
 pub const MOST_EFFECTS: usize = 4;
 /// An effect whose score is worth less is not looked at further: positive evidence after Kass and Raftery 1995, no more. What
@@ -146,6 +153,8 @@ pub fn declared<'a>(
     }
     Problem {
         machine: machine.clone(),
+        plant: context.plant,
+        folded: false,
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
         weights: data.channels.iter().map(|c| c.noise.max(1e-12)).collect(),
@@ -188,11 +197,13 @@ pub fn fitted<'a>(
 
 /// The baseline: from the drive's own numbers, and from some around them, so that no far minimum is missed.
 pub fn baseline<'a>(problem: Problem<'a>, own: &Data, context: &Context) -> Model<'a> {
-    let start = problem.start();
+    let mut start = problem.start();
+    problem.find_travels(&mut start, context.threads);
     let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
-        if context.ends() || problem.globals.is_empty() {
+        // A drive with links costs too much to be started anew, and is close to its numbers.
+        if context.ends() || problem.globals.is_empty() || problem.plant.is_some() {
             break;
         }
         let mut other = start.clone();
@@ -219,14 +230,9 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     let records = problem.data.records.len();
     context.say("fitting the declared model");
     let mut declared = baseline(problem, own, context);
-    // What is added may be stiffer than what was declared, but not by so much that a search takes days.
-    let needed = declared
-        .problem
-        .data
-        .segments
-        .iter()
-        .map(|s| steps_needed(&declared.problem.machine, &declared.problem.machine.values, &s.task, &s.start));
-    declared.problem.most_steps = (4.0 * needed.fold(1.0, f64::max)).clamp(16.0, MOST_STEPS);
+    if declared.problem.plant.is_none() {
+        set_most_steps(&mut declared.problem);
+    }
     let (detectable, alike) = first_look(measurement, &declared, context);
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
@@ -234,7 +240,9 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     let mut seen: Vec<Vec<String>> = vec![Vec::new()];
     let mut all: Vec<Model<'a>> = vec![declared.clone()];
     let mut cut_short = false;
-    for round in 1..=MOST_EFFECTS {
+    let linked = declared.problem.plant.is_some();
+    let (beam_width, most_effects) = if linked { (LINKED_BEAM, LINKED_EFFECTS) } else { (BEAM, MOST_EFFECTS) };
+    for round in 1..=most_effects {
         let mut next: Vec<Model<'a>> = Vec::new();
         for model in &beam {
             if context.ends() {
@@ -252,7 +260,7 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
         all.extend(next.iter().cloned());
         let effective = best_effective(&all);
         next.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
-        next.truncate(BEAM);
+        next.truncate(beam_width);
         let lead = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
         next.retain(|m| score(m, &effective, records) <= lead + HOPE);
         let before = beam.iter().map(|m| score(m, &effective, records)).fold(f64::MAX, f64::min);
@@ -268,6 +276,13 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     let effective = best_effective(&all);
     all.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
     Searched { declared, all, effective, trials, reasons, detectable, alike, cut_short }
+}
+
+/// What is added may be stiffer than what was declared, but not by so much that a search takes days.
+fn set_most_steps(problem: &mut Problem) {
+    let m = &problem.machine;
+    let needed = problem.data.segments.iter().map(|s| steps_needed(m, &m.values, &s.task, &s.start));
+    problem.most_steps = (4.0 * needed.fold(1.0, f64::max)).clamp(16.0, MOST_STEPS);
 }
 
 /// What could be seen, and what could not be told apart, at the declared model.
@@ -318,7 +333,7 @@ fn grow<'a>(
     let mut chosen: Vec<usize> = Vec::new();
     let mut linear = 0;
     for i in order {
-        let unscreened = promises[i].columns.is_empty();
+        let unscreened = promises[i].columns.is_empty() && !promises[i].idle;
         let id = hypotheses[i].identity();
         let others = chosen.iter().filter(|c| hypotheses[**c].identity() == id).count();
         let useful = unscreened || promises[i].gain > (0.1 * most).max(1e-4);
@@ -329,7 +344,7 @@ fn grow<'a>(
             if others == 0 {
                 linear += 1;
             }
-            if linear > FITTED {
+            if linear > if model.problem.plant.is_some() { LINKED_FITTED } else { FITTED } {
                 continue;
             }
         }
@@ -348,7 +363,10 @@ fn grow<'a>(
                 rms_fit: None,
                 rms_judge: None,
                 score: None,
-                why: "screening: explains less than others".into(),
+                why: match promises[i].idle {
+                    true => "changes nothing in these records".into(),
+                    false => "screening: explains less than others".into(),
+                },
             });
         }
     }
@@ -368,7 +386,7 @@ fn grow<'a>(
         }
         let h = &hypotheses[jobs[job]];
         let p = &promises[jobs[job]];
-        let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, &p.values, &p.phases);
+        let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, &p.seed);
         let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
         let model = fitted(problem, &start, own, effects, 1, 40);
         context.say("fitting hypotheses");
@@ -402,15 +420,8 @@ fn grow<'a>(
 }
 
 /// A model with one hypothesis more, fitted.
-pub fn refit_with<'a>(
-    model: &Model<'a>,
-    h: &Hypothesis,
-    values: &[f64],
-    phases: &[f64],
-    own: &Data,
-    threads: usize,
-) -> Model<'a> {
-    let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, values, phases);
+pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &Data, threads: usize) -> Model<'a> {
+    let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, seed);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
     fitted(problem, &start, own, effects, threads, 40)
 }

@@ -3,7 +3,8 @@
 
 use super::candidates::Hypothesis;
 use super::screen::{Base, Promise};
-use crate::machine::Machine;
+use crate::effects::Effect;
+use crate::machine::{Machine, Target};
 use serde::Serialize;
 
 /// Two periods of a chain drive that fall together.
@@ -94,6 +95,31 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
         }
     }
     found
+}
+
+/// Effects whose every order is one of this effect's, because teeth divide links: a tooth or runout always meets the same links,
+/// and one link the same tooth. Paths.
+pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
+    const ON_SPROCKETS: [&str; 2] = ["sprocket_runout", "gap_error"];
+    const ON_LINKS: [&str; 2] = ["pitch_error", "tight_joint"];
+    let Some(links) = m.chain.as_ref().map(|c| c.links) else { return Vec::new() };
+    let divides = |b: usize| m.bodies[b].teeth.is_some_and(|z| z > 0 && links.is_multiple_of(z));
+    let places = |names: [&'static str; 2]| {
+        names.into_iter().filter_map(crate::effects::named).flat_map(|e| {
+            m.targets(e).into_iter().map(move |(name, target)| (format!("effects.{}.{name}", e.name), target))
+        })
+    };
+    match target {
+        Target::Body(b) if ON_SPROCKETS.contains(&effect.name) && divides(b) => {
+            // One of them stands for both: the first.
+            places(ON_LINKS).map(|(path, _)| path).take(1).collect()
+        }
+        Target::Chain if ON_LINKS.contains(&effect.name) => {
+            let on = places(ON_SPROCKETS).filter(|(_, t)| matches!(t, Target::Body(b) if divides(*b)));
+            on.map(|(path, _)| path).filter(|p| p.starts_with("effects.sprocket_runout")).collect()
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// Teeth and links of a lumped machine.

@@ -155,7 +155,13 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
             100.0 * e.gain,
             100.0 * e.sham_gain
         )?;
-        for rival in &e.rivals {
+        for path in &e.by_order {
+            writeln!(
+                t,
+                "    cannot be separated from {path} by order: the teeth divide the links, so that one always meets the same other"
+            )?;
+        }
+        for rival in e.rivals.iter().filter(|r| !e.by_order.contains(&r.path)) {
             writeln!(
                 t,
                 "    cannot be told from {} (held-out error {:.3} times [{:.3}, {:.3}])",

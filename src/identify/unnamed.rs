@@ -61,7 +61,7 @@ fn effect(index: usize) -> &'static Effect {
                 parameters: &[SIZE],
                 dissipative: false,
                 physics: Physics::BodyForce(*law),
-                links: false,
+                links: None,
             })
             .collect()
     });
@@ -136,6 +136,7 @@ fn one_more<'a>(
         values: vec![0.1 * scale],
         rows: vec![&effect(t).parameters[0]],
         scales: vec![scale],
+        on_links: false,
     };
     let gains = parallel(LIBRARY.len(), context.threads, |t| {
         if taken.contains(&t) { 0.0 } else { promise(&model.problem, &base, fit, &hypothesis(t)).gain }
@@ -146,5 +147,5 @@ fn one_more<'a>(
     }
     let h = hypothesis(term);
     let p = promise(&model.problem, &base, fit, &h);
-    Some((term, refit_with(model, &h, &p.values, &p.phases, own, context.threads)))
+    Some((term, refit_with(model, &h, &p.seed, own, context.threads)))
 }

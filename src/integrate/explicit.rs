@@ -271,6 +271,15 @@ fn joints(model: &Model, scratch: &mut Scratch) {
         &mut scratch.joint_power_damping,
         &mut scratch.joint_power_friction,
     );
+    for (j, torque_nm) in &model.chain.tight {
+        link_joint::tighten(
+            (&model.chain.joint, *torque_nm),
+            (*j, 0.5 * model.step_s),
+            &ends,
+            &mut scratch.joint_torque,
+            &mut scratch.joint_power_friction,
+        );
+    }
     close_loop(model.chain.n_links, [&mut scratch.joint_x, &mut scratch.joint_y, &mut scratch.joint_torque]);
 }
 

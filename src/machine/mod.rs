@@ -9,6 +9,7 @@
 //! that a fit changes a machine by writing into a list.
 
 mod forces;
+mod links;
 mod place;
 mod pulses;
 mod read;
@@ -36,6 +37,8 @@ pub struct Machine {
     /// Loads and effects; those of sensors in the order of the catalogue.
     pub placed: Vec<Placed>,
     pub chain: Option<Loop>,
+    /// Where every link is a body: what the lumped form does not hold.
+    pub linked: Option<Linked>,
     pub places: Places,
 }
 
@@ -132,6 +135,10 @@ pub enum Reads {
     Tension(usize),
     /// What must act on this prescribed body from outside.
     Reaction(usize),
+    /// With links: tension of the span that leaves this body, of this link, and force on this guide.
+    Span(usize),
+    Link(usize),
+    Guide(usize),
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -162,6 +169,7 @@ pub enum Target {
     Input(usize),
     Sensor(usize),
     Chain,
+    Guide(usize),
 }
 
 /// The chain as counted: what orders come from.
@@ -170,6 +178,16 @@ pub struct Loop {
     pub links: u32,
     /// Body whose teeth count the links that pass.
     pub leader: usize,
+}
+
+/// What a drive with links has beside its shafts, as far as measured records ask for it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linked {
+    pub guides: Vec<String>,
+    /// Pitches after which the declared drive repeats itself.
+    pub repeats: u32,
+    /// Paths of effects that the drive file declares.
+    pub declared: Vec<String>,
 }
 
 /// Keys that tell a lumped drive from one with links.
@@ -218,7 +236,7 @@ impl Machine {
         match self.sensors[sensor].reads {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
             Reads::Pulses { body, .. } => Some(body),
-            Reads::Tension(_) => None,
+            Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => None,
         }
     }
 }

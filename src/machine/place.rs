@@ -1,11 +1,14 @@
 //! Putting effects on a machine: where each may go, the keys of its numbers, what it adds.
 
-use super::{Body, End, InputKind, Machine, Motion, Placed, Reads, Slot, Spring, Target};
+use super::{Body, End, InputKind, Machine, Motion, Placed, Reads, Slot, Spring, Target, links};
 use crate::effects::{EFFECTS, Effect, Kind, On, Parameter, Physics};
 
 impl Machine {
     /// Everything that an effect may be put on, with its name.
     pub fn targets(&self, effect: &Effect) -> Vec<(String, Target)> {
+        if let Some(linked) = &self.linked {
+            return self.targets_on_links(linked, effect);
+        }
         if matches!(effect.physics, Physics::LinksOnly) {
             return Vec::new();
         }
@@ -67,7 +70,7 @@ impl Machine {
             _ => false,
         };
         let mut keys = Vec::new();
-        for p in effect.parameters {
+        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::takes(effect, p)) {
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
                 let marks = match target {
@@ -145,13 +148,11 @@ impl Machine {
         if sensors_move {
             self.bodies[near].minus = Some(inertia);
             for s in &mut self.sensors {
-                match &mut s.reads {
-                    Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Pulses { body: b, .. } => {
-                        if *b == near {
-                            *b = far;
-                        }
-                    }
-                    Reads::Tension(_) | Reads::Reaction(_) => {}
+                if let Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Pulses { body: b, .. } =
+                    &mut s.reads
+                    && *b == near
+                {
+                    *b = far;
                 }
             }
         }

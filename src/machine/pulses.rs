@@ -54,7 +54,7 @@ pub(super) fn pulses(
     q[body] = place(0).0;
     let mut work = Work::new(m);
     let mut out = Vec::with_capacity(intervals);
-    let clock = 1.0 + clock(ready);
+    let clock = 1.0 + clock(ready.m, ready.values);
     let (mut t, mut k) = (0.0_f64, 1);
     let mut before = place(0).1;
     let mut since = 0.0;

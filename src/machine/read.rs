@@ -2,7 +2,7 @@
 
 use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::{Places, Table};
-use crate::effects::{EFFECTS, Effect, Kind, On, named};
+use crate::effects::{EFFECTS, Effect, On, named};
 use crate::units::{MM, RPM};
 
 /// Most marks whose spacing is fitted one by one.
@@ -22,6 +22,7 @@ pub(super) fn machine(root: &Table<'_>) -> Machine {
         sensors: Vec::new(),
         placed: Vec::new(),
         chain: None,
+        linked: None,
         places: Places::empty(),
     };
     root.choice("fidelity", &[("lumped", ())]);
@@ -307,7 +308,7 @@ fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target
     let slots = keys
         .iter()
         .map(|(key, p)| {
-            if p.kind == Kind::Whole {
+            if p.kind.is_whole() {
                 let range = (p.low, p.high);
                 return slot(m, t, key, p.unit, range, p.default);
             }

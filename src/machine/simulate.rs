@@ -61,6 +61,8 @@ pub const MOST_STEPS: f64 = 300.0;
 pub struct Start {
     pub q: Vec<f64>,
     pub v: Vec<f64>,
+    /// Of a drive with links: pitches since its period began.
+    pub travel: f64,
 }
 
 /// Runs a machine and returns one series for every channel (index of a sensor), at the samples; pulses: ln of the intervals.
@@ -265,6 +267,8 @@ fn sampled(
                 Reads::Tension(s) => (work.tension_at_node[s], 0),
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
+                // Only where every link is a body.
+                Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
             angles[c].push(q_before[body]);
@@ -276,7 +280,7 @@ fn sampled(
             return Err(RunError::Diverged { t_s: step as f64 * h });
         }
     }
-    let clock = clock(ready);
+    let clock = clock(m, ready.values);
     Ok(channels
         .iter()
         .enumerate()
@@ -288,7 +292,7 @@ fn sampled(
                     *value = gain * ready.inertia[b] * a - *value;
                 }
             }
-            let trace = through_sensor(ready, *channel, std::mem::take(&mut traces[c]), &angles[c], h);
+            let trace = through_sensor(m, ready.values, *channel, std::mem::take(&mut traces[c]), &angles[c], h);
             if even && clock == 0.0 {
                 (0..t_s.len()).map(|i| trace[i * parts]).collect()
             } else {
@@ -299,25 +303,32 @@ fn sampled(
 }
 
 /// What the recorder's clock does to time.
-pub(super) fn clock(ready: &Ready) -> f64 {
+pub fn clock(m: &Machine, values: &[f64]) -> f64 {
     let mut clock = 0.0;
-    for p in &ready.m.placed {
+    for p in &m.placed {
         if let Physics::Clock(law) = p.effect.physics {
-            clock += law(&p.slots.iter().map(|s| ready.values[*s]).collect::<Vec<f64>>());
+            clock += law(&p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>());
         }
     }
     clock
 }
 
 /// The signal after all effects of its sensor.
-fn through_sensor(ready: &Ready, sensor: usize, mut values: Vec<f64>, angles: &[f64], h: f64) -> Vec<f64> {
-    let derivative = match ready.m.sensors[sensor].reads {
+pub fn through_sensor(
+    m: &Machine,
+    numbers: &[f64],
+    sensor: usize,
+    mut values: Vec<f64>,
+    angles: &[f64],
+    h: f64,
+) -> Vec<f64> {
+    let derivative = match m.sensors[sensor].reads {
         Reads::Angle(_) => 0,
         _ => 1,
     };
-    for p in ready.m.placed.iter().filter(|p| p.target == Target::Sensor(sensor)) {
+    for p in m.placed.iter().filter(|p| p.target == Target::Sensor(sensor)) {
         if let Physics::Signal(law) = p.effect.physics {
-            let numbers: Vec<f64> = p.slots.iter().map(|s| ready.values[*s]).collect();
+            let numbers: Vec<f64> = p.slots.iter().map(|s| numbers[*s]).collect();
             law(&numbers, &mut Trace { step_s: h, values: &mut values, angles, derivative });
         }
     }
@@ -379,7 +390,7 @@ fn derivative(series: &[f64], h: f64) -> Vec<f64> {
 }
 
 /// The series at a place between its values: cubic through four of them.
-fn between(series: &[f64], at: f64) -> f64 {
+pub fn between(series: &[f64], at: f64) -> f64 {
     let n = series.len();
     let last = n.saturating_sub(1) as f64;
     let at = at.clamp(0.0, last);

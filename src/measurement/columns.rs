@@ -1,5 +1,10 @@
-//! Columns of numbers out of measured files: CSV and Parquet, told apart by the file's ending.
+//! Columns of numbers out of measured files: CSV, Parquet and our own recordings (MCAP), told apart by the file's ending.
 
+use crate::drive::Drive;
+use crate::machine::Machine;
+use crate::machine::simulate::through_sensor;
+use crate::recording::reader::{Entry, Flow, Reader, Wanted};
+use anyhow::{anyhow, ensure};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use std::path::Path;
@@ -7,11 +12,13 @@ use std::path::Path;
 /// Largest file that is read [bytes].
 const LARGEST_FILE: u64 = 1 << 31;
 
-/// A file's columns, each as long as the file has rows; what is empty is NaN.
+/// A file's columns, each as long as the file has rows; what is empty or no number is NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Columns {
     pub names: Vec<String>,
     pub values: Vec<Vec<f64>>,
+    /// Of every column the first value that is no number, with its line: a mistake where somebody asks for the column.
+    pub wrong: Vec<Option<String>>,
     /// Line of the first row in a text file.
     pub first_line: usize,
 }
@@ -47,6 +54,7 @@ pub fn read(path: &Path, layout: Layout) -> Result<Columns, String> {
     }
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("parquet") => read_parquet(path),
+        Some("mcap") => read_recording(path).map_err(|e| format!("{e:#}")),
         Some("mf4" | "mdf" | "dat") => Err(format!(
             "`{shown}` is an ASAM MDF file, which is not read\nhelp: turn it into CSV or Parquet, for example with the Python package asammdf: `MDF(\"x.mf4\").export(\"csv\")`"
         )),
@@ -73,6 +81,7 @@ pub fn parse_csv(bytes: &[u8], layout: Layout) -> Result<Columns, String> {
         .from_reader(rest);
     let mut names: Vec<String> = Vec::new();
     let mut values: Vec<Vec<f64>> = Vec::new();
+    let mut wrong: Vec<Option<String>> = Vec::new();
     let mut first_line = 0;
     let mut record = csv::ByteRecord::new();
     let mut header = layout.header;
@@ -121,13 +130,11 @@ pub fn parse_csv(bytes: &[u8], layout: Layout) -> Result<Columns, String> {
             match number {
                 Ok(n) => column.push(n),
                 Err(_) => {
+                    column.push(f64::NAN);
+                    wrong.resize(names.len(), None);
                     let text: String = text.chars().take(40).collect();
-                    let help = if layout.separator == b';' || !text.contains(',') {
-                        ""
-                    } else {
-                        "\nhelp: is the decimal point a comma? only points are read"
-                    };
-                    return Err(format!(":{line}: `{text}` in column `{}` is no number{help}", names[i]));
+                    wrong[i]
+                        .get_or_insert_with(|| format!("`{text}` in column `{}`, line {line}, is no number", names[i]));
                 }
             }
         }
@@ -135,7 +142,8 @@ pub fn parse_csv(bytes: &[u8], layout: Layout) -> Result<Columns, String> {
     if values.iter().all(Vec::is_empty) {
         return Err(" holds no rows".to_string());
     }
-    Ok(Columns { names, values, first_line })
+    wrong.resize(names.len(), None);
+    Ok(Columns { names, values, wrong, first_line })
 }
 
 fn read_parquet(path: &Path) -> Result<Columns, String> {
@@ -157,7 +165,46 @@ fn read_parquet(path: &Path) -> Result<Columns, String> {
     if values.iter().all(Vec::is_empty) {
         return Err(format!("`{shown}` holds no rows"));
     }
-    Ok(Columns { names, values, first_line: 1 })
+    Ok(Columns { wrong: vec![None; names.len()], names, values, first_line: 1 })
+}
+
+/// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of its drive
+/// by its path, as it shows, with its gain and what its drive file says that it gets wrong.
+fn read_recording(path: &Path) -> anyhow::Result<Columns> {
+    let mut reader = Reader::open(path)?;
+    let header = reader.header().clone();
+    let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides).map_err(|e| anyhow!("{e}"))?;
+    let rotors: Vec<&str> =
+        header.bodies.iter().filter(|b| b.rotor).map(|b| b.path.trim_start_matches("sprockets.")).collect();
+    let mut names = vec!["t_s".to_string()];
+    for of in ["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"] {
+        names.extend(rotors.iter().map(|r| format!("rotors.{r}.{of}")));
+    }
+    let first_sensor = names.len();
+    names.extend(header.sensors.iter().map(|s| s.path.clone()));
+    let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    reader.each(Wanted { frames: true, ..Wanted::default() }, (f64::MIN, f64::MAX), |entry| {
+        if let Entry::Frame(f) = entry {
+            let r = &f.rotors;
+            let all = [&[f.t_s][..], &r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm, &f.sensors];
+            for (column, value) in values.iter_mut().zip(all.concat()) {
+                column.push(value);
+            }
+        }
+        Ok(Flow::On)
+    })?;
+    let rows = values[0].len();
+    ensure!(rows > 1, "{} holds no frames", path.display());
+    ensure!(values.iter().all(|c| c.len() == rows), "{}: frames with and without sensors", path.display());
+    let m = Machine::of_links(&drive);
+    let step_s = (values[0][rows - 1] - values[0][0]) / (rows - 1) as f64;
+    for sensor in 0..header.sensors.len() {
+        let angles = m.body_of(sensor).map_or_else(|| vec![0.0; rows], |b| values[1 + b].clone());
+        let gain = m.values[m.sensors[sensor].gain];
+        let shown = values[first_sensor + sensor].iter().map(|v| gain * v).collect();
+        values[first_sensor + sensor] = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
+    }
+    Ok(Columns { wrong: vec![None; names.len()], names, values, first_line: 1 })
 }
 
 /// The number in a field; what is none is NaN.

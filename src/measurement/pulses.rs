@@ -145,7 +145,7 @@ pub(super) fn pulse_segments(
         let mean = known.iter().take(marks).sum::<f64>() / known.len().min(marks) as f64;
         let shortest = known.iter().copied().fold(f64::MAX, f64::min);
         let longest = known.iter().copied().fold(f64::MIN, f64::max);
-        let mut start = Start { q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
+        let mut start = Start { travel: 0.0, q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
         start.v[body] = gap / libm::exp(mean.min(first + 1.0));
         let n = b - a;
         let judge_from = match (record.usage, record.judge_share) {

@@ -34,6 +34,18 @@ impl Segment {
         self.measured.first().map_or(0, Vec::len)
     }
 
+    /// The task of what fits alone.
+    pub fn fitting_task(&self) -> Task {
+        let mut task = self.task.clone();
+        if self.judge_from > 0 {
+            match &mut task.samples {
+                Samples::Times { t_s, .. } => t_s.truncate(self.judge_from),
+                Samples::Pulses { intervals, .. } => *intervals = (*intervals).min(self.judge_from),
+            }
+        }
+        task
+    }
+
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -164,6 +176,22 @@ pub(super) fn column_of(
     let own = record.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_str());
     let wanted = own.unwrap_or(column);
     let found = columns.find(wanted);
+    if let Some(wrong) = found.and_then(|i| columns.wrong.get(i)).and_then(Option::as_ref) {
+        let at = match own {
+            Some(_) => format!("records.{}.columns.{name}", record.name),
+            None => format!("{kind}.{name}.column"),
+        };
+        let comma = wrong
+            .split('`')
+            .nth(1)
+            .is_some_and(|v| v.contains(','))
+            .then(|| "is the decimal point a comma? only points are read".to_string());
+        let diag = measurement.places.error(&at, format!("file `{}`: {wrong}", record.file), comma);
+        if !diags.contains(&diag) {
+            diags.push(diag);
+        }
+        return None;
+    }
     if found.is_none() {
         let at = match own {
             Some(_) => format!("records.{}.columns.{name}", record.name),
@@ -352,7 +380,7 @@ fn check_values(
 /// Speeds and positions at the start, as far as the channels tell.
 fn first_guess(machine: &Machine, channels: &[Channel], measured: &[Vec<f64>], step_s: f64, at_rest: bool) -> Start {
     let n = machine.bodies.len();
-    let mut start = Start { q: vec![0.0; n], v: vec![0.0; n] };
+    let mut start = Start { q: vec![0.0; n], v: vec![0.0; n], travel: 0.0 };
     if at_rest {
         return start;
     }

@@ -99,6 +99,7 @@ pub fn shows(m: &Machine, sensor: usize) -> (Quantity, &'static str) {
                 if turns { (Quantity::Torque, "N m") } else { (Quantity::Force, "N") }
             }
         },
+        Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (Quantity::Force, "N"),
         Reads::Reaction(b) if slides(b) => (Quantity::Force, "N"),
         Reads::Reaction(_) => (Quantity::Torque, "N m"),
     }

@@ -6,7 +6,7 @@
 
 use super::frame::{
     BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, Joints, LinkInfo, Links, Outline,
-    OutlineCircle, OutlineElement, Rotors, Segment,
+    OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
 use crate::contact;
@@ -105,6 +105,7 @@ impl Camera {
             contacts: columns(&rows),
             rotors,
             energy: since(&total, &origin),
+            sensors: model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)).collect(),
         }
     }
 }
@@ -533,6 +534,11 @@ pub fn header_of(
         assembly,
         parent: None,
         ledger_origin: None,
+        sensors: drive
+            .sensors
+            .iter()
+            .map(|s| SensorInfo { path: s.path.clone(), unit: s.reads.unit().to_string() })
+            .collect(),
     }
 }
 

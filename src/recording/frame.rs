@@ -58,6 +58,20 @@ pub struct Header {
     /// All energies when the ledger was opened; frames count losses and work from there.
     #[prost(message, optional, tag = "16")]
     pub ledger_origin: Option<Energy>,
+    /// Sensors of the drive, in the order of `Frame::sensors`.
+    #[prost(message, repeated, tag = "17")]
+    pub sensors: Vec<SensorInfo>,
+}
+
+/// A sensor of the drive.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct SensorInfo {
+    /// In the drive file: `sensors.KIND.NAME`.
+    #[prost(string, tag = "1")]
+    pub path: String,
+    /// SI unit of its reading.
+    #[prost(string, tag = "2")]
+    pub unit: String,
 }
 
 /// Where a recording begins that did not begin with an assembled drive.
@@ -209,6 +223,9 @@ pub struct Frame {
     pub rotors: Rotors,
     #[prost(message, required, tag = "9")]
     pub energy: Energy,
+    /// What every sensor stands at, in SI, before its gain and its errors.
+    #[prost(double, repeated, tag = "10")]
+    pub sensors: Vec<f64>,
 }
 
 /// Pose and velocity of every link at its centre of mass.
@@ -536,6 +553,9 @@ pub struct Signals {
     pub contacts: u32,
     #[prost(double, tag = "8")]
     pub energy_error_j: f64,
+    /// Per sensor of the header, in SI.
+    #[prost(double, repeated, tag = "9")]
+    pub sensors: Vec<f64>,
 }
 
 impl Signals {
@@ -557,6 +577,7 @@ impl Signals {
             rotor_speed_rpm: frame.rotors.speed_rad_s.iter().map(|w| w / crate::units::RPM).collect(),
             contacts: frame.contacts.link.len() as u32,
             energy_error_j: frame.energy.error_j,
+            sensors: frame.sensors.clone(),
         }
     }
 }

@@ -390,6 +390,7 @@ impl Reader {
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
         let (links, bodies) = (self.header.links.len(), self.header.bodies.len());
+        let sensors = self.header.sensors.len();
         let flow = self.records(index, &unpacked, &mut |topic, t_ns, data| {
             if t_ns < from_ns || t_ns > to_ns {
                 return Ok(Flow::On);
@@ -398,7 +399,7 @@ impl Reader {
                 Topic::Frame if wanted.frames => {
                     frame.clear();
                     frame.merge(data)?;
-                    check(&frame, links, bodies)?;
+                    check(&frame, links, bodies, sensors)?;
                     Entry::Frame(&frame)
                 }
                 Topic::Frame if wanted.heads => Entry::Head(FrameHead::decode(data)?),
@@ -543,7 +544,7 @@ fn channel(content: &[u8]) -> Option<(u16, &str)> {
 
 /// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely
 /// on it.
-fn check(frame: &Frame, n_links: usize, n_bodies: usize) -> anyhow::Result<()> {
+fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
     let links = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
@@ -573,6 +574,7 @@ fn check(frame: &Frame, n_links: usize, n_bodies: usize) -> anyhow::Result<()> {
     ensure!(frame.links.x_m.len() == n_links, "a frame of {} links in a recording of {n_links}", frame.links.x_m.len());
     let inside = c.link.iter().all(|l| (*l as usize) < n_links) && c.body.iter().all(|b| (*b as usize) < n_bodies);
     ensure!(inside, "a contact of a link or body that there is not");
+    ensure!(frame.sensors.len() <= n_sensors, "more readings than sensors");
     let r = &frame.rotors;
     let n = r.angle_rad.len();
     ensure!(n <= n_bodies, "more rotors than bodies");

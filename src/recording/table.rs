@@ -15,11 +15,12 @@ use super::frame::{
 use file::Store;
 
 /// All tables.
-pub const TABLES: [Table; 9] = [
+pub const TABLES: [Table; 10] = [
     Table { name: "links", source: Source::Frame(links) },
     Table { name: "contacts", source: Source::Frame(contacts) },
     Table { name: "joints", source: Source::Frame(joints) },
     Table { name: "rotors", source: Source::Frame(rotors) },
+    Table { name: "sensors", source: Source::Frame(sensors) },
     Table { name: "energy", source: Source::Frame(energy) },
     Table { name: "events", source: Source::Event(event) },
     Table { name: "impacts", source: Source::Impact(impact) },
@@ -96,8 +97,18 @@ fn own<'a>(name: &'static str, unit: &'static str, meaning: &'static str, values
 
 /// With what every table of frames begins, then `columns`.
 fn stamped<'a, const N: usize>(at: &Moment<'a>, n: usize, columns: [Column<'a>; N]) -> Rows<'a> {
-    let Frame { step, t_s, crank_angle_rad, state_hash: _, links: _, joints: _, contacts: _, rotors: _, energy: _ } =
-        at.frame;
+    let Frame {
+        step,
+        t_s,
+        crank_angle_rad,
+        state_hash: _,
+        links: _,
+        joints: _,
+        contacts: _,
+        rotors: _,
+        energy: _,
+        sensors: _,
+    } = at.frame;
     let mut all = Vec::with_capacity(4 + N);
     all.extend([
         own("frame", "1", "Index of the frame in the recording.", EveryU64(at.index)),
@@ -201,6 +212,20 @@ fn rotors<'a>(at: &Moment<'a>) -> Rows<'a> {
         of("outer_torque_nm", F64(outer_torque_nm)),
     ];
     stamped(at, angle_rad.len(), columns)
+}
+
+fn sensors<'a>(at: &Moment<'a>) -> Rows<'a> {
+    let readings = &at.frame.sensors;
+    let known = |i: usize| at.header.sensors.get(i);
+    let paths = (0..readings.len()).map(|i| known(i).map_or("unknown sensor", |s| s.path.as_str())).collect();
+    let units = (0..readings.len()).map(|i| known(i).map_or("", |s| s.unit.as_str())).collect();
+    let columns = [
+        own("sensor", "1", "Index of the sensor.", Count),
+        own("sensor_path", "1", "Path of the sensor in the drive file.", Text(paths)),
+        own("unit", "1", "Unit of the reading.", Text(units)),
+        own("reading", "SI", "What the sensor stands at, before its gain and its errors.", F64(readings)),
+    ];
+    stamped(at, readings.len(), columns)
 }
 
 fn energy<'a>(at: &Moment<'a>) -> Rows<'a> {

@@ -43,6 +43,7 @@ fn report_of(c: &Case) -> Result<Report, String> {
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {
+        plant: None,
         threads: 1,
         budget: Budget { runs: None, seconds: None },
         started: std::time::Instant::now(),

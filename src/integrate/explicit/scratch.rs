@@ -42,8 +42,9 @@ pub struct Scratch {
     /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
     pub(super) seat_cos: Vec<Vec<f64>>,
     pub(super) seat_sin: Vec<Vec<f64>>,
-    /// How far that gap stands further out [m], and its index.
-    pub(super) seat_shift: Vec<Vec<f64>>,
+    /// How far that gap lies beside its place, outwards and counterclockwise [m], and its index.
+    pub(super) seat_out: Vec<Vec<f64>>,
+    pub(super) seat_left: Vec<Vec<f64>>,
     pub(super) seat_index: Vec<Vec<u32>>,
     pub(super) reseats: u64,
     /// Nearest sprocket of every joint; nearest guide of every link, per side.
@@ -151,7 +152,8 @@ impl Scratch {
             guide_moment: column(),
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
-            seat_shift: vec![column(); model.sprockets.len()],
+            seat_out: vec![column(); model.sprockets.len()],
+            seat_left: vec![column(); model.sprockets.len()],
             seat_index: vec![vec![0; n]; model.sprockets.len()],
             reseats: 0,
             nearest_sprocket: vec![0; n],
@@ -185,6 +187,15 @@ impl Scratch {
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
     pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
         (self.joint_x[j + 1], self.joint_y[j + 1], self.joint_torque[j + 1])
+    }
+
+    /// Of every sprocket: angular acceleration [rad/s2], and torque of the chain on it [N m].
+    pub fn rotor_alpha(&self) -> &[f64] {
+        &self.rotor_alpha
+    }
+
+    pub fn chain_torque(&self) -> &[f64] {
+        &self.chain_torque
     }
 
     /// Power lost in all joints at this node [W]: damping, friction.

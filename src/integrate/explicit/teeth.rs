@@ -12,7 +12,7 @@ struct BushColumns<'a> {
     on_front: &'a [f64],
     front: [&'a [f64]; 10],
     rear: [&'a [f64]; 10],
-    constants: [&'a [f64]; 6],
+    constants: [&'a [f64]; 7],
     memory: [&'a [f64]; 4],
 }
 
@@ -26,8 +26,12 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
     let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
-    let tip_reach_m =
-        body.tip_radius_m + body.bush_radius_m + reach_m + model.chain.joint.clearance_m + JOINT_STRETCH_M;
+    let tip_reach_m = body.tip_radius_m
+        + body.bush_radius_m
+        + body.most_shift_m
+        + reach_m
+        + model.chain.joint.clearance_m
+        + JOINT_STRETCH_M;
     let mut partial = [0.0; LANES];
     let mut block = scratch.lanes.take().unwrap_or_default();
     let lanes = &mut *block;
@@ -121,7 +125,8 @@ fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k:
             &c.bush_inverse_inertia[..n],
             &s.seat_cos[k][..n],
             &s.seat_sin[k][..n],
-            &s.seat_shift[k][..n],
+            &s.seat_out[k][..n],
+            &s.seat_left[k][..n],
         ],
         memory: [&m.normal_force[..n], &m.tangential_force[..n], &m.age[..n], &m.approach[..n]],
     }
@@ -171,7 +176,8 @@ fn load_bushes(c: &BushColumns<'_>, n: usize, at: usize, centre: Vec2, lanes: &m
     lanes.inverse_inertia = take(c.constants[2], at);
     lanes.seat_cos = take(c.constants[3], at);
     lanes.seat_sin = take(c.constants[4], at);
-    lanes.seat_shift = take(c.constants[5], at);
+    lanes.seat_out = take(c.constants[5], at);
+    lanes.seat_left = take(c.constants[6], at);
     lanes.normal_force = take(c.memory[0], at);
     lanes.tangential_force = take(c.memory[1], at);
     lanes.age = take(c.memory[2], at);
@@ -199,9 +205,11 @@ fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: 
         let seat = seat_of(model, k, turning.cos, turning.sin, lanes.x[i], lanes.y[i]);
         scratch.seat_cos[k][j] = body.seat_cos[seat];
         scratch.seat_sin[k][j] = body.seat_sin[seat];
-        scratch.seat_shift[k][j] = body.seat_shift[seat];
+        scratch.seat_out[k][j] = body.seat_out[seat];
+        scratch.seat_left[k][j] = body.seat_left[seat];
         scratch.seat_index[k][j] = seat as u32;
-        lanes.seat_shift[i] = scratch.seat_shift[k][j];
+        lanes.seat_out[i] = scratch.seat_out[k][j];
+        lanes.seat_left[i] = scratch.seat_left[k][j];
         lanes.seat_cos[i] = scratch.seat_cos[k][j];
         lanes.seat_sin[i] = scratch.seat_sin[k][j];
     }

@@ -33,7 +33,10 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         if sprocket.geometry.iso().is_none() {
             continue;
         }
-        let reach = sprocket.geometry.tip_radius_m() + sprocket.body.bush_radius_m + WINDOW_MARGIN_M;
+        let reach = sprocket.geometry.tip_radius_m()
+            + sprocket.body.bush_radius_m
+            + sprocket.body.most_shift_m
+            + WINDOW_MARGIN_M;
         let centre = sprocket.body.centre;
         let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
         let near = |j: usize| {
@@ -46,7 +49,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
             scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
             scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
-            scratch.seat_shift[k][j] = sprocket.body.seat_shift[seat];
+            scratch.seat_out[k][j] = sprocket.body.seat_out[seat];
+            scratch.seat_left[k][j] = sprocket.body.seat_left[seat];
             scratch.reseats += u64::from(scratch.seat_index[k][j] != seat as u32);
             scratch.seat_index[k][j] = seat as u32;
         }

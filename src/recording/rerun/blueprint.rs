@@ -78,13 +78,14 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayS
     let lost = layout.curves("energy lost", "/plots/energy_lost")?;
     let energy = layout.curves("energy and work", "/plots/energy")?;
     let error = layout.curves("energy error", "/plots/energy_error")?;
+    let sensors = layout.curves("sensors", "/plots/sensors")?;
     let readme = layout.view("TextDocument", "read me", "/readme")?;
     let drive_file = layout.view("TextDocument", "drive file", "/drive_file")?;
     let table = layout.view("Dataframe", "contacts", "/state/contacts")?;
     layout.property(&table, "DataframeQuery", &contact_columns())?;
     let events = layout.view("TextLog", "events", "/events")?;
     let first = tabs(layout, "forces", &[force, count])?;
-    let second = tabs(layout, "tensions", &[tension, speed, lost, energy, error])?;
+    let second = tabs(layout, "tensions", &[tension, speed, sensors, lost, energy, error])?;
     let third = tabs(layout, "tables", &[table, readme, drive_file])?;
     let right = layout.container(
         ContainerKind::Vertical,

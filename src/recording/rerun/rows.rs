@@ -127,6 +127,7 @@ pub struct Curves {
     energy: Table,
     lost: Table,
     error: Table,
+    sensors: Table,
     /// Curve of each body: a sprocket's own, or the one of all guides.
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
@@ -147,6 +148,7 @@ impl Curves {
             energy: curves("plots/energy"),
             lost: curves("plots/energy_lost"),
             error: curves("plots/energy_error"),
+            sensors: curves("plots/sensors"),
             curve_of_body: curve_of_body.collect(),
             largest_n: vec![0.0; n_rotors + 1],
         }
@@ -184,9 +186,10 @@ impl Curves {
         ];
         push_curves(&mut self.lost, lost);
         push_curves(&mut self.error, [e.error_j]);
+        push_curves(&mut self.sensors, frame.sensors.iter().copied());
     }
 
-    pub fn tables(&mut self) -> [&mut Table; 7] {
+    pub fn tables(&mut self) -> [&mut Table; 8] {
         [
             &mut self.contact_force,
             &mut self.contacts,
@@ -195,6 +198,7 @@ impl Curves {
             &mut self.energy,
             &mut self.lost,
             &mut self.error,
+            &mut self.sensors,
         ]
     }
 }

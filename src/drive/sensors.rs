@@ -1,0 +1,195 @@
+//! Sensors of a drive with links, and what they get wrong.
+
+use super::GuideSpec;
+use super::reader::Table;
+use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
+
+/// A sensor on a drive with links.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorSpec {
+    pub name: String,
+    pub path: String,
+    pub reads: SensorReads,
+    /// Value shown per SI unit.
+    pub gain: f64,
+    /// Its own unit, where it has one; else SI.
+    pub unit: Option<String>,
+}
+
+/// What it reads; sprockets and guides by index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorReads {
+    /// Of a sprocket [rad, rad/s, rad/s2].
+    Angle(usize),
+    Speed(usize),
+    Acceleration(usize),
+    /// What turns the sprocket with the prescribed speed [N m].
+    Torque(usize),
+    /// Tension in the middle of the span that leaves this sprocket [N].
+    Span(usize),
+    /// Tension of this link, which goes round with it [N].
+    Link(usize),
+    /// Sum of the normal forces on this guide [N].
+    Guide(usize),
+}
+
+impl SensorReads {
+    /// SI unit of the reading.
+    pub fn unit(self) -> &'static str {
+        match self {
+            SensorReads::Angle(_) => "rad",
+            SensorReads::Speed(_) => "rad/s",
+            SensorReads::Acceleration(_) => "rad/s^2",
+            SensorReads::Torque(_) => "N m",
+            SensorReads::Span(_) | SensorReads::Link(_) | SensorReads::Guide(_) => "N",
+        }
+    }
+}
+
+/// An effect on a sensor's signal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SignalSpec {
+    pub effect: &'static Effect,
+    pub path: String,
+    /// Index of the sensor.
+    pub sensor: usize,
+    /// Of its parameters, in their order, SI.
+    pub values: Vec<f64>,
+}
+
+/// Whether an effect is one of signals that drives with links take.
+pub fn is_signal(effect: &Effect) -> bool {
+    matches!(effect.physics, Physics::Signal(_) | Physics::Clock(_))
+        && matches!(effect.on, On::Sensor | On::AngleSensor)
+}
+
+/// Kinds that lumped drives alone have.
+const LUMPED_ONLY: [&str; 2] = ["pulse_pickup", "displacement"];
+
+/// Reads `[sensors.KIND.NAME]`.
+pub(super) fn sensors(
+    root: &Table<'_>,
+    sprockets: &[String],
+    driver: Option<&str>,
+    guides: &[GuideSpec],
+) -> Vec<SensorSpec> {
+    let table = root.table("sensors");
+    let mut all: Vec<SensorSpec> = Vec::new();
+    for kind in LUMPED_ONLY {
+        let of_kind = table.table(kind);
+        for (_, t) in of_kind.tables() {
+            t.error(
+                format!("a drive with links has no sensor of the kind `{kind}`"),
+                Some("`pitchline sensors` lists the kinds".into()),
+            );
+        }
+    }
+    for kind in ["encoder", "tachometer", "accelerometer", "torque", "strain_gauge", "force"] {
+        let of_kind = table.table(kind);
+        for (name, t) in of_kind.tables() {
+            let reads = match kind {
+                "strain_gauge" => tension(&t, sprockets),
+                "force" => {
+                    let on = t.text("guide").unwrap_or_else(|| name.clone());
+                    let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
+                    SensorReads::Guide(index(&t, "guide", &on, &known))
+                }
+                _ => {
+                    let on = t.text("body").unwrap_or_else(|| name.clone());
+                    let known: Vec<&str> = sprockets.iter().map(String::as_str).collect();
+                    let k = index(&t, "sprocket", &on, &known);
+                    if kind == "torque" && driver != Some(on.as_str()) {
+                        t.error(
+                            format!("`{on}` moves freely: nothing holds it from outside"),
+                            Some("a torque sensor sits on the sprocket with the prescribed speed".into()),
+                        );
+                    }
+                    match kind {
+                        "encoder" => SensorReads::Angle(k),
+                        "tachometer" => SensorReads::Speed(k),
+                        "accelerometer" => SensorReads::Acceleration(k),
+                        _ => SensorReads::Torque(k),
+                    }
+                }
+            };
+            if all.iter().any(|s| s.name == name) {
+                t.error(
+                    format!("two sensors are called `{name}`"),
+                    Some("give one of them another name, and `body`, `span` or `guide` what it reads: effects are put on names".into()),
+                );
+            }
+            let gain = t.number("gain", 1.0, -1e12..=1e12).unwrap_or(1.0);
+            all.push(SensorSpec { path: t.path().to_string(), name, reads, gain, unit: t.text("unit") });
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+    all
+}
+
+fn index(t: &Table<'_>, what: &str, name: &str, known: &[&str]) -> usize {
+    known.iter().position(|n| *n == name).unwrap_or_else(|| {
+        t.error(format!("no {what} is called `{name}`"), Some(format!("{what}s: {}", known.join(", "))));
+        0
+    })
+}
+
+/// `span = ["driven", "driver"]` or `link = 12`.
+fn tension(t: &Table<'_>, sprockets: &[String]) -> SensorReads {
+    let link = t.integer("link", 0..=100_000);
+    let span = t.texts("span");
+    if let (Some(link), None) = (link, &span) {
+        return SensorReads::Link(link as usize);
+    }
+    let ends = span.unwrap_or_default();
+    let place = |name: Option<&String>| sprockets.iter().position(|s| Some(s) == name);
+    match (place(ends.first()), place(ends.get(1))) {
+        (Some(a), Some(b)) if link.is_none() && ends.len() == 2 && (a + 1) % sprockets.len() == b => {
+            SensorReads::Span(a)
+        }
+        _ => {
+            let spans: Vec<String> = (0..sprockets.len())
+                .map(|i| format!("[\"{}\", \"{}\"]", sprockets[i], sprockets[(i + 1) % sprockets.len()]))
+                .collect();
+            t.error(
+                format!("`{}` does not say whose tension it reads", t.path()),
+                Some(format!("add `link = 0`, or `span` with one of {}", spans.join(", "))),
+            );
+            SensorReads::Link(0)
+        }
+    }
+}
+
+/// Reads effects on sensors out of `[effects]`, in the order in which a signal passes them.
+pub(super) fn signals(t: &Table<'_>, sensors: &[SensorSpec]) -> Vec<SignalSpec> {
+    let mut all = Vec::new();
+    for effect in EFFECTS.into_iter().filter(|e| is_signal(e)) {
+        let of_kind = t.table(effect.name);
+        for (name, own) in of_kind.tables_or_set() {
+            let values = effect.parameters.iter().map(|p| match p.default {
+                Some(d) => own.number(p.key, p.unit, p.low..=p.high).unwrap_or(d * p.unit),
+                None => own.required(p.key, p.unit, p.low..=p.high),
+            });
+            let values: Vec<f64> = values.collect();
+            let fits = |s: &SensorSpec| {
+                let turns = matches!(s.reads, SensorReads::Angle(_) | SensorReads::Speed(_));
+                s.name == name.trim_end_matches('+') && (turns || effect.on == On::Sensor)
+            };
+            match sensors.iter().position(fits) {
+                Some(sensor) => all.push(SignalSpec { effect, path: own.path().to_string(), sensor, values }),
+                None => {
+                    let known: Vec<&str> = sensors.iter().map(|s| s.name.as_str()).collect();
+                    own.error(
+                        format!("`{}` goes on {}, and `{name}` is none", effect.name, effect.on.label()),
+                        Some(format!("sensors: {}", known.join(", "))),
+                    );
+                }
+            }
+            own.finish();
+        }
+        of_kind.finish();
+    }
+    debug_assert!(all.iter().all(|s| s.effect.parameters.iter().all(|p| p.kind != Kind::PerMark)));
+    all
+}

@@ -1,0 +1,319 @@
+//! A drive with links as the loop sees it: what its sensors show when it runs steadily, and repeats itself.
+//!
+//! A drive that turns at a constant speed repeats itself after a whole number of pitches: two, where nothing but inner and outer
+//! links differ; a loop of the chain with one odd link; a turn of a sprocket with one odd tooth. What a sensor shows is folded
+//! on that period: the mean over periods is what the model says, and what differs from period to period is what it cannot
+//! say, because the strands of a fast chain move chaotically: two runs whose preload differs by 1e-5 N have nothing but this mean
+//! in common after 0.2 s at 3000 rpm. Where in the period a record starts is one number, its travel in pitches.
+
+use crate::drive::Drive;
+use crate::effects::{Effect, On, Physics};
+use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, through_sensor};
+use crate::machine::{Machine, Motion, Reads};
+use crate::measurement::segments::Data;
+use crate::sensing::Tracer;
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// After the drive's own run-in [s]: what its start still rings.
+const SETTLE_S: f64 = 0.06;
+/// Shortest time that is folded, and the longest [s].
+const SHORTEST_S: f64 = 0.3;
+const LONGEST_S: f64 = 1.6;
+/// Folding goes on until the mean is this much surer than a channel's noise.
+const SURE: f64 = 0.15;
+/// Readings that a period has at least, and the time between two at most [s].
+const LEAST_BINS: usize = 64;
+const BIN_S: f64 = 5e-6;
+
+/// What a run says: a period of every sensor.
+#[derive(Clone, Debug)]
+pub struct Waves {
+    pub pitches: f64,
+    pub pitches_per_s: f64,
+    /// One series of bins over a period for every sensor, SI; angles less their mean turning.
+    pub means: Vec<Vec<f64>>,
+    /// Root mean square of what does not repeat.
+    pub unrepeated: Vec<f64>,
+}
+
+/// Runs of one drive; equal ones are run once.
+#[derive(Debug)]
+pub struct Plant {
+    name: String,
+    text: String,
+    machine: Machine,
+    /// Of every sensor: noise of its channel, SI of the sensor's reading; 0: nobody looks.
+    noise: Vec<f64>,
+    known: Mutex<HashMap<String, Arc<Result<Waves, String>>>>,
+}
+
+impl Plant {
+    pub fn new(drive: &Drive, machine: &Machine, data: &Data) -> Plant {
+        let mut noise = vec![0.0; machine.sensors.len()];
+        for c in &data.channels {
+            let gain = machine.values[machine.sensors[c.sensor].gain].abs();
+            noise[c.sensor] = c.noise / gain.max(1e-300);
+        }
+        Plant {
+            name: drive.name.clone(),
+            text: drive.text.clone(),
+            machine: machine.clone(),
+            noise,
+            known: Mutex::new(HashMap::new()),
+        }
+    }
+
+    /// Overrides that make the file's drive this machine with these numbers.
+    pub fn overrides(&self, m: &Machine, values: &[f64]) -> Vec<String> {
+        let mut all = Vec::new();
+        let own = m.slots.iter().zip(values).zip(&self.machine.slots).zip(&self.machine.values);
+        for (((slot, value), _), file) in own {
+            if value != file && !slot.path.starts_with("sensors.") && !self.is_signal(&slot.path) {
+                all.push(format!("{}={}", slot.path, written(value / slot.unit)));
+            }
+        }
+        for p in m.placed.iter().filter(|p| !matches!(p.effect.physics, Physics::Signal(_) | Physics::Clock(_))) {
+            for ((key, row), slot) in m.keys(p.effect, p.target).iter().zip(&p.slots) {
+                let value = values[*slot] / row.unit;
+                let value = if row.kind.is_whole() { libm::round(value) } else { value };
+                all.push(format!("{}.{key}={}", p.path, written(value)));
+            }
+        }
+        all
+    }
+
+    fn is_signal(&self, path: &str) -> bool {
+        self.machine.placed.iter().any(|p| path.starts_with(&p.path))
+    }
+
+    /// What the drive's sensors show with these numbers.
+    pub fn waves(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<Waves, String>> {
+        let overrides = self.overrides(m, values);
+        let key = overrides.join("\n");
+        if let Ok(known) = self.known.lock()
+            && let Some(waves) = known.get(&key)
+        {
+            return waves.clone();
+        }
+        runs.fetch_add(1, Ordering::Relaxed);
+        let waves = Arc::new(self.run(m, &overrides));
+        if let Ok(mut known) = self.known.lock() {
+            known.insert(key, waves.clone());
+        }
+        waves
+    }
+
+    fn run(&self, m: &Machine, overrides: &[String]) -> Result<Waves, String> {
+        let drive = Drive::parse(&self.name, &self.text, overrides).map_err(|e| e.to_string())?;
+        let pitches = f64::from(m.repeats());
+        let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
+        let period_s = pitches / pitches_per_s;
+        let mut tracer = Tracer::new(&drive, BIN_S.min(period_s / LEAST_BINS as f64))?;
+        tracer.go_on(SETTLE_S)?;
+        tracer.forget();
+        let turning: Vec<Option<f64>> = drive
+            .sensors
+            .iter()
+            .map(|s| match s.reads {
+                crate::drive::sensors::SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
+                _ => None,
+            })
+            .collect();
+        // A whole number for every two pitches, on which waves are folded as well.
+        let pairs = (m.repeats() / 2).max(1);
+        let bins = pairs as usize * (libm::ceil(period_s / f64::from(pairs) / BIN_S) as usize).max(LEAST_BINS);
+        let mut fold = Fold::new(drive.sensors.len(), bins);
+        let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
+        loop {
+            // Two readings beyond the end, for the cubic.
+            tracer.go_on_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
+            fold.take(&tracer, &turning, period_s, wanted);
+            let sure = (0..drive.sensors.len()).all(|s| {
+                let noise = self.noise.get(s).copied().unwrap_or(0.0);
+                noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < SURE * noise
+            });
+            if sure || 2.0 * wanted as f64 * period_s > LONGEST_S {
+                break;
+            }
+            wanted *= 2;
+        }
+        Ok(Waves {
+            pitches,
+            pitches_per_s,
+            unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
+            means: fold.means(),
+        })
+    }
+
+    /// What channels show at the samples of a task: the weighted mean of runs with the numbers of `corners`.
+    pub fn samples(
+        &self,
+        (m, values): (&Machine, &[f64]),
+        (corners, folded): (&[(f64, Vec<f64>)], bool),
+        (task, start): (&Task, &Start),
+        channels: &[usize],
+        runs: &AtomicU64,
+    ) -> Result<Vec<Vec<f64>>, RunError> {
+        let (travel, angles) = (start.travel, &start.q);
+        let mut waves: Option<Waves> = None;
+        for (weight, values) in corners {
+            let run = self.waves(m, values, runs);
+            let Ok(run) = run.as_ref() else { return Err(RunError::Diverged { t_s: 0.0 }) };
+            match &mut waves {
+                None if *weight == 1.0 => waves = Some(run.clone()),
+                None => waves = Some(run.times(*weight)),
+                Some(waves) => waves.add(run, *weight),
+            }
+        }
+        let Some(waves) = waves else { return Err(RunError::Diverged { t_s: 0.0 }) };
+        let waves = &if folded { waves.folded() } else { waves };
+        let Samples::Times { t_s, step_s, .. } = &task.samples else {
+            return Err(RunError::NoPulse { t_s: 0.0, pulses: 0 });
+        };
+        let clock = clock(m, values);
+        Ok(channels
+            .iter()
+            .map(|c| self.channel((m, values), waves, (t_s, *step_s), travel, angles, *c, clock))
+            .collect())
+    }
+
+    fn channel(
+        &self,
+        (m, values): (&Machine, &[f64]),
+        waves: &Waves,
+        (t_s, step_s): (&[f64], f64),
+        travel: f64,
+        angles: &[f64],
+        sensor: usize,
+        clock: f64,
+    ) -> Vec<f64> {
+        let gain = values[m.sensors[sensor].gain];
+        let body = m.body_of(sensor);
+        let speed = body.map_or(0.0, |b| nominal_speed(m, values, b));
+        let turns = matches!(m.sensors[sensor].reads, Reads::Angle(_));
+        let at = |t: f64| {
+            let wave = waves.at(sensor, travel + t * waves.pitches_per_s);
+            if turns { wave + angles[body.unwrap_or(0)] + speed * t } else { wave }
+        };
+        let altered = m.placed.iter().any(|p| p.target == crate::machine::Target::Sensor(sensor));
+        if !altered {
+            return t_s.iter().map(|t| gain * at(t / (1.0 + clock))).collect();
+        }
+        // Effects on the signal work on even nodes, finer than the samples.
+        let h = 0.25 * step_s;
+        let last = t_s.last().copied().unwrap_or(0.0) / (1.0 + clock);
+        let nodes = libm::ceil(last / h) as usize + 3;
+        let series = (0..nodes).map(|i| gain * at(i as f64 * h)).collect();
+        let turned: Vec<f64> = (0..nodes).map(|i| speed * i as f64 * h).collect();
+        let series = through_sensor(m, values, sensor, series, &turned, h);
+        t_s.iter().map(|t| between(&series, t / (1.0 + clock) / h)).collect()
+    }
+}
+
+/// Mean speed of a sprocket: that of the chain over its teeth [rad/s].
+fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
+    let driver = m.bodies.iter().find_map(|b| match b.motion {
+        Motion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
+        _ => None,
+    });
+    let Some((speed, teeth)) = driver else { return 0.0 };
+    speed * f64::from(teeth) / f64::from(m.bodies[body].teeth.unwrap_or(1))
+}
+
+impl Waves {
+    /// The mean over all pairs of links: what a drive does whose links and teeth are alike.
+    fn folded(&self) -> Waves {
+        let pairs = (self.pitches / 2.0) as usize;
+        let fold = |wave: &Vec<f64>| -> Vec<f64> {
+            let n = wave.len() / pairs.max(1);
+            (0..n).map(|b| (0..pairs).map(|p| wave[p * n + b]).sum::<f64>() / pairs as f64).collect()
+        };
+        if pairs < 2 || self.means.iter().any(|w| w.len() % pairs != 0) {
+            return self.clone();
+        }
+        Waves { pitches: 2.0, means: self.means.iter().map(fold).collect(), ..self.clone() }
+    }
+
+    fn times(&self, weight: f64) -> Waves {
+        let mut all = self.clone();
+        all.means.iter_mut().flatten().for_each(|x| *x *= weight);
+        all
+    }
+
+    fn add(&mut self, other: &Waves, weight: f64) {
+        for (own, other) in self.means.iter_mut().zip(&other.means) {
+            own.iter_mut().zip(other).for_each(|(x, y)| *x += weight * y);
+        }
+    }
+
+    /// Mean of a sensor at a place of the period [pitches]: cubic through four bins.
+    pub fn at(&self, sensor: usize, pitches: f64) -> f64 {
+        let wave = &self.means[sensor];
+        let n = wave.len();
+        let x = pitches / self.pitches;
+        let at = (x - libm::floor(x)) * n as f64;
+        let low = libm::floor(at);
+        let (x, low) = (at - low, low as usize);
+        let value = |k: usize| wave[(low + n + k - 1) % n];
+        let (a, b, c, d) = (value(0), value(1), value(2), value(3));
+        -x * (x - 1.0) * (x - 2.0) / 6.0 * a + (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0 * b
+            - (x + 1.0) * x * (x - 2.0) / 2.0 * c
+            + (x + 1.0) * x * (x - 1.0) / 6.0 * d
+    }
+}
+
+/// Sums over periods.
+struct Fold {
+    periods: usize,
+    sums: Vec<Vec<f64>>,
+    squares: Vec<Vec<f64>>,
+}
+
+impl Fold {
+    fn new(sensors: usize, bins: usize) -> Fold {
+        Fold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
+    }
+
+    /// Takes the periods up to `until` that are new.
+    fn take(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
+        for period in self.periods..until {
+            for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
+                let bins = sums.len();
+                let series = tracer.readings(s);
+                for (b, (sum, square)) in sums.iter_mut().zip(squares.iter_mut()).enumerate() {
+                    let t_s = (period as f64 + b as f64 / bins as f64) * period_s;
+                    let turned = turning[s].map_or(0.0, |w| w * t_s);
+                    let value = between(series, t_s / tracer.step_s()) - turned;
+                    *sum += value;
+                    *square += value * value;
+                }
+            }
+        }
+        self.periods = until;
+    }
+
+    /// Root mean square over bins of the deviation from period to period.
+    fn unrepeated(&self, sensor: usize) -> f64 {
+        let n = self.periods as f64;
+        let pairs = self.sums[sensor].iter().zip(&self.squares[sensor]);
+        let total: f64 = pairs.map(|(s, q)| ((q - s * s / n) / (n - 1.0).max(1.0)).max(0.0)).sum();
+        libm::sqrt(total / self.sums[sensor].len() as f64)
+    }
+
+    fn means(&self) -> Vec<Vec<f64>> {
+        let n = self.periods as f64;
+        self.sums.iter().map(|s| s.iter().map(|x| x / n).collect()).collect()
+    }
+}
+
+/// A number as TOML reads it back to the same bits.
+fn written(x: f64) -> String {
+    if x == libm::trunc(x) && x.abs() < 1e9 { format!("{}", x as i64) } else { format!("{x:?}") }
+}
+
+/// Whether an effect's law has a place on the loop that a record's travel finds.
+pub fn has_place(effect: &Effect) -> bool {
+    matches!(effect.links, Some(On::Chain | On::Sprocket))
+}

@@ -1,0 +1,182 @@
+//! A drive with links as measured records see it: shafts, sensors, numbers and places for effects. What moves is left to the
+//! simulation of its links.
+
+use super::{Body, Linked, Loop, Machine, Motion, Placed, Reads, Sensor, Slot, Target};
+use crate::drive::sensors::{SensorReads, is_signal};
+use crate::drive::{Drive, OuterSpec};
+use crate::effects::{Effect, Kind, On, Parameter};
+use crate::units::RPM;
+
+/// Whether drives with links have this number of an effect. Where a sprocket or the chain stands when a record starts is
+/// found as the record's travel, so that laws of the links have no phase of their own.
+pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
+    is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
+}
+
+fn lcm(a: u32, b: u32) -> u32 {
+    let (mut x, mut y) = (a.max(1), b.max(1));
+    while y > 0 {
+        (x, y) = (y, x % y);
+    }
+    (a.max(1) / x).saturating_mul(b.max(1))
+}
+
+impl Machine {
+    /// Of a drive with links.
+    pub fn of_links(drive: &Drive) -> Machine {
+        let mut m = Machine {
+            name: drive.name.clone(),
+            text: drive.text.clone(),
+            title: drive.title.clone(),
+            slots: Vec::new(),
+            values: Vec::new(),
+            bodies: Vec::new(),
+            springs: Vec::new(),
+            inputs: Vec::new(),
+            sensors: Vec::new(),
+            placed: Vec::new(),
+            chain: Some(Loop { links: drive.links as u32, leader: drive.driver() }),
+            linked: None,
+            places: drive.places.clone(),
+        };
+        numbers_of_the_file(&mut m, &drive.text);
+        let mut slot = |path: String, unit: f64, value: f64| match m.slots.iter().position(|s| s.path == path) {
+            Some(known) => {
+                (m.slots[known].unit, m.values[known]) = (unit, value);
+                known
+            }
+            None => {
+                m.slots.push(Slot { path, unit, low: f64::MIN, high: f64::MAX });
+                m.values.push(value);
+                m.slots.len() - 1
+            }
+        };
+        for s in &drive.sprockets {
+            let (inertia, motion) = match s.outer {
+                OuterSpec::Speed { speed_rad_s } => {
+                    let speed = slot(format!("speeds.constant.{}.speed_rpm", s.name), RPM, speed_rad_s);
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), Motion::Constant(speed))
+                }
+                OuterSpec::Load { inertia_kg_m2, .. } => {
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), Motion::Free)
+                }
+            };
+            m.bodies.push(Body {
+                name: s.name.clone(),
+                path: format!("sprockets.{}", s.name),
+                slides: false,
+                inertia,
+                minus: None,
+                teeth: Some(s.teeth),
+                motion,
+            });
+        }
+        for s in &drive.sensors {
+            let gain = slot(format!("{}.gain", s.path), 1.0, s.gain);
+            let reads = match s.reads {
+                SensorReads::Angle(b) => Reads::Angle(b),
+                SensorReads::Speed(b) => Reads::Speed(b),
+                SensorReads::Acceleration(b) => Reads::Acceleration(b),
+                SensorReads::Torque(b) => Reads::Reaction(b),
+                SensorReads::Span(k) => Reads::Span(k),
+                SensorReads::Link(i) => Reads::Link(i),
+                SensorReads::Guide(k) => Reads::Guide(k),
+            };
+            let (name, path, unit) = (s.name.clone(), s.path.clone(), s.unit.clone());
+            m.sensors.push(Sensor { name, path, reads, gain, unit });
+        }
+        for s in &drive.signals {
+            let keys = s.effect.parameters.iter().zip(&s.values);
+            let slots = keys.map(|(p, value)| slot(format!("{}.{}", s.path, p.key), p.unit, *value)).collect();
+            let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
+            m.placed.push(Placed { effect: s.effect, path, target, slots });
+        }
+        m.linked = Some(Linked {
+            guides: drive.guides.iter().map(|g| g.name.clone()).collect(),
+            repeats: repeats(drive),
+            declared: declared(&drive.places),
+        });
+        m
+    }
+
+    /// Pitches after which a drive with links repeats itself, with all effects that were put on it.
+    pub fn repeats(&self) -> u32 {
+        let declared = self.linked.as_ref().map_or(2, |l| l.repeats);
+        self.placed.iter().fold(declared, |all, p| match p.target {
+            Target::Body(b) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
+            Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
+            _ => all,
+        })
+    }
+
+    pub(super) fn targets_on_links(&self, linked: &Linked, effect: &Effect) -> Vec<(String, Target)> {
+        if is_signal(effect) {
+            let turns = |r: Reads| matches!(r, Reads::Angle(_) | Reads::Speed(_));
+            let all = self.sensors.iter().enumerate();
+            let fits = all.filter(|(_, s)| effect.on == On::Sensor || turns(s.reads));
+            return fits.map(|(i, s)| (s.name.clone(), Target::Sensor(i))).collect();
+        }
+        match effect.links {
+            Some(On::Sprocket) => {
+                self.bodies.iter().enumerate().map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
+            }
+            Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
+            Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
+            Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// Every number of the file, by its path, in the unit of its key.
+fn numbers_of_the_file(m: &mut Machine, text: &str) {
+    fn walk(prefix: &str, value: &toml::Value, m: &mut Machine) {
+        let mut leaf = |number: f64| {
+            let path = prefix.to_string();
+            m.slots.push(Slot { path, unit: 1.0, low: f64::MIN, high: f64::MAX });
+            m.values.push(number);
+        };
+        match value {
+            toml::Value::Integer(n) => leaf(*n as f64),
+            toml::Value::Float(x) => leaf(*x),
+            toml::Value::Table(table) => {
+                for (key, value) in table {
+                    let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+                    walk(&path, value, m);
+                }
+            }
+            _ => {}
+        }
+    }
+    if let Ok(table) = text.parse::<toml::Table>() {
+        walk("", &toml::Value::Table(table), m);
+    }
+}
+
+/// Tables of effects that the file declares.
+fn declared(places: &crate::drive::reader::Places) -> Vec<String> {
+    let mut all: Vec<String> = Vec::new();
+    for path in places.paths().filter(|p| p.starts_with("effects.")) {
+        let table = path.rsplit_once('.').map_or(path, |(t, _)| t).to_string();
+        if table.split('.').count() == 3 && !all.contains(&table) {
+            all.push(table);
+        }
+    }
+    all
+}
+
+/// Pitches after which the drive repeats itself: two, unless something in it differs from its neighbours.
+fn repeats(drive: &Drive) -> u32 {
+    let e = &drive.effects;
+    let links = drive.links as u32;
+    let teeth = |k: usize| drive.sprockets[k].teeth;
+    let mut all = 2;
+    let single = !e.pitch_errors.is_empty() || !e.tight_joints.is_empty() || drive.scatter.pitch_m > 0.0;
+    if single || drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
+        all = lcm(all, links);
+    }
+    for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {
+        all = lcm(all, teeth(k));
+    }
+    all
+}

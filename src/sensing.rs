@@ -1,0 +1,138 @@
+//! What sensors of a drive with links read at a node: after `evaluate`, before `advance`.
+
+use crate::assemble::{Assembly, assemble};
+use crate::drive::Drive;
+use crate::drive::sensors::SensorReads;
+use crate::integrate::explicit::{self, Part, Scratch};
+use crate::model::Model;
+use crate::state::State;
+
+/// Joints whose tensions make that of a span lie within so many pitches of its middle.
+const SPAN_WINDOW_PITCHES: f64 = 2.0;
+
+/// True value in SI.
+pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads) -> f64 {
+    let r = &state.rotors;
+    match reads {
+        SensorReads::Angle(k) => r.angle[k],
+        SensorReads::Speed(k) => r.omega[k] + 0.5 * model.step_s * scratch.rotor_alpha()[k],
+        SensorReads::Acceleration(k) => scratch.rotor_alpha()[k],
+        SensorReads::Torque(k) => -scratch.chain_torque()[k],
+        SensorReads::Span(k) => span_tension(model, state, scratch, k),
+        SensorReads::Link(i) => {
+            let i = i % model.chain.n_links;
+            0.5 * (along(state, scratch, i, i)
+                + along(state, scratch, i, (i + model.chain.n_links - 1) % model.chain.n_links))
+        }
+        SensorReads::Guide(k) => guide_force(model, scratch, k),
+    }
+}
+
+/// Force of joint `j` along the heading of link `i`.
+fn along(state: &State, scratch: &Scratch, i: usize, j: usize) -> f64 {
+    let (x, y, _) = scratch.joint_force(j);
+    -(x * state.links.cos[i] + y * state.links.sin[i])
+}
+
+/// Tension in the middle of the span that leaves sprocket `k`: of the joints near it, the nearer the more.
+fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
+    let Some(span) = model.route.as_ref().and_then(|r| r.spans.get(k)) else { return f64::NAN };
+    let middle = span.start + span.direction * (0.5 * span.length_m);
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for i in 0..model.chain.n_links {
+        let reach = 2.0 * model.chain.lever[i] * SPAN_WINDOW_PITCHES;
+        let lever = model.chain.lever[i];
+        let front = crate::geometry::Vec2::new(
+            state.links.x[i] + lever * state.links.cos[i] - middle.x,
+            state.links.y[i] + lever * state.links.sin[i] - middle.y,
+        );
+        let away = front.dot(&span.direction).abs();
+        let aside = crate::geometry::cross(span.direction, front).abs();
+        let weight = 1.0 - away / reach;
+        if weight > 0.0 && aside < reach {
+            let (x, y, _) = scratch.joint_force(i);
+            // The force on the link in front points backwards.
+            sum -= weight * (x * span.direction.x + y * span.direction.y);
+            weights += weight;
+        }
+    }
+    if weights > 0.0 { sum / weights } else { 0.0 }
+}
+
+fn guide_force(model: &Model, scratch: &Scratch, k: usize) -> f64 {
+    let mut sum = 0.0;
+    let body = model.sprockets.len() + k;
+    for part in Part::of(model).into_iter().filter(|p| p.touches(model, body) && !matches!(p, Part::Bushes)) {
+        let memory = scratch.memory(part);
+        for lane in 0..model.chain.n_links {
+            if memory.normal_force[lane] != 0.0 && scratch.partner(model, part, lane).is_some_and(|(b, _)| b == body) {
+                sum += memory.normal_force[lane];
+            }
+        }
+    }
+    sum
+}
+
+/// A run of a drive whose sensors are read all the way, as they are: without gains and effects on their signals.
+pub struct Tracer {
+    drive: Drive,
+    model: Model,
+    state: State,
+    scratch: Scratch,
+    stride: u64,
+    /// One series for every sensor, SI.
+    readings: Vec<Vec<f64>>,
+}
+
+impl Tracer {
+    /// Assembles a drive, to be read every so many seconds at least.
+    pub fn new(drive: &Drive, every_s: f64) -> Result<Tracer, String> {
+        let Assembly { model, state, .. } = assemble(drive).map_err(|e| e.to_string())?;
+        let stride = (every_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
+        let readings = vec![Vec::new(); drive.sensors.len()];
+        Ok(Tracer { drive: drive.clone(), scratch: Scratch::new(&model), model, state, stride, readings })
+    }
+
+    /// Between two readings [s].
+    pub fn step_s(&self) -> f64 {
+        self.model.step_s * self.stride as f64
+    }
+
+    pub fn readings(&self, sensor: usize) -> &[f64] {
+        &self.readings[sensor]
+    }
+
+    /// Speed of a sprocket when the chain moves at its nominal speed [rad/s].
+    pub fn nominal_speed(&self, sprocket: usize) -> f64 {
+        self.model.sprockets[sprocket].nominal_speed_rad_s
+    }
+
+    /// Throws away what was read.
+    pub fn forget(&mut self) {
+        self.readings.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Runs until readings cover so many seconds.
+    pub fn go_on_until(&mut self, covered_s: f64) -> Result<(), String> {
+        let wanted = libm::ceil(covered_s / self.step_s()) as usize + 1;
+        let have = self.readings.first().map_or(0, Vec::len);
+        for _ in have..wanted {
+            for k in 0..self.stride {
+                explicit::evaluate(&self.model, &self.state, &mut self.scratch).map_err(|e| e.to_string())?;
+                if k == 0 {
+                    for (series, sensor) in self.readings.iter_mut().zip(&self.drive.sensors) {
+                        series.push(read(&self.model, &self.state, &self.scratch, sensor.reads));
+                    }
+                }
+                explicit::advance(&self.model, &mut self.state, &mut self.scratch);
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs for so many seconds more.
+    pub fn go_on(&mut self, duration_s: f64) -> Result<(), String> {
+        let have = self.readings.first().map_or(0, Vec::len);
+        self.go_on_until(have as f64 * self.step_s() + duration_s)
+    }
+}

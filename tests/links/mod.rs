@@ -1,0 +1,218 @@
+//! Records made by a drive with links and one effect that its file does not declare: three speeds, noise of 1 %.
+
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::identify::identify;
+use pitchline::identify::plant::Plant;
+use pitchline::identify::report::Report;
+use pitchline::identify::search::{Budget, Context};
+use pitchline::machine::Machine;
+use pitchline::machine::simulate::between;
+use pitchline::measurement::Measurement;
+use pitchline::measurement::segments::load;
+use pitchline::sensing::Tracer;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64};
+
+/// An effect, how it is set, and the paths that name it.
+pub struct Case {
+    pub name: &'static str,
+    /// Set in the drive that makes the records, and in the one that is declared.
+    pub both: &'static [&'static str],
+    /// Set in the drive that makes the records.
+    pub truth: &'static [&'static str],
+    pub path: &'static str,
+}
+
+/// The guide pressed into the chain, so that what it does can be felt.
+const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-300"];
+
+pub const CASES: [Case; 9] = [
+    Case { name: "clean", both: &[], truth: &[], path: "" },
+    Case {
+        name: "runout of the driver",
+        both: &[],
+        truth: &["effects.sprocket_runout.driver.amplitude_um=40"],
+        path: "effects.sprocket_runout.driver",
+    },
+    Case {
+        name: "one long link",
+        both: &[],
+        truth: &["effects.pitch_error.worn.link=31", "effects.pitch_error.worn.length_um=40"],
+        path: "effects.pitch_error.found",
+    },
+    Case {
+        name: "alternate pitch",
+        both: &[],
+        truth: &["effects.alternate_pitch.chain.difference_um=25"],
+        path: "effects.alternate_pitch.chain",
+    },
+    Case {
+        name: "one damaged tooth",
+        both: &[],
+        truth: &["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=60"],
+        path: "effects.gap_error.driver",
+    },
+    Case {
+        name: "one tight joint",
+        both: &[],
+        truth: &["effects.tight_joint.rusty.joint=44", "effects.tight_joint.rusty.torque_nm=0.1"],
+        path: "effects.tight_joint.found",
+    },
+    Case {
+        name: "guide compliance",
+        both: PRESSED,
+        truth: &["effects.guide_compliance.tight.compliance_um_per_kn=300"],
+        path: "effects.guide_compliance.tight",
+    },
+    Case {
+        name: "pin friction",
+        both: &[],
+        truth: &["effects.pin_friction.chain.friction=0.06"],
+        path: "effects.pin_friction.chain",
+    },
+    Case {
+        name: "encoder marks",
+        both: &[],
+        truth: &["effects.encoder_error.driven.amplitude_deg=0.15", "effects.encoder_error.driven.phase_deg=40"],
+        path: "effects.encoder_error.driven",
+    },
+];
+
+/// What is measured: speed of the driven shaft, torque at the driver, tension of both spans.
+pub const SENSORS: &str = "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n";
+
+const CHANNELS: [(&str, &str, &str); 4] = [
+    ("speed", "sensors.tachometer.driven", "rad/s"),
+    ("torque", "sensors.torque.driver", "N m"),
+    ("tight", "sensors.strain_gauge.tight", "N"),
+    ("slack", "sensors.strain_gauge.slack", "N"),
+];
+
+const RATE_HZ: f64 = 10_000.0;
+const SAMPLES: usize = 4000;
+/// Fit, fit, judge [rpm].
+pub const SPEEDS: [(f64, &str); 3] = [(1000.0, "fit"), (3000.0, "fit"), (2000.0, "judge")];
+
+/// Normal numbers from a seed.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * self.uniform()).cos()
+    }
+}
+
+/// The declared drive's text.
+pub fn declared(text: &str, both: &[&str]) -> String {
+    // Values are put into the text, so that the file is what a user would write.
+    let mut table: toml::Table = format!("{text}{SENSORS}").parse().expect("TOML");
+    for set in both {
+        let (path, value) = set.split_once('=').expect("path=value");
+        let mut at = &mut table;
+        let keys: Vec<&str> = path.split('.').collect();
+        for key in &keys[..keys.len() - 1] {
+            at = at
+                .entry(key.to_string())
+                .or_insert(toml::Value::Table(toml::Table::new()))
+                .as_table_mut()
+                .expect("a table");
+        }
+        at.insert(keys[keys.len() - 1].to_string(), value.parse().expect("a value"));
+    }
+    toml::to_string(&table).expect("TOML")
+}
+
+/// Makes the records of a case in `folder`.
+pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
+    let drive = declared(text, case.both);
+    std::fs::write(folder.join("drive.toml"), &drive).expect("written");
+    let mut measurement = String::from("title = \"links\"\ndrive = \"drive.toml\"\n");
+    for (name, sensor, unit) in CHANNELS {
+        measurement += &format!("[channels.{name}]\nsensor = \"{sensor}\"\ncolumn = \"{name}\"\nunit = \"{unit}\"\n");
+    }
+    let mut random = Random(seed);
+    for (rpm, usage) in SPEEDS {
+        let mut sets: Vec<String> = case.truth.iter().map(|s| (*s).to_string()).collect();
+        sets.push(format!("speeds.constant.driver.speed_rpm={rpm}"));
+        let real = Drive::parse("drive.toml", &drive, &sets).unwrap_or_else(|e| panic!("{e}"));
+        let mut tracer = Tracer::new(&real, 2.5e-6).expect("assembled");
+        tracer.go_on(0.1 + 0.1 * random.uniform()).expect("runs");
+        tracer.forget();
+        tracer.go_on_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
+        let columns: Vec<Vec<f64>> = (0..CHANNELS.len())
+            .map(|c| {
+                let sensor = real.sensors.iter().position(|s| s.path == CHANNELS[c].1).expect("a sensor");
+                let series = tracer.readings(sensor);
+                let values: Vec<f64> =
+                    (0..SAMPLES).map(|i| between(series, i as f64 / RATE_HZ / tracer.step_s())).collect();
+                // What an effect does to the signal: the encoder's wave alone is used here, written out anew.
+                let values = if c == 0 { encoder(&real, &values) } else { values };
+                let rms = (values.iter().map(|v| v * v).sum::<f64>() / SAMPLES as f64).sqrt();
+                values.iter().map(|v| v + 0.01 * rms * random.normal()).collect()
+            })
+            .collect();
+        let mut csv = CHANNELS.map(|c| c.0).join(",") + "\n";
+        for i in 0..SAMPLES {
+            csv += &columns.iter().map(|c| format!("{:.6}", c[i])).collect::<Vec<_>>().join(",");
+            csv.push('\n');
+        }
+        std::fs::write(folder.join(format!("{rpm}.csv")), csv).expect("written");
+        measurement += &format!(
+            "[files.n{rpm}]\npath = \"{rpm}.csv\"\n[records.n{rpm}]\nfile = \"n{rpm}\"\nuse = \"{usage}\"\nrate_hz = {RATE_HZ}\nset = {{ \"speeds.constant.driver.speed_rpm\" = {rpm} }}\n"
+        );
+    }
+    std::fs::write(folder.join("measured.toml"), measurement).expect("written");
+}
+
+/// Speed as an encoder with a wave in its marks shows it.
+fn encoder(real: &Drive, values: &[f64]) -> Vec<f64> {
+    let Some(signal) = real.signals.first() else { return values.to_vec() };
+    let mut angle = signal.values[1];
+    values
+        .iter()
+        .map(|v| {
+            angle += v / RATE_HZ;
+            v * (1.0 + signal.values[0] * angle.cos())
+        })
+        .collect()
+}
+
+/// Identifies what is in `folder`.
+pub fn identified(folder: &Path, threads: usize) -> Result<Report, String> {
+    let path = folder.join("measured.toml");
+    let text = std::fs::read_to_string(&path).map_err(|e| e.to_string())?;
+    let measurement = Measurement::parse("measured.toml", &text).map_err(|r| r.to_string())?;
+    let text = std::fs::read_to_string(folder.join("drive.toml")).map_err(|e| e.to_string())?;
+    let drive = Drive::parse("drive.toml", &text, &[]).map_err(|r| r.to_string())?;
+    let machine = Machine::of_links(&drive);
+    let data = load(&measurement, &machine, folder).map_err(|e| e.to_string())?;
+    let plant = Plant::new(&drive, &machine, &data);
+    let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
+    let verbose = std::env::var_os("PITCHLINE_VERBOSE").is_some();
+    let started = std::time::Instant::now();
+    let say = |stage: &str, runs: u64| {
+        if verbose {
+            println!("{:7.1} s {runs:5} runs: {stage}", started.elapsed().as_secs_f64());
+        }
+    };
+    let context = Context {
+        plant: Some(&plant),
+        threads,
+        budget: Budget { runs: None, seconds: None },
+        started,
+        stop: &stop,
+        progress: &say,
+        runs: &runs,
+    };
+    identify(&measurement, &machine, &data, &context)
+}
+
+/// The bundled bush drive.
+pub fn bush() -> &'static str {
+    BUNDLED[0].1
+}

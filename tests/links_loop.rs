@@ -1,0 +1,41 @@
+//! The loop on drives with links: what one undeclared effect is called, and what is left open. `cargo bench --bench links` runs the
+//! whole table.
+
+#[path = "links/mod.rs"]
+mod links;
+
+use links::{CASES, bush, identified, write};
+use pitchline::identify::report::Verdict;
+
+/// A drive whose teeth divide its links: 20 and 40 teeth, 120 links.
+fn locked() -> String {
+    bush().replace("links = 90 ", "links = 120 ").replace("x_mm = 238.6", "x_mm = 358.9")
+}
+
+#[test]
+fn one_damaged_tooth_is_named_and_its_size_found() {
+    let case = CASES.iter().find(|c| c.name == "one damaged tooth").expect("the case");
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), bush(), case, 5);
+    let r = identified(folder.path(), 2).expect("identified");
+    let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
+    assert_eq!((r.outcome, found), (Verdict::Named, vec![case.path]));
+    let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("outward_um")).expect("its size").value;
+    assert!((size - 60.0).abs() < 6.0, "{size}");
+    for (before, after) in r.error_before.iter().zip(&r.error_after).filter(|(b, _)| b.record.is_none()) {
+        println!("{}: {:?} -> {:?} {}", before.channel, before.held_out, after.held_out, before.unit);
+    }
+}
+
+#[test]
+fn teeth_that_divide_the_links_leave_a_long_link_and_runout_open() {
+    let case = CASES.iter().find(|c| c.name == "one long link").expect("the case");
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), &locked(), case, 5);
+    let r = identified(folder.path(), 2).expect("identified");
+    assert_eq!(r.outcome, Verdict::Ambiguous);
+    let set: Vec<&str> =
+        r.effects.iter().flat_map(|e| e.rivals.iter().map(|r| r.path.as_str()).chain([e.path.as_str()])).collect();
+    assert!(set.contains(&"effects.pitch_error.found") && set.contains(&"effects.sprocket_runout.driver"), "{set:?}");
+    assert!(r.next_experiment.iter().any(|e| e.contains("shifted by one link")), "{:?}", r.next_experiment);
+}
