@@ -168,6 +168,15 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
     Ok(model)
 }
 
+/// A drive at rest under its load: its model, and the equilibrium.
+pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
+    let Compiled { model, .. } = compile(drive)?;
+    let rest = rest_configuration(&model, drive, 0.0)?;
+    let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
+    let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    Ok((model, loaded))
+}
+
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
     let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;

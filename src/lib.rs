@@ -18,6 +18,7 @@ pub mod geometry;
 pub mod identify;
 pub mod impacts;
 pub mod integrate;
+pub mod lumping;
 pub mod machine;
 pub mod measurement;
 pub mod model;

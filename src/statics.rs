@@ -168,6 +168,85 @@ pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<V
     Some((links, rotors))
 }
 
+/// A loaded loop seen from its shafts: what turning every sprocket costs, and moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reduced {
+    /// Torque on one sprocket by the angle of another, the links at rest [N m/rad].
+    pub stiffness: DMatrix<f64>,
+    /// Inertia of sprockets, and of the links that move with them as statics has it [kg m2].
+    pub inertia: DMatrix<f64>,
+}
+
+/// Static condensation of the links (Guyan 1965), all sprockets kept. None where the links have no stiffness of their own.
+pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
+    let n = model.sprockets.len();
+    let all: Vec<usize> = (0..n).collect();
+    let whole = assemble(model, at, &all, 1.0);
+    let links = assemble(model, at, &[], 1.0);
+    let none = DVector::zeros(0);
+    let mut shapes = Vec::new();
+    for column in &whole.columns {
+        let pull: Vec<Vector3<f64>> = column.iter().map(|c| -c).collect();
+        shapes.push(links.solve(&pull, &none, 0.0)?.0);
+    }
+    let (mut stiffness, mut inertia) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+    for a in 0..n {
+        for b in 0..n {
+            stiffness[(a, b)] = whole.columns[a].iter().zip(&shapes[b]).map(|(c, x)| c.dot(x)).sum();
+            inertia[(a, b)] = kinetic(model, &shapes[a], &shapes[b]);
+        }
+        stiffness[(a, a)] += whole.rotor_diagonal[a];
+        let own = model.sprockets[a].rotor.inverse_inertia();
+        inertia[(a, a)] += if own > 0.0 { 1.0 / own } else { 0.0 };
+    }
+    Some(Reduced { stiffness, inertia })
+}
+
+/// x M y over the links.
+fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
+    let c = &model.chain;
+    let of = |i: usize| c.mass[i] * (x[i].x * y[i].x + x[i].y * y[i].y) + c.inertia[i] * x[i].z * y[i].z;
+    (0..c.n_links).map(of).sum()
+}
+
+/// The mode of the linearised drive (links, joints, closed contacts; driver held) whose angular frequency is nearest to `near`
+/// [rad/s]: its frequency [rad/s], and the share of the sprockets in its kinetic energy. Inverse iteration on K - near^2 M.
+pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f64)> {
+    let free = free_rotors(model);
+    let mut system = assemble(model, at, &free, 1.0);
+    let original = assemble(model, at, &free, 1.0);
+    let shift = near * near;
+    let c = &model.chain;
+    for (i, d) in system.diagonal.iter_mut().enumerate() {
+        *d -= Matrix3::from_diagonal(&Vector3::new(c.mass[i], c.mass[i], c.inertia[i])) * shift;
+    }
+    let rotor = |k: usize| 1.0 / model.sprockets[free[k]].rotor.inverse_inertia();
+    for k in 0..free.len() {
+        system.rotor_diagonal[k] -= shift * rotor(k);
+    }
+    let mut links = vec![Vector3::zeros(); c.n_links];
+    let mut rotors = DVector::from_element(free.len(), 1.0);
+    let mut value = f64::NAN;
+    for _ in 0..200 {
+        let pull: Vec<Vector3<f64>> = (0..c.n_links)
+            .map(|i| Vector3::new(c.mass[i] * links[i].x, c.mass[i] * links[i].y, c.inertia[i] * links[i].z))
+            .collect();
+        let rotor_pull = DVector::from_fn(free.len(), |k, _| rotor(k) * rotors[k]);
+        (links, rotors) = system.solve(&pull, &rotor_pull, 0.0)?;
+        let own: f64 = (0..free.len()).map(|k| rotor(k) * rotors[k] * rotors[k]).sum();
+        let all = own + kinetic(model, &links, &links);
+        let scale = 1.0 / libm::sqrt(all);
+        links.iter_mut().for_each(|x| *x *= scale);
+        rotors *= scale;
+        let next = libm::sqrt(original.quadratic(&links, &rotors).max(0.0));
+        if (next - value).abs() < 1e-9 * next {
+            return Some((next, own / all));
+        }
+        value = next;
+    }
+    None
+}
+
 /// Tension of every joint [N].
 pub fn tensions(model: &Model, q: &Configuration) -> Vec<f64> {
     let n = model.chain.n_links;
@@ -400,6 +479,21 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
 }
 
 impl System {
+    /// x K x.
+    fn quadratic(&self, links: &[Vector3<f64>], rotors: &DVector<f64>) -> f64 {
+        let n = links.len();
+        let mut sum = 0.0;
+        for i in 0..n {
+            sum += links[i].dot(&(self.diagonal[i] * links[i]));
+            sum += 2.0 * links[i].dot(&(self.next[i] * links[(i + 1) % n]));
+        }
+        for (k, column) in self.columns.iter().enumerate() {
+            let along: f64 = column.iter().zip(links).map(|(c, x)| c.dot(x)).sum();
+            sum += rotors[k] * (2.0 * along + self.rotor_diagonal[k] * rotors[k]);
+        }
+        sum
+    }
+
     /// Largest unbalanced force [N].
     fn residual(&self, model: &Model) -> f64 {
         let mut largest = 0.0_f64;

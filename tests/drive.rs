@@ -467,3 +467,38 @@ fn sensors_read_what_the_drive_does() {
     let (low, high) = link.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
     assert!(low > 0.0 && low < slack && high > tight, "round the loop it meets both: {low} to {high}");
 }
+
+/// The lumped form has the torsional mode of the drive's linearisation within 3 %, and of what `pitchline lump` prints a machine is read.
+#[test]
+fn a_lumped_drive_has_the_mode_of_its_links() {
+    use pitchline::lumping::{lumped_text, lumping};
+    for sets in [
+        &[][..],
+        &["loads.constant.driven.torque_nm=5"],
+        &["chain.joint.stiffness_n_per_m=1e7"],
+        &["sprockets.driven.inertia_kg_m2=5e-4"],
+    ] {
+        let drive = common::drive(sets);
+        let (l, model, at) = lumping(&drive).unwrap_or_else(|e| panic!("{e:?}"));
+        let r = l.model_radius_m[1];
+        let stiffness: f64 = l.spans.iter().map(|s| s.stiffness_n_per_m * r * r).sum();
+        let omega = (stiffness / l.inertia_kg_m2[1]).sqrt();
+        // Strings of the spans have modes nearby: the shaft's is the one that the sprocket moves most in.
+        let near = (-20..=20).filter_map(|i| {
+            pitchline::statics::mode_near(&model, &at.configuration, omega * (1.0 + 0.01 * f64::from(i)))
+        });
+        let (mode, share) = near.max_by(|a, b| a.1.total_cmp(&b.1)).expect("a mode");
+        println!(
+            "{sets:?}: lumped {:.1} Hz, links {:.1} Hz, {:.0} % in the sprocket",
+            omega / 2.0 / PI,
+            mode / 2.0 / PI,
+            100.0 * share
+        );
+        assert!(share > 0.5, "a mode of the shaft, not of a span");
+        assert!((omega / mode - 1.0).abs() < 0.03, "{omega} against {mode}");
+        let text = lumped_text(&drive, &l);
+        let machine =
+            pitchline::machine::Machine::parse("lumped.toml", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        assert_eq!((machine.springs.len(), machine.bodies.len()), (2, 2));
+    }
+}

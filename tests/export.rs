@@ -108,6 +108,15 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
                 [whole(i as u64), words(&body.path)].into_iter().chain(floats.map(|c| float(c[i]))).collect()
             },
         ),
+        "sensors" => per_frame(
+            recording,
+            &["sensor", "sensor_path", "unit", "reading"],
+            |f| f.sensors.len(),
+            |f, i| {
+                let s = &recording.header.sensors[i];
+                vec![whole(i as u64), words(&s.path), words(&s.unit), float(f.sensors[i])]
+            },
+        ),
         "energy" => expected_energy(recording),
         "events" => {
             let names = ["step", "t_s", "kind", "link", "body", "body_path", "value", "text"];
@@ -514,7 +523,7 @@ fn mistakes_are_said_and_change_nothing() {
     refused(2, &["-o", &at("a.csv"), "--tables", "links,"], &["tables: links, contacts"]);
     refused(2, &["-o", &at("a.txt"), "--tables", "links"], &["a.txt", ".parquet or .csv"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links,joints"], &["2 tables", "--tables"]);
-    refused(2, &["-o", &at("a.csv")], &["9 tables"]);
+    refused(2, &["-o", &at("a.csv")], &["10 tables"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links", "--format", "parquet"], &["--format"]);
     refused(2, &["-o", &at("a/"), "--format", "xlsx"], &["parquet or csv"]);
     refused(2, &["-o", &at("a/"), "--from", "2ms", "--to", "1ms"], &["--from"]);

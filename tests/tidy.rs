@@ -97,6 +97,7 @@ fn modules_use_only_what_stands_above_them() {
         "engagement",
         "assemble",
         "sensing",
+        "lumping",
         "recording",
         "measurement",
         "impacts",

@@ -13,6 +13,7 @@ mod geometry_smartchain;
 mod identify;
 mod impacts;
 mod live;
+mod lump;
 mod replay;
 mod run;
 mod snapshot;
@@ -62,6 +63,8 @@ enum Verb {
     Effects(effects::EffectsArgs),
     /// List the kinds of sensors and the units of measured columns
     Sensors(effects::SensorsArgs),
+    /// Turn a drive with links into a lumped one: the same shafts, spans as springs
+    Lump(lump::LumpArgs),
     /// Read a drive, assemble it, and say what follows from it
     Check(check::CheckArgs),
     /// The numbers of a profile, and its drawing
@@ -150,6 +153,7 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
         Verb::Drives(args) => drives::run(&args),
         Verb::Effects(args) => effects::run(&args),
         Verb::Sensors(args) => effects::sensors(&args),
+        Verb::Lump(args) => lump::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::Geometry(verb) => geometry::run(&verb),
         Verb::Identify(args) => identify::run(&args),

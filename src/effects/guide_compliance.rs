@@ -12,7 +12,9 @@ pub const ROW: Effect = Effect {
     order: "none: a mode of the guide",
     speed_law: "0",
     channels: "guide force, tension",
-    parameters: &[Parameter::new("compliance_um_per_kn", 1e-9, 0.0, 1e6, Kind::Amplitude).starts(Scale::One, &[1e-8])],
+    parameters: &[
+        Parameter::new("compliance_um_per_kn", 1e-9, 0.0, 1e6, Kind::Amplitude).starts(Scale::One, &[1e-7, 1e-6])
+    ],
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Guide),

@@ -3,6 +3,7 @@
 use super::plant::has_place;
 use super::problem::{Global, Law, Local, Point, Problem};
 use super::screen::Seed;
+use crate::drive::sensors::is_signal;
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
@@ -353,13 +354,18 @@ pub fn all(
             }
             forms.truncate(MOST_FORMS);
             for values in forms {
+                // On links a starting value is the size at which its answer is looked at.
+                let scales = match m.linked.is_some() && !is_signal(effect) {
+                    true => values.iter().map(|v| v.abs()).collect(),
+                    false => scales.clone(),
+                };
                 let h = Hypothesis {
                     effect,
                     name: name.clone(),
                     target,
                     values,
                     rows: rows.clone(),
-                    scales: scales.clone(),
+                    scales,
                     on_links: m.linked.is_some(),
                 };
                 let there = m.placed.iter().any(|p| {

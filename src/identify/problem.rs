@@ -97,7 +97,7 @@ pub struct Point {
 /// Size of a step for differences, as the fit sees a number.
 const DIFFERENCE: f64 = 1e-6;
 /// Steps in which the place of a record is looked for [pitches].
-const FINE_PITCHES: f64 = 0.02;
+const FINE_PITCHES: f64 = 0.005;
 /// Residual of a sample that a model did not reach.
 const LOST: f64 = 1e6;
 
@@ -319,6 +319,37 @@ impl<'a> Problem<'a> {
             pair[travel] -= FINE_PITCHES;
             best_of(self, &pair, 0.1 * FINE_PITCHES, 21)
         });
+    }
+
+    /// Looks a little ahead and behind of where every part stands, further than a slope can tell where impacts are sharp; whether
+    /// something was found.
+    pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
+        let Some(travel) = self.locals.iter().position(|l| *l == Local::Travel) else { return false };
+        let jobs = self.data.segments.len();
+        let found = super::fit::parallel(jobs, threads, |k| {
+            let mut at = point.locals[k].clone();
+            let mut cost = self.cost_with_angles(k, &point.globals, &mut at.clone());
+            let before = cost;
+            for (step, n) in [(FINE_PITCHES, 30), (0.1 * FINE_PITCHES, 10)] {
+                let centre = at.clone();
+                for i in -n..=n {
+                    let mut locals = centre.clone();
+                    locals[travel] += step * f64::from(i);
+                    let other = self.cost_with_angles(k, &point.globals, &mut locals);
+                    if other < cost {
+                        (cost, at) = (other, locals);
+                    }
+                }
+            }
+            (cost < before * (1.0 - 1e-3)).then_some(at)
+        });
+        let better = found.iter().any(Option::is_some);
+        for (own, found) in point.locals.iter_mut().zip(found) {
+            if let Some(found) = found {
+                *own = found;
+            }
+        }
+        better
     }
 
     /// Cost of a part after its angles were set by the means of their residuals.

@@ -248,22 +248,20 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
     let globals = problem.snapped(&fit.point.globals);
     let alone: Vec<Vec<f64>> =
         base.parts.iter().map(|(k, _)| problem.residuals(*k, &globals, &fit.point.locals[*k])).collect();
-    let column = |at: usize, place: u32| -> Vec<f64> {
+    let column = |at: usize, moved_on: f64| -> Vec<f64> {
         let k = base.parts[at].0;
         let mut locals = fit.point.locals[k].clone();
-        locals[travel] += 2.0 * f64::from(place);
+        locals[travel] += moved_on;
         let now = with.residuals(k, &globals, &locals);
         let moved: Vec<f64> = now.iter().zip(&alone[at]).map(|(a, b)| a - b).collect();
         without(&moved, &base.local_bases[at])
     };
-    for at in 0..base.parts.len() {
+    let size_of = |at: usize, c: &[f64]| {
         let from = base.parts[at].1;
-        let own = |place: u32| {
-            let c = column(at, place);
-            let along: f64 = c.iter().zip(&base.residual[from..]).map(|(a, b)| a * b).sum();
-            (along, c.iter().map(|x| x * x).sum::<f64>())
-        };
-        let all: Vec<(f64, f64)> = (0..places).map(own).collect();
+        dot_and_size(&base.residual[from..from + c.len()], c)
+    };
+    for at in 0..base.parts.len() {
+        let all: Vec<(f64, f64)> = (0..places).map(|place| size_of(at, &column(at, 2.0 * f64::from(place)))).collect();
         if all.iter().any(|(a, b)| !a.is_finite() || !b.is_finite()) {
             return None;
         }
@@ -293,24 +291,50 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
             best = Some((gain, x, chosen));
         }
     }
-    let (_, x, chosen) = best?;
-    let mut whole = Vec::with_capacity(base.residual.len());
+    let (_, sign, chosen) = best?;
+    let sign = if sign < 0.0 { -1.0 } else { 1.0 };
+    // It may also make the drive run a little ahead or behind, more than a slope can tell where impacts are sharp: the declared
+    // drive is moved along, so that what is compared is what the effect alone does.
     let mut travels: Vec<f64> = fit.point.locals.iter().map(|l| l[travel]).collect();
+    let (mut whole, mut rests) = (Vec::with_capacity(base.residual.len()), Vec::with_capacity(base.residual.len()));
     for (at, place) in chosen.iter().enumerate() {
-        whole.extend(column(at, *place));
-        travels[base.parts[at].0] += 2.0 * f64::from(*place);
+        let k = base.parts[at].0;
+        let tried = (-20..=20).map(|i| {
+            let mut locals = fit.point.locals[k].clone();
+            locals[travel] += 0.005 * f64::from(i);
+            let rest = problem.residuals(k, &globals, &locals);
+            locals[travel] += 2.0 * f64::from(*place);
+            let now = with.residuals(k, &globals, &locals);
+            let change: Vec<f64> = now.iter().zip(&rest).map(|(a, b)| a - b).collect();
+            let (change, rest) = (without(&change, &base.local_bases[at]), without(&rest, &base.local_bases[at]));
+            let (along, size) = dot_and_size(&rest, &change);
+            let taken = if along * sign < 0.0 { along * along / f64::max(size, 1e-300) } else { 0.0 };
+            let left = rest.iter().map(|r| r * r).sum::<f64>() - taken;
+            (left, locals[travel], change, rest)
+        });
+        let (_, moved_to, change, rest) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        whole.extend(change);
+        rests.extend(rest);
+        travels[k] = moved_to;
     }
     let columns = vec![without(&whole, &base.basis)];
+    let rests = without(&rests, &base.basis);
+    let (along, size) = dot_and_size(&rests, &columns[0]);
+    let x = (-along / f64::max(size, 1e-300)).clamp(low.max(-1e6), high.min(1e6));
     let mut values = h.values.clone();
     values[amplitude] = (x * h.values[amplitude]).clamp(row.low * row.unit, row.high * row.unit);
     if values[amplitude] == 0.0 {
         values[amplitude] = 0.1 * h.values[amplitude];
     }
-    let along: f64 = columns[0].iter().zip(&base.residual).map(|(a, b)| a * b).sum();
-    // What would need a sign that it cannot have explains nothing.
-    let gain = if x == 0.0 || along * x > 0.0 { 0.0 } else { base.gain(&columns) };
+    let left = rests.iter().map(|r| r * r).sum::<f64>() + 2.0 * x * along + x * x * size;
+    let gain = (1.0 - left / f64::max(base.cost(), 1e-300)).max(0.0);
     let phases = vec![0.0; problem.data.records.len()];
     Some(Promise { gain, seed: Seed { values, phases, travels }, columns, idle: false })
+}
+
+/// Product of two columns, and the square of the second.
+fn dot_and_size(rest: &[f64], change: &[f64]) -> (f64, f64) {
+    rest.iter().zip(change).fold((0.0, 0.0), |(along, size), (r, c)| (along + r * c, size + c * c))
 }
 
 /// Place of the largest.

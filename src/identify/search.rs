@@ -115,6 +115,8 @@ const FITTED: usize = 6;
 const LINKED_BEAM: usize = 2;
 const LINKED_FITTED: usize = 4;
 const LINKED_EFFECTS: usize = 2;
+/// How often a fit of a drive with links starts again from records that were moved a little.
+const REALIGNED: usize = 3;
 /// Most effects.
 pub const MOST_EFFECTS: usize = 4;
 /// An effect whose score is worth less is not looked at further: positive evidence after Kass and Raftery 1995, no more. What
@@ -181,7 +183,14 @@ pub fn fitted<'a>(
     iterations: usize,
 ) -> Model<'a> {
     let options = Options { iterations, threads };
-    let found = fit(&problem, start, options);
+    let mut found = fit(&problem, start, options);
+    for _ in 0..REALIGNED {
+        let mut point = found.point.clone();
+        if problem.plant.is_none() || !problem.realign(&mut point, threads) {
+            break;
+        }
+        found = fit(&problem, &point, options);
+    }
     if problem.channels.len() > 1 {
         let residuals = judge::residuals(&problem, &found, own, threads);
         for (c, w) in problem.weights.iter_mut().enumerate() {

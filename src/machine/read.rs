@@ -208,9 +208,9 @@ pub const SENSOR_KINDS: [(&str, &str, &str); 8] = [
     ("tachometer", "speed of a rotor or slider", "rad/s or m/s"),
     ("pulse_pickup", "time between the marks of a rotor", "s"),
     ("accelerometer", "acceleration of a rotor or slider", "rad/s^2 or m/s^2"),
-    ("strain_gauge", "force of a span, coupling or ground", "N or N m"),
+    ("strain_gauge", "force of a span, coupling or ground; links: of a span, or of a link that goes round", "N or N m"),
     ("torque", "what must turn a body with prescribed motion from outside", "N m or N"),
-    ("force", "the same for a slider", "N"),
+    ("force", "the same for a slider; links: of a guide", "N"),
 ];
 
 fn sensors(root: &Table<'_>, m: &mut Machine) {

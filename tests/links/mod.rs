@@ -24,7 +24,7 @@ pub struct Case {
 }
 
 /// The guide pressed into the chain, so that what it does can be felt.
-const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-300"];
+const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-500"];
 
 pub const CASES: [Case; 9] = [
     Case { name: "clean", both: &[], truth: &[], path: "" },
@@ -61,7 +61,7 @@ pub const CASES: [Case; 9] = [
     Case {
         name: "guide compliance",
         both: PRESSED,
-        truth: &["effects.guide_compliance.tight.compliance_um_per_kn=300"],
+        truth: &["effects.guide_compliance.tight.compliance_um_per_kn=1000"],
         path: "effects.guide_compliance.tight",
     },
     Case {
@@ -78,14 +78,15 @@ pub const CASES: [Case; 9] = [
     },
 ];
 
-/// What is measured: speed of the driven shaft, torque at the driver, tension of both spans.
-pub const SENSORS: &str = "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n";
+/// What is measured: speed of the driven shaft, torque at the driver, tension of both spans; force of the guide where it is pressed in.
+pub const SENSORS: &str = "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n\n[sensors.force.guide]\nguide = \"tight\"\n";
 
-const CHANNELS: [(&str, &str, &str); 4] = [
+const CHANNELS: [(&str, &str, &str); 5] = [
     ("speed", "sensors.tachometer.driven", "rad/s"),
     ("torque", "sensors.torque.driver", "N m"),
     ("tight", "sensors.strain_gauge.tight", "N"),
     ("slack", "sensors.strain_gauge.slack", "N"),
+    ("guide", "sensors.force.guide", "N"),
 ];
 
 const RATE_HZ: f64 = 10_000.0;
@@ -132,7 +133,8 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
     let drive = declared(text, case.both);
     std::fs::write(folder.join("drive.toml"), &drive).expect("written");
     let mut measurement = String::from("title = \"links\"\ndrive = \"drive.toml\"\n");
-    for (name, sensor, unit) in CHANNELS {
+    let channels = &CHANNELS[..if case.both.is_empty() { 4 } else { 5 }];
+    for (name, sensor, unit) in channels {
         measurement += &format!("[channels.{name}]\nsensor = \"{sensor}\"\ncolumn = \"{name}\"\nunit = \"{unit}\"\n");
     }
     let mut random = Random(seed);
@@ -144,7 +146,7 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
         tracer.go_on(0.1 + 0.1 * random.uniform()).expect("runs");
         tracer.forget();
         tracer.go_on_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
-        let columns: Vec<Vec<f64>> = (0..CHANNELS.len())
+        let columns: Vec<Vec<f64>> = (0..channels.len())
             .map(|c| {
                 let sensor = real.sensors.iter().position(|s| s.path == CHANNELS[c].1).expect("a sensor");
                 let series = tracer.readings(sensor);
@@ -156,7 +158,7 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
                 values.iter().map(|v| v + 0.01 * rms * random.normal()).collect()
             })
             .collect();
-        let mut csv = CHANNELS.map(|c| c.0).join(",") + "\n";
+        let mut csv = channels.iter().map(|c| c.0).collect::<Vec<_>>().join(",") + "\n";
         for i in 0..SAMPLES {
             csv += &columns.iter().map(|c| format!("{:.6}", c[i])).collect::<Vec<_>>().join(",");
             csv.push('\n');

@@ -1,0 +1,45 @@
+//! `pitchline lump`: a lumped drive out of one with links.
+
+use super::{Failure, Outcome, load_drive, print_json, print_out};
+use crate::lumping::{LumpError, lumped_text, lumping};
+use std::path::PathBuf;
+
+#[derive(clap::Args, Debug)]
+pub struct LumpArgs {
+    /// Drive file or bundled name
+    drive: String,
+    /// Replace a value of the drive
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Write the file here; else it is printed
+    #[arg(short, long = "output", value_name = "FILE.toml")]
+    output: Option<PathBuf>,
+    /// Print what it is made of as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &LumpArgs) -> Result<Outcome, Failure> {
+    let drive = load_drive(&args.drive, &args.set)?;
+    let (l, ..) = lumping(&drive).map_err(|e| match e {
+        LumpError::Assembly(e) => super::assembly_failure(e),
+        LumpError::Form(text) => Failure::Input(text),
+    })?;
+    let text = lumped_text(&drive, &l);
+    if let Some(path) = &args.output {
+        std::fs::write(path, &text).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))?;
+    }
+    if args.json {
+        let spans: Vec<_> = l
+            .spans
+            .iter()
+            .map(|s| {
+                serde_json::json!({
+                    "name": s.name, "stiffness_n_per_m": s.stiffness_n_per_m, "damping_n_s_per_m": s.damping_n_s_per_m,
+                })
+            })
+            .collect();
+        return print_json(&serde_json::json!({ "inertia_kg_m2": l.inertia_kg_m2, "spans": spans }));
+    }
+    if args.output.is_some() { Ok(Outcome::Done) } else { print_out(&text) }
+}

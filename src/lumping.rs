@@ -1,0 +1,160 @@
+//! A lumped drive out of one with links: the same shafts, loads and sensors, spans as springs.
+//!
+//! The loop is linearised at rest under its load (closed contacts, no friction) and condensed to its shafts, see
+//! [`crate::statics::reduced`]. Spans that join the same two sprockets share what joins them, each by its length; the links'
+//! inertia is that of the condensed shapes, rows summed. Damping of a span is that of its joints in series.
+
+use crate::assemble::{AssemblyError, at_rest};
+use crate::drive::sensors::SensorReads;
+use crate::drive::{Drive, OuterSpec};
+use crate::geometry::route::Wrap;
+use crate::model::Model;
+use crate::statics::{Equilibrium, Reduced, reduced};
+use std::fmt::Write;
+
+/// A span of the lumped drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LumpedSpan {
+    pub name: String,
+    /// Index of the sprocket that it leaves, and of the one that it reaches.
+    pub between: (usize, usize),
+    pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+    /// Links at its ends, counted along the loop from the anchor.
+    pub links: (f64, f64),
+}
+
+/// What a lumped drive is made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lumping {
+    pub model_radius_m: Vec<f64>,
+    /// Of every sprocket with its share of the chain [kg m2].
+    pub inertia_kg_m2: Vec<f64>,
+    pub spans: Vec<LumpedSpan>,
+}
+
+/// Why a drive has no lumped form.
+#[derive(Debug)]
+pub enum LumpError {
+    Assembly(AssemblyError),
+    /// Says what.
+    Form(String),
+}
+
+/// Condenses a drive.
+pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError> {
+    if let Some(s) = drive.sprockets.iter().find(|s| s.wrap == Wrap::Outside) {
+        return Err(LumpError::Form(format!(
+            "sprocket `{}` is wrapped outside: spans with crossed ends are not lumped",
+            s.name
+        )));
+    }
+    let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;
+    let soft = || LumpError::Form("the links at rest have no stiffness of their own".to_string());
+    let Reduced { stiffness, inertia } = reduced(&model, &equilibrium.configuration).ok_or_else(soft)?;
+    let route = model.route.as_ref().ok_or_else(soft)?;
+    let n = model.sprockets.len();
+    // Where the chain does not slip the shafts turn by its length over their rolling radius.
+    let radius: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();
+    let spans = (0..n)
+        .map(|a| {
+            let b = (a + 1) % n;
+            // All spans that join these two.
+            let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
+            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.spans[i].length_m).sum();
+            let together = -stiffness[(a, b)] / (radius[a] * radius[b]);
+            let stiffness_n_per_m = together / route.spans[a].length_m / shares;
+            let joint = &drive.joint;
+            let from = (route.span_start_m(a) - route.anchor_m()).rem_euclid(route.length_m()) / drive.chain.pitch_m();
+            LumpedSpan {
+                name: format!("{}-{}", model.sprockets[a].name, model.sprockets[b].name),
+                between: (a, b),
+                stiffness_n_per_m,
+                damping_n_s_per_m: stiffness_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m,
+                links: (from, from + route.spans[a].length_m / drive.chain.pitch_m()),
+            }
+        })
+        .collect();
+    let inertia_kg_m2 = (0..n).map(|a| inertia.row(a).iter().sum()).collect();
+    Ok((Lumping { model_radius_m: radius, inertia_kg_m2, spans }, model, equilibrium))
+}
+
+/// The lumped drive's file.
+pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
+    let mut t = String::new();
+    let name = |k: usize| drive.sprockets[k].name.as_str();
+    let mut write = || -> std::fmt::Result {
+        writeln!(t, "# Derived from `{}`: its loop condensed to the shafts, at rest under the load.", drive.name)?;
+        writeln!(
+            t,
+            "title = \"{}, lumped\"\nfidelity = \"lumped\"\n",
+            drive.title.replace('\\', "\\\\").replace('"', "\\\"")
+        )?;
+        for (k, s) in drive.sprockets.iter().enumerate() {
+            writeln!(t, "[rotors.{}]\nteeth = {}", s.name, s.teeth)?;
+            match s.outer {
+                OuterSpec::Speed { speed_rad_s } => {
+                    writeln!(
+                        t,
+                        "\n[speeds.constant.{}]\nspeed_rpm = {:?}\n",
+                        s.name,
+                        speed_rad_s.abs() / crate::units::RPM
+                    )?;
+                }
+                OuterSpec::Load { inertia_kg_m2, torque_nm } => {
+                    writeln!(
+                        t,
+                        "inertia_kg_m2 = {:?} # {inertia_kg_m2:?} and its share of the chain",
+                        l.inertia_kg_m2[k]
+                    )?;
+                    writeln!(t, "\n[loads.constant.{}]\ntorque_nm = {torque_nm:?}\n", s.name)?;
+                }
+            }
+        }
+        writeln!(t, "[chain]\nlinks = {}\nleader = \"{}\"\n", drive.links, name(drive.driver()))?;
+        for s in &l.spans {
+            // A chain that runs forwards pulls from the sprocket that it reaches: the span is stretched when that one is ahead.
+            let (a, b) = s.between;
+            writeln!(t, "[spans.{}]\nbetween = [\"{}\", \"{}\"]", s.name, name(b), name(a))?;
+            writeln!(
+                t,
+                "from_radius_mm = {:?}\nto_radius_mm = {:?}",
+                1e3 * l.model_radius_m[b],
+                1e3 * l.model_radius_m[a]
+            )?;
+            writeln!(
+                t,
+                "stiffness_n_per_m = {:?}\ndamping_n_s_per_m = {:?}",
+                s.stiffness_n_per_m, s.damping_n_s_per_m
+            )?;
+            writeln!(t, "from_link = {:.3}\nto_link = {:.3}\n", s.links.0, s.links.1)?;
+        }
+        let mut seen = false;
+        for s in &drive.sensors {
+            let line = match s.reads {
+                SensorReads::Span(k) => format!("span = \"{}\"\n", l.spans[k].name),
+                SensorReads::Link(_) | SensorReads::Guide(_) => continue,
+                SensorReads::Angle(k)
+                | SensorReads::Speed(k)
+                | SensorReads::Acceleration(k)
+                | SensorReads::Torque(k) => {
+                    if name(k) == s.name {
+                        String::new()
+                    } else {
+                        format!("body = \"{}\"\n", name(k))
+                    }
+                }
+            };
+            seen = true;
+            writeln!(t, "[{}]\n{line}gain = {:?}\n", s.path, s.gain)?;
+        }
+        if !seen {
+            let free = (0..drive.sprockets.len()).find(|k| *k != drive.driver()).unwrap_or(0);
+            writeln!(t, "[sensors.tachometer.{}]", name(free))?;
+        }
+        Ok(())
+    };
+    // Writing into a String does not fail.
+    let _ = write();
+    t
+}
