@@ -64,6 +64,9 @@ fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: 
     let mut best = declared;
     let records = declared.problem.data.records.len();
     for size in 1..=MOST_EFFECTS {
+        if best.is_exhausted() {
+            break;
+        }
         // In the order of their scores.
         let next = all.iter().filter(|m| m.effects.len() == size).find(|m| {
             let ratio = m.residuals.judge_ratio(&best.residuals);

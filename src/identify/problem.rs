@@ -321,8 +321,8 @@ impl<'a> Problem<'a> {
         });
     }
 
-    /// Looks a little ahead and behind of where every part stands, further than a slope can tell where impacts are sharp; whether
-    /// something was found.
+    /// Looks at every other pair of links that a part may stand at, and a little ahead and behind, further than a slope can tell
+    /// where impacts are sharp; whether something was found.
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
         let Some(travel) = self.locals.iter().position(|l| *l == Local::Travel) else { return false };
         let jobs = self.data.segments.len();
@@ -330,9 +330,10 @@ impl<'a> Problem<'a> {
             let mut at = point.locals[k].clone();
             let mut cost = self.cost_with_angles(k, &point.globals, &mut at.clone());
             let before = cost;
-            for (step, n) in [(FINE_PITCHES, 30), (0.1 * FINE_PITCHES, 10)] {
+            let pairs = (self.machine.repeats() / 2).max(1) as i32;
+            for (step, from, to) in [(2.0, 0, pairs - 1), (FINE_PITCHES, -30, 30), (0.1 * FINE_PITCHES, -10, 10)] {
                 let centre = at.clone();
-                for i in -n..=n {
+                for i in from..=to {
                     let mut locals = centre.clone();
                     locals[travel] += step * f64::from(i);
                     let other = self.cost_with_angles(k, &point.globals, &mut locals);

@@ -216,7 +216,7 @@ fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
 }
 
 fn floors(best: &Model, data: &Data) -> Vec<Floor> {
-    let unrepeated = best.problem.unrepeated(&best.fit.point);
+    let (unrepeated, coloured) = (best.problem.unrepeated(&best.fit.point), best.coloured());
     data.channels
         .iter()
         .enumerate()
@@ -226,10 +226,6 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
             let rms = if best.residuals.judge[c].is_empty() { fit } else { held_out };
             let floor = libm::sqrt(channel.noise * channel.noise + unrepeated[c] * unrepeated[c]).max(1e-300);
             let white = stats::white(&best.residuals.judge[c]) && stats::white(&best.residuals.fit[c]);
-            let mut noises: Vec<f64> =
-                best.residuals.fit[c].iter().map(|part| crate::measurement::facts::noise(part)).collect();
-            let rough = crate::measurement::facts::median(&mut noises);
-            let coloured = libm::sqrt((fit * fit - rough * rough).max(0.0));
             Floor {
                 channel: channel.name.clone(),
                 unit: channel.unit.clone(),
@@ -237,7 +233,7 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
                 unrepeated: unrepeated[c] * channel.shown,
                 times_floor: rms / floor,
                 white,
-                reached: rms <= EXPLAINED * floor && (white || coloured <= unrepeated[c]),
+                reached: rms <= EXPLAINED * floor && (white || coloured[c] <= unrepeated[c]),
                 lag1: stats::neighbour_correlation(&best.residuals.fit[c]),
             }
         })

@@ -14,6 +14,7 @@ use super::stats::{self, Random};
 use super::structure::{self, Alike, Detectable};
 use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
+use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use crate::measurement::{Measurement, Scope};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -66,6 +67,25 @@ pub struct Model<'a> {
 impl Model<'_> {
     pub fn freedom(&self, records: usize) -> usize {
         self.effects.iter().map(|h| h.freedom(records)).sum()
+    }
+
+    /// Of every channel that part of what is left on what fits that is not white noise (root mean square).
+    pub fn coloured(&self) -> Vec<f64> {
+        let of = |parts: &Vec<Vec<f64>>| {
+            let mut noises: Vec<f64> = parts.iter().map(|p| facts::noise(p)).collect();
+            let (rough, rms) = (facts::median(&mut noises), stats::rms(parts));
+            libm::sqrt((rms * rms - rough * rough).max(0.0))
+        };
+        self.residuals.fit.iter().map(of).collect()
+    }
+
+    /// A drive with links of which one effect is known, and no more is left than what it does not repeat itself.
+    pub fn is_exhausted(&self) -> bool {
+        if self.problem.plant.is_none() || self.effects.is_empty() {
+            return false;
+        }
+        let unrepeated = self.problem.unrepeated(&self.fit.point);
+        self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
     }
 
     pub fn identity(&self) -> Vec<String> {
@@ -254,6 +274,9 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     for round in 1..=most_effects {
         let mut next: Vec<Model<'a>> = Vec::new();
         for model in &beam {
+            if model.is_exhausted() {
+                continue;
+            }
             if context.ends() {
                 cut_short = true;
                 break;
