@@ -22,6 +22,14 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
     assert_eq!((r.outcome, found), (Verdict::Named, vec![case.path]));
     let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("outward_um")).expect("its size").value;
     assert!((size - 60.0).abs() < 6.0, "{size}");
+    // What is written back is a drive file that holds the effect.
+    let text = std::fs::read_to_string(folder.path().join("drive.toml")).expect("the drive");
+    let declared = pitchline::drive::Drive::parse("drive.toml", &text, &[]).expect("a drive");
+    let machine = pitchline::machine::Machine::of_links(&declared);
+    let updated = pitchline::identify::text::updated(&machine, &r).expect("an updated file");
+    let again =
+        pitchline::drive::Drive::parse("updated.toml", &updated, &[]).unwrap_or_else(|e| panic!("{e}\n{updated}"));
+    assert!((again.effects.gap_errors[0].outward_m - size * 1e-6).abs() < 1e-12);
     for (before, after) in r.error_before.iter().zip(&r.error_after).filter(|(b, _)| b.record.is_none()) {
         println!("{}: {:?} -> {:?} {}", before.channel, before.held_out, after.held_out, before.unit);
     }

@@ -67,6 +67,14 @@ fn kind(k: Kind) -> &'static str {
     }
 }
 
+/// Where it is put, on either kind of drive.
+fn put_on(e: &Effect) -> String {
+    match e.links {
+        Some(on) if on != e.on => format!("{}; with links {}", e.on.label(), on.label()),
+        _ => e.on.label().to_string(),
+    }
+}
+
 fn whole(e: &Effect) -> String {
     let mut text = format!(
         "{}: {}\n  part       {} ({})\n  put on     {}\n  drive      {}\n  equation   {}\n  source     {}\n  order      {}\n  speed law  {}\n  channels   {}\n",
@@ -74,7 +82,7 @@ fn whole(e: &Effect) -> String {
         e.title,
         e.part.label(),
         family(named(e.name).unwrap_or(EFFECTS[0])),
-        e.on.label(),
+        put_on(e),
         fidelities(e),
         e.equation,
         e.source,

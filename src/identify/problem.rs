@@ -247,7 +247,7 @@ impl<'a> Problem<'a> {
         let placed = self.machine.placed.iter().find(|p| p.slots.contains(&g.slot));
         let by_signal = placed.is_some_and(|p| crate::drive::sensors::is_signal(p.effect));
         let gain = self.machine.sensors.iter().any(|s| s.gain == g.slot);
-        (!by_signal && !gain).then_some(if g.law.logarithm { 0.05 } else { 0.5 })
+        (!by_signal && !gain).then_some(if placed.is_some() && !g.law.logarithm { 0.5 } else { 0.05 })
     }
 
     /// Numbers for which links are run, with weights that add up to one: a corner of the cell of the grid in which `globals` lie,

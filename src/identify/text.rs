@@ -303,7 +303,10 @@ pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
             };
             if !keys.contains(&key) {
                 keys.push(key);
-                text += &format!("{key} = {}{note}\n", toml_number(n.value));
+                let row = crate::effects::named(name).and_then(|e| e.parameters.iter().find(|p| p.key == key));
+                let whole = row.is_some_and(|p| p.kind.is_whole()) && n.value == libm::trunc(n.value);
+                let value = if whole { format!("{}", n.value as i64) } else { toml_number(n.value) };
+                text += &format!("{key} = {value}{note}\n");
             }
         }
     }
