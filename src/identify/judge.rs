@@ -164,6 +164,12 @@ impl Residuals {
         self.judge.iter().map(|p| stats::effective(p)).collect()
     }
 
+    /// The same ratio for the channel that gains most: an effect that one of many sensors sees is worth as much as one that all see.
+    pub fn best_ratio(&self, before: &Residuals) -> f64 {
+        let of = |c: usize| stats::rms(&self.judge[c]) / stats::rms(&before.judge[c]).max(1e-300);
+        (0..self.judge.len()).map(of).fold(f64::INFINITY, f64::min)
+    }
+
     /// Ratio of the error on what judges to another's, all channels together (each by the other's size), with its interval.
     pub fn judge_ratio(&self, before: &Residuals) -> [f64; 3] {
         let scaled = |r: &Residuals| -> Vec<Vec<f64>> {

@@ -73,7 +73,7 @@ pub const CASES: [Case; 9] = [
     Case {
         name: "encoder marks",
         both: &[],
-        truth: &["effects.encoder_error.driven.amplitude_deg=0.15", "effects.encoder_error.driven.phase_deg=40"],
+        truth: &["effects.encoder_error.driven.amplitude_deg=0.4", "effects.encoder_error.driven.phase_deg=40"],
         path: "effects.encoder_error.driven",
     },
 ];
