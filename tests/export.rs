@@ -291,7 +291,9 @@ fn every_value_of_every_table_is_the_frames_to_the_bit() {
             for (i, table) in TABLES.iter().enumerate() {
                 let path = out.join(format!("{}.{}", table.name, format.name()));
                 let sheet = expected(table.name, &recording);
-                assert!(!sheet.1.is_empty(), "{} of {} shows nothing", table.name, sample.display());
+                // The samples' drives have no sensors.
+                let none = table.name == "sensors" && recording.header.sensors.is_empty();
+                assert_eq!(sheet.1.is_empty(), none, "{} of {}", table.name, sample.display());
                 assert_eq!(result["outputs"][i]["table"], table.name);
                 assert_eq!(result["outputs"][i]["rows"], sheet.1.len());
                 assert_eq!(result["outputs"][i]["bytes"], std::fs::metadata(&path).expect("there").len());

@@ -227,6 +227,11 @@ fn recordings_and_tables_are_measured_files() {
         // Frames show forces at the instant, the step works with means over it.
         assert!((a - b - 0.5).abs() < 0.5, "with its offset: {a} of {b}");
     }
+    // Tables of sensors hold what they stand at, before gain and errors.
+    pitchline(&["export", "a.mcap", "-o", "sensors.parquet", "--tables", "sensors"]);
+    let readings = column(&columns("sensors.parquet"), "reading");
+    let driven: Vec<f64> = readings.chunks(2).map(|of| of[0]).collect();
+    assert_eq!(driven, speed);
     // One row for every sprocket and frame.
     let (csv, parquet) = (columns("rotors.csv"), columns("rotors.parquet"));
     for name in ["t_s", "speed_rad_s", "chain_torque_nm"] {
