@@ -1,7 +1,7 @@
 //! What is believed of a search: the set that stands, the grounds of every effect in it, and its rivals.
 //!
-//! An effect stays when its score is worth it, when the error of a channel on what judges falls by a twentieth and that of all
-//! surely, when it explains more than a sham, and when its size is three standard errors from nothing. A rival is what takes its
+//! An effect stays when its score is worth it, when the error on what judges falls by a twentieth (that of its channel, for an
+//! effect on a sensor) and surely, when it explains more than a sham, and when its size is three standard errors from nothing. A rival is what takes its
 //! place as well.
 
 use super::candidates::{self, Hypothesis};
@@ -11,6 +11,7 @@ use super::screen::{Base, Seed, promise};
 use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
 use super::stats::{self, Random};
 use super::structure::{Alike, Detectable};
+use crate::drive::sensors::is_signal;
 use crate::effects::Kind;
 use crate::measurement::segments::Data;
 
@@ -43,8 +44,8 @@ pub struct Ground {
     pub identity: String,
     /// Error on what judges with it to that without it.
     pub judge_ratio: [f64; 3],
-    /// The same for the channel that gains most.
-    pub best_ratio: f64,
+    /// The same, of an effect on a sensor for the channel that gains most.
+    pub left: f64,
     /// Score without it minus score with it.
     pub score: f64,
     /// Share of the cost taken, and the same of the median and best sham.
@@ -77,12 +78,19 @@ fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: 
             let judged = m.residuals.judge_effective();
             let predicted = best.residuals.judge_deviance(&judged) - m.residuals.judge_deviance(&judged);
             let worth = score(best, effective, records) - score(m, effective, records) + predicted;
-            let best_ratio = m.residuals.best_ratio(&best.residuals);
-            worth >= WORTH && best_ratio <= WORTH_A_NAME && ratio[2] < 1.0 && stands(m, all, effective)
+            let new = m.effects.iter().filter(|e| best.effects.iter().all(|o| o.identity() != e.identity()));
+            let left = left_of(new.clone().any(|e| is_signal(e.effect)), &m.residuals, &best.residuals);
+            worth >= WORTH && left <= WORTH_A_NAME && ratio[2] < 1.0 && stands(m, all, effective)
         });
         best = next.unwrap_or(best);
     }
     best.clone()
+}
+
+/// What a set leaves of another's error on what judges: of all channels, or of the one that gains most where an effect on a sensor is
+/// in question, which no other channel can see.
+fn left_of(on_sensor: bool, of: &Residuals, before: &Residuals) -> f64 {
+    if on_sensor { of.best_ratio(before) } else { of.judge_ratio(before)[0] }
 }
 
 /// Whether every effect of a set improves on the set without it, as far as that one was fitted.
@@ -97,8 +105,8 @@ fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
         let judged = model.residuals.judge_effective();
         let predicted = less.residuals.judge_deviance(&judged) - model.residuals.judge_deviance(&judged);
         let worth = score(less, effective, records) - score(model, effective, records) + predicted;
-        let best_ratio = model.residuals.best_ratio(&less.residuals);
-        worth >= WORTH && best_ratio <= WORTH_A_NAME && ratio[2] < 1.0
+        let left = left_of(is_signal(e.effect), &model.residuals, &less.residuals);
+        worth >= WORTH && left <= WORTH_A_NAME && ratio[2] < 1.0
     })
 }
 
@@ -152,7 +160,7 @@ fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], threads: 
     Ground {
         identity: best.effects[which].identity(),
         judge_ratio: best.residuals.judge_ratio(&less.residuals),
-        best_ratio: best.residuals.best_ratio(&less.residuals),
+        left: left_of(is_signal(best.effects[which].effect), &best.residuals, &less.residuals),
         score: score(less, effective, records) - score(best, effective, records),
         gain,
         sham,
@@ -166,7 +174,7 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
     let sure = sigmas(best, which);
     if ground.score < WORTH {
         Some(format!("worth {:.1}, less than {WORTH}", ground.score))
-    } else if ground.best_ratio > WORTH_A_NAME || high >= 1.0 {
+    } else if ground.left > WORTH_A_NAME || high >= 1.0 {
         Some(format!("on what judges the error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
     } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
