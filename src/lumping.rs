@@ -27,7 +27,8 @@ pub struct LumpedSpan {
 /// What a lumped drive is made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lumping {
-    pub model_radius_m: Vec<f64>,
+    /// Rolling radius of every sprocket [m].
+    pub radius_m: Vec<f64>,
     /// Of every sprocket with its share of the chain [kg m2].
     pub inertia_kg_m2: Vec<f64>,
     pub spans: Vec<LumpedSpan>,
@@ -55,14 +56,14 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     let route = model.route.as_ref().ok_or_else(soft)?;
     let n = model.sprockets.len();
     // Where the chain does not slip the shafts turn by its length over their rolling radius.
-    let radius: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();
+    let radius_m: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();
     let spans = (0..n)
         .map(|a| {
             let b = (a + 1) % n;
             // All spans that join these two.
             let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
             let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.spans[i].length_m).sum();
-            let together = -stiffness[(a, b)] / (radius[a] * radius[b]);
+            let together = -stiffness[(a, b)] / (radius_m[a] * radius_m[b]);
             let stiffness_n_per_m = together / route.spans[a].length_m / shares;
             let joint = &drive.joint;
             let from = (route.span_start_m(a) - route.anchor_m()).rem_euclid(route.length_m()) / drive.chain.pitch_m();
@@ -76,7 +77,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
         })
         .collect();
     let inertia_kg_m2 = (0..n).map(|a| inertia.row(a).iter().sum()).collect();
-    Ok((Lumping { model_radius_m: radius, inertia_kg_m2, spans }, model, equilibrium))
+    Ok((Lumping { radius_m, inertia_kg_m2, spans }, model, equilibrium))
 }
 
 /// The lumped drive's file.
@@ -116,12 +117,7 @@ pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
             // A chain that runs forwards pulls from the sprocket that it reaches: the span is stretched when that one is ahead.
             let (a, b) = s.between;
             writeln!(t, "[spans.{}]\nbetween = [\"{}\", \"{}\"]", s.name, name(b), name(a))?;
-            writeln!(
-                t,
-                "from_radius_mm = {:?}\nto_radius_mm = {:?}",
-                1e3 * l.model_radius_m[b],
-                1e3 * l.model_radius_m[a]
-            )?;
+            writeln!(t, "from_radius_mm = {:?}\nto_radius_mm = {:?}", 1e3 * l.radius_m[b], 1e3 * l.radius_m[a])?;
             writeln!(
                 t,
                 "stiffness_n_per_m = {:?}\ndamping_n_s_per_m = {:?}",

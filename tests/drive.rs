@@ -480,7 +480,7 @@ fn a_lumped_drive_has_the_mode_of_its_links() {
     ] {
         let drive = common::drive(sets);
         let (l, model, at) = lumping(&drive).unwrap_or_else(|e| panic!("{e:?}"));
-        let r = l.model_radius_m[1];
+        let r = l.radius_m[1];
         let stiffness: f64 = l.spans.iter().map(|s| s.stiffness_n_per_m * r * r).sum();
         let omega = (stiffness / l.inertia_kg_m2[1]).sqrt();
         // Strings of the spans have modes nearby: the shaft's is the one that the sprocket moves most in.

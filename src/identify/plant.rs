@@ -8,7 +8,7 @@
 
 use crate::drive::Drive;
 use crate::effects::{Effect, On, Physics};
-use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, through_sensor};
+use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, cubic, through_sensor};
 use crate::machine::{Machine, Motion, Reads};
 use crate::measurement::segments::Data;
 use crate::sensing::Tracer;
@@ -26,6 +26,8 @@ const SURE: f64 = 0.15;
 /// Readings that a period has at least, and the time between two at most [s].
 const LEAST_BINS: usize = 64;
 const BIN_S: f64 = 5e-6;
+/// Bins of the longest periods: hundreds of runs are kept in memory.
+const MOST_BINS: usize = 1 << 16;
 
 /// What a run says: a period of every sensor.
 #[derive(Clone, Debug)]
@@ -110,7 +112,8 @@ impl Plant {
         let pitches = f64::from(m.repeats());
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
         let period_s = pitches / pitches_per_s;
-        let mut tracer = Tracer::new(&drive, BIN_S.min(period_s / LEAST_BINS as f64))?;
+        let bin_s = BIN_S.max(period_s / MOST_BINS as f64).min(period_s / LEAST_BINS as f64);
+        let mut tracer = Tracer::new(&drive, bin_s)?;
         tracer.go_on(SETTLE_S)?;
         tracer.forget();
         let turning: Vec<Option<f64>> = drive
@@ -123,7 +126,7 @@ impl Plant {
             .collect();
         // A whole number for every two pitches, on which waves are folded as well.
         let pairs = (m.repeats() / 2).max(1);
-        let bins = pairs as usize * (libm::ceil(period_s / f64::from(pairs) / BIN_S) as usize).max(LEAST_BINS);
+        let bins = pairs as usize * libm::ceil(period_s / f64::from(pairs) / bin_s) as usize;
         let mut fold = Fold::new(drive.sensors.len(), bins);
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
@@ -258,9 +261,7 @@ impl Waves {
         let (x, low) = (at - low, low as usize);
         let value = |k: usize| wave[(low + n + k - 1) % n];
         let (a, b, c, d) = (value(0), value(1), value(2), value(3));
-        -x * (x - 1.0) * (x - 2.0) / 6.0 * a + (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0 * b
-            - (x + 1.0) * x * (x - 2.0) / 2.0 * c
-            + (x + 1.0) * x * (x - 1.0) / 6.0 * d
+        cubic([a, b, c, d], x)
     }
 }
 

@@ -97,7 +97,8 @@ pub struct Point {
 /// Size of a step for differences, as the fit sees a number.
 const DIFFERENCE: f64 = 1e-6;
 /// Steps in which the place of a record is looked for [pitches].
-const FINE_PITCHES: f64 = 0.005;
+pub const FINE_PITCHES: f64 = 0.005;
+const FINEST_PITCHES: f64 = 0.1 * FINE_PITCHES;
 /// Residual of a sample that a model did not reach.
 const LOST: f64 = 1e6;
 
@@ -295,52 +296,52 @@ impl<'a> Problem<'a> {
         if self.plant.is_none() {
             return;
         }
-        let Some(travel) = self.locals.iter().position(|l| *l == Local::Travel) else { return };
         let pairs = (self.machine.repeats() / 2).max(1);
         let folded = Problem { folded: true, ..self.clone() };
-        let jobs = self.data.segments.len();
-        point.locals = super::fit::parallel(jobs, threads, |k| {
-            let best_of = |of: &Problem, from: &[f64], step: f64, n: u32| {
-                let mut best = (f64::INFINITY, from.to_vec());
-                for place in 0..n {
-                    let mut locals = from.to_vec();
-                    locals[travel] += step * f64::from(place);
-                    let cost = of.cost_with_angles(k, &point.globals, &mut locals);
-                    if cost < best.0 {
-                        best = (cost, locals);
-                    }
-                }
-                best.1
-            };
-            let mut within = best_of(&folded, &point.locals[k], FINE_PITCHES, (2.0 / FINE_PITCHES) as u32);
-            within[travel] -= FINE_PITCHES;
-            let within = best_of(&folded, &within, 0.1 * FINE_PITCHES, 21);
-            let mut pair = best_of(self, &within, 2.0, pairs);
-            pair[travel] -= FINE_PITCHES;
-            best_of(self, &pair, 0.1 * FINE_PITCHES, 21)
+        point.locals = super::fit::parallel(self.data.segments.len(), threads, |k| {
+            let best =
+                |of: &Problem, from: &[f64], step: f64, places| of.best_place(k, &point.globals, from, step, places).1;
+            let within = best(&folded, &point.locals[k], FINE_PITCHES, 0..=(2.0 / FINE_PITCHES) as i32 - 1);
+            let within = best(&folded, &within, FINEST_PITCHES, -10..=10);
+            let pair = best(self, &within, 2.0, 0..=pairs as i32 - 1);
+            best(self, &pair, FINEST_PITCHES, -10..=10)
         });
+    }
+
+    /// The best of some places of a part, steps of `step` pitches apart: its cost, and the locals there with their angles.
+    fn best_place(
+        &self,
+        part: usize,
+        globals: &[f64],
+        from: &[f64],
+        step: f64,
+        places: std::ops::RangeInclusive<i32>,
+    ) -> (f64, Vec<f64>) {
+        let mut best = (f64::INFINITY, from.to_vec());
+        for place in places {
+            let mut locals = from.to_vec();
+            for (l, x) in self.locals.iter().zip(&mut locals) {
+                if *l == Local::Travel {
+                    *x += step * f64::from(place);
+                }
+            }
+            let cost = self.cost_with_angles(part, globals, &mut locals);
+            if cost < best.0 {
+                best = (cost, locals);
+            }
+        }
+        best
     }
 
     /// Looks at every other pair of links that a part may stand at, and a little ahead and behind, further than a slope can tell
     /// where impacts are sharp; whether something was found.
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
-        let Some(travel) = self.locals.iter().position(|l| *l == Local::Travel) else { return false };
-        let jobs = self.data.segments.len();
-        let found = super::fit::parallel(jobs, threads, |k| {
-            let mut at = point.locals[k].clone();
-            let mut cost = self.cost_with_angles(k, &point.globals, &mut at.clone());
-            let before = cost;
-            let pairs = (self.machine.repeats() / 2).max(1) as i32;
-            for (step, from, to) in [(2.0, 0, pairs - 1), (FINE_PITCHES, -30, 30), (0.1 * FINE_PITCHES, -10, 10)] {
-                let centre = at.clone();
-                for i in from..=to {
-                    let mut locals = centre.clone();
-                    locals[travel] += step * f64::from(i);
-                    let other = self.cost_with_angles(k, &point.globals, &mut locals);
-                    if other < cost {
-                        (cost, at) = (other, locals);
-                    }
-                }
+        let pairs = (self.machine.repeats() / 2).max(1) as i32;
+        let found = super::fit::parallel(self.data.segments.len(), threads, |k| {
+            let (before, mut at) = self.best_place(k, &point.globals, &point.locals[k], 0.0, 0..=0);
+            let mut cost = before;
+            for (step, places) in [(2.0, 0..=pairs - 1), (FINE_PITCHES, -30..=30), (FINEST_PITCHES, -10..=10)] {
+                (cost, at) = self.best_place(k, &point.globals, &at, step, places);
             }
             (cost < before * (1.0 - 1e-3)).then_some(at)
         });

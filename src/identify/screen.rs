@@ -6,7 +6,7 @@
 
 use super::candidates::Hypothesis;
 use super::fit::{Fit, orthonormal, without};
-use super::problem::{Local, Point, Problem};
+use super::problem::{FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
 use nalgebra::{DMatrix, DVector};
 
@@ -301,7 +301,7 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
         let k = base.parts[at].0;
         let tried = (-20..=20).map(|i| {
             let mut locals = fit.point.locals[k].clone();
-            locals[travel] += 0.005 * f64::from(i);
+            locals[travel] += FINE_PITCHES * f64::from(i);
             let rest = problem.residuals(k, &globals, &locals);
             locals[travel] += 2.0 * f64::from(*place);
             let now = with.residuals(k, &globals, &locals);

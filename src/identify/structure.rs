@@ -4,7 +4,7 @@
 use super::candidates::Hypothesis;
 use super::screen::{Base, Promise};
 use crate::effects::Effect;
-use crate::machine::{Machine, Target};
+use crate::machine::{Machine, Target, gcd};
 use serde::Serialize;
 
 /// Two periods of a chain drive that fall together.
@@ -33,10 +33,6 @@ pub struct Alike {
     pub a: String,
     pub b: String,
     pub angle_deg: f64,
-}
-
-fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 /// Collisions of orders by teeth z and links N: exact, from whole numbers.

@@ -13,12 +13,14 @@ pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
 }
 
+/// Greatest common divisor.
+pub fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
 fn lcm(a: u32, b: u32) -> u32 {
-    let (mut x, mut y) = (a.max(1), b.max(1));
-    while y > 0 {
-        (x, y) = (y, x % y);
-    }
-    (a.max(1) / x).saturating_mul(b.max(1))
+    let (a, b) = (a.max(1), b.max(1));
+    (a / gcd(a, b)).saturating_mul(b)
 }
 
 impl Machine {
@@ -27,17 +29,9 @@ impl Machine {
         let mut m = Machine {
             name: drive.name.clone(),
             text: drive.text.clone(),
-            title: drive.title.clone(),
-            slots: Vec::new(),
-            values: Vec::new(),
-            bodies: Vec::new(),
-            springs: Vec::new(),
-            inputs: Vec::new(),
-            sensors: Vec::new(),
-            placed: Vec::new(),
             chain: Some(Loop { links: drive.links as u32, leader: drive.driver() }),
-            linked: None,
             places: drive.places.clone(),
+            ..Machine::empty(drive.title.clone())
         };
         numbers_of_the_file(&mut m, &drive.text);
         let mut slot = |path: String, unit: f64, value: f64| match m.slots.iter().position(|s| s.path == path) {

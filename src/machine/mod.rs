@@ -15,6 +15,7 @@ mod pulses;
 mod read;
 pub mod simulate;
 
+pub use links::gcd;
 pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
@@ -205,6 +206,25 @@ impl Machine {
         let places = reader.finish()?;
         let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
         Ok(Machine { name: stem.to_string(), text: text.to_string(), places, ..machine })
+    }
+
+    /// Without anything in it.
+    fn empty(title: String) -> Machine {
+        Machine {
+            name: String::new(),
+            text: String::new(),
+            title,
+            slots: Vec::new(),
+            values: Vec::new(),
+            bodies: Vec::new(),
+            springs: Vec::new(),
+            inputs: Vec::new(),
+            sensors: Vec::new(),
+            placed: Vec::new(),
+            chain: None,
+            linked: None,
+            places: Places::empty(),
+        }
     }
 
     /// Index of the slot with this path.

@@ -1,7 +1,7 @@
 //! Reading a lumped drive, table by table.
 
 use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
-use crate::drive::reader::{Places, Table};
+use crate::drive::reader::Table;
 use crate::effects::{EFFECTS, Effect, On, named};
 use crate::units::{MM, RPM};
 
@@ -10,21 +10,7 @@ pub const MOST_MARKS: usize = 60;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
 pub(super) fn machine(root: &Table<'_>) -> Machine {
-    let mut m = Machine {
-        name: String::new(),
-        text: String::new(),
-        title: root.text("title").unwrap_or_default(),
-        slots: Vec::new(),
-        values: Vec::new(),
-        bodies: Vec::new(),
-        springs: Vec::new(),
-        inputs: Vec::new(),
-        sensors: Vec::new(),
-        placed: Vec::new(),
-        chain: None,
-        linked: None,
-        places: Places::empty(),
-    };
+    let mut m = Machine::empty(root.text("title").unwrap_or_default());
     root.choice("fidelity", &[("lumped", ())]);
     bodies(root, &mut m);
     springs(root, &mut m);

@@ -401,6 +401,11 @@ pub fn between(series: &[f64], at: f64) -> f64 {
         return value(0) + (value(1) - value(0)) * x;
     }
     let (a, b, c, d) = (value(-1), value(0), value(1), value(2));
+    cubic([a, b, c, d], x)
+}
+
+/// The cubic through values at -1, 0, 1 and 2, at x.
+pub fn cubic([a, b, c, d]: [f64; 4], x: f64) -> f64 {
     -x * (x - 1.0) * (x - 2.0) / 6.0 * a + (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0 * b
         - (x + 1.0) * x * (x - 2.0) / 2.0 * c
         + (x + 1.0) * x * (x - 1.0) / 6.0 * d

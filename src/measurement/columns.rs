@@ -197,6 +197,9 @@ fn read_recording(path: &Path) -> anyhow::Result<Columns> {
     ensure!(rows > 1, "{} holds no frames", path.display());
     ensure!(values.iter().all(|c| c.len() == rows), "{}: frames with and without sensors", path.display());
     let m = Machine::of_links(&drive);
+    let own = |i: usize| m.sensors.get(i).is_some_and(|s| s.path == header.sensors[i].path);
+    let known = (0..header.sensors.len()).all(own) && rotors.len() >= m.bodies.len();
+    ensure!(known, "{}: its header and its drive do not hold the same sensors", path.display());
     let step_s = (values[0][rows - 1] - values[0][0]) / (rows - 1) as f64;
     for sensor in 0..header.sensors.len() {
         let angles = m.body_of(sensor).map_or_else(|| vec![0.0; rows], |b| values[1 + b].clone());

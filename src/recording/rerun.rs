@@ -182,7 +182,7 @@ impl RerunSink {
             End::File { .. } => PlayState::Paused,
             End::Viewer { .. } => PlayState::Following,
         };
-        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play)?;
+        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play, !self.header.sensors.is_empty())?;
         self.has_layout = true;
         Ok(())
     }

@@ -31,13 +31,15 @@ pub struct Look {
     pub height: f64,
 }
 
-/// Adds the layout to the recording and makes it the one that is shown; `play` says how time runs at first.
+/// Adds the layout to the recording and makes it the one that is shown; `play` says how time runs at first, `sensors` whether the
+/// drive has any.
 pub fn send(
     stream: &RecordingStream,
     recording: &str,
     drive: &Look,
     close_ups: &[Look],
     play: PlayState,
+    sensors: bool,
 ) -> Result<()> {
     let (layout, storage) = RecordingStreamBuilder::new(super::APPLICATION)
         .recording_id(format!("{recording}-layout"))
@@ -47,7 +49,7 @@ pub fn send(
     layout.disable_timeline("log_time");
     layout.disable_timeline("log_tick");
     layout.set_time_sequence("blueprint", 0);
-    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups, play)?;
+    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups, play, sensors)?;
     let messages = storage.take();
     let blueprint_id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
@@ -58,7 +60,7 @@ pub fn send(
     Ok(())
 }
 
-fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayState) -> Result<()> {
+fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayState, sensors: bool) -> Result<()> {
     // Panes are about twice as wide as high, or square where there is nothing beside them.
     let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
     let mut near = Vec::new();
@@ -78,14 +80,17 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayS
     let lost = layout.curves("energy lost", "/plots/energy_lost")?;
     let energy = layout.curves("energy and work", "/plots/energy")?;
     let error = layout.curves("energy error", "/plots/energy_error")?;
-    let sensors = layout.curves("sensors", "/plots/sensors")?;
     let readme = layout.view("TextDocument", "read me", "/readme")?;
     let drive_file = layout.view("TextDocument", "drive file", "/drive_file")?;
     let table = layout.view("Dataframe", "contacts", "/state/contacts")?;
     layout.property(&table, "DataframeQuery", &contact_columns())?;
     let events = layout.view("TextLog", "events", "/events")?;
     let first = tabs(layout, "forces", &[force, count])?;
-    let second = tabs(layout, "tensions", &[tension, speed, sensors, lost, energy, error])?;
+    let mut second = vec![tension, speed, lost, energy, error];
+    if sensors {
+        second.insert(0, layout.curves("sensors", "/plots/sensors")?);
+    }
+    let second = tabs(layout, "tensions", &second)?;
     let third = tabs(layout, "tables", &[table, readme, drive_file])?;
     let right = layout.container(
         ContainerKind::Vertical,

@@ -127,7 +127,8 @@ pub struct Curves {
     energy: Table,
     lost: Table,
     error: Table,
-    sensors: Table,
+    /// Where the drive has any.
+    sensors: Option<Table>,
     /// Curve of each body: a sprocket's own, or the one of all guides.
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
@@ -148,7 +149,7 @@ impl Curves {
             energy: curves("plots/energy"),
             lost: curves("plots/energy_lost"),
             error: curves("plots/energy_error"),
-            sensors: curves("plots/sensors"),
+            sensors: (!header.sensors.is_empty()).then(|| curves("plots/sensors")),
             curve_of_body: curve_of_body.collect(),
             largest_n: vec![0.0; n_rotors + 1],
         }
@@ -186,11 +187,13 @@ impl Curves {
         ];
         push_curves(&mut self.lost, lost);
         push_curves(&mut self.error, [e.error_j]);
-        push_curves(&mut self.sensors, frame.sensors.iter().copied());
+        if let Some(sensors) = &mut self.sensors {
+            push_curves(sensors, frame.sensors.iter().copied());
+        }
     }
 
-    pub fn tables(&mut self) -> [&mut Table; 8] {
-        [
+    pub fn tables(&mut self) -> impl Iterator<Item = &mut Table> {
+        let always = [
             &mut self.contact_force,
             &mut self.contacts,
             &mut self.tension,
@@ -198,8 +201,8 @@ impl Curves {
             &mut self.energy,
             &mut self.lost,
             &mut self.error,
-            &mut self.sensors,
-        ]
+        ];
+        always.into_iter().chain(&mut self.sensors)
     }
 }
 

@@ -268,8 +268,10 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
     stream.log_static("plots/speed", &named(rotors().map(|name| format!("{name} [1/min]")).collect()))?;
-    let sensors = header.sensors.iter().map(|s| format!("{} [{}]", s.path.trim_start_matches("sensors."), s.unit));
-    stream.log_static("plots/sensors", &named(sensors.collect()))?;
+    if !header.sensors.is_empty() {
+        let sensors = header.sensors.iter().map(|s| format!("{} [{}]", s.path.trim_start_matches("sensors."), s.unit));
+        stream.log_static("plots/sensors", &named(sensors.collect()))?;
+    }
     stream.log_static("plots/contacts", &named(vec!["contacts".to_owned()]))?;
     stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
     let energies = ["kinetic [J]", "elastic, joints [J]", "elastic, contacts [J]", "work in [J]", "work out [J]"];
