@@ -16,7 +16,7 @@
 
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
-use crate::integrate::vectorised;
+use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::capture::contacts_at;
 use crate::recording::frame::{Contacts, Impact};
@@ -104,7 +104,7 @@ impl ImpactWatch {
             let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
             let (past, now) = (&past_memory(state, of).age, &scratch.memory(of).age);
             self.changed.clear();
-            vectorised(scratch.isa, || note_changes(scratch, of, past, now, &mut self.changed));
+            vectorised(scratch.isa, Changes { scratch, of, past, now, changed: &mut self.changed });
             for block in std::mem::take(&mut self.changed) {
                 let at = block * LANES;
                 for lane in at..(at + LANES).min(n) {
@@ -240,23 +240,36 @@ fn past_memory(state: &State, part: Part) -> &ContactMemory {
     }
 }
 
-/// Blocks in which a lane begins or ends to touch.
-#[inline(always)]
-fn note_changes(scratch: &Scratch, of: Part, past: &[f64], now: &[f64], changed: &mut Vec<usize>) {
-    let columns = || past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0).enumerate();
-    let mut sums = [0.0; LANES];
-    for (_, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
-        changes(before, after, &mut sums);
-    }
-    // In most steps nothing changes.
-    if sums.iter().sum::<f64>() == 0.0 {
-        return;
-    }
-    for (block, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+/// Blocks in which a lane begins or ends to touch, from its ages a step ago and now.
+struct Changes<'a> {
+    scratch: &'a Scratch,
+    of: Part,
+    past: &'a [f64],
+    now: &'a [f64],
+    changed: &'a mut Vec<usize>,
+}
+
+impl Look for Changes<'_> {
+    type Seen = ();
+
+    #[inline(always)]
+    fn look(self) {
+        let Changes { scratch, of, past, now, changed } = self;
+        let columns = || past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0).enumerate();
         let mut sums = [0.0; LANES];
-        changes(before, after, &mut sums);
-        if sums.iter().sum::<f64>() > 0.0 {
-            changed.push(block);
+        for (_, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+            changes(before, after, &mut sums);
+        }
+        // In most steps nothing changes.
+        if sums.iter().sum::<f64>() == 0.0 {
+            return;
+        }
+        for (block, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+            let mut sums = [0.0; LANES];
+            changes(before, after, &mut sums);
+            if sums.iter().sum::<f64>() > 0.0 {
+                changed.push(block);
+            }
         }
     }
 }

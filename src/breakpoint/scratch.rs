@@ -1,12 +1,12 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
-use super::ledger::{LostBefore, ledger};
+use super::ledger::{Ledger, blocks_of};
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, Operator, SLACK, Subject, Values, energy_number, truth};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::tooth_contact::LANES;
+use crate::elements::tooth_contact::{Column, LANES};
 use crate::integrate::explicit::{Part, Scratch};
-use crate::integrate::vectorised;
+use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::capture::Camera;
 use crate::recording::frame::{Energy, Impact};
@@ -23,8 +23,7 @@ pub struct BreakWatch {
     /// Who touched which tooth a step ago, and a number for every lane to tell by.
     signature: Option<(f64, u64)>,
     keys: Vec<f64>,
-    all_parts: Vec<Part>,
-    lost_before: LostBefore,
+    ledger: Ledger,
 }
 
 /// Values after the evaluation of a step. A contact is part x links + lane.
@@ -54,8 +53,7 @@ impl BreakWatch {
             now: Vec::new(),
             signature: None,
             keys,
-            all_parts: Part::of(model),
-            lost_before: LostBefore::default(),
+            ledger: Ledger::new(model),
         }
     }
 
@@ -66,14 +64,12 @@ impl BreakWatch {
             return Vec::new();
         }
         let energy = match camera.origin() {
-            Some(origin) if self.breakpoint.uses.energy => vectorised(scratch.isa, || {
-                ledger((model, state, scratch), &self.all_parts, origin, &mut self.lost_before)
-            }),
+            Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
             _ => None,
         };
         let values = StepValues { model, state, scratch, parts: &self.parts, energy };
         if self.breakpoint.uses.contact && !self.breakpoint.uses.varying {
-            let signature = Some(vectorised(scratch.isa, || values.signature(&self.keys)));
+            let signature = Some(vectorised(scratch.isa, Signature(&values, &self.keys)));
             if signature == self.signature {
                 return Vec::new();
             }
@@ -153,7 +149,7 @@ impl Beyond {
 
     /// Counts in `found`, lane by lane: sums of ones vectorise where a reduction to one bit does not.
     #[inline(always)]
-    fn count(self, values: &[f64; LANES], found: &mut [f64; LANES]) {
+    fn count(self, values: &Column, found: &mut Column) {
         for i in 0..LANES {
             found[i] += if self.sign * values[i] >= self.threshold { 1.0 } else { 0.0 };
         }
@@ -161,7 +157,7 @@ impl Beyond {
 
     /// Among lanes with an age.
     #[inline(always)]
-    fn count_where(self, values: &[f64; LANES], age: &[f64; LANES], found: &mut [f64; LANES]) {
+    fn count_where(self, values: &Column, age: &Column, found: &mut Column) {
         for i in 0..LANES {
             let touching = if age[i] > 0.0 { 1.0 } else { 0.0 };
             found[i] += if self.sign * values[i] >= self.threshold { touching } else { 0.0 };
@@ -174,24 +170,35 @@ impl Beyond {
         (bound >= 0.0).then_some(Beyond { threshold: self.sign * bound * bound, ..self })
     }
 
-    /// Of whole blocks and the rows behind them.
+    /// 1 or 0.
     #[inline(always)]
-    fn any_of(self, n: usize, block: impl Fn(usize) -> [f64; LANES], row: impl Fn(usize) -> f64) -> bool {
-        let whole = n / LANES * LANES;
-        let mut found = [0.0; LANES];
-        for at in (0..whole).step_by(LANES) {
-            self.count(&block(at), &mut found);
-        }
-        found.iter().sum::<f64>() > 0.0 || (whole..n).any(|i| self.sign * row(i) >= self.threshold)
+    fn one(self, value: f64) -> f64 {
+        if self.sign * value >= self.threshold { 1.0 } else { 0.0 }
     }
 }
 
-/// A block of a column.
-#[inline(always)]
-fn block(column: &[f64], at: usize) -> [f64; LANES] {
-    let mut values = [0.0; LANES];
-    values.copy_from_slice(&column[at..at + LANES]);
-    values
+/// [`StepValues::signature`] with its keys.
+struct Signature<'a>(&'a StepValues<'a>, &'a [f64]);
+
+impl Look for Signature<'_> {
+    type Seen = (f64, u64);
+
+    #[inline(always)]
+    fn look(self) -> (f64, u64) {
+        self.0.signature(self.1)
+    }
+}
+
+/// [`StepValues::reaches`] of a quantity.
+struct Reach<'a>(&'a StepValues<'a>, &'a Quantity, Beyond);
+
+impl Look for Reach<'_> {
+    type Seen = Option<Column>;
+
+    #[inline(always)]
+    fn look(self) -> Option<Column> {
+        self.0.reaches(self.1, self.2)
+    }
 }
 
 impl StepValues<'_> {
@@ -236,59 +243,73 @@ impl StepValues<'_> {
                     Operator::Below | Operator::AtMost => -1.0,
                     Operator::Equal | Operator::Unequal => return true,
                 };
+                if quantity.scope == Scope::Energy {
+                    let value = self.energy.as_ref().map(|(e, _)| energy_number(quantity.what, e));
+                    let unsure = self.blur(quantity) + 2.0 * SLACK * bound.abs();
+                    return value.is_none_or(|v| sign * (v - bound) >= -unsure);
+                }
                 let beyond = Beyond::new(sign, *bound);
-                vectorised(self.scratch.isa, || self.reaches(quantity, beyond)).unwrap_or(true)
+                vectorised(self.scratch.isa, Reach(self, quantity, beyond))
+                    .is_none_or(|found| found.iter().any(|n| *n > 0.0))
             }
             Expr::Not(_) | Expr::Compare(_) => true,
         }
     }
 
-    /// Whether a quantity of any contact, link or joint is beyond a bound; None: not looked at as a column.
+    /// How often, lane by lane, a quantity of any contact, link or joint is beyond a bound; None: not looked at as a column.
     #[inline(always)]
-    fn reaches(&self, quantity: &Quantity, beyond: Beyond) -> Option<bool> {
+    fn reaches(&self, quantity: &Quantity, beyond: Beyond) -> Option<Column> {
+        let mut found = [0.0; LANES];
         let n = self.model.chain.n_links;
+        let whole = n / LANES;
         match (quantity.scope, quantity.what) {
             (Scope::Contact, What::Penetration | What::ApproachSpeed | What::NormalForce) => {
                 for part in self.parts {
-                    if self.contacts_reach(*part, quantity.what, beyond)? {
-                        return Some(true);
-                    }
+                    self.contacts_reach(*part, quantity.what, beyond, &mut found)?;
                 }
-                Some(false)
             }
             (Scope::Link, What::Tension) => {
                 let (x, y) = self.scratch.joint_columns();
                 let l = &self.state.links;
-                let pull = |at: usize| {
-                    let (x0, x1, y0, y1) = (block(x, at), block(x, at + 1), block(y, at), block(y, at + 1));
-                    let (cos, sin) = (block(&l.cos, at), block(&l.sin, at));
-                    let mut values = [0.0; LANES];
-                    for i in 0..LANES {
-                        values[i] = -0.5 * ((x0[i] + x1[i]) * cos[i] + (y0[i] + y1[i]) * sin[i]);
+                let [x0, x1, y0, y1] = [x, &x[1..], y, &y[1..]];
+                let (x0, x1, y0, y1) =
+                    (blocks_of(x0, whole), blocks_of(x1, whole), blocks_of(y0, whole), blocks_of(y1, whole));
+                let (cos, sin) = (blocks_of(&l.cos, whole), blocks_of(&l.sin, whole));
+                for b in 0..whole {
+                    let mut pull = [0.0; LANES];
+                    for k in 0..LANES {
+                        pull[k] = -0.5 * ((x0[b][k] + x1[b][k]) * cos[b][k] + (y0[b][k] + y1[b][k]) * sin[b][k]);
                     }
-                    values
-                };
-                Some(beyond.any_of(n, pull, |i| self.tension(i)))
+                    beyond.count(&pull, &mut found);
+                }
+                for i in whole * LANES..n {
+                    found[0] += beyond.one(self.tension(i));
+                }
             }
             (Scope::Joint, What::Force) => {
+                let beyond = beyond.squared()?;
                 let (x, y) = self.scratch.joint_columns();
-                let square = |at: usize| {
-                    let (x, y) = (block(x, at + 1), block(y, at + 1));
-                    let mut values = [0.0; LANES];
-                    for i in 0..LANES {
-                        values[i] = x[i] * x[i] + y[i] * y[i];
+                let (x, y) = (&x[1..], &y[1..]);
+                let (bx, by) = (blocks_of(x, whole), blocks_of(y, whole));
+                for b in 0..whole {
+                    let mut square = [0.0; LANES];
+                    for k in 0..LANES {
+                        square[k] = bx[b][k] * bx[b][k] + by[b][k] * by[b][k];
                     }
-                    values
-                };
-                Some(beyond.squared()?.any_of(n, square, |i| x[i + 1] * x[i + 1] + y[i + 1] * y[i + 1]))
+                    beyond.count(&square, &mut found);
+                }
+                for i in whole * LANES..n {
+                    found[0] += beyond.one(x[i] * x[i] + y[i] * y[i]);
+                }
             }
-            _ => None,
+            _ => return None,
         }
+        Some(found)
     }
 
     /// None: the law of this part needs more than depth and speed.
     #[inline(always)]
-    fn contacts_reach(&self, part: Part, what: What, beyond: Beyond) -> Option<bool> {
+    fn contacts_reach(&self, part: Part, what: What, beyond: Beyond, found: &mut Column) -> Option<()> {
         let memory = self.scratch.memory(part);
         let law = match (what, self.law(part)?) {
             (What::NormalForce, ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
@@ -300,13 +321,12 @@ impl StepValues<'_> {
         let (depth, rate) = (self.scratch.depths(part), self.scratch.closing_speeds(part));
         let values = if what == What::ApproachSpeed { &memory.approach } else { depth };
         let columns = memory.age.as_chunks::<LANES>().0.iter().zip(values.as_chunks::<LANES>().0);
-        let mut found = [0.0; LANES];
         for (block, ((age, values), rate)) in columns.zip(rate.as_chunks::<LANES>().0).enumerate() {
             if self.scratch.is_idle(part, block) {
                 continue;
             }
             let Some((k, c)) = law else {
-                beyond.count_where(values, age, &mut found);
+                beyond.count_where(values, age, found);
                 continue;
             };
             let mut force = [0.0; LANES];
@@ -315,9 +335,9 @@ impl StepValues<'_> {
                 let f = k * values[i] + c * rate[i];
                 force[i] = if f > 0.0 { f } else { 0.0 };
             }
-            beyond.count_where(&force, age, &mut found);
+            beyond.count_where(&force, age, found);
         }
-        Some(found.iter().sum::<f64>() > 0.0)
+        Some(())
     }
 
     /// Collects what fulfils the expression; false where that cannot be told.
@@ -496,7 +516,11 @@ impl Values for StepValues<'_> {
             return 0.0;
         };
         match quantity.what {
-            What::Error => blur_j / energy.work_in_j.abs().max(*blur_j),
+            // A share of next to nothing may be anything.
+            What::Error if energy.work_in_j.abs() < 2.0 * blur_j => f64::INFINITY,
+            What::Error => {
+                2.0 * blur_j * (1.0 + energy.error_j.abs() / energy.work_in_j.abs()) / energy.work_in_j.abs()
+            }
             _ => *blur_j,
         }
     }

@@ -93,6 +93,15 @@ impl Scratch {
         }
     }
 
+    /// Per block, zero where [`Scratch::is_idle`]; empty where that is not known.
+    pub fn touching_blocks(&self, part: Part) -> &[u8] {
+        match part {
+            Part::Bushes => &self.stale_bushes,
+            Part::Guides(set) => &self.stale_blocks[set],
+            Part::Contours(_) => &[],
+        }
+    }
+
     /// Closing speeds at this node, by lane [m/s].
     pub fn closing_speeds(&self, part: Part) -> &[f64] {
         match part {
