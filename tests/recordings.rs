@@ -213,7 +213,7 @@ fn recordings_and_tables_are_measured_files() {
     for format in ["csv", "parquet"] {
         pitchline(&["export", "a.mcap", "-o", &format!("rotors.{format}"), "--tables", "rotors"]);
     }
-    let layout = Layout { header: true, separator: b',', skip_lines: 0 };
+    let layout = Layout { header: true, separator: b',', skip_lines: 0, group: None };
     let columns = |name: &str| read(&at(name), layout).unwrap_or_else(|e| panic!("{e}"));
     let column =
         |c: &Columns, name: &str| c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
@@ -239,4 +239,41 @@ fn recordings_and_tables_are_measured_files() {
     }
     let driven: Vec<f64> = column(&parquet, "speed_rad_s").chunks(2).map(|of| of[1]).collect();
     assert_eq!(driven, speed);
+}
+
+/// Written by the Python package asammdf 8.8 (MDF 4.10, transposed and deflated): 40 samples of `speed` [rpm], `torque` [N m], `raw` [V]
+/// (16 bits, 0.01 x - 5, sample 3 invalid), and a second group with 8 samples of `pressure` [bar].
+const BENCH: &[u8] = include_bytes!("data/bench.mf4");
+
+#[test]
+fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
+    use pitchline::measurement::columns::parse_mdf;
+    let error = parse_mdf(BENCH.to_vec(), None).expect_err("two groups");
+    assert!(error.contains("2 groups") && error.contains("group = 0") && error.contains("pressure"), "{error}");
+    let error = parse_mdf(BENCH.to_vec(), Some(2)).expect_err("no such group");
+    assert!(error.contains("no group 2"), "{error}");
+    let c = parse_mdf(BENCH.to_vec(), Some(0)).expect("readable");
+    let column = |name: &str| {
+        let i = c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names));
+        (c.values[i].clone(), c.units[i].clone())
+    };
+    assert_eq!(column("speed"), ((0..40).map(|i| 1000.0 + 0.5 * f64::from(i)).collect(), Some("rpm".into())));
+    assert_eq!(column("torque").0, (0..40).map(|i| f64::from(i % 7)).collect::<Vec<_>>());
+    for (i, raw) in column("raw").0.iter().enumerate() {
+        assert!(if i == 3 { raw.is_nan() } else { (raw - (0.01 * i as f64 - 5.0)).abs() < 1e-12 }, "{i}: {raw}");
+    }
+    for (i, t) in column("time").0.iter().enumerate() {
+        assert!((t - 1e-3 * i as f64).abs() < 1e-15, "{t}");
+    }
+    assert_eq!(parse_mdf(BENCH.to_vec(), Some(1)).expect("readable").rows(), 8);
+    // Cut anywhere, and with bytes changed anywhere: columns or an error.
+    let mut errors = 0;
+    for cut in 0..BENCH.len() {
+        errors += u32::from(parse_mdf(BENCH[..cut].to_vec(), Some(0)).is_err());
+        let mut flipped = BENCH.to_vec();
+        flipped[cut] ^= 1 << (cut % 8);
+        flipped[(cut * 7 + 64) % BENCH.len()] = 0xff;
+        let _ = parse_mdf(flipped, Some(0));
+    }
+    assert!(errors as usize > BENCH.len() / 2, "{errors} of {} cuts are errors", BENCH.len());
 }

@@ -22,7 +22,7 @@ fuzz_target!(|text: &str| {
     if let Err(report) = &measurement {
         assert!(!report.to_string().is_empty());
     }
-    let layout = Layout { header: true, separator: b',', skip_lines: 0 };
+    let layout = Layout { header: true, separator: b',', skip_lines: 0, group: None };
     let columns = parse_csv(csv.unwrap_or_default().as_bytes(), layout);
     let (Ok(machine), Ok(measurement), Ok(columns)) = (machine, measurement, columns) else { return };
     let tables: Vec<_> = measurement.files.iter().map(|f| (f.name.clone(), columns.clone())).collect();

@@ -28,6 +28,10 @@ pub struct Fit {
 
 /// A fit has converged when a step lowers the cost by less than this share.
 const CONVERGED: f64 = 2e-6;
+/// A step that lowers the cost by more than this share of what was promised is followed by a rank-one update of the Jacobian
+/// (Broyden 1965) instead of a new one, so often in a row: a run instead of one for every number.
+const GOOD_GAIN: f64 = 0.3;
+const MOST_UPDATES: usize = 4;
 /// Most steps for a drive with links, whose model is close to linear in what is looked for.
 const LINKED_ITERATIONS: usize = 8;
 
@@ -79,11 +83,14 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
     let mut point = start.clone();
     keep_inside(problem, &mut point);
-    let mut cost = total(problem, &point, &parts, options);
     let mut lambda = 1e-3;
     let mut grow = 2.0;
     let mut converged = false;
-    let mut jacobian = linearised(problem, &point, &parts, options);
+    let residuals = evaluated(problem, &point, &parts, options);
+    let mut cost = total(problem, &point, &residuals);
+    let mut jacobian = linearised(problem, &point, &parts, residuals, options);
+    // How many rank-one updates the Jacobian has had since it was differenced.
+    let mut updates = 0;
     let (converges, most) = match problem.plant {
         // What does not repeat hides smaller steps.
         Some(_) => (1e-4, options.iterations.min(LINKED_ITERATIONS)),
@@ -107,21 +114,35 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             }
         }
         keep_inside(problem, &mut trial);
-        let new_cost = total(problem, &trial, &parts, options);
+        let residuals = evaluated(problem, &trial, &parts, options);
+        let new_cost = total(problem, &trial, &residuals);
         let gain = (cost - new_cost) / step.predicted.max(1e-300);
         if new_cost < cost {
             let small = (cost - new_cost) < converges * cost;
+            let good = updates < MOST_UPDATES && gain > GOOD_GAIN && !small;
+            if good {
+                update(problem, &parts, &mut jacobian, residuals, &point, &trial);
+                updates += 1;
+            } else {
+                jacobian = linearised(problem, &trial, &parts, residuals, options);
+            }
             point = trial;
             cost = new_cost;
             let x = 2.0 * gain - 1.0;
             lambda = (lambda * (1.0 - x * x * x).max(1.0 / 3.0)).max(1e-12);
             grow = 2.0;
-            if small {
-                converged = true;
-                jacobian = linearised(problem, &point, &parts, options);
-                break;
+            if !good {
+                // A small step of an estimated Jacobian is no end: the fresh one has a try.
+                if small && updates == 0 {
+                    converged = true;
+                    break;
+                }
+                updates = 0;
             }
-            jacobian = linearised(problem, &point, &parts, options);
+        } else if updates > 0 {
+            let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
+            jacobian = linearised(problem, &point, &parts, residuals, options);
+            updates = 0;
         } else {
             if step.predicted < converges * cost {
                 converged = true;
@@ -134,6 +155,10 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
                 break;
             }
         }
+    }
+    if updates > 0 {
+        let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
+        jacobian = linearised(problem, &point, &parts, residuals, options);
     }
     finish(problem, point, cost, converged, &parts, jacobian)
 }
@@ -159,29 +184,63 @@ fn priors(problem: &Problem, point: &Point) -> f64 {
     of.filter_map(|(g, x)| g.prior.map(|(mean, s)| ((x - mean) / s) * ((x - mean) / s))).sum()
 }
 
-fn total(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> f64 {
-    let sums = parallel(parts.len(), options.threads, |i| {
-        let k = parts[i];
-        let r = problem.residuals(k, &point.globals, &point.locals[k]);
-        r.iter().map(|r| r * r).sum::<f64>()
-    });
-    sums.iter().sum::<f64>() + priors(problem, point)
+/// Residuals of all parts.
+fn evaluated(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Vec<f64>> {
+    parallel(parts.len(), options.threads, |i| problem.residuals(parts[i], &point.globals, &point.locals[parts[i]]))
 }
 
-fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Part> {
+fn total(problem: &Problem, point: &Point, residuals: &[Vec<f64>]) -> f64 {
+    residuals.iter().map(|r| dot(r, r)).sum::<f64>() + priors(problem, point)
+}
+
+/// Broyden's rank-one update of every part's Jacobian after a step from `before` to `after`, where the residuals are these.
+fn update(
+    problem: &Problem,
+    parts: &[usize],
+    jacobian: &mut [Part],
+    residuals: Vec<Vec<f64>>,
+    before: &Point,
+    after: &Point,
+) {
+    for ((part, k), now) in jacobian.iter_mut().zip(parts).zip(residuals) {
+        let globals = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k));
+        let mut step: Vec<f64> = globals.map(|g| after.globals[g] - before.globals[g]).collect();
+        step.extend(after.locals[*k].iter().zip(&before.locals[*k]).map(|(a, b)| a - b));
+        // In units in which every column changes the residuals alike.
+        let sizes: Vec<f64> = part.columns.iter().map(|c| dot(c, c)).collect();
+        let length: f64 = step.iter().zip(&sizes).map(|(s, size)| s * s * size).sum();
+        if length > 0.0 {
+            let mut missed: Vec<f64> = now.iter().zip(&part.residuals).map(|(a, b)| a - b).collect();
+            for (column, s) in part.columns.iter().zip(&step) {
+                missed.iter_mut().zip(column).for_each(|(m, c)| *m -= c * s);
+            }
+            for ((column, s), size) in part.columns.iter_mut().zip(&step).zip(&sizes) {
+                let share = s * size / length;
+                column.iter_mut().zip(&missed).for_each(|(c, m)| *c += share * m);
+            }
+        }
+        part.residuals = now;
+    }
+}
+
+/// Residuals with their derivatives by forward differences.
+fn linearised(
+    problem: &Problem,
+    point: &Point,
+    parts: &[usize],
+    residuals: Vec<Vec<f64>>,
+    options: Options,
+) -> Vec<Part> {
     // Parts and their columns as one list of jobs: few long parts keep all cores busy as many short ones do.
     let mut jobs: Vec<(usize, usize)> = Vec::new();
     for (i, k) in parts.iter().enumerate() {
         let concerned = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k)).count();
-        jobs.extend((0..=concerned + problem.locals.len()).map(|c| (i, c)));
+        jobs.extend((1..=concerned + problem.locals.len()).map(|c| (i, c)));
     }
     let columns = parallel(jobs.len(), options.threads, |job| {
         let (i, column) = jobs[job];
         let k = parts[i];
         let concerned: Vec<usize> = (0..problem.globals.len()).filter(|g| problem.concerns(*g, k)).collect();
-        if column == 0 {
-            return (1.0, problem.residuals(k, &point.globals, &point.locals[k]));
-        }
         let (mut globals, mut locals) = (point.globals.clone(), point.locals[k].clone());
         // Towards the inside of the bounds.
         let nudged = |x: f64, d: f64, bounds: (f64, f64)| {
@@ -205,15 +264,11 @@ fn linearised(problem: &Problem, point: &Point, parts: &[usize], options: Option
         }
         (width, problem.residuals(k, &globals, &locals))
     });
-    let mut all: Vec<Part> = Vec::new();
-    for ((i, column), (width, values)) in jobs.iter().zip(columns) {
-        if *column == 0 {
-            all.push(Part { residuals: values, columns: Vec::new() });
-        } else {
-            let part = &mut all[*i];
-            let slope = values.iter().zip(&part.residuals).map(|(a, b)| (a - b) / width).collect();
-            part.columns.push(slope);
-        }
+    let mut all: Vec<Part> = residuals.into_iter().map(|residuals| Part { residuals, columns: Vec::new() }).collect();
+    for ((i, _), (width, values)) in jobs.iter().zip(columns) {
+        let part = &mut all[*i];
+        let slope = values.iter().zip(&part.residuals).map(|(a, b)| (a - b) / width).collect();
+        part.columns.push(slope);
     }
     all
 }

@@ -1,4 +1,5 @@
-//! Columns of numbers out of measured files: CSV, Parquet and our own recordings (MCAP), told apart by the file's ending.
+//! Columns of numbers out of measured files: CSV, Parquet, ASAM MDF and our own recordings (MCAP), told apart by the file's
+//! ending.
 
 use crate::drive::Drive;
 use crate::machine::Machine;
@@ -19,19 +20,28 @@ pub struct Columns {
     pub values: Vec<Vec<f64>>,
     /// Of every column the first value that is no number, with its line: a mistake where somebody asks for the column.
     pub wrong: Vec<Option<String>>,
+    /// Of every column the unit that the file gives it.
+    pub units: Vec<Option<String>>,
     /// Line of the first row in a text file.
     pub first_line: usize,
 }
 
-/// How a CSV is laid out.
+/// How a CSV is laid out, and which group of an MDF file is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     pub header: bool,
     pub separator: u8,
     pub skip_lines: usize,
+    /// From 0.
+    pub group: Option<usize>,
 }
 
 impl Columns {
+    /// Where all values are numbers.
+    fn of_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
+        Columns { wrong: vec![None; names.len()], units: vec![None; names.len()], names, values, first_line: 1 }
+    }
+
     /// Index of the column called `name`; without a header columns are called 1, 2 ...
     pub fn find(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| n == name)
@@ -55,9 +65,10 @@ pub fn read(path: &Path, layout: Layout) -> Result<Columns, String> {
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("parquet") => read_parquet(path),
         Some("mcap") => read_recording(path).map_err(|e| format!("{e:#}")),
-        Some("mf4" | "mdf" | "dat") => Err(format!(
-            "`{shown}` is an ASAM MDF file, which is not read\nhelp: turn it into CSV or Parquet, for example with the Python package asammdf: `MDF(\"x.mf4\").export(\"csv\")`"
-        )),
+        Some("mf4" | "mdf" | "dat") => {
+            let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+            parse_mdf(bytes, layout.group).map_err(|e| format!("`{shown}` {e}"))
+        }
         _ => {
             let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
             parse_csv(&bytes, layout).map_err(|e| format!("`{shown}`{e}"))
@@ -143,7 +154,58 @@ pub fn parse_csv(bytes: &[u8], layout: Layout) -> Result<Columns, String> {
         return Err(" holds no rows".to_string());
     }
     wrong.resize(names.len(), None);
-    Ok(Columns { names, values, wrong, first_line })
+    Ok(Columns { units: vec![None; names.len()], names, values, wrong, first_line })
+}
+
+/// Channels of one group of an ASAM MDF file, converted to their units; what is marked invalid or is no number is NaN. Where more
+/// than one group holds samples, `group` says which: groups have clocks of their own.
+pub fn parse_mdf(bytes: Vec<u8>, group: Option<usize>) -> Result<Columns, String> {
+    let wrong = |e: falcon_mdf::Mf4Error| format!("is no MDF file that can be read: {e}");
+    let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(wrong)?;
+    let groups: Vec<_> = file.data_groups().iter().flat_map(|g| &g.channel_groups).collect();
+    let full: Vec<usize> = (0..groups.len()).filter(|g| groups[*g].sample_count > 0).collect();
+    let list = || {
+        let one = |g: &usize| {
+            let names: Vec<&str> = groups[*g].channels.iter().take(6).map(|c| c.name.as_str()).collect();
+            format!("{g} ({} samples: {})", groups[*g].sample_count, names.join(", "))
+        };
+        full.iter().take(12).map(one).collect::<Vec<_>>().join("; ")
+    };
+    let chosen = match (group, full.as_slice()) {
+        (_, []) => return Err("holds no samples".into()),
+        (None, [only]) => *only,
+        (None, _) => {
+            return Err(format!(
+                "holds {} groups of channels\nhelp: write `group = {}` with the file; groups there: {}",
+                full.len(),
+                full[0],
+                list()
+            ));
+        }
+        (Some(g), _) if full.contains(&g) => g,
+        (Some(g), _) => return Err(format!("has no group {g} with samples\nhelp: groups there: {}", list())),
+    };
+    let mut columns = Columns::of_numbers(Vec::new(), Vec::new());
+    for channel in &groups[chosen].channels {
+        let signal = file.signal(channel).map_err(wrong)?;
+        let mut values = signal.values_f64().map_err(wrong)?;
+        for (value, valid) in values.iter_mut().zip(signal.validity().unwrap_or_default()) {
+            if !valid {
+                *value = f64::NAN;
+            }
+        }
+        let rows = columns.rows();
+        if !columns.values.is_empty() && values.len() != rows {
+            let len = values.len();
+            return Err(format!("is damaged: channel `{}` has {len} samples where others have {rows}", channel.name));
+        }
+        columns.names.push(channel.name.clone());
+        columns.values.push(values);
+        let unit = signal.unit().trim();
+        columns.units.push((!unit.is_empty()).then(|| unit.to_string()));
+    }
+    columns.wrong = vec![None; columns.names.len()];
+    Ok(columns)
 }
 
 fn read_parquet(path: &Path) -> Result<Columns, String> {
@@ -165,7 +227,7 @@ fn read_parquet(path: &Path) -> Result<Columns, String> {
     if values.iter().all(Vec::is_empty) {
         return Err(format!("`{shown}` holds no rows"));
     }
-    Ok(Columns { wrong: vec![None; names.len()], names, values, first_line: 1 })
+    Ok(Columns::of_numbers(names, values))
 }
 
 /// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of its drive
@@ -207,7 +269,7 @@ fn read_recording(path: &Path) -> anyhow::Result<Columns> {
         let shown = values[first_sensor + sensor].iter().map(|v| gain * v).collect();
         values[first_sensor + sensor] = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
     }
-    Ok(Columns { wrong: vec![None; names.len()], names, values, first_line: 1 })
+    Ok(Columns::of_numbers(names, values))
 }
 
 /// The number in a field; what is none is NaN.

@@ -75,6 +75,7 @@ fn files(root: &Table<'_>) -> Vec<FileSpec> {
             header: t.flag("header").unwrap_or(true),
             separator,
             skip_lines: t.integer("skip_lines", 0..=10_000).unwrap_or(0) as usize,
+            group: t.integer("group", 0..=1_000_000).map(|g| g as usize),
         };
         all.push(FileSpec { name, path, layout });
         t.finish();

@@ -210,6 +210,29 @@ pub(super) fn column_of(
             diags.push(diag);
         }
     }
+    let declared = match kind {
+        "channels" => measurement.channels.iter().find(|c| c.name == name).map(|c| c.unit.as_str()),
+        "inputs" => measurement.inputs.iter().find(|i| i.name == name).map(|i| i.unit.as_str()),
+        _ => record.time.as_ref().map(|(_, unit)| unit.as_str()),
+    };
+    let own_unit = found.and_then(|i| columns.units.get(i)).and_then(Option::as_deref);
+    if let (Some(declared), Some(own_unit)) = (declared, own_unit) {
+        // Units that nobody here knows are taken as they are declared.
+        if let (Some((q, size)), Some((own_q, own_size))) = (unit(declared), unit(own_unit))
+            && (q != own_q || (size - own_size).abs() > 1e-9 * size)
+        {
+            let title = format!("`{wanted}` is in {own_unit} by file `{}`, not in {declared}", record.file);
+            let (at, help) = match kind {
+                "records" => (format!("records.{}.time_unit", record.name), None),
+                _ => (format!("{kind}.{name}.unit"), Some(format!("write `unit = \"{own_unit}\"`"))),
+            };
+            let diag = measurement.places.error(&at, title, help);
+            if !diags.contains(&diag) {
+                diags.push(diag);
+            }
+            return None;
+        }
+    }
     found
 }
 

@@ -111,12 +111,17 @@ fn outcome(class: Class, number: u64) -> Outcome {
         }
     }
     o.explained_wrongly = r.explained && r.noise_floor.iter().any(|f| f.times_floor > 2.0);
-    let truths: Vec<String> = c.truth.iter().map(|t| format!("{} x{:.1}", t.path, t.over_floor)).collect();
+    let truths: Vec<String> = c
+        .truth
+        .iter()
+        .map(|t| format!("{} x{:.1}, after a fit x{:.2}, {:.0} sigma", t.path, t.over_floor, t.after_fit, t.sigmas))
+        .collect();
     o.line = format!(
-        "{} {:?}: truth [{}] found {:?} explained {} floor {:.2} runs {}",
+        "{} {:?}: truth [{}] rivals {:?} found {:?} explained {} floor {:.2} runs {}",
         c.name,
         r.outcome,
-        truths.join(", "),
+        truths.join("; "),
+        c.rivals,
         sets,
         r.explained,
         r.noise_floor.iter().map(|f| f.times_floor).fold(0.0, f64::max),
