@@ -1,6 +1,6 @@
 //! The blind test of `identify`: machines made at random by code of their own, with one effect, two, none, or one outside the
 //! catalogue; the table of how many were named right. `cargo bench --bench blind -- 200 150 60 40 50` takes so many of each class
-//! (single, clean, outside, confusable, double); fewer are a quick look.
+//! (single, clean, outside, confusable, double); fewer are a quick look. `-- write single 42 DIR` puts a case into files.
 
 #[path = "../tests/blind/mod.rs"]
 mod blind;
@@ -10,6 +10,13 @@ mod judge;
 use blind::Class;
 
 fn main() {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    if let [what, class, number, folder] = args.as_slice()
+        && what == "write"
+    {
+        write(class, number, std::path::Path::new(folder)).expect("written");
+        return;
+    }
     let counts: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let count = |i: usize, usual: u64| counts.get(i).copied().unwrap_or(usual);
     let classes = [
@@ -34,4 +41,20 @@ fn main() {
     let (first, in_set, _) = table.shares(Class::Single);
     println!("single, clear: first name right {:.1} %, set holds the truth {:.1} %", 100.0 * first, 100.0 * in_set);
     println!("{:.0} s", started.elapsed().as_secs_f64());
+}
+
+/// Drive, measurement and records of a case, as `identify` reads them.
+fn write(class: &str, number: &str, folder: &std::path::Path) -> std::io::Result<()> {
+    let classes = [Class::Single, Class::Clean, Class::Outside, Class::Confusable, Class::Double];
+    let named = |c: &Class| format!("{c:?}").eq_ignore_ascii_case(class);
+    let class = classes.into_iter().find(named).ok_or(std::io::ErrorKind::InvalidInput)?;
+    let case = blind::case(class, number.parse().map_err(|_| std::io::ErrorKind::InvalidInput)?);
+    std::fs::create_dir_all(folder)?;
+    std::fs::write(folder.join("drive.toml"), &case.drive_toml)?;
+    std::fs::write(folder.join("measurement.toml"), &case.measurement_toml)?;
+    for (name, text) in &case.csvs {
+        std::fs::write(folder.join(name), text)?;
+    }
+    println!("{}: {:?}", case.name, case.truth);
+    Ok(())
 }

@@ -158,6 +158,11 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     let torque = &r.effects[0].parameters[0];
     assert!((torque.value - 0.4).abs() < 4.0 * torque.standard_error + 0.01, "{torque:?}");
     assert!(r.explained, "{:?}", r.noise_floor);
+    // What was left before looks like friction by itself, and nothing is to be said of what is left after.
+    let force = &r.diagnosis.forces[0];
+    assert!(force.term.starts_with("sign(v)") && force.body == "rotors.disc" && force.share > 0.8, "{force:?}");
+    let after = r.diagnosis_after.as_ref().expect("there is an effect");
+    assert!(after.channels[0].white && after.channels[0].above_floor < 0.05, "{after:?}");
     let inertia = &r.numbers_after[0];
     assert!((inertia.value - 0.05).abs() < 0.001, "{inertia:?}");
     let drive = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
@@ -180,6 +185,27 @@ fn a_clean_record_is_explained_without_a_name_and_the_same_input_gives_the_same_
     assert!(one.explained, "{:?}", one.noise_floor);
     assert_eq!(text(&one), text(&two));
     assert_eq!(pitchline::render::identify::html(&one), pitchline::render::identify::html(&two));
+}
+
+/// A wave twice a turn whose amplitude grows with the square of speed is seen as that before anything is named.
+#[test]
+fn what_is_left_is_told_by_order_and_speed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.1);
+    for (file, speed) in [("a.csv", 20.0_f64), ("b.csv", 40.0), ("c.csv", 30.0)] {
+        let mut text = String::from("time_ms,torque,speed_rpm\n");
+        for i in 0..600 {
+            let wave = 0.5 * (speed / 20.0).powi(2) * libm::sin(2.0 * speed * 0.005 * f64::from(i) + 0.7);
+            text += &format!("{},{},{}\n", i * 5, 0.08 * speed, (speed + wave) * 30.0 / std::f64::consts::PI);
+        }
+        std::fs::write(folder.path().join(file), text).expect("written");
+    }
+    let r = identified(&path, 1, Budget { runs: Some(60), seconds: None }).expect("identified");
+    let line = &r.diagnosis.channels[0].orders[0];
+    assert!(line.name == "order 2 of disc" && line.share > 0.9, "{line:?}");
+    let exponent = line.speed_exponent.expect("two speeds");
+    assert!((exponent - 2.0).abs() < 0.1, "{exponent}");
+    assert!(pitchline::identify::text::text(&r).contains("order 2 of disc"));
 }
 
 #[test]
@@ -255,6 +281,15 @@ fn mistakes_are_told_before_a_model_is_run() {
         let error = identified(&path, 1, ALL).expect_err(to);
         assert!(error.contains(says), "{to}: no `{says}` in\n{error}");
     }
+    // Units that a file holds are compared with those that are declared.
+    let folder = tempfile::tempdir().expect("a folder");
+    let (text, path) = good(folder.path());
+    std::fs::write(folder.path().join("bench.mf4"), include_bytes!("data/bench.mf4")).expect("written");
+    let text = text.replace("path = \"a.csv\"", "path = \"bench.mf4\"\ngroup = 0");
+    let text = text.replace("column = \"speed_rpm\"\nunit = \"rpm\"", "column = \"speed\"\nunit = \"rad/s\"");
+    std::fs::write(&path, text).expect("written");
+    let error = identified(&path, 1, ALL).expect_err("another unit");
+    assert!(error.contains("`speed` is in rpm by file `a`, not in rad/s"), "{error}");
     type Change = fn(&str) -> String;
     let data: [(Change, &str); 6] = [
         (|t| t.replacen("50,", "abc,", 1), "is no number"),

@@ -1,8 +1,8 @@
 //! What is believed of a search: the set that stands, the grounds of every effect in it, and its rivals.
 //!
 //! An effect stays when its score is worth it, when the error on what judges falls by a twentieth (that of its channel, for an
-//! effect on a sensor) and surely, when it explains more than a sham, and when its size is three standard errors from nothing. A rival is what takes its
-//! place as well.
+//! effect on a sensor) or loses half of what was above the noise, and surely, when it explains more than a sham, and when its
+//! size is three standard errors from nothing. A rival is what takes its place as well.
 
 use super::candidates::{self, Hypothesis};
 use super::fit::parallel;
@@ -44,8 +44,8 @@ pub struct Ground {
     pub identity: String,
     /// Error on what judges with it to that without it.
     pub judge_ratio: [f64; 3],
-    /// The same, of an effect on a sensor for the channel that gains most.
-    pub left: f64,
+    /// What that leaves of it.
+    pub left: Left,
     /// Score without it minus score with it.
     pub score: f64,
     /// Share of the cost taken, and the same of the median and best sham.
@@ -57,6 +57,10 @@ pub struct Ground {
 const CLEAR: f64 = 10.0;
 /// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
 const WORTH_A_NAME: f64 = 0.95;
+/// Close to the noise floor an effect is worth a name that takes half of what is above it, if that is a hundredth of the error
+/// and of its square at least.
+const HALF: f64 = 0.5;
+const LITTLE: f64 = 0.01;
 /// An effect explains three times as much as a sham, or leaves at most this share of what a sham leaves.
 const SHAM: f64 = 0.8;
 /// Shams an accepted effect is held against.
@@ -79,18 +83,41 @@ fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: 
             let predicted = best.residuals.judge_deviance(&judged) - m.residuals.judge_deviance(&judged);
             let worth = score(best, effective, records) - score(m, effective, records) + predicted;
             let new = m.effects.iter().filter(|e| best.effects.iter().all(|o| o.identity() != e.identity()));
-            let left = left_of(new.clone().any(|e| is_signal(e.effect)), &m.residuals, &best.residuals);
-            worth >= WORTH && left <= WORTH_A_NAME && ratio[2] < 1.0 && stands(m, all, effective)
+            let left = left_of(new.clone().any(|e| is_signal(e.effect)), m, best);
+            worth >= WORTH && left.is_worth_a_name() && ratio[2] < 1.0 && stands(m, all, effective)
         });
         best = next.unwrap_or(best);
     }
     best.clone()
 }
 
-/// What a set leaves of another's error on what judges: of all channels, or of the one that gains most where an effect on a sensor is
-/// in question, which no other channel can see.
-fn left_of(on_sensor: bool, of: &Residuals, before: &Residuals) -> f64 {
-    if on_sensor { of.best_ratio(before) } else { of.judge_ratio(before)[0] }
+/// What a set leaves of another's error on what judges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Left {
+    /// Of all channels, or of the one that gains most where an effect on a sensor is in question, which no other channel can see.
+    pub error: f64,
+    /// Of the squared error above the noise floor, all channels by their noise; None where that is next to nothing, and for a
+    /// drive with links, whose floor is no noise alone.
+    pub above_floor: Option<f64>,
+}
+
+impl Left {
+    fn is_worth_a_name(self) -> bool {
+        self.error <= WORTH_A_NAME || self.error <= 1.0 - LITTLE && self.above_floor.is_some_and(|a| a <= HALF)
+    }
+}
+
+fn left_of(on_sensor: bool, of: &Model, before: &Model) -> Left {
+    let (r, b) = (&of.residuals, &before.residuals);
+    let error = if on_sensor { r.best_ratio(b) } else { r.judge_ratio(b)[0] };
+    let above = |r: &Residuals| -> f64 {
+        let noises = before.problem.data.channels.iter().map(|c| c.noise.max(1e-300));
+        let channels = noises.enumerate().map(|(c, noise)| (r.rms(c).1 / noise).powi(2) - 1.0);
+        channels.map(|x| x.max(0.0)).sum()
+    };
+    let (now, then) = (above(r), above(b));
+    let above_floor = (before.problem.plant.is_none() && then > LITTLE).then(|| now / then);
+    Left { error, above_floor }
 }
 
 /// Whether every effect of a set improves on the set without it, as far as that one was fitted.
@@ -105,8 +132,8 @@ fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
         let judged = model.residuals.judge_effective();
         let predicted = less.residuals.judge_deviance(&judged) - model.residuals.judge_deviance(&judged);
         let worth = score(less, effective, records) - score(model, effective, records) + predicted;
-        let left = left_of(is_signal(e.effect), &model.residuals, &less.residuals);
-        worth >= WORTH && left <= WORTH_A_NAME && ratio[2] < 1.0
+        let left = left_of(is_signal(e.effect), model, less);
+        worth >= WORTH && left.is_worth_a_name() && ratio[2] < 1.0
     })
 }
 
@@ -160,7 +187,7 @@ fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], threads: 
     Ground {
         identity: best.effects[which].identity(),
         judge_ratio: best.residuals.judge_ratio(&less.residuals),
-        left: left_of(is_signal(best.effects[which].effect), &best.residuals, &less.residuals),
+        left: left_of(is_signal(best.effects[which].effect), best, less),
         score: score(less, effective, records) - score(best, effective, records),
         gain,
         sham,
@@ -174,7 +201,7 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
     let sure = sigmas(best, which);
     if ground.score < WORTH {
         Some(format!("worth {:.1}, less than {WORTH}", ground.score))
-    } else if ground.left > WORTH_A_NAME || high >= 1.0 {
+    } else if !ground.left.is_worth_a_name() || high >= 1.0 {
         Some(format!("on what judges the error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
     } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
@@ -203,7 +230,11 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
             } else if times > 1.0 {
                 format!("leaves {times:.3} times the error of what was accepted")
             } else {
-                format!("beside what was accepted it leaves {times:.3} times the error: not worth a name")
+                let [ratio, low, high] = m.residuals.judge_ratio(&best.residuals);
+                let beside = if accepted.is_empty() { "" } else { "beside what was accepted " };
+                format!(
+                    "{beside}it leaves {times:.3} times the error of what was fitted and {ratio:.3} [{low:.3}, {high:.3}] of what judges: not worth a name"
+                )
             };
         }
     }

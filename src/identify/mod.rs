@@ -1,10 +1,11 @@
 //! Closing the loop: measured records against a drive, until the difference has a name or is shown to have none.
 //!
-//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> report. The loop
+//! facts -> structure -> baseline fit -> what is left -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> report. The loop
 //! goes over the catalogue of effects and holds no physics of its own.
 
 pub mod accept;
 pub mod candidates;
+pub mod diagnosis;
 pub mod fit;
 pub mod judge;
 pub mod plant;
@@ -42,6 +43,11 @@ pub fn identify(
     let searched = search::search(measurement, problem, &own, context);
     let found = accept::accept(searched, &own, context);
     let mut report = report::report(measurement, data, &found);
+    context.say("looking at what is left by itself");
+    report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
+    if !report.effects.is_empty() {
+        report.diagnosis_after = Some(diagnosis::diagnose(&found.best, context.threads));
+    }
     if report.outcome == Verdict::None && !report.explained && !context.ends() && context.plant.is_none() {
         context.say("looking for a formula without a name");
         report.unnamed = unnamed::search(&found.best, &own, context);

@@ -1,6 +1,7 @@
 //! What is said in the end: outcome, effects with their errors, what was tried and why it lost, error before and after.
 
 use super::accept::{Found, Rival, placed_path, standard_error};
+use super::diagnosis::Diagnosis;
 use super::judge::Residuals;
 use super::search::{Model, Trial};
 use super::structure::{self, Alike, Collision, Detectable};
@@ -138,6 +139,9 @@ pub struct Report {
     pub explained: bool,
     pub next_experiment: Vec<String>,
     pub unnamed: Option<Unnamed>,
+    /// What the declared model leaves; and what is left with the effects.
+    pub diagnosis: Diagnosis,
+    pub diagnosis_after: Option<Diagnosis>,
     pub numbers_before: Vec<Number>,
     pub numbers_after: Vec<Number>,
     pub error_budget: Vec<Share>,
@@ -353,6 +357,8 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
         explained,
         next_experiment,
         unnamed: None,
+        diagnosis: Diagnosis::default(),
+        diagnosis_after: None,
         collisions,
         detectable: found.detectable.clone(),
         alike: found.alike.clone(),

@@ -260,7 +260,7 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     context.say("fitting the declared model");
     let mut declared = baseline(problem, own, context);
     if declared.problem.plant.is_none() {
-        set_most_steps(&mut declared.problem);
+        set_most_steps(&mut declared.problem, &declared.fit.point);
     }
     let (detectable, alike) = first_look(measurement, &declared, context);
     let mut reasons = Vec::new();
@@ -284,6 +284,12 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
             context.say(&format!("round {round}: looking at hypotheses"));
             let grown = grow(measurement, model, own, context, &mut seen, &mut trials, &mut reasons);
             next.extend(grown);
+        }
+        if round == 1
+            && let Some(near) = near_the_file(&declared, own, context)
+        {
+            context.say("round 1: looking again from the drive's own numbers");
+            next.extend(grow(measurement, &near, own, context, &mut Vec::new(), &mut trials, &mut reasons));
         }
         if next.is_empty() {
             break;
@@ -310,10 +316,38 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     Searched { declared, all, effective, trials, reasons, detectable, alike, cut_short }
 }
 
+/// A free number that fits only e to this from its file may hide what is missing.
+const FAR: f64 = 0.7;
+
+/// The declared model with the numbers of its file, where the fit has carried one far from it: what is missing has a second try
+/// from there.
+fn near_the_file<'a>(declared: &Model<'a>, own: &Data, context: &Context) -> Option<Model<'a>> {
+    let start = declared.problem.start();
+    let logarithms = (0..start.globals.len()).filter(|g| declared.problem.globals[*g].law.logarithm);
+    let far = logarithms.map(|g| (start.globals[g] - declared.fit.point.globals[g]).abs()).fold(0.0, f64::max);
+    if declared.problem.plant.is_some() || far < FAR || context.ends() {
+        return None;
+    }
+    let mut held = declared.problem.clone();
+    for (g, x) in held.globals.iter_mut().zip(&start.globals) {
+        g.prior = Some((*x, 0.02));
+    }
+    let options = Options { iterations: 20, threads: context.threads };
+    let point = fit(&held, &start, options).point;
+    let found = fit(&declared.problem, &point, Options { iterations: 0, ..options });
+    let residuals = judge::residuals(&declared.problem, &found, own, context.threads);
+    Some(Model { problem: declared.problem.clone(), fit: found, residuals, effects: Vec::new() })
+}
+
 /// What is added may be stiffer than what was declared, but not by so much that a search takes days.
-fn set_most_steps(problem: &mut Problem) {
+fn set_most_steps(problem: &mut Problem, fitted: &Point) {
     let m = &problem.machine;
-    let needed = problem.data.segments.iter().map(|s| steps_needed(m, &m.values, &s.task, &s.start));
+    let mut values = m.values.clone();
+    for (g, x) in problem.globals.iter().zip(&fitted.globals).filter(|(g, _)| g.record.is_none()) {
+        values[g.slot] = g.law.value(*x);
+    }
+    let segments = &problem.data.segments;
+    let needed = segments.iter().flat_map(|s| [&m.values, &values].map(|v| steps_needed(m, v, &s.task, &s.start)));
     problem.most_steps = (4.0 * needed.fold(1.0, f64::max)).clamp(16.0, MOST_STEPS);
 }
 

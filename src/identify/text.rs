@@ -1,5 +1,6 @@
 //! The report as text, and the drive file with what was found.
 
+use super::diagnosis::Diagnosis;
 use super::report::{Number, Report, Verdict};
 use crate::machine::Machine;
 use std::fmt::Write;
@@ -203,7 +204,37 @@ fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
+/// What is left by itself; channels of which there is nothing to say are left out.
+fn diagnosis(t: &mut String, d: &Diagnosis, title: &str) -> std::fmt::Result {
+    let mut lines: Vec<String> = Vec::new();
+    for c in &d.channels {
+        let mut all: Vec<String> = Vec::new();
+        for o in &c.orders {
+            let speed = o.speed_exponent.map_or(String::new(), |e| format!(" (amplitude as speed^{e:.1})"));
+            all.push(format!("{} {:.0} %{speed}", o.name, 100.0 * o.share));
+        }
+        let short = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
+        all.extend(c.states.iter().map(|s| format!("{} of {} {:.0} %", s.term, short(&s.body), 100.0 * s.share)));
+        if !all.is_empty() {
+            lines.push(format!("{:<14} {}", c.channel, all.join("; ")));
+        }
+    }
+    let forces = d.forces.iter().map(|f| format!("{} on {} {:.0} %", f.term, f.body, 100.0 * f.share));
+    let forces: Vec<String> = forces.collect();
+    if !forces.is_empty() {
+        lines.push(format!("{:<14} {}", "as a force", forces.join("; ")));
+    }
+    if !lines.is_empty() {
+        writeln!(t, "\n{title} (shares of the squared error that one form takes; forms share)")?;
+    }
+    lines.iter().try_for_each(|l| writeln!(t, "    {l}"))
+}
+
 fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
+    diagnosis(t, &r.diagnosis, "what the declared model leaves, by itself")?;
+    if let Some(after) = &r.diagnosis_after {
+        diagnosis(t, after, "what is left with the effects, by itself")?;
+    }
     writeln!(t, "\nerror budget (squared error of the declared model)")?;
     for s in &r.error_budget {
         writeln!(t, "    {:>5.1} %  {}", s.percent, s.of)?;

@@ -2,6 +2,7 @@
 //! that holds on records it has not seen. It never gets a physical name.
 
 use super::candidates::Hypothesis;
+use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
 use super::screen::{Base, promise};
 use super::search::{Context, Model, refit_with};
@@ -117,6 +118,34 @@ pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option
     })
 }
 
+/// How much of what a model leaves a small force of every form on every free body would take.
+pub fn forces(model: &Model, threads: usize) -> Vec<StateLine> {
+    let m = &model.problem.machine;
+    let free = (0..m.bodies.len())
+        .filter(|b| m.bodies[*b].motion == Motion::Free && !m.bodies[*b].path.starts_with("effects."));
+    let all: Vec<(usize, usize)> = free.flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t))).collect();
+    let base = Base::new(&model.problem, &model.fit);
+    let sizes = super::candidates::Sizes::of(&model.problem, &model.fit.point);
+    parallel(all.len(), threads, |i| {
+        let (b, t) = all[i];
+        let h = hypothesis(model, b, t, sizes.force(b));
+        let share = promise(&model.problem, &base, &model.fit, &h).gain;
+        StateLine { body: m.bodies[b].path.clone(), term: LIBRARY[t].0.into(), share }
+    })
+}
+
+fn hypothesis(model: &Model, body: usize, term: usize, scale: f64) -> Hypothesis {
+    Hypothesis {
+        effect: effect(term),
+        name: model.problem.machine.bodies[body].name.clone(),
+        target: Target::Body(body),
+        values: vec![0.1 * scale],
+        rows: vec![&effect(term).parameters[0]],
+        scales: vec![scale],
+        on_links: false,
+    }
+}
+
 /// The term that explains most, fitted beside the others.
 fn one_more<'a>(
     model: &Model<'a>,
@@ -129,15 +158,7 @@ fn one_more<'a>(
     let base = Base::new(&model.problem, fit);
     let sizes = super::candidates::Sizes::of(&model.problem, &fit.point);
     let scale = sizes.force(body);
-    let hypothesis = |t: usize| Hypothesis {
-        effect: effect(t),
-        name: model.problem.machine.bodies[body].name.clone(),
-        target: Target::Body(body),
-        values: vec![0.1 * scale],
-        rows: vec![&effect(t).parameters[0]],
-        scales: vec![scale],
-        on_links: false,
-    };
+    let hypothesis = |t: usize| hypothesis(model, body, t, scale);
     let gains = parallel(LIBRARY.len(), context.threads, |t| {
         if taken.contains(&t) { 0.0 } else { promise(&model.problem, &base, fit, &hypothesis(t)).gain }
     });

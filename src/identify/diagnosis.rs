@@ -1,0 +1,259 @@
+//! What a model leaves, looked at by itself before anything is named: which turns of which body it repeats with and how that grows
+//! with speed, which state it follows, and which force on which body would make it. It proposes and proves nothing: every line is
+//! the share of a channel's squared error that one simple form takes, fitted to what it is measured on.
+
+use super::fit::{Fit, parallel};
+use super::problem::Problem;
+use super::search::Model;
+use super::stats;
+use super::unnamed;
+use crate::machine::simulate::Samples;
+use crate::machine::{Reads, Sensor, Slot};
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// What repeats with the turns of a body.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OrderLine {
+    /// `order 2 of motor`, `chain loop 1 of crank`.
+    pub name: String,
+    pub body: String,
+    /// Periods per revolution of the body.
+    pub order: f64,
+    /// Part of the squared error.
+    pub share: f64,
+    /// Its amplitude goes with this power of speed, where records at other speeds tell.
+    pub speed_exponent: Option<f64>,
+}
+
+/// What follows a state of a body.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StateLine {
+    pub body: String,
+    pub term: String,
+    pub share: f64,
+}
+
+/// What is left of a channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelLeft {
+    pub channel: String,
+    pub white: bool,
+    pub lag1: f64,
+    /// Part of the squared error that is above the noise floor.
+    pub above_floor: f64,
+    pub orders: Vec<OrderLine>,
+    pub states: Vec<StateLine>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Diagnosis {
+    pub channels: Vec<ChannelLeft>,
+    /// As a force on a body: how much of the error a small force of this form would take, all channels together.
+    pub forces: Vec<StateLine>,
+}
+
+/// Orders of a turn that are looked at, beside its teeth and the chain's loop.
+const ORDERS: u32 = 6;
+/// Lines that are told of each kind.
+const TOLD: usize = 3;
+/// Less than this share is not told.
+const LITTLE: f64 = 0.03;
+/// A line holds so many times what it would take of noise.
+const CHANCE: f64 = 4.0;
+
+/// A state of a body at the samples of a part.
+struct Moves {
+    q: Vec<f64>,
+    v: Vec<f64>,
+}
+
+/// Residuals of a part, channel by channel, and how every body moves there.
+struct Part {
+    residuals: Vec<Vec<f64>>,
+    moves: Vec<Moves>,
+}
+
+/// Looks at what a model leaves of what it was fitted to.
+pub fn diagnose(model: &Model, threads: usize) -> Diagnosis {
+    let problem = &model.problem;
+    let m = &problem.machine;
+    let bodies: Vec<usize> = (0..m.bodies.len()).filter(|b| !m.bodies[*b].path.starts_with("effects.")).collect();
+    let fitting: Vec<usize> =
+        (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].judge_from > 0).collect();
+    let parts: Vec<Part> = parallel(fitting.len(), threads, |i| part(problem, &model.fit, fitting[i], &bodies))
+        .into_iter()
+        .flatten()
+        .collect();
+    let channels = (0..problem.channels.len()).map(|c| channel(problem, &parts, &bodies, c)).collect();
+    let mut forces = if problem.plant.is_some() { Vec::new() } else { unnamed::forces(model, threads) };
+    forces.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
+    forces.retain(|f| f.share > LITTLE);
+    forces.truncate(TOLD);
+    Diagnosis { channels, forces }
+}
+
+/// None: the model does not follow this part.
+fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part> {
+    let s = &problem.data.segments[k];
+    let n = s.judge_from;
+    let weighted = problem.residuals(k, &fit.point.globals, &fit.point.locals[k]);
+    let residuals: Vec<Vec<f64>> = weighted.chunks(n.max(1)).map(<[f64]>::to_vec).collect();
+    match &s.task.samples {
+        Samples::Times { t_s, .. } if problem.plant.is_some() => {
+            let steady = |b: &usize| {
+                let v = s.start.v[*b];
+                Moves { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
+            };
+            Some(Part { residuals, moves: bodies.iter().map(steady).collect() })
+        }
+        Samples::Times { .. } => {
+            let mut shown = problem.clone();
+            let gain = shown.machine.values.len();
+            shown.machine.values.push(1.0);
+            shown.machine.slots.push(Slot { path: "looked at".into(), unit: 1.0, low: 1.0, high: 1.0 });
+            let first = shown.machine.sensors.len();
+            for b in bodies {
+                for reads in [Reads::Angle(*b), Reads::Speed(*b)] {
+                    let sensor = Sensor { name: String::new(), path: String::new(), reads, gain, unit: None };
+                    shown.machine.sensors.push(sensor);
+                }
+            }
+            shown.channels = (first..shown.machine.sensors.len()).collect();
+            let seen = shown.model(k, &fit.point.globals, &fit.point.locals[k], true).ok()?;
+            let moves = seen.chunks(2).map(|of| Moves { q: of[0][..n].to_vec(), v: of[1][..n].to_vec() }).collect();
+            Some(Part { residuals, moves })
+        }
+        Samples::Pulses { .. } => {
+            // A pulse is a share of a turn of the body with the marks; the others are not known there.
+            let (on, marks) = problem.channels.iter().find_map(|c| match problem.machine.sensors[*c].reads {
+                Reads::Pulses { body, marks } => Some((body, marks)),
+                _ => None,
+            })?;
+            let turn = TAU / marks.max(1) as f64;
+            let moves = bodies
+                .iter()
+                .map(|b| Moves {
+                    q: (0..n).map(|i| if *b == on { turn * i as f64 } else { 0.0 }).collect(),
+                    v: (0..n).map(|i| if *b == on { turn / libm::exp(s.measured[0][i]) } else { 0.0 }).collect(),
+                })
+                .collect();
+            Some(Part { residuals, moves })
+        }
+    }
+}
+
+fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> ChannelLeft {
+    let m = &problem.machine;
+    let all: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals[c].clone()).collect();
+    let whole: f64 = all.iter().flatten().map(|r| r * r).sum::<f64>().max(1e-300);
+    let samples: usize = all.iter().map(Vec::len).sum();
+    let effective = stats::effective(&all).max(1.0);
+    let told = |share: f64, numbers: usize| share > LITTLE && share > CHANCE * numbers as f64 / effective;
+    let (mut orders, mut states) = (Vec::new(), Vec::new());
+    for (i, b) in bodies.iter().enumerate() {
+        let body = &m.bodies[*b];
+        if !body.slides {
+            let mut looked: Vec<(String, f64)> =
+                (1..=ORDERS).map(|k| (format!("order {k} of {}", body.name), f64::from(k))).collect();
+            if let Some(z) = body.teeth {
+                looked.push((format!("teeth of {}", body.name), f64::from(z)));
+                if let Some(chain) = &m.chain {
+                    let loops = f64::from(z) / f64::from(chain.links);
+                    looked.extend((1..=3).map(|k| (format!("chain loop {k} of {}", body.name), loops * f64::from(k))));
+                }
+            }
+            for (name, order) in looked {
+                let found: Vec<(f64, f64, f64)> = parts.iter().filter_map(|p| line(p, i, c, order)).collect();
+                let share = found.iter().map(|f| f.0).sum::<f64>() / whole;
+                if told(share, 2 * found.len()) {
+                    let speed_exponent = exponent(&found);
+                    orders.push(OrderLine { name, body: body.path.clone(), order, share, speed_exponent });
+                }
+            }
+        }
+        for (term, of) in STATES {
+            if term == "q" && !body.slides {
+                continue;
+            }
+            let (mut along, mut size) = (0.0, 0.0);
+            for p in parts {
+                let x: Vec<f64> = p.moves[i].q.iter().zip(&p.moves[i].v).map(|(q, v)| of(*q, *v)).collect();
+                along += x.iter().zip(&p.residuals[c]).map(|(x, r)| x * r).sum::<f64>();
+                size += x.iter().map(|x| x * x).sum::<f64>();
+            }
+            let share = along * along / size.max(1e-300) / whole;
+            if told(share, 1) {
+                states.push(StateLine { body: body.path.clone(), term: term.into(), share });
+            }
+        }
+    }
+    orders.sort_by(|a: &OrderLine, b| b.share.total_cmp(&a.share));
+    orders.truncate(TOLD);
+    states.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
+    states.truncate(TOLD);
+    let channel = &problem.data.channels[c];
+    let noise = channel.noise / problem.weights[c];
+    ChannelLeft {
+        channel: channel.name.clone(),
+        white: stats::white(&all),
+        lag1: stats::neighbour_correlation(&all),
+        above_floor: (1.0 - noise * noise * samples as f64 / whole).max(0.0),
+        orders,
+        states,
+    }
+}
+
+/// States that a residual may follow.
+type State = fn(f64, f64) -> f64;
+const STATES: [(&str, State); 5] =
+    [("1", |_, _| 1.0), ("v", |_, v| v), ("v |v|", |_, v| v * v.abs()), ("sign(v)", |_, v| sign(v)), ("q", |q, _| q)];
+
+fn sign(v: f64) -> f64 {
+    if v == 0.0 { 0.0 } else { v.signum() }
+}
+
+/// What a wave of this order takes of a channel's squares in a part, its amplitude, and the mean speed; None where the part is too
+/// short or its samples too far apart to tell.
+fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, f64)> {
+    let (q, r) = (&p.moves[body].q, &p.residuals[channel]);
+    let n = r.len();
+    if n < 16 {
+        return None;
+    }
+    let way: f64 = q.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
+    let turns = order * way / TAU;
+    if turns < 3.0 || turns > 0.45 * n as f64 {
+        return None;
+    }
+    let mut sums = [0.0; 5];
+    for (q, r) in q.iter().zip(r) {
+        let (s, c) = (libm::sin(order * q), libm::cos(order * q));
+        for (sum, x) in sums.iter_mut().zip([c * c, s * s, c * s, c * r, s * r]) {
+            *sum += x;
+        }
+    }
+    let [cc, ss, cs, cr, sr] = sums;
+    let det = cc * ss - cs * cs;
+    if det < 1e-6 * cc * ss {
+        return None;
+    }
+    let (a, b) = ((ss * cr - cs * sr) / det, (cc * sr - cs * cr) / det);
+    let speed = p.moves[body].v.iter().map(|v| v.abs()).sum::<f64>() / n as f64;
+    Some((a * cr + b * sr, libm::hypot(a, b), speed))
+}
+
+/// Slope of the logarithm of amplitude over that of speed, where speeds differ by a third at least.
+fn exponent(found: &[(f64, f64, f64)]) -> Option<f64> {
+    let points: Vec<(f64, f64)> =
+        found.iter().filter(|f| f.1 > 0.0 && f.2 > 0.0).map(|f| (libm::log(f.2), libm::log(f.1))).collect();
+    let low = points.iter().map(|p| p.0).fold(f64::MAX, f64::min);
+    let high = points.iter().map(|p| p.0).fold(f64::MIN, f64::max);
+    if points.len() < 2 || high - low < libm::log(4.0 / 3.0) {
+        return None;
+    }
+    let n = points.len() as f64;
+    let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    let (xy, xx) = points.iter().fold((0.0, 0.0), |s, p| (s.0 + (p.0 - x) * (p.1 - y), s.1 + (p.0 - x) * (p.0 - x)));
+    Some(xy / xx)
+}
