@@ -281,6 +281,33 @@ fn dry_friction_stops_at_a_constant_rate() {
     }
 }
 
+/// Torque that steps from 0 to 3 N m every second sample and back, through a lag, on a free rotor: what it has given up to a sample
+/// in closed form, for lags far below a sample, of a sample, and of many.
+#[test]
+fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
+    let step_s = 2e-3;
+    let t_s: Vec<f64> = (0..40).map(|i| f64::from(i) * step_s).collect();
+    let input: Vec<f64> = (0..40).map(|i| if i / 2 % 2 == 1 { 3.0 } else { 0.0 }).collect();
+    for time_s in [1e-7, 1e-5, 4e-4, 2e-3, 2e-2] {
+        let m = machine(&format!(
+            "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.01\n[inputs.torque.disc]\n[sensors.tachometer.disc]\n\
+             [effects.input_lag.disc]\ntime_ms = {}\n",
+            time_s * 1e3
+        ));
+        let samples = Samples::Times { t_s: t_s.clone(), step_s, even: true };
+        let task = Task { samples, inputs: vec![input.clone()], hold: true };
+        let start = Start { q: vec![0.0], v: vec![0.0], travel: 0.0 };
+        let speeds = &run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds")[0];
+        let (mut y, mut impulse) = (0.0, 0.0);
+        for (i, v) in speeds.iter().enumerate() {
+            assert!((v - impulse / 0.01).abs() < 1e-9, "{time_s} s, sample {i}: {v} against {}", impulse / 0.01);
+            let x = step_s / time_s;
+            impulse += input[i] * step_s + (y - input[i]) * time_s * -libm::expm1(-x);
+            y = input[i] + (y - input[i]) * libm::exp(-x);
+        }
+    }
+}
+
 #[test]
 fn a_free_oscillator_converges_with_the_fourth_order() {
     let text = "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 1.0\n[grounds.g]\nbody = \"s\"\nstiffness_n_per_m = 400.0\n[sensors.displacement.s]\n";

@@ -18,6 +18,6 @@ pub const ROW: Effect = Effect {
     links: None,
 };
 
-fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {
+fn pass(p: &[f64], u: &mut [f64], _step_s: f64, _held: bool) {
     u.iter_mut().for_each(|u| *u -= u.clamp(-p[0], p[0]));
 }

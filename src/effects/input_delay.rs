@@ -18,6 +18,6 @@ pub const ROW: Effect = Effect {
     links: None,
 };
 
-fn pass(p: &[f64], u: &mut [f64], step_s: f64) {
+fn pass(p: &[f64], u: &mut [f64], step_s: f64, _held: bool) {
     super::latency::shifted(u, p[0] / step_s);
 }

@@ -18,6 +18,22 @@ pub const ROW: Effect = Effect {
     links: None,
 };
 
-fn pass(p: &[f64], u: &mut [f64], step_s: f64) {
-    super::low_pass::filtered(u, p[0], step_s);
+fn pass(p: &[f64], u: &mut [f64], step_s: f64, held: bool) {
+    if held { means(u, p[0], step_s) } else { super::low_pass::filtered(u, p[0], step_s) }
+}
+
+/// Means of the lagged input over every step, where the input stays at a value for a step: what is left of a lag that is short
+/// against the step is its impulse.
+fn means(u: &mut [f64], time_s: f64, step_s: f64) {
+    if time_s <= 0.0 || u.is_empty() {
+        return;
+    }
+    let x = step_s / time_s;
+    let (decay, mean) = (libm::exp(-x), -libm::expm1(-x) / x);
+    let mut y = u[0];
+    for value in u.iter_mut() {
+        let now = *value;
+        *value = now + (y - now) * mean;
+        y = now + (y - now) * decay;
+    }
 }

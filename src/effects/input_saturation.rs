@@ -18,7 +18,7 @@ pub const ROW: Effect = Effect {
     links: None,
 };
 
-fn pass(p: &[f64], u: &mut [f64], _step_s: f64) {
+fn pass(p: &[f64], u: &mut [f64], _step_s: f64, _held: bool) {
     // From 1e8 on nothing that is sampled in doubles comes near it.
     if p[0] < 1e8 {
         u.iter_mut().for_each(|u| *u = p[0] * libm::tanh(*u / p[0]));

@@ -319,8 +319,9 @@ pub enum Physics {
     },
     /// A prescribed speed's factor by angle.
     Motion(MotionLaw),
-    /// What becomes of an input, given at equal steps [s].
-    Input(fn(&[f64], &mut [f64], f64)),
+    /// What becomes of an input, given at equal steps [s]; the last argument: it stays at each value for a step, and the result
+    /// is its mean over every step.
+    Input(fn(&[f64], &mut [f64], f64, bool)),
     Signal(fn(&[f64], &mut Trace)),
     /// Angle of a mark beyond its even place [gaps], and delay of its pulse [s].
     Marks(MarkLaw),

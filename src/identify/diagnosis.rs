@@ -206,8 +206,14 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
 
 /// States that a residual may follow.
 type State = fn(f64, f64) -> f64;
-const STATES: [(&str, State); 5] =
-    [("1", |_, _| 1.0), ("v", |_, v| v), ("v |v|", |_, v| v * v.abs()), ("sign(v)", |_, v| sign(v)), ("q", |q, _| q)];
+const STATES: [(&str, State); 6] = [
+    ("1", |_, _| 1.0),
+    ("v", |_, v| v),
+    ("|v|", |_, v| v.abs()),
+    ("v |v|", |_, v| v * v.abs()),
+    ("sign(v)", |_, v| sign(v)),
+    ("q", |q, _| q),
+];
 
 fn sign(v: f64) -> f64 {
     if v == 0.0 { 0.0 } else { v.signum() }

@@ -204,11 +204,7 @@ fn sampled(
     let span = t_s.last().copied().unwrap_or(0.0);
     let n_steps = if even { (t_s.len() - 1) * parts } else { libm::ceil(span / h - 1e-9) as usize };
     let inputs = inputs_at_nodes(ready, task, (t_s, even, parts), h, n_steps);
-    let smooth = |k: usize| {
-        !task.hold
-            || m.placed.iter().any(|p| p.target == Target::Input(k) && p.effect.name == "input_lag")
-            || !matches!(m.inputs[k].kind, InputKind::Force(_))
-    };
+    let smooth = |k: usize| !task.hold || !matches!(m.inputs[k].kind, InputKind::Force(_));
     let smooth: Vec<bool> = (0..m.inputs.len()).map(smooth).collect();
     let slopes: Vec<Vec<f64>> = m
         .inputs
@@ -370,7 +366,7 @@ fn inputs_at_nodes(
         for p in m.placed.iter().filter(|p| p.target == Target::Input(k)) {
             if let Physics::Input(law) = p.effect.physics {
                 let numbers: Vec<f64> = p.slots.iter().map(|s| ready.values[*s]).collect();
-                law(&numbers, &mut nodes, h);
+                law(&numbers, &mut nodes, h, hold);
             }
         }
         all.push(nodes);
