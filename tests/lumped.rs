@@ -360,6 +360,18 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         let rings = 2.0 * 0.03 / (2.0 * std::f64::consts::PI) * (-0.1 * 2.0 * std::f64::consts::PI / 0.03 * t).exp();
         assert!((ringing[i] - 2.0 * (t - late_s)).abs() < 1.1 * rings + 1e-6, "{} at {t}", ringing[i]);
     }
+    // A record that begins in the middle of the motion: what a sensor still shows of before is where the ramp came from.
+    let start = Start { q: vec![0.0], v: vec![5.0], travel: 0.0 };
+    for (name, late_s) in [("low_pass", 0.02), ("latency", 0.0125)] {
+        let e = named(name).expect("a row");
+        let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
+        let (with, _) = m.with(e, &place, target, &[late_s]);
+        let shown = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0);
+        for (i, shown) in shown.iter().enumerate() {
+            let exact = 5.0 + 2.0 * (i as f64 * 1e-3 - late_s);
+            assert!((shown - exact).abs() < 1e-9, "{name}: {shown} for {exact} at {i} ms");
+        }
+    }
 }
 
 #[test]

@@ -19,5 +19,5 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, _held: bool) {
-    super::latency::shifted(u, p[0] / step_s);
+    super::latency::shifted(u, p[0] / step_s, 0.0);
 }

@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, held: bool) {
-    if held { means(u, p[0], step_s) } else { super::low_pass::filtered(u, p[0], step_s) }
+    if held { means(u, p[0], step_s) } else { super::low_pass::filtered(u, p[0], step_s, 0.0) }
 }
 
 /// Means of the lagged input over every step, where the input stays at a value for a step: what is left of a lag that is short

@@ -19,18 +19,27 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {
-    shifted(trace.values, p[0] / trace.step_s);
+    let slope = past_slope(trace.values);
+    shifted(trace.values, p[0] / trace.step_s, slope);
 }
 
-/// The series later by `steps` (not whole): straight lines between its values, its first one before its start.
-pub fn shifted(series: &mut [f64], steps: f64) {
+/// By how much a series grew a step before it begins: as in its first step. What stands at zero then is taken to have stood.
+pub fn past_slope(series: &[f64]) -> f64 {
+    match series {
+        [first, second, ..] if *first != 0.0 => second - first,
+        _ => 0.0,
+    }
+}
+
+/// The series later by `steps` (not whole): straight lines between its values, and before its start one that grows by `slope` a step.
+pub fn shifted(series: &mut [f64], steps: f64, slope: f64) {
     if steps == 0.0 {
         return;
     }
     for i in (0..series.len()).rev() {
         let at = i as f64 - steps;
         let low = libm::floor(at);
-        let value = |k: f64| series[if k > 0.0 { (k as usize).min(series.len() - 1) } else { 0 }];
+        let value = |k: f64| if k < 0.0 { series[0] + slope * k } else { series[(k as usize).min(series.len() - 1)] };
         let (a, b) = (value(low), value(low + 1.0));
         series[i] = a + (b - a) * (at - low);
     }

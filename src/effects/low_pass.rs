@@ -19,19 +19,22 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {
-    filtered(trace.values, p[0], trace.step_s);
+    let slope = super::latency::past_slope(trace.values) / trace.step_s;
+    filtered(trace.values, p[0], trace.step_s, slope);
 }
 
 /// First-order lag, exact for straight lines between the values; it starts settled.
-pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64) {
+/// T y' + y = u for u in straight lines, which has grown with `slope` [1/s] before.
+pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64, slope: f64) {
     if time_s <= 0.0 || series.is_empty() {
         return;
     }
     let x = step_s / time_s;
     let decay = libm::exp(-x);
     let mean = -libm::expm1(-x) / x;
-    let (mut before, mut y) = (series[0], series[0]);
-    for value in series.iter_mut() {
+    let (mut before, mut y) = (series[0], series[0] - time_s * slope);
+    series[0] = y;
+    for value in &mut series[1..] {
         let now = *value;
         // y(h) of T y' + y = u with u from `before` to `now`.
         y = decay * y + (mean - decay) * before + (1.0 - mean) * now;

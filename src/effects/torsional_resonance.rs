@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
             .sliding("mass_kg")
             .starts(Scale::Inertia, &[0.2]),
         Parameter::new("frequency_hz", 2.0 * std::f64::consts::PI, 1e-3, 1e6, Kind::Shape)
-            .starts(Scale::Rate, &[0.1, 0.4, 1.2]),
+            .starts(Scale::Rate, &[0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.46, 0.66, 0.9, 1.3]),
         Parameter::new("damping_ratio", 1.0, 1e-4, 10.0, Kind::Shape).starts(Scale::One, &[0.05]),
     ],
     dissipative: false,
