@@ -153,6 +153,7 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = rotor_with_friction(folder.path(), 0.4, 0.15);
     let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
     assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
     assert_eq!(paths(&r), ["effects.coulomb_friction.disc"]);
     let torque = &r.effects[0].parameters[0];
