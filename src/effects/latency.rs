@@ -19,16 +19,17 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {
-    let slope = past_slope(trace.values);
-    shifted(trace.values, p[0] / trace.step_s, slope);
+    let steps = p[0] / trace.step_s;
+    let slope = past_slope(trace, steps);
+    shifted(trace.values, steps, slope);
 }
 
-/// By how much a series grew a step before it begins: as in its first step. What stands at zero then is taken to have stood.
-pub fn past_slope(series: &[f64]) -> f64 {
-    match series {
-        [first, second, ..] if *first != 0.0 => second - first,
-        _ => 0.0,
-    }
+/// By how much a series grew a step in the `steps` before it begins: as on average in as many afterwards. A speed that is zero then
+/// is taken to have stood.
+pub fn past_slope(trace: &Trace, steps: f64) -> f64 {
+    let series = &trace.values;
+    let n = (libm::ceil(steps).max(1.0) as usize).min(series.len().saturating_sub(1));
+    if n == 0 || trace.derivative > 0 && series[0] == 0.0 { 0.0 } else { (series[n] - series[0]) / n as f64 }
 }
 
 /// The series later by `steps` (not whole): straight lines between its values, and before its start one that grows by `slope` a step.

@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {
-    let slope = super::latency::past_slope(trace.values) / trace.step_s;
+    let slope = super::latency::past_slope(trace, p[0] / trace.step_s) / trace.step_s;
     filtered(trace.values, p[0], trace.step_s, slope);
 }
 

@@ -110,10 +110,18 @@ impl Left {
 fn left_of(on_sensor: bool, of: &Model, before: &Model) -> Left {
     let (r, b) = (&of.residuals, &before.residuals);
     let error = if on_sensor { r.best_ratio(b) } else { r.judge_ratio(b)[0] };
+    let best = (0..r.judge.len()).min_by(|x, y| {
+        let gain = |c: usize| r.rms(c).1 / b.rms(c).1.max(1e-300);
+        gain(*x).total_cmp(&gain(*y))
+    });
     let above = |r: &Residuals| -> f64 {
-        let noises = before.problem.data.channels.iter().map(|c| c.noise.max(1e-300));
-        let channels = noises.enumerate().map(|(c, noise)| (r.rms(c).1 / noise).powi(2) - 1.0);
-        channels.map(|x| x.max(0.0)).sum()
+        let of = |(c, channel): (usize, &crate::measurement::segments::Channel)| {
+            // No channel is known better than to a millionth of what is left of it.
+            let noise = channel.noise.max(1e-6 * b.rms(c).1).max(1e-300);
+            ((r.rms(c).1 / noise).powi(2) - 1.0).max(0.0)
+        };
+        let channels = before.problem.data.channels.iter().enumerate();
+        channels.filter(|(c, _)| !on_sensor || best == Some(*c)).map(of).sum()
     };
     let (now, then) = (above(r), above(b));
     let above_floor = (before.problem.plant.is_none() && then > LITTLE).then(|| now / then);

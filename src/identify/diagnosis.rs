@@ -101,8 +101,9 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
     let residuals: Vec<Vec<f64>> = weighted.chunks(n.max(1)).map(<[f64]>::to_vec).collect();
     match &s.task.samples {
         Samples::Times { t_s, .. } if problem.plant.is_some() => {
+            let (numbers, _) = problem.numbers(k, &fit.point.globals, &fit.point.locals[k]);
             let steady = |b: &usize| {
-                let v = s.start.v[*b];
+                let v = super::plant::nominal_speed(&problem.machine, &numbers, *b);
                 Moves { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
             };
             Some(Part { residuals, moves: bodies.iter().map(steady).collect() })
@@ -135,12 +136,20 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
                 .iter()
                 .map(|b| Moves {
                     q: (0..n).map(|i| if *b == on { turn * i as f64 } else { 0.0 }).collect(),
-                    v: (0..n).map(|i| if *b == on { turn / libm::exp(s.measured[0][i]) } else { 0.0 }).collect(),
+                    v: (0..n)
+                        .map(|i| if *b == on { turn / libm::exp(s.measured[0][i]) } else { 0.0 })
+                        .map(known)
+                        .collect(),
                 })
                 .collect();
             Some(Part { residuals, moves })
         }
     }
+}
+
+/// Zero where a pulse was missed.
+fn known(v: f64) -> f64 {
+    if v.is_finite() { v } else { 0.0 }
 }
 
 fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> ChannelLeft {
@@ -173,7 +182,7 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
             }
         }
         for (term, of) in STATES {
-            if term == "q" && !body.slides {
+            if term == "q" && !body.slides || term == "1" && i > 0 {
                 continue;
             }
             let (mut along, mut size) = (0.0, 0.0);
@@ -191,6 +200,8 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
     orders.sort_by(|a: &OrderLine, b| b.share.total_cmp(&a.share));
     orders.truncate(TOLD);
     states.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
+    // At one speed all its powers are one.
+    states.dedup_by(|a, b| a.body == b.body && (a.share - b.share).abs() < 1e-3 * b.share);
     states.truncate(TOLD);
     let channel = &problem.data.channels[c];
     let noise = channel.noise / problem.weights[c];

@@ -96,7 +96,9 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
         Some(_) => (1e-4, options.iterations.min(LINKED_ITERATIONS)),
         None => (CONVERGED, options.iterations),
     };
-    for _ in 0..most {
+    let mut taken = 0;
+    while taken < most {
+        taken += 1;
         let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
             lambda *= 10.0;
             if lambda > 1e12 {
@@ -143,6 +145,8 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
             jacobian = linearised(problem, &point, &parts, residuals, options);
             updates = 0;
+            // An estimate that did not hold is no step.
+            taken -= 1;
         } else {
             if step.predicted < converges * cost {
                 converged = true;

@@ -1,6 +1,6 @@
 //! Closing the loop: measured records against a drive, until the difference has a name or is shown to have none.
 //!
-//! facts -> structure -> baseline fit -> what is left -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> report. The loop
+//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> what is left -> report. The loop
 //! goes over the catalogue of effects and holds no physics of its own.
 
 pub mod accept;

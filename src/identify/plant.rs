@@ -23,10 +23,10 @@ const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
 /// Folding goes on until the mean is this much surer than a channel's noise.
 const SURE: f64 = 0.15;
-/// Readings that a period has at least, and the time between two at most [s].
+/// Readings that every two pitches have at least, and the time between two [s].
 const LEAST_BINS: usize = 64;
 const BIN_S: f64 = 5e-6;
-/// Bins of the longest periods: hundreds of runs are kept in memory.
+/// Readings of a long period, as far as two pitches keep theirs: hundreds of runs are kept in memory.
 const MOST_BINS: usize = 1 << 16;
 
 /// What a run says: a period of every sensor.
@@ -112,7 +112,9 @@ impl Plant {
         let pitches = f64::from(m.repeats());
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
         let period_s = pitches / pitches_per_s;
-        let bin_s = BIN_S.max(period_s / MOST_BINS as f64).min(period_s / LEAST_BINS as f64);
+        let pairs = (m.repeats() / 2).max(1);
+        let pair_s = period_s / f64::from(pairs);
+        let bin_s = BIN_S.max(period_s / MOST_BINS as f64).min(pair_s / LEAST_BINS as f64);
         let mut tracer = Tracer::new(&drive, bin_s)?;
         tracer.go_on(SETTLE_S)?;
         tracer.forget();
@@ -125,8 +127,7 @@ impl Plant {
             })
             .collect();
         // A whole number for every two pitches, on which waves are folded as well.
-        let pairs = (m.repeats() / 2).max(1);
-        let bins = pairs as usize * libm::ceil(period_s / f64::from(pairs) / bin_s) as usize;
+        let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;
         let mut fold = Fold::new(drive.sensors.len(), bins);
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
@@ -216,7 +217,7 @@ impl Plant {
 }
 
 /// Mean speed of a sprocket: that of the chain over its teeth [rad/s].
-fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
+pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     let driver = m.bodies.iter().find_map(|b| match b.motion {
         Motion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
         _ => None,

@@ -129,7 +129,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The machine's numbers, and the start, for a part.
-    fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, Start) {
+    pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, Start) {
         let s = &self.data.segments[segment];
         let mut values = self.machine.values.clone();
         for (slot, value) in &self.data.set[s.record] {

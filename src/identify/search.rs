@@ -289,7 +289,17 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
             && let Some(near) = near_the_file(&declared, own, context)
         {
             context.say("round 1: looking again from the drive's own numbers");
-            next.extend(grow(measurement, &near, own, context, &mut Vec::new(), &mut trials, &mut reasons));
+            let mut again = Vec::new();
+            next.extend(grow(measurement, &near, own, context, &mut Vec::new(), &mut again, &mut reasons));
+            // The better try of the two is told.
+            for t in again.into_iter().filter(|t| t.rms_fit.is_some()) {
+                let fitted = |o: &Trial| o.rms_fit.unwrap_or(f64::INFINITY);
+                match trials.iter_mut().find(|o| o.identity == t.identity && o.beside == t.beside) {
+                    Some(old) if fitted(old) <= fitted(&t) => {}
+                    Some(old) => *old = t,
+                    None => trials.push(t),
+                }
+            }
         }
         if next.is_empty() {
             break;
@@ -298,6 +308,13 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
         all.extend(next.iter().cloned());
         let effective = best_effective(&all);
         next.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
+        let mut kept: Vec<Vec<String>> = Vec::new();
+        next.retain(|m| {
+            let id = m.identity();
+            let new = !kept.contains(&id);
+            kept.push(id);
+            new
+        });
         next.truncate(beam_width);
         let lead = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
         next.retain(|m| score(m, &effective, records) <= lead + HOPE);
@@ -328,12 +345,12 @@ fn near_the_file<'a>(declared: &Model<'a>, own: &Data, context: &Context) -> Opt
     if declared.problem.plant.is_some() || far < FAR || context.ends() {
         return None;
     }
+    // Without free numbers the machine's own hold, and only the parts' starts are fitted.
     let mut held = declared.problem.clone();
-    for (g, x) in held.globals.iter_mut().zip(&start.globals) {
-        g.prior = Some((*x, 0.02));
-    }
+    held.globals.clear();
     let options = Options { iterations: 20, threads: context.threads };
-    let point = fit(&held, &start, options).point;
+    let locals = fit(&held, &Point { globals: Vec::new(), locals: start.locals }, options).point.locals;
+    let point = Point { globals: start.globals, locals };
     let found = fit(&declared.problem, &point, Options { iterations: 0, ..options });
     let residuals = judge::residuals(&declared.problem, &found, own, context.threads);
     Some(Model { problem: declared.problem.clone(), fit: found, residuals, effects: Vec::new() })

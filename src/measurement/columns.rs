@@ -163,7 +163,8 @@ pub fn parse_mdf(bytes: Vec<u8>, group: Option<usize>) -> Result<Columns, String
     let wrong = |e: falcon_mdf::Mf4Error| format!("is no MDF file that can be read: {e}");
     let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(wrong)?;
     let groups: Vec<_> = file.data_groups().iter().flat_map(|g| &g.channel_groups).collect();
-    let full: Vec<usize> = (0..groups.len()).filter(|g| groups[*g].sample_count > 0).collect();
+    let holds = |g: &usize| groups[*g].sample_count > 0 && !groups[*g].is_vlsd() && !groups[*g].channels.is_empty();
+    let full: Vec<usize> = (0..groups.len()).filter(holds).collect();
     let list = || {
         let one = |g: &usize| {
             let names: Vec<&str> = groups[*g].channels.iter().take(6).map(|c| c.name.as_str()).collect();
@@ -187,24 +188,35 @@ pub fn parse_mdf(bytes: Vec<u8>, group: Option<usize>) -> Result<Columns, String
     };
     let mut columns = Columns::of_numbers(Vec::new(), Vec::new());
     for channel in &groups[chosen].channels {
-        let signal = file.signal(channel).map_err(wrong)?;
-        let mut values = signal.values_f64().map_err(wrong)?;
-        for (value, valid) in values.iter_mut().zip(signal.validity().unwrap_or_default()) {
-            if !valid {
-                *value = f64::NAN;
+        let read = file.signal(channel).and_then(|signal| {
+            let mut values = signal.values_f64()?;
+            for (value, valid) in values.iter_mut().zip(signal.validity().unwrap_or_default()) {
+                if !valid {
+                    *value = f64::NAN;
+                }
             }
-        }
-        let rows = columns.rows();
-        if !columns.values.is_empty() && values.len() != rows {
-            let len = values.len();
-            return Err(format!("is damaged: channel `{}` has {len} samples where others have {rows}", channel.name));
-        }
+            Ok((values, signal.unit().trim().to_string()))
+        });
+        // A channel that cannot be read is a mistake where somebody asks for it.
+        let (values, unit, wrong) = match read {
+            Ok((values, unit)) if values.len() as u64 == groups[chosen].sample_count => (values, unit, None),
+            Ok((values, _)) => {
+                let samples = groups[chosen].sample_count;
+                let why = format!("`{}` has {} values in {samples} samples", channel.name, values.len());
+                (Vec::new(), String::new(), Some(why))
+            }
+            Err(e) => (Vec::new(), String::new(), Some(format!("`{}` cannot be read: {e}", channel.name))),
+        };
         columns.names.push(channel.name.clone());
         columns.values.push(values);
-        let unit = signal.unit().trim();
-        columns.units.push((!unit.is_empty()).then(|| unit.to_string()));
+        columns.wrong.push(wrong);
+        columns.units.push((!unit.is_empty()).then_some(unit));
     }
-    columns.wrong = vec![None; columns.names.len()];
+    let rows = columns.values.iter().map(Vec::len).max().unwrap_or(0);
+    if rows == 0 {
+        return Err(columns.wrong.into_iter().flatten().next().unwrap_or_else(|| "holds no samples".into()));
+    }
+    columns.values.iter_mut().for_each(|values| values.resize(rows, f64::NAN));
     Ok(columns)
 }
 

@@ -216,6 +216,8 @@ pub(super) fn column_of(
         _ => record.time.as_ref().map(|(_, unit)| unit.as_str()),
     };
     let own_unit = found.and_then(|i| columns.units.get(i)).and_then(Option::as_deref);
+    // Turns and radians are both written like this, grams and the earth's pull.
+    let own_unit = own_unit.filter(|u| !matches!(*u, "1/s" | "g"));
     if let (Some(declared), Some(own_unit)) = (declared, own_unit) {
         // Units that nobody here knows are taken as they are declared.
         if let (Some((q, size)), Some((own_q, own_size))) = (unit(declared), unit(own_unit))
