@@ -11,6 +11,9 @@ use pitchline::recording::{ViewOptions, capture, create};
 use pitchline::simulate::{Span, run};
 use std::sync::atomic::AtomicBool;
 
+#[global_allocator]
+static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
+
 /// CPU time of this process so far [s], by /proc (0 where there is none).
 fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();

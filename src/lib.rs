@@ -3,6 +3,7 @@
 //! See ARCHITECTURE.md for the map. The way through: a drive file is read ([`drive`]), compiled ([`model`]), assembled
 //! ([`assemble`]), stepped ([`integrate`]), captured into frames and written to sinks ([`recording`], [`simulate`]).
 
+pub mod aligned;
 pub mod analysis;
 pub mod assemble;
 pub mod breakpoint;

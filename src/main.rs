@@ -3,6 +3,9 @@
 use clap::Parser;
 use std::process::ExitCode;
 
+#[global_allocator]
+static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
+
 fn main() -> ExitCode {
     let cli = match pitchline::cli::Cli::try_parse() {
         Ok(cli) => cli,

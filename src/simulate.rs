@@ -7,7 +7,7 @@ use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::StepError;
-use crate::integrate::explicit::{self, Scratch};
+use crate::integrate::explicit::{self, Scratch, Wanted};
 use crate::model::Model;
 use crate::recording::Sink;
 use crate::recording::capture::Camera;
@@ -150,6 +150,13 @@ pub fn run_job(
         !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));
     let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
     impacts.follows_forces = !sinks.is_empty() || over;
+    let watches = breaks.iter().flat_map(|b| &b.watches);
+    let wanted = watches.map(|w| w.wants(model)).fold(Wanted::default(), |all, of| Wanted {
+        energy: all.energy | of.energy,
+        touches: all.touches | of.touches,
+        segments: all.segments | of.segments,
+    });
+    scratch.watch(model, wanted);
     let around = breaks.as_ref().and_then(|b| b.around);
     let late = (WATCHED_PERIODS * impacts.period_steps()).ceil() as u64 + 1;
     let mut recorder = Recorder {

@@ -167,6 +167,18 @@ fn hits_are_those_of_a_scan_over_every_step() {
         "energy.elastic < 0.2 J and energy.lost > 1 mJ",
         "contact.normal_force > 400 N and link.tension > 560 N",
         "time > 3 ms and crank_angle < 60 deg",
+        "sprocket.driver.chain_torque < -10.2 Nm or sprocket.driven.chain_torque > 20.5 Nm",
+        "sprocket.driver.outer_torque > 10 Nm and contact.body == 'driver' and contact.stick == 1",
+        "abs(contact.tangential_force) > 12 N",
+        "0 N > contact.tangential_force and contact.tangential_speed <= 0.5 m/s",
+        "contact.segment == 'seat' or contact.segment == 'counterclockwise flank'",
+        "contact.segment == 'ring' and contact.normal_force > 20 N",
+        "link.speed > 8.2 m/s or link.angle > 170 deg",
+        "abs(link.angle) < 2 deg",
+        "link.x > 30 mm and link.y < 0 mm and link.vx >= 0 m/s",
+        "joint.friction_torque > 0.3 N m",
+        "contact.age > 3 ms and contact.penetration < 1 um",
+        "contact.normal_force > 300 N and joint.force > 595 N",
     ];
     for bundled in 0..BUNDLED.len() {
         let path = folder.path().join("a.mcap");

@@ -6,6 +6,7 @@
 //! anyway are looked at first: they differ from a frame's by rounding only, and a frame is taken where they lie within
 //! [`SLACK`] of the bound, and for quantities that no step computes.
 
+mod columns;
 mod ledger;
 pub mod parse;
 pub mod quantities;
@@ -134,6 +135,10 @@ pub struct Uses {
     /// Anything but impacts.
     pub frame: bool,
     pub energy: bool,
+    /// Torques on sprockets, or anything else that a step has to keep of its contacts.
+    pub torque: bool,
+    pub touches: bool,
+    pub segments: bool,
     /// Anything that changes while the same parts touch the same teeth.
     pub varying: bool,
 }
@@ -200,7 +205,9 @@ fn note(expr: &Expr, uses: &mut Uses) {
     let mut quantity = |q: &Quantity, index: Option<usize>| match q.scope {
         Scope::Contact => {
             (uses.contact, uses.frame) = (true, true);
-            uses.varying |= !matches!(q.what, What::Link | What::Tooth | What::Body | What::Feature);
+            uses.varying |= !matches!(q.what, What::Link | What::Tooth | What::Body | What::Feature | What::Segment);
+            uses.touches |= matches!(q.what, What::TangentialForce | What::TangentialSpeed | What::Stick);
+            uses.segments |= q.what == What::Segment;
         }
         Scope::Impact => {
             uses.impact = true;
@@ -215,7 +222,12 @@ fn note(expr: &Expr, uses: &mut Uses) {
             (uses.frame, uses.varying) = (true, true);
         }
         Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
-        Scope::Sprocket | Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Sprocket => {
+            (uses.frame, uses.varying) = (true, true);
+            uses.torque |= matches!(q.what, What::Torque | What::OuterTorque);
+            uses.touches |= uses.torque;
+        }
+        Scope::Run => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
@@ -297,6 +309,17 @@ fn number(number: &Number, values: &impl Values, bound: &Bound<'_>) -> Option<f6
 }
 
 impl Operator {
+    /// With its sides exchanged.
+    fn mirrored(self) -> Operator {
+        match self {
+            Operator::Above => Operator::Below,
+            Operator::AtLeast => Operator::AtMost,
+            Operator::Below => Operator::Above,
+            Operator::AtMost => Operator::AtLeast,
+            Operator::Equal | Operator::Unequal => self,
+        }
+    }
+
     pub fn holds(self, a: f64, b: f64) -> bool {
         match self {
             Operator::Above => a > b,

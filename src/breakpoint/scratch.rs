@@ -1,11 +1,13 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
-use super::ledger::{Ledger, blocks_of};
+use super::columns::{Band, ChainTorques, FORCE_BLUR, Reach, SPEED_BLUR_M_S, Torques};
+use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
-use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, Operator, SLACK, Subject, Values, energy_number, truth};
-use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::tooth_contact::{Column, LANES};
-use crate::integrate::explicit::{Part, Scratch};
+use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, SLACK, Subject, Values, energy_number, truth};
+use crate::elements::contact_law::ContactLaw;
+use crate::elements::rotor::Rotor;
+use crate::elements::tooth_contact::LANES;
+use crate::integrate::explicit::{Part, Scratch, Wanted};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::capture::Camera;
@@ -18,6 +20,7 @@ pub struct BreakWatch {
     /// True: what fulfils the expression at the first look is no hit, so that a run goes on where it has stopped.
     pub goes_on: bool,
     parts: Vec<Part>,
+    all_parts: Vec<Part>,
     held: Vec<Subject>,
     now: Vec<Subject>,
     /// Who touched which tooth a step ago, and a number for every lane to tell by.
@@ -27,20 +30,27 @@ pub struct BreakWatch {
 }
 
 /// Values after the evaluation of a step. A contact is part x links + lane.
-struct StepValues<'a> {
-    model: &'a Model,
-    state: &'a State,
-    scratch: &'a Scratch,
-    parts: &'a [Part],
+pub(super) struct StepValues<'a> {
+    pub(super) model: &'a Model,
+    pub(super) state: &'a State,
+    pub(super) scratch: &'a Scratch,
+    /// Those that the expression may concern, and all.
+    pub(super) parts: &'a [Part],
+    pub(super) all_parts: &'a [Part],
+    /// True: the step has kept segments.
+    segments: bool,
     /// And how uncertain they are [J]; where the expression asks for them.
     energy: Option<(Energy, f64)>,
+    /// Where the expression asks for them.
+    torques: Option<ChainTorques>,
 }
 
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
         // Parts that can touch nothing the expression asks for are never looked at.
-        let parts: Vec<Part> =
-            Part::of(model).into_iter().filter(|p| may_concern(&breakpoint.expr, *p, model)).collect();
+        let all_parts = Part::of(model);
+        let may_concern = |p: &Part| may_concern(&breakpoint.expr, *p, model);
+        let parts: Vec<Part> = all_parts.iter().copied().filter(may_concern).collect();
         // Distinct whole numbers below 2^40: their sums are exact, and those of sets that follow each other practically never
         // equal.
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
@@ -49,12 +59,22 @@ impl BreakWatch {
             breakpoint,
             goes_on: false,
             parts,
+            all_parts,
             held: Vec::new(),
             now: Vec::new(),
             signature: None,
             keys,
             ledger: Ledger::new(model),
         }
+    }
+
+    /// What a step has to keep for this.
+    pub fn wants(&self, model: &Model) -> Wanted {
+        let uses = self.breakpoint.uses;
+        let hertz = |law: &ContactLaw| matches!(law, ContactLaw::HertzLine(_));
+        let laws = model.sprockets.iter().map(|s| &s.body.law).chain(model.guides.iter().map(|g| &g.body.law));
+        let hertz = uses.contact && laws.chain(model.end_bodies.iter().map(|b| &b.law)).any(hertz);
+        Wanted { energy: uses.energy, touches: uses.touches || hertz, segments: uses.segments }
     }
 
     /// Looks at the step that has just been evaluated: what fulfils the expression and did not a step ago. What fulfils it
@@ -67,7 +87,13 @@ impl BreakWatch {
             Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
             _ => None,
         };
-        let values = StepValues { model, state, scratch, parts: &self.parts, energy };
+        let (parts, all_parts) = (&self.parts, &self.all_parts);
+        let (uses, torques) = (self.breakpoint.uses, None);
+        let segments = uses.segments;
+        let mut values = StepValues { model, state, scratch, parts, all_parts, segments, energy, torques };
+        if uses.torque {
+            values.torques = vectorised(scratch.isa, Torques::<true>(&values));
+        }
         if self.breakpoint.uses.contact && !self.breakpoint.uses.varying {
             let signature = Some(vectorised(scratch.isa, Signature(&values, &self.keys)));
             if signature == self.signature {
@@ -76,8 +102,19 @@ impl BreakWatch {
             self.signature = signature;
         }
         self.now.clear();
-        if values.may_hold(&self.breakpoint.expr) && !values.holding(&self.breakpoint, &mut self.now) {
-            self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
+        // What is one number is told by itself.
+        let one = !(uses.contact || uses.any_link || uses.any_joint);
+        if one || values.may_hold(&self.breakpoint.expr) {
+            let mut known = values.holding(&self.breakpoint, &mut self.now);
+            if !known && uses.torque {
+                // Nearer than friction can be told without: with it.
+                values.torques = vectorised(scratch.isa, Torques::<false>(&values));
+                self.now.clear();
+                known = values.holding(&self.breakpoint, &mut self.now);
+            }
+            if !known {
+                self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
+            }
         }
         if self.now.is_empty() && self.held.is_empty() {
             self.goes_on = false;
@@ -133,50 +170,6 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
     }
 }
 
-/// Looks for values on the far side of a bound, a block at a time and without a branch.
-#[derive(Clone, Copy)]
-struct Beyond {
-    /// 1: at or above; -1: at or below.
-    sign: f64,
-    threshold: f64,
-}
-
-impl Beyond {
-    /// Nearer than rounding counts as beyond.
-    fn new(sign: f64, bound: f64) -> Beyond {
-        Beyond { sign, threshold: sign * bound - 2.0 * SLACK * bound.abs() }
-    }
-
-    /// Counts in `found`, lane by lane: sums of ones vectorise where a reduction to one bit does not.
-    #[inline(always)]
-    fn count(self, values: &Column, found: &mut Column) {
-        for i in 0..LANES {
-            found[i] += if self.sign * values[i] >= self.threshold { 1.0 } else { 0.0 };
-        }
-    }
-
-    /// Among lanes with an age.
-    #[inline(always)]
-    fn count_where(self, values: &Column, age: &Column, found: &mut Column) {
-        for i in 0..LANES {
-            let touching = if age[i] > 0.0 { 1.0 } else { 0.0 };
-            found[i] += if self.sign * values[i] >= self.threshold { touching } else { 0.0 };
-        }
-    }
-
-    /// For squares of what is never negative; None where the bound is.
-    fn squared(self) -> Option<Beyond> {
-        let bound = self.sign * self.threshold;
-        (bound >= 0.0).then_some(Beyond { threshold: self.sign * bound * bound, ..self })
-    }
-
-    /// 1 or 0.
-    #[inline(always)]
-    fn one(self, value: f64) -> f64 {
-        if self.sign * value >= self.threshold { 1.0 } else { 0.0 }
-    }
-}
-
 /// [`StepValues::signature`] with its keys.
 struct Signature<'a>(&'a StepValues<'a>, &'a [f64]);
 
@@ -186,18 +179,6 @@ impl Look for Signature<'_> {
     #[inline(always)]
     fn look(self) -> (f64, u64) {
         self.0.signature(self.1)
-    }
-}
-
-/// [`StepValues::reaches`] of a quantity.
-struct Reach<'a>(&'a StepValues<'a>, &'a Quantity, Beyond);
-
-impl Look for Reach<'_> {
-    type Seen = Option<Column>;
-
-    #[inline(always)]
-    fn look(self) -> Option<Column> {
-        self.0.reaches(self.1, self.2)
     }
 }
 
@@ -211,11 +192,20 @@ impl StepValues<'_> {
         for (p, part) in self.parts.iter().enumerate() {
             let (age, depth) = (&self.scratch.memory(*part).age, self.scratch.depths(*part));
             let keys = &keys[p * padded..(p + 1) * padded];
+            let busy = self.scratch.touching_blocks(*part);
             for (block, (a, k)) in age.chunks_exact(LANES).zip(keys.chunks_exact(LANES)).enumerate() {
-                if self.scratch.is_idle(*part, block) {
+                if busy.get(block) == Some(&0) {
                     continue;
                 }
                 let d = &depth[block * LANES..(block + 1) * LANES];
+                if let Some(touches) = self.scratch.touches(*part).filter(|_| self.segments) {
+                    let segment = &touches.segment[block * LANES..(block + 1) * LANES];
+                    for i in 0..LANES {
+                        let key = k[i] * (1.0 + segment[i]);
+                        sums[i] += if (a[i] > 0.0) & (d[i] > 0.0) { key } else { 0.0 };
+                    }
+                    continue;
+                }
                 for i in 0..LANES {
                     // A contact may begin and end half a step away from a node; frames show what overlaps at the node.
                     sums[i] += if (a[i] > 0.0) & (d[i] > 0.0) { k[i] } else { 0.0 };
@@ -236,108 +226,23 @@ impl StepValues<'_> {
         match expr {
             Expr::Any(parts) => parts.iter().any(|p| self.may_hold(p)),
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
-            Expr::Compare(Compare::Numbers { left, operator, right: Number::Constant(bound) }) => {
-                let Number::Quantity { quantity, index: None, absolute: false } = left else { return true };
-                let sign = match operator {
-                    Operator::Above | Operator::AtLeast => 1.0,
-                    Operator::Below | Operator::AtMost => -1.0,
-                    Operator::Equal | Operator::Unequal => return true,
+            Expr::Compare(Compare::Numbers { left, operator, right }) => {
+                let (quantity, absolute, operator, bound) = match (left, right) {
+                    (Number::Quantity { quantity, index: None, absolute }, Number::Constant(bound)) => {
+                        (quantity, *absolute, *operator, *bound)
+                    }
+                    (Number::Constant(bound), Number::Quantity { quantity, index: None, absolute }) => {
+                        (quantity, *absolute, operator.mirrored(), *bound)
+                    }
+                    // Of one link, joint or sprocket, or of two quantities: told one by one.
+                    _ => return true,
                 };
-                if quantity.scope == Scope::Energy {
-                    let value = self.energy.as_ref().map(|(e, _)| energy_number(quantity.what, e));
-                    let unsure = self.blur(quantity) + 2.0 * SLACK * bound.abs();
-                    return value.is_none_or(|v| sign * (v - bound) >= -unsure);
-                }
-                let beyond = Beyond::new(sign, *bound);
-                vectorised(self.scratch.isa, Reach(self, quantity, beyond))
+                let Some(band) = Band::new(operator, bound, absolute, self.blur(quantity)) else { return true };
+                vectorised(self.scratch.isa, Reach(self, quantity, band))
                     .is_none_or(|found| found.iter().any(|n| *n > 0.0))
             }
             Expr::Not(_) | Expr::Compare(_) => true,
         }
-    }
-
-    /// How often, lane by lane, a quantity of any contact, link or joint is beyond a bound; None: not looked at as a column.
-    #[inline(always)]
-    fn reaches(&self, quantity: &Quantity, beyond: Beyond) -> Option<Column> {
-        let mut found = [0.0; LANES];
-        let n = self.model.chain.n_links;
-        let whole = n / LANES;
-        match (quantity.scope, quantity.what) {
-            (Scope::Contact, What::Penetration | What::ApproachSpeed | What::NormalForce) => {
-                for part in self.parts {
-                    self.contacts_reach(*part, quantity.what, beyond, &mut found)?;
-                }
-            }
-            (Scope::Link, What::Tension) => {
-                let (x, y) = self.scratch.joint_columns();
-                let l = &self.state.links;
-                let [x0, x1, y0, y1] = [x, &x[1..], y, &y[1..]];
-                let (x0, x1, y0, y1) =
-                    (blocks_of(x0, whole), blocks_of(x1, whole), blocks_of(y0, whole), blocks_of(y1, whole));
-                let (cos, sin) = (blocks_of(&l.cos, whole), blocks_of(&l.sin, whole));
-                for b in 0..whole {
-                    let mut pull = [0.0; LANES];
-                    for k in 0..LANES {
-                        pull[k] = -0.5 * ((x0[b][k] + x1[b][k]) * cos[b][k] + (y0[b][k] + y1[b][k]) * sin[b][k]);
-                    }
-                    beyond.count(&pull, &mut found);
-                }
-                for i in whole * LANES..n {
-                    found[0] += beyond.one(self.tension(i));
-                }
-            }
-            (Scope::Joint, What::Force) => {
-                let beyond = beyond.squared()?;
-                let (x, y) = self.scratch.joint_columns();
-                let (x, y) = (&x[1..], &y[1..]);
-                let (bx, by) = (blocks_of(x, whole), blocks_of(y, whole));
-                for b in 0..whole {
-                    let mut square = [0.0; LANES];
-                    for k in 0..LANES {
-                        square[k] = bx[b][k] * bx[b][k] + by[b][k] * by[b][k];
-                    }
-                    beyond.count(&square, &mut found);
-                }
-                for i in whole * LANES..n {
-                    found[0] += beyond.one(x[i] * x[i] + y[i] * y[i]);
-                }
-            }
-            _ => return None,
-        }
-        Some(found)
-    }
-
-    /// None: the law of this part needs more than depth and speed.
-    #[inline(always)]
-    fn contacts_reach(&self, part: Part, what: What, beyond: Beyond, found: &mut Column) -> Option<()> {
-        let memory = self.scratch.memory(part);
-        let law = match (what, self.law(part)?) {
-            (What::NormalForce, ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
-                Some((*stiffness_n_per_m, *damping_n_s_per_m))
-            }
-            (What::NormalForce, _) => return None,
-            _ => None,
-        };
-        let (depth, rate) = (self.scratch.depths(part), self.scratch.closing_speeds(part));
-        let values = if what == What::ApproachSpeed { &memory.approach } else { depth };
-        let columns = memory.age.as_chunks::<LANES>().0.iter().zip(values.as_chunks::<LANES>().0);
-        for (block, ((age, values), rate)) in columns.zip(rate.as_chunks::<LANES>().0).enumerate() {
-            if self.scratch.is_idle(part, block) {
-                continue;
-            }
-            let Some((k, c)) = law else {
-                beyond.count_where(values, age, found);
-                continue;
-            };
-            let mut force = [0.0; LANES];
-            for i in 0..LANES {
-                // Where it only pulls a contact shows no force.
-                let f = k * values[i] + c * rate[i];
-                force[i] = if f > 0.0 { f } else { 0.0 };
-            }
-            beyond.count_where(&force, age, found);
-        }
-        Some(())
     }
 
     /// Collects what fulfils the expression; false where that cannot be told.
@@ -407,26 +312,6 @@ impl StepValues<'_> {
         libm::sqrt(x * x + y * y)
     }
 
-    /// Of everything that a part can touch: a drive has one law per kind of contact.
-    fn law(&self, part: Part) -> Option<&ContactLaw> {
-        match part {
-            Part::Bushes => self.model.sprockets.first().map(|s| &s.body.law),
-            Part::Guides(_) => self.model.guides.first().map(|g| &g.body.law),
-            Part::Contours(set) => self.model.end_bodies.iter().find(|b| b.set == set / 2).map(|b| &b.law),
-        }
-    }
-
-    /// None: the law needs the radius of what is touched.
-    fn normal_force(&self, part: Part, lane: usize) -> Option<f64> {
-        let law = self.law(part)?;
-        if matches!(law, ContactLaw::HertzLine(_)) {
-            return None;
-        }
-        let approach = self.scratch.memory(part).approach[lane];
-        let (depth, rate) = (self.scratch.depth(part, lane), self.scratch.closing_speed(part, lane));
-        Some(law.force(depth, rate, approach, PairRadii { bush_m: f64::NAN, body_m: f64::NAN }))
-    }
-
     fn contact(&self, what: What, contact: usize) -> Option<f64> {
         let n = self.model.chain.n_links;
         let (part, lane) = (self.parts[contact / n], contact % n);
@@ -437,6 +322,17 @@ impl StepValues<'_> {
             What::ApproachSpeed => Some(memory.approach[lane]),
             What::NormalSpeed => Some(self.scratch.closing_speed(part, lane)),
             What::Age => Some(memory.age[lane] * self.model.step_s),
+            What::TangentialSpeed => self.slide_of(part, lane),
+            What::TangentialForce => {
+                let (mu, stick) = self.friction(part);
+                let ratio = (self.slide_of(part, lane)? / stick).clamp(-1.0, 1.0);
+                Some(-mu * self.normal_force(part, lane)? * ratio)
+            }
+            What::Stick => {
+                let (stick, slide) = (self.friction(part).1, self.slide_of(part, lane)?.abs());
+                let unsure = SLACK * stick + SPEED_BLUR_M_S;
+                ((slide - stick).abs() > unsure).then_some(if slide < stick { 1.0 } else { 0.0 })
+            }
             What::Link => Some(part.feature(self.model, lane).0 as f64),
             What::Tooth => self.scratch.partner(self.model, part, lane).map(|(_, tooth)| f64::from(tooth)),
             _ => None,
@@ -480,7 +376,14 @@ impl Values for StepValues<'_> {
                     }
                     What::Angle => Some(self.state.rotors.angle[k]),
                     // Frames add up the forces of the node, steps their means.
-                    _ => None,
+                    what => {
+                        let torque = *self.torques.as_ref()?.0.get(k)?;
+                        match self.model.sprockets[k].rotor {
+                            _ if what == What::Torque => Some(torque),
+                            Rotor::Driven { .. } => Some(-torque),
+                            Rotor::Free { torque_nm, .. } => Some(torque_nm),
+                        }
+                    }
                 }
             }
             Scope::Run => Some(match quantity.what {
@@ -503,6 +406,7 @@ impl Values for StepValues<'_> {
         match what {
             What::Body => self.scratch.partner(self.model, part, lane).map(|(body, _)| body as u32),
             What::Feature => Some(part.feature(self.model, lane).1 as u32),
+            What::Segment if self.segments => self.scratch.touches(part).map(|t| t.segment[lane] as u32),
             _ => None,
         }
     }
@@ -512,6 +416,12 @@ impl Values for StepValues<'_> {
     }
 
     fn blur(&self, quantity: &Quantity) -> f64 {
+        match (quantity.scope, quantity.what) {
+            (Scope::Contact, What::TangentialSpeed) => return SPEED_BLUR_M_S,
+            (Scope::Contact, What::TangentialForce) => return FORCE_BLUR,
+            (Scope::Sprocket, What::Torque | What::OuterTorque) => return self.torques.map_or(0.0, |t| t.1),
+            _ => {}
+        }
         let Some((energy, blur_j)) = self.energy.as_ref().filter(|_| quantity.scope == Scope::Energy) else {
             return 0.0;
         };

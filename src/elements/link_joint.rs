@@ -11,6 +11,7 @@
 //! Damping and friction take the velocity at the node that the step corrects once; the damping bounds the step.
 
 use super::friction;
+use super::tooth_contact::{Column, LANES, blocks, blocks_mut};
 
 /// Constants of all joints of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,52 +71,92 @@ pub struct JointEnds<'a> {
     pub inverse_inertia: &'a [f64],
 }
 
-/// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `lost_*` [W]. Vectorises when inlined.
+/// Sums over joints, lane by lane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointSums {
+    /// Squares of the stretch [m2], beyond the clearance where there is one.
+    pub stretch2: Column,
+    /// Lost [W].
+    pub lost_w: Column,
+}
+
+/// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `lost_*` [W]; with `SUMS` also sums over the first `n_joints`.
+/// Vectorises when inlined.
 #[inline(always)]
-pub fn forces(
+pub fn forces<const SUMS: bool>(
     joint: &LinkJoint,
     half_step: f64,
     ends: &JointEnds,
+    n_joints: usize,
     force_x: &mut [f64],
     force_y: &mut [f64],
     torque: &mut [f64],
     power_damping: &mut [f64],
     power_friction: &mut [f64],
-) {
+) -> JointSums {
     let n = power_damping.len();
-    let (fx, fy) = (&mut force_x[1..n + 1], &mut force_y[1..n + 1]);
-    let (m, pf, pd) = (&mut torque[1..n + 1], &mut power_friction[..n], &mut power_damping[..n]);
-    let (ax, ay, avx, avy) = (&ends.front_x[..n], &ends.front_y[..n], &ends.front_vx[..n], &ends.front_vy[..n]);
-    let (bx, by) = (&ends.rear_x[1..n + 1], &ends.rear_y[1..n + 1]);
-    let (bvx, bvy) = (&ends.rear_vx[1..n + 1], &ends.rear_vy[1..n + 1]);
-    let (w0, w1) = (&ends.omega[..n], &ends.omega[1..n + 1]);
-    let (j0, j1) = (&ends.inverse_inertia[..n], &ends.inverse_inertia[1..n + 1]);
+    let (count, whole) = (n / LANES, n_joints / LANES);
     let (k, c) = (joint.stiffness_n_per_m, joint.damping_n_s_per_m);
     let with_clearance = joint.clearance_m > 0.0;
-    for j in 0..n {
-        let (ux, uy) = (ax[j] - bx[j], ay[j] - by[j]);
-        let (rx, ry) = (avx[j] - bvx[j], avy[j] - bvy[j]);
-        if with_clearance {
-            let d2 = ux * ux + uy * uy;
-            let distance = if d2 > 1e-30 { d2 } else { 1e-30 }.sqrt();
-            let (nx, ny) = (ux / distance, uy / distance);
-            let stretch = distance - joint.clearance_m;
-            let rate = rx * nx + ry * ny;
-            let size = k * stretch + c * rate;
-            let pulls = (stretch > 0.0) & (size > 0.0);
-            let size = if pulls { size } else { 0.0 };
-            fx[j] = size * nx;
-            fy[j] = size * ny;
-            pd[j] = if pulls { (size - k * stretch) * rate } else { 0.0 };
-        } else {
-            fx[j] = k * ux + c * rx;
-            fy[j] = k * uy + c * ry;
-            pd[j] = c * (rx * rx + ry * ry);
+    let mut sums = JointSums::default();
+    {
+        let (ax, ay) = (blocks(ends.front_x, count), blocks(ends.front_y, count));
+        let (avx, avy) = (blocks(ends.front_vx, count), blocks(ends.front_vy, count));
+        let (bx, by) = (blocks(&ends.rear_x[1..], count), blocks(&ends.rear_y[1..], count));
+        let (bvx, bvy) = (blocks(&ends.rear_vx[1..], count), blocks(&ends.rear_vy[1..], count));
+        let (fx, fy) = (blocks_mut(&mut force_x[1..], count), blocks_mut(&mut force_y[1..], count));
+        let pd = blocks_mut(power_damping, count);
+        for b in 0..count {
+            // All is read before anything is written: columns may not overlap, but a compiler cannot know.
+            let (ax, ay, avx, avy) = (ax[b], ay[b], avx[b], avy[b]);
+            let (bx, by, bvx, bvy) = (bx[b], by[b], bvx[b], bvy[b]);
+            let zero = [0.0; LANES];
+            let (mut x, mut y, mut lost, mut stretch2) = (zero, zero, zero, zero);
+            for j in 0..LANES {
+                let (ux, uy) = (ax[j] - bx[j], ay[j] - by[j]);
+                let (rx, ry) = (avx[j] - bvx[j], avy[j] - bvy[j]);
+                if with_clearance {
+                    let d2 = ux * ux + uy * uy;
+                    let distance = if d2 > 1e-30 { d2 } else { 1e-30 }.sqrt();
+                    let (nx, ny) = (ux / distance, uy / distance);
+                    let stretch = distance - joint.clearance_m;
+                    let rate = rx * nx + ry * ny;
+                    let size = k * stretch + c * rate;
+                    let pulls = (stretch > 0.0) & (size > 0.0);
+                    let size = if pulls { size } else { 0.0 };
+                    (x[j], y[j]) = (size * nx, size * ny);
+                    lost[j] = if pulls { (size - k * stretch) * rate } else { 0.0 };
+                    stretch2[j] = if stretch > 0.0 { stretch * stretch } else { 0.0 };
+                } else {
+                    (x[j], y[j]) = (k * ux + c * rx, k * uy + c * ry);
+                    lost[j] = c * (rx * rx + ry * ry);
+                    stretch2[j] = ux * ux + uy * uy;
+                }
+            }
+            (fx[b], fy[b], pd[b]) = (x, y, lost);
+            if SUMS && b < whole {
+                for j in 0..LANES {
+                    sums.stretch2[j] += stretch2[j];
+                    sums.lost_w[j] += lost[j];
+                }
+            }
+        }
+    }
+    if SUMS {
+        for j in whole * LANES..n_joints {
+            let (ux, uy) = (ends.front_x[j] - ends.rear_x[j + 1], ends.front_y[j] - ends.rear_y[j + 1]);
+            let beyond = (libm::sqrt(ux * ux + uy * uy) - joint.clearance_m).max(0.0);
+            sums.stretch2[0] += beyond * beyond;
+            sums.lost_w[0] += power_damping[j];
         }
     }
     if joint.friction_arm_m == 0.0 {
-        return;
+        return sums;
     }
+    let (fx, fy) = (&force_x[1..n + 1], &force_y[1..n + 1]);
+    let (m, pf) = (&mut torque[1..n + 1], &mut power_friction[..n]);
+    let (w0, w1) = (&ends.omega[..n], &ends.omega[1..n + 1]);
+    let (j0, j1) = (&ends.inverse_inertia[..n], &ends.inverse_inertia[1..n + 1]);
     for j in 0..n {
         let size = (fx[j] * fx[j] + fy[j] * fy[j]).sqrt();
         let relative = w1[j] - w0[j];
@@ -123,18 +164,27 @@ pub fn forces(
         m[j] = friction::explicit_force(joint.friction_arm_m, size, relative, joint.stick_speed_rad_s, mobility);
         pf[j] = -m[j] * relative;
     }
+    if SUMS {
+        for lost in blocks(pf, whole) {
+            for j in 0..LANES {
+                sums.lost_w[j] += lost[j];
+            }
+        }
+        sums.lost_w[0] += pf[whole * LANES..n_joints].iter().sum::<f64>();
+    }
+    sums
 }
 
 /// Friction of a joint `j` that turns hard, whatever its force: M = -T clamp(w_rel / w_s, -1, 1), beside that of [`forces`].
 /// w_s is at least 2 h T (1/J_j + 1/J_(j+1)), so that the explicit torque does not overshoot: 12 rad/s for 20 N mm, a step of 2.3 us
-/// and 8 mm links, and as much more for a joint that is tighter.
+/// and 8 mm links, and as much more for a joint that is tighter. Returns the power lost by it [W].
 pub fn tighten(
     (joint, torque_nm): (&LinkJoint, f64),
     (j, half_step): (usize, f64),
     ends: &JointEnds,
     torque: &mut [f64],
     power_friction: &mut [f64],
-) {
+) -> f64 {
     let relative = ends.omega[j + 1] - ends.omega[j];
     let mobility = half_step * (ends.inverse_inertia[j] + ends.inverse_inertia[j + 1]);
     let own = friction::explicit_force(torque_nm, 1.0, relative, joint.stick_speed_rad_s, mobility);
@@ -142,4 +192,5 @@ pub fn tighten(
     let (m, pf) = if joint.friction_arm_m == 0.0 { (0.0, 0.0) } else { (torque[j + 1], power_friction[j]) };
     torque[j + 1] = m + own;
     power_friction[j] = pf - own * relative;
+    -own * relative
 }

@@ -18,6 +18,7 @@ use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
 use super::friction;
 use crate::geometry::Vec2;
 use crate::geometry::sprocket::Sprocket;
+use crate::recording::frame::Segment;
 use crate::units::sin_cos;
 
 /// Lanes that are computed together: arrays of a fixed size, so that they live in vector registers.
@@ -25,6 +26,17 @@ pub const LANES: usize = 8;
 
 /// One value per lane.
 pub type Column = [f64; LANES];
+
+/// The first blocks of a column: slices of one length, so that one bounds check does for a loop over many of them.
+#[inline(always)]
+pub fn blocks(column: &[f64], count: usize) -> &[Column] {
+    &column.as_chunks::<LANES>().0[..count]
+}
+
+#[inline(always)]
+pub fn blocks_mut(column: &mut [f64], count: usize) -> &mut [Column] {
+    &mut column.as_chunks_mut::<LANES>().0[..count]
+}
 
 /// A sprocket as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -255,6 +267,26 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
         lanes.body_radius[i] = if on_seat { -b.seat_radius_m } else { bb - b.bush_radius_m };
     }
     strayed == 0
+}
+
+/// What of its gap every lane faces, after [`penetrations`]: a [`Segment`] as a number.
+#[inline(always)]
+pub fn segments(body: &ToothedBody, turning: Turning, lanes: &Lanes) -> Column {
+    let number = |s: Segment| f64::from(s as u32);
+    let (seat, corner, land) = (number(Segment::Seat), number(Segment::TipCorner), number(Segment::TipLand));
+    let (clockwise, counter) = (number(Segment::FlankClockwise), number(Segment::FlankCounterclockwise));
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
+        let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
+        let lateral = (gx * lanes.y[i] - gy * lanes.x[i]) - lanes.seat_left[i];
+        let radius = lanes.body_radius[i];
+        let flank = if lateral < 0.0 { clockwise } else { counter };
+        let tip = if radius == 0.0 { corner } else { land };
+        let convex = if radius == body.flank_radius_m + body.bush_radius_m - body.bush_radius_m { flank } else { tip };
+        out[i] = if radius < 0.0 { seat } else { convex };
+    }
+    out
 }
 
 /// Rates and effective masses of all lanes.

@@ -18,16 +18,18 @@ mod guides;
 mod parts;
 mod scratch;
 mod teeth;
+pub(crate) mod watch;
 mod windows;
 
 pub use parts::Part;
 pub use scratch::Scratch;
 use scratch::{Ends, WINDOW_MARGIN_M, Wrapped};
+pub use watch::{NodeSums, Touches, Wanted};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
-use crate::elements::tooth_contact::{Column, LANES, Lanes};
+use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 
@@ -126,7 +128,10 @@ fn advance_avx512(model: &Model, state: &mut State, scratch: &mut Scratch) {
 #[inline(always)]
 fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
     link_ends(model, state, scratch);
-    joints(model, scratch);
+    joints::<false>(model, scratch);
+    if let Some(sums) = &mut scratch.sums {
+        sums.clear();
+    }
     for windows in &scratch.tooth_windows {
         for w in windows.iter().filter(|w| w.shared) {
             scratch.bush_x[w.start + 1..w.end + 1].fill(0.0);
@@ -149,11 +154,16 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
     if model.contour.is_some() {
         ends::contacts(model, state, scratch);
     }
-    accelerations(model, state, scratch);
+    accelerations::<false>(model, state, scratch);
     // Joints once more, with the velocities that these accelerations give at the node.
     corrected_speeds(model, state, scratch);
-    joints(model, scratch);
-    accelerations(model, state, scratch);
+    if scratch.sums.is_some() {
+        joints::<true>(model, scratch);
+        accelerations::<true>(model, state, scratch);
+    } else {
+        joints::<false>(model, scratch);
+        accelerations::<false>(model, state, scratch);
+    }
 }
 
 /// Velocities of the link ends at the node with the accelerations of this node.
@@ -161,30 +171,32 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
 fn corrected_speeds(model: &Model, state: &State, scratch: &mut Scratch) {
     let half = 0.5 * model.step_s;
     let s = &state.links;
-    let n = model.chain.padded;
-    for at in (0..n).step_by(LANES) {
-        let (l, c, sn) = (take(&model.chain.lever, at), take(&s.cos, at), take(&s.sin, at));
-        let (a, b, e) = (take(&scratch.ax, at), take(&scratch.ay, at), take(&scratch.alpha, at));
-        let (mut u, mut v, mut o) = (take(&s.vx, at), take(&s.vy, at), take(&s.omega, at));
+    let count = model.chain.padded / LANES;
+    let Scratch { front, rear, omega, ax, ay, alpha, .. } = scratch;
+    let (lever, cos, sin) = (blocks(&model.chain.lever, count), blocks(&s.cos, count), blocks(&s.sin, count));
+    let (a, b, e) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
+    let (u, v, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+    let (fvx, fvy) = (blocks_mut(&mut front.vx, count), blocks_mut(&mut front.vy, count));
+    let (rvx, rvy) = (blocks_mut(&mut rear.vx, count), blocks_mut(&mut rear.vy, count));
+    let turning = blocks_mut(omega, count);
+    for at in 0..count {
+        let (l, c, sn) = (lever[at], cos[at], sin[at]);
+        let (a, b, e) = (a[at], b[at], e[at]);
+        let (mut u, mut v, mut o) = (u[at], v[at], w[at]);
         let zero = [0.0; LANES];
-        let (mut fvx, mut fvy, mut rvx, mut rvy) = (zero, zero, zero, zero);
+        let (mut front_x, mut front_y, mut rear_x, mut rear_y) = (zero, zero, zero, zero);
         for i in 0..LANES {
             u[i] += half * a[i];
             v[i] += half * b[i];
             o[i] += half * e[i];
             let (oc, os) = (o[i] * l[i] * c[i], o[i] * l[i] * sn[i]);
-            (fvx[i], fvy[i]) = (u[i] - os, v[i] + oc);
-            (rvx[i], rvy[i]) = (u[i] + os, v[i] - oc);
+            (front_x[i], front_y[i]) = (u[i] - os, v[i] + oc);
+            (rear_x[i], rear_y[i]) = (u[i] + os, v[i] - oc);
         }
-        put(&mut scratch.front.vx, at, fvx);
-        put(&mut scratch.front.vy, at, fvy);
-        put(&mut scratch.rear.vx, at, rvx);
-        put(&mut scratch.rear.vy, at, rvy);
-        put(&mut scratch.omega, at, o);
+        (fvx[at], fvy[at], rvx[at], rvy[at], turning[at]) = (front_x, front_y, rear_x, rear_y, o);
     }
     let last = model.chain.n_links;
-    let Ends { vx, vy, .. } = &mut scratch.rear;
-    for column in [vx, vy, &mut scratch.omega] {
+    for column in [&mut rear.vx, &mut rear.vy, omega] {
         column[last] = column[0];
     }
 }
@@ -213,42 +225,48 @@ fn ends_kernel(
     omega: &mut [f64],
     wrapped: &mut Wrapped,
 ) {
-    let n = lever.len();
-    let (x, y, cos, sin) = (&s.x[..n], &s.y[..n], &s.cos[..n], &s.sin[..n]);
-    let (vx, vy, w) = (&s.vx[..n], &s.vy[..n], &s.omega[..n]);
-    let (ax, ay, alpha) = (&s.ax[..n], &s.ay[..n], &s.alpha[..n]);
-    for at in (0..n).step_by(LANES) {
-        let (l, c, s) = (take(lever, at), take(cos, at), take(sin, at));
-        let (a, b, e) = (take(ax, at), take(ay, at), take(alpha, at));
-        let (px, py) = (take(x, at), take(y, at));
-        let (mut u, mut v, mut o) = (take(vx, at), take(vy, at), take(w, at));
+    let count = lever.len() / LANES;
+    let (lever, x, y) = (blocks(lever, count), blocks(&s.x, count), blocks(&s.y, count));
+    let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
+    let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+    let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
+    let (fx, fy) = (blocks_mut(&mut front.x, count), blocks_mut(&mut front.y, count));
+    let (fvx, fvy) = (blocks_mut(&mut front.vx, count), blocks_mut(&mut front.vy, count));
+    let (rx, ry) = (blocks_mut(&mut rear.x, count), blocks_mut(&mut rear.y, count));
+    let (rvx, rvy) = (blocks_mut(&mut rear.vx, count), blocks_mut(&mut rear.vy, count));
+    let omega = blocks_mut(omega, count);
+    let (wrapped_cos, wrapped_sin) = (blocks_mut(&mut wrapped.cos, count), blocks_mut(&mut wrapped.sin, count));
+    let (wrapped_ax, wrapped_ay) = (blocks_mut(&mut wrapped.ax, count), blocks_mut(&mut wrapped.ay, count));
+    let wrapped_alpha = blocks_mut(&mut wrapped.alpha, count);
+    for at in 0..count {
+        let (l, c, s) = (lever[at], cos[at], sin[at]);
+        let (a, b, e) = (ax[at], ay[at], alpha[at]);
+        let (px, py) = (x[at], y[at]);
+        let (mut u, mut v, mut o) = (vx[at], vy[at], w[at]);
         let zero = [0.0; LANES];
-        let (mut fx, mut fy, mut fvx, mut fvy) = (zero, zero, zero, zero);
-        let (mut rx, mut ry, mut rvx, mut rvy) = (zero, zero, zero, zero);
+        let (mut ax, mut ay, mut avx, mut avy) = (zero, zero, zero, zero);
+        let (mut bx, mut by, mut bvx, mut bvy) = (zero, zero, zero, zero);
         for i in 0..LANES {
             u[i] += half * a[i];
             v[i] += half * b[i];
             o[i] += half * e[i];
             let (lc, ls) = (l[i] * c[i], l[i] * s[i]);
             let (oc, os) = (o[i] * lc, o[i] * ls);
-            (fx[i], fy[i]) = (px[i] + lc, py[i] + ls);
-            (rx[i], ry[i]) = (px[i] - lc, py[i] - ls);
-            (fvx[i], fvy[i]) = (u[i] - os, v[i] + oc);
-            (rvx[i], rvy[i]) = (u[i] + os, v[i] - oc);
+            (ax[i], ay[i]) = (px[i] + lc, py[i] + ls);
+            (bx[i], by[i]) = (px[i] - lc, py[i] - ls);
+            (avx[i], avy[i]) = (u[i] - os, v[i] + oc);
+            (bvx[i], bvy[i]) = (u[i] + os, v[i] - oc);
         }
-        front.put(at, fx, fy, fvx, fvy);
-        rear.put(at, rx, ry, rvx, rvy);
-        put(omega, at, o);
-        put(&mut wrapped.cos, at, c);
-        put(&mut wrapped.sin, at, s);
-        put(&mut wrapped.ax, at, a);
-        put(&mut wrapped.ay, at, b);
-        put(&mut wrapped.alpha, at, e);
+        (fx[at], fy[at], fvx[at], fvy[at]) = (ax, ay, avx, avy);
+        (rx[at], ry[at], rvx[at], rvy[at]) = (bx, by, bvx, bvy);
+        omega[at] = o;
+        (wrapped_cos[at], wrapped_sin[at]) = (c, s);
+        (wrapped_ax[at], wrapped_ay[at], wrapped_alpha[at]) = (a, b, e);
     }
 }
 
 #[inline(always)]
-fn joints(model: &Model, scratch: &mut Scratch) {
+fn joints<const SUMS: bool>(model: &Model, scratch: &mut Scratch) {
     let ends = JointEnds {
         front_x: &scratch.front.x,
         front_y: &scratch.front.y,
@@ -261,10 +279,11 @@ fn joints(model: &Model, scratch: &mut Scratch) {
         omega: &scratch.omega,
         inverse_inertia: &model.chain.inverse_inertia,
     };
-    link_joint::forces(
+    let mut sums = link_joint::forces::<SUMS>(
         &model.chain.joint,
         0.5 * model.step_s,
         &ends,
+        model.chain.n_links,
         &mut scratch.joint_x,
         &mut scratch.joint_y,
         &mut scratch.joint_torque,
@@ -272,13 +291,16 @@ fn joints(model: &Model, scratch: &mut Scratch) {
         &mut scratch.joint_power_friction,
     );
     for (j, torque_nm) in &model.chain.tight {
-        link_joint::tighten(
+        sums.lost_w[0] += link_joint::tighten(
             (&model.chain.joint, *torque_nm),
             (*j, 0.5 * model.step_s),
             &ends,
             &mut scratch.joint_torque,
             &mut scratch.joint_power_friction,
         );
+    }
+    if SUMS && let Some(node) = &mut scratch.sums {
+        (node.stretch2, node.pins_w) = (sums.stretch2, sums.lost_w);
     }
     close_loop(model.chain.n_links, [&mut scratch.joint_x, &mut scratch.joint_y, &mut scratch.joint_torque]);
 }
@@ -370,7 +392,7 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f
 
 /// Accelerations from all forces.
 #[inline(always)]
-fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
+fn accelerations<const SUMS: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
     let c = &model.chain;
     let n = c.padded;
     let (cos, sin) = (&state.links.cos[..n], &state.links.sin[..n]);
@@ -401,6 +423,9 @@ fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
             ay[i] -= rate * (vy[i] - model.chain_speed_m_s * sin[i]);
         }
     }
+    if SUMS && let Some(sums) = &mut scratch.sums {
+        (sums.speed2, sums.omega2) = squares(0.5 * model.step_s, sums.alike, &state.links, [ax, ay, al]);
+    }
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let rotor = &sprocket.rotor;
         let pull = scratch.run_in.rotor_rate_per_s * (state.rotors.omega[k] - sprocket.nominal_speed_rad_s);
@@ -409,6 +434,23 @@ fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
             Rotor::Free { .. } => (scratch.chain_torque[k] + rotor.outer_torque_nm()) * rotor.inverse_inertia() - pull,
         };
     }
+}
+
+/// Sums of the squares of speeds and angular velocities at the node, lane by lane, of the first blocks.
+#[inline(always)]
+fn squares(half: f64, count: usize, s: &LinkState, accelerations: [&[f64]; 3]) -> (Column, Column) {
+    let [ax, ay, alpha] = accelerations.map(|column| blocks(column, count));
+    let (vx, vy, omega) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+    let (mut speed2, mut omega2) = ([0.0; LANES], [0.0; LANES]);
+    for at in 0..count {
+        for i in 0..LANES {
+            let (u, v) = (vx[at][i] + half * ax[at][i], vy[at][i] + half * ay[at][i]);
+            let w = omega[at][i] + half * alpha[at][i];
+            speed2[i] += u * u + v * v;
+            omega2[i] += w * w;
+        }
+    }
+    (speed2, omega2)
 }
 
 #[inline(always)]
@@ -434,25 +476,25 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
 
 #[inline(always)]
 fn advance_kernel(h: f64, s: &mut LinkState, ax: &[f64], ay: &[f64], alpha: &[f64]) {
-    for at in (0..ax.len()).step_by(LANES) {
-        let (a, b, e) = (take(ax, at), take(ay, at), take(alpha, at));
-        let (mut x, mut y, mut c, mut n) = (take(&s.x, at), take(&s.y, at), take(&s.cos, at), take(&s.sin, at));
-        let (mut u, mut v, mut o) = (take(&s.vx, at), take(&s.vy, at), take(&s.omega, at));
+    let count = ax.len() / LANES;
+    let (ax, ay, alpha) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
+    let (x, y) = (blocks_mut(&mut s.x, count), blocks_mut(&mut s.y, count));
+    let (cos, sin) = (blocks_mut(&mut s.cos, count), blocks_mut(&mut s.sin, count));
+    let (vx, vy, omega) = (blocks_mut(&mut s.vx, count), blocks_mut(&mut s.vy, count), blocks_mut(&mut s.omega, count));
+    for at in 0..count {
+        let (a, b, e) = (ax[at], ay[at], alpha[at]);
+        let (mut px, mut py, mut c, mut n) = (x[at], y[at], cos[at], sin[at]);
+        let (mut u, mut v, mut o) = (vx[at], vy[at], omega[at]);
         for i in 0..LANES {
             u[i] += h * a[i];
             v[i] += h * b[i];
             o[i] += h * e[i];
-            x[i] += h * u[i];
-            y[i] += h * v[i];
+            px[i] += h * u[i];
+            py[i] += h * v[i];
             (c[i], n[i]) = turned(c[i], n[i], h * o[i]);
         }
-        put(&mut s.x, at, x);
-        put(&mut s.y, at, y);
-        put(&mut s.cos, at, c);
-        put(&mut s.sin, at, n);
-        put(&mut s.vx, at, u);
-        put(&mut s.vy, at, v);
-        put(&mut s.omega, at, o);
+        (x[at], y[at], cos[at], sin[at]) = (px, py, c, n);
+        (vx[at], vy[at], omega[at]) = (u, v, o);
     }
 }
 

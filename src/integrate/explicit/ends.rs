@@ -2,7 +2,7 @@
 //! at a time; what is near which body is looked up with the other windows.
 
 use super::guides::{add_guide_forces, load_ends};
-use super::{LANES, Scratch, WINDOW_MARGIN_M, Window, recall};
+use super::{LANES, Part, Scratch, WINDOW_MARGIN_M, Window, recall};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
 use crate::elements::tooth_contact::{self, Lanes, OffJoint};
 use crate::geometry::{Vec2, perp};
@@ -14,13 +14,14 @@ use crate::state::State;
 pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
     let Some(contour) = &model.contour else { return };
     let reach_m = 2.0 * scratch.fastest_m_s * model.step_s;
-    let mut block = scratch.lanes.take().unwrap_or_default();
+    let mut own_lanes = scratch.lanes.take().unwrap_or_default();
     for k in 0..model.end_bodies.len() {
         let body = &model.end_bodies[k];
         let (rotor, omega) = turning(model, state, body);
         for w in 0..scratch.end_windows[k].len() {
             let Window { start, end, .. } = scratch.end_windows[k][w];
-            for at in (start..end).step_by(LANES) {
+            for block in start / LANES..end / LANES {
+                let at = block * LANES;
                 for (rear, sign) in [(0, 1.0), (1, -1.0)] {
                     let set = 2 * body.set + rear;
                     let mut touches: [Option<EndTouch>; LANES] = [None; LANES];
@@ -34,7 +35,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                         near |= touch.is_some();
                         near |= state.contour_ends[set].age[link] != 0.0;
                     }
-                    let lanes = &mut *block;
+                    let lanes = &mut *own_lanes;
                     if near {
                         load_ends(model, state, scratch, at, sign, body.origin, lanes);
                         let mut off = OffJoint::default();
@@ -47,6 +48,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
                         tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
                         add_guide_forces(scratch, at, lanes);
+                        watch(model, scratch, (k, set, at), &touches, (&off, lanes));
                         if let Some(rotor) = body.rotor {
                             scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
                         }
@@ -58,7 +60,7 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
             }
         }
     }
-    scratch.lanes = Some(block);
+    scratch.lanes = Some(own_lanes);
 }
 
 /// Cosine and sine of the angle of a body, and its speed at the node.
@@ -101,6 +103,31 @@ fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes, off: &mut OffJo
         off.radius[i] = -from_joint.dot(&t.normal);
         off.offset[i] = from_joint.dot(&perp(t.normal));
         lanes.body_radius[i] = t.body_radius_m;
+    }
+}
+
+/// For those who look at every step.
+fn watch(
+    model: &Model,
+    scratch: &mut Scratch,
+    (k, set, at): (usize, usize, usize),
+    touches: &[Option<EndTouch>; LANES],
+    (off, lanes): (&OffJoint, &Lanes),
+) {
+    let (body, n) = (&model.end_bodies[k], model.chain.n_links);
+    let nearest = &scratch.nearest_end[body.set][at..at + LANES];
+    let own = |i: usize| at + i < n && nearest[i] == k;
+    if let Some(sums) = &mut scratch.sums {
+        sums.add_where(&body.law, lanes, own);
+    }
+    if let Some(all) = &mut scratch.touches {
+        let kept = &mut all[Part::Contours(set).index()];
+        kept.keep_where(lanes, at, own);
+        for i in (0..LANES).filter(|i| own(*i)) {
+            (kept.radius[at + i], kept.offset[at + i]) = (off.radius[i], off.offset[i]);
+            kept.rotor[at + i] = body.rotor.map_or(-1.0, |k| k as f64);
+            kept.segment[at + i] = touches[i].map_or(0.0, |t| f64::from(t.segment as u32));
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
-use super::{Scratch, Window, keep, keep_own, put, recall, send_away, shift_and_lever, sum, take};
+use super::{Part, Scratch, Window, keep, keep_own, put, recall, send_away, shift_and_lever, sum, take};
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, LANES, Lanes};
 use crate::geometry::Vec2;
@@ -13,11 +13,12 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
     let body = &model.guides[k].body;
     let n = model.chain.padded;
     let reach_m = scratch.fastest_m_s * model.step_s;
-    let mut block = scratch.lanes.take().unwrap_or_default();
-    let lanes = &mut *block;
+    let mut own_lanes = scratch.lanes.take().unwrap_or_default();
+    let lanes = &mut *own_lanes;
     for w in 0..scratch.guide_windows[k].len() {
         let Window { start, end, shared } = scratch.guide_windows[k][w];
-        for at in (start..end).step_by(LANES) {
+        for block in start / LANES..end / LANES {
+            let at = block * LANES;
             for (rear, sign) in [(0, 1.0), (1, -1.0)] {
                 let set = 2 * body.side + rear;
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
@@ -41,23 +42,55 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 add_guide_forces(scratch, at, lanes);
-                for i in 0..LANES {
-                    if !shared || scratch.nearest_guide[body.side][at + i] == k {
+                watch(model, scratch, k, (at, shared), set, lanes);
+                if shared {
+                    let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
+                    for i in (0..LANES).filter(|i| nearest[*i] == k) {
                         scratch.guide_rate[set][at + i] = lanes.rate[i];
                         scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
-                }
-                if shared {
-                    let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
                     keep_own(nearest, k, lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], at);
                 } else {
+                    put(&mut scratch.guide_rate[set], at, lanes.rate);
+                    put(&mut scratch.guide_depth[set], at, lanes.penetration);
                     keep(lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], n, at);
                 }
                 scratch.stale_blocks[set][at / LANES] = 2;
             }
         }
     }
-    scratch.lanes = Some(block);
+    scratch.lanes = Some(own_lanes);
+}
+
+/// For those who look at every step.
+#[inline(always)]
+fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
+    if scratch.sums.is_none() && scratch.touches.is_none() {
+        return;
+    }
+    let (body, n) = (&model.guides[k].body, model.chain.n_links);
+    let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
+    if let Some(sums) = &mut scratch.sums {
+        if shared {
+            sums.add_where(&body.law, lanes, |i| at + i < n && nearest[i] == k);
+        } else {
+            sums.add(&body.law, lanes, at, n);
+        }
+    }
+    if let Some(touches) = &mut scratch.touches {
+        let touches = &mut touches[Part::Guides(set).index()];
+        if shared {
+            touches.keep_where(lanes, at, |i| nearest[i] == k);
+        } else {
+            touches.keep(lanes, at);
+        }
+        if scratch.segments {
+            for i in (0..LANES).filter(|i| !shared || nearest[*i] == k) {
+                let along = lanes.x[i] * body.along.x + lanes.y[i] * body.along.y;
+                touches.segment[at + i] = f64::from(model.guides[k].segment(along) as u32);
+            }
+        }
+    }
 }
 
 #[inline(always)]

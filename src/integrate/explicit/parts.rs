@@ -45,6 +45,23 @@ impl Part {
         }
     }
 
+    /// Whether it is at the front end of its link; bushes: at whichever end carries them.
+    pub fn is_front(self) -> bool {
+        match self {
+            Part::Bushes => true,
+            Part::Guides(set) | Part::Contours(set) => set % 2 == 0,
+        }
+    }
+
+    /// Whether what it touches turns with a sprocket.
+    pub fn turns(self, model: &Model) -> bool {
+        match self {
+            Part::Bushes => true,
+            Part::Guides(_) => false,
+            Part::Contours(set) => model.end_bodies.iter().any(|b| b.set == set / 2 && b.rotor.is_some()),
+        }
+    }
+
     /// Whether this part may touch `body` (an index as in frames).
     pub fn touches(self, model: &Model, body: usize) -> bool {
         match self {
@@ -116,9 +133,9 @@ impl Scratch {
         &self.contour_tooth[set]
     }
 
-    /// Forces of the joints, x and y [N], shifted by one: joint j at j + 1, the last one also at 0.
-    pub fn joint_columns(&self) -> (&[f64], &[f64]) {
-        (&self.joint_x, &self.joint_y)
+    /// Forces of the joints, x and y [N], and friction torques [N m], shifted by one: joint j at j + 1, the last one also at 0.
+    pub fn joint_columns(&self) -> (&[f64], &[f64], &[f64]) {
+        (&self.joint_x, &self.joint_y, &self.joint_torque)
     }
 
     /// Bushes that have changed their tooth gap in flight since the start.

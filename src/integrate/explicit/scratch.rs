@@ -1,7 +1,8 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
-use super::{RunIn, Window, put};
-use crate::elements::tooth_contact::{Column, LANES, Lanes};
+use super::watch::{NodeSums, PARTS, Touches};
+use super::{RunIn, Window};
+use crate::elements::tooth_contact::{LANES, Lanes};
 use crate::integrate::Isa;
 use crate::model::Model;
 use crate::state::ContactMemory;
@@ -68,6 +69,10 @@ pub struct Scratch {
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
+    /// For those who look at every step.
+    pub(super) sums: Option<Box<NodeSums>>,
+    pub(super) touches: Option<Box<[Touches; PARTS]>>,
+    pub(super) segments: bool,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -95,14 +100,6 @@ pub(super) struct Wrapped {
 }
 
 impl Ends {
-    #[inline(always)]
-    pub(super) fn put(&mut self, at: usize, x: Column, y: Column, vx: Column, vy: Column) {
-        put(&mut self.x, at, x);
-        put(&mut self.y, at, y);
-        put(&mut self.vx, at, vx);
-        put(&mut self.vy, at, vy);
-    }
-
     pub(super) fn new(len: usize) -> Ends {
         Ends { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
     }
@@ -171,6 +168,9 @@ impl Scratch {
             contour_tooth: std::array::from_fn(|_| vec![0; n]),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
+            sums: None,
+            touches: None,
+            segments: false,
             ax: column(),
             ay: column(),
             alpha: column(),

@@ -1,6 +1,6 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
-use super::{Scratch, Window, keep, keep_own, put, send_away, shift_and_lever, take};
+use super::{Part, Scratch, Window, keep, keep_own, put, send_away, shift_and_lever, take};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
 use crate::geometry::Vec2;
 use crate::model::Model;
@@ -33,11 +33,12 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
         + model.chain.joint.clearance_m
         + JOINT_STRETCH_M;
     let mut partial = [0.0; LANES];
-    let mut block = scratch.lanes.take().unwrap_or_default();
-    let lanes = &mut *block;
+    let mut own_lanes = scratch.lanes.take().unwrap_or_default();
+    let lanes = &mut *own_lanes;
     for w in 0..scratch.tooth_windows[k].len() {
         let Window { start, end, shared } = scratch.tooth_windows[k][w];
-        for at in (start..end).step_by(LANES) {
+        for block in start / LANES..end / LANES {
+            let at = block * LANES;
             if !shared
                 && !tooth_contact::any_inside(body, tip_reach_m, take(&scratch.front.x, at), take(&scratch.front.y, at))
             {
@@ -62,13 +63,12 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
             } else {
                 lanes.let_go();
             }
-            for i in 0..LANES {
-                if !shared || scratch.nearest_sprocket[at + i] == k {
+            watch(model, scratch, k, (at, shared), turning, lanes);
+            if shared {
+                for i in (0..LANES).filter(|i| scratch.nearest_sprocket[at + i] == k) {
                     scratch.bush_rate[at + i] = lanes.rate[i];
                     scratch.bush_depth[at + i] = lanes.penetration[i];
                 }
-            }
-            if shared {
                 keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &state.bushes, &mut scratch.bushes, at);
                 for i in 0..LANES {
                     scratch.bush_x[at + 1 + i] += lanes.force_x[i];
@@ -76,6 +76,8 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
                     scratch.bush_moment[at + 1 + i] += lanes.moment[i];
                 }
             } else {
+                put(&mut scratch.bush_rate, at, lanes.rate);
+                put(&mut scratch.bush_depth, at, lanes.penetration);
                 put(&mut scratch.bush_x[1..n + 1], at, lanes.force_x);
                 put(&mut scratch.bush_y[1..n + 1], at, lanes.force_y);
                 put(&mut scratch.bush_moment[1..n + 1], at, lanes.moment);
@@ -83,8 +85,44 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
             }
         }
     }
-    scratch.lanes = Some(block);
+    scratch.lanes = Some(own_lanes);
     scratch.chain_torque[k] = partial.iter().sum();
+}
+
+/// For those who look at every step.
+#[inline(always)]
+fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), turning: Turning, lanes: &Lanes) {
+    if scratch.sums.is_none() && scratch.touches.is_none() {
+        return;
+    }
+    let (body, n) = (&model.sprockets[k].body, model.chain.n_links);
+    if let Some(sums) = &mut scratch.sums {
+        if shared {
+            let nearest = &scratch.nearest_sprocket[at..at + LANES];
+            sums.add_where(&body.law, lanes, |i| at + i < n && nearest[i] == k);
+        } else {
+            sums.add(&body.law, lanes, at, n);
+        }
+    }
+    if let Some(touches) = &mut scratch.touches {
+        let touches = &mut touches[Part::Bushes.index()];
+        if shared {
+            let own = |i: usize| scratch.nearest_sprocket[at + i] == k;
+            touches.keep_where(lanes, at, own);
+            for i in (0..LANES).filter(|i| own(*i)) {
+                touches.rotor[at + i] = k as f64;
+            }
+        } else {
+            touches.keep(lanes, at);
+            put(&mut touches.rotor, at, [k as f64; LANES]);
+        }
+        if scratch.segments {
+            let segments = tooth_contact::segments(body, turning, lanes);
+            for i in (0..LANES).filter(|i| !shared || scratch.nearest_sprocket[at + i] == k) {
+                touches.segment[at + i] = segments[i];
+            }
+        }
+    }
 }
 
 #[inline(always)]
