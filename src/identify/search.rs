@@ -262,7 +262,12 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
     if declared.problem.plant.is_none() {
         set_most_steps(&mut declared.problem, &declared.fit.point);
     }
-    let (detectable, alike) = first_look(measurement, &declared, context);
+    // What could be seen, and what could not be told apart, at the declared model; what is seen there is where the search begins.
+    let base = Base::new(&declared.problem, &declared.fit);
+    let first = looked(measurement, &declared, &base, context);
+    let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.promises);
+    let alike = structure::alike(&first.hypotheses, &first.promises);
+    let mut first = Some(first);
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
     let mut beam: Vec<Model<'a>> = vec![declared.clone()];
@@ -282,7 +287,10 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
                 break;
             }
             context.say(&format!("round {round}: looking at hypotheses"));
-            let grown = grow(measurement, model, own, context, &mut seen, &mut trials, &mut reasons);
+            let looked = first
+                .take()
+                .unwrap_or_else(|| looked(measurement, model, &Base::new(&model.problem, &model.fit), context));
+            let grown = grow(looked, model, own, context, &mut seen, &mut trials, &mut reasons);
             next.extend(grown);
         }
         if round == 1
@@ -290,7 +298,8 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
         {
             context.say("round 1: looking again from the drive's own numbers");
             let mut again = Vec::new();
-            next.extend(grow(measurement, &near, own, context, &mut Vec::new(), &mut again, &mut reasons));
+            let looked = looked(measurement, &near, &Base::new(&near.problem, &near.fit), context);
+            next.extend(grow(looked, &near, own, context, &mut Vec::new(), &mut again, &mut reasons));
             // The better try of the two is told.
             for t in again.into_iter().filter(|t| t.rms_fit.is_some()) {
                 let fitted = |o: &Trial| o.rms_fit.unwrap_or(f64::INFINITY);
@@ -368,15 +377,23 @@ fn set_most_steps(problem: &mut Problem, fitted: &Point) {
     problem.most_steps = (4.0 * needed.fold(1.0, f64::max)).clamp(16.0, MOST_STEPS);
 }
 
-/// What could be seen, and what could not be told apart, at the declared model.
-fn first_look(measurement: &Measurement, model: &Model, context: &Context) -> (Vec<Detectable>, Vec<Alike>) {
+/// What a model could be given, and what each would take of its error.
+struct Looked {
+    hypotheses: Vec<Hypothesis>,
+    promises: Vec<Promise>,
+    /// Effects that were left out, and why.
+    left_out: Vec<(String, String)>,
+}
+
+fn looked(measurement: &Measurement, model: &Model, base: &Base, context: &Context) -> Looked {
     let sizes = Sizes::of(&model.problem, &model.fit.point);
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
-    let m = &model.problem.machine;
-    let all = candidates::all(m, model.problem.data, &sizes, &measurement.candidates, &slots, &mut Vec::new());
-    let base = Base::new(&model.problem, &model.fit);
-    let promises = parallel(all.len(), context.threads, |i| promise(&model.problem, &base, &model.fit, &all[i]));
-    (structure::detectable(m, &base, &all, &promises), structure::alike(&all, &promises))
+    let (m, data) = (&model.problem.machine, model.problem.data);
+    let mut left_out = Vec::new();
+    let hypotheses = candidates::all(m, data, &sizes, &measurement.candidates, &slots, &mut left_out);
+    let promise = |i: usize| promise(&model.problem, base, &model.fit, &hypotheses[i]);
+    let promises = parallel(hypotheses.len(), context.threads, promise);
+    Looked { hypotheses, promises, left_out }
 }
 
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
@@ -387,7 +404,7 @@ fn best_effective(models: &[Model]) -> Vec<f64> {
 
 /// A model with one effect more, in every way that is worth a fit.
 fn grow<'a>(
-    measurement: &Measurement,
+    looked: Looked,
     model: &Model<'a>,
     own: &Data,
     context: &Context<'_>,
@@ -395,20 +412,12 @@ fn grow<'a>(
     trials: &mut Vec<Trial>,
     reasons: &mut Vec<(String, String)>,
 ) -> Vec<Model<'a>> {
-    let data = model.problem.data;
-    let sizes = Sizes::of(&model.problem, &model.fit.point);
-    let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
-    let mut left_out = Vec::new();
-    let hypotheses =
-        candidates::all(&model.problem.machine, data, &sizes, &measurement.candidates, &slots, &mut left_out);
+    let Looked { hypotheses, promises, left_out } = looked;
     for r in left_out {
         if !reasons.contains(&r) {
             reasons.push(r);
         }
     }
-    let base = Base::new(&model.problem, &model.fit);
-    let promises: Vec<Promise> =
-        parallel(hypotheses.len(), context.threads, |i| promise(&model.problem, &base, &model.fit, &hypotheses[i]));
     // The best form of every identity; those that cannot be screened are always fitted.
     let mut order: Vec<usize> = (0..hypotheses.len()).collect();
     order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
