@@ -23,9 +23,12 @@ use std::sync::atomic::AtomicBool;
 fn record(bundled: usize, overrides: &[&str], path: &Path, steps: u64, every: u64) -> Header {
     let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
     let (name, text) = BUNDLED[bundled];
-    let drive = Drive::parse(name, text, &overrides).expect("a good drive");
-    let Assembly { model, mut state, report } = common::assembled(&drive);
-    let mut header = capture::header(&drive, &model, &report, every);
+    record_drive(&Drive::parse(name, text, &overrides).expect("a good drive"), path, steps, every)
+}
+
+fn record_drive(drive: &Drive, path: &Path, steps: u64, every: u64) -> Header {
+    let Assembly { model, mut state, report } = common::assembled(drive);
+    let mut header = capture::header(drive, &model, &report, every);
     header.ledger_origin = Some(ledger_at(&model, &state).expect("holds"));
     let mut sinks = vec![create(path, &header, ViewOptions::default()).expect("opens")];
     let job = Job {
@@ -147,6 +150,22 @@ fn names(header: &Header) -> Names {
     }
 }
 
+fn hits_are_those_of_a_scan(path: &Path, recording: &mcap::Recording, header: &Header, expressions: &[&str]) {
+    for expression in expressions {
+        let breakpoint = Breakpoint::parse(expression, &names(header)).expect("a good expression");
+        // From the recording: whatever fulfils it in a frame and not in the one before.
+        let mut expected = Vec::new();
+        let mut before = Vec::new();
+        for frame in &recording.frames {
+            let now = breakpoint.holding(frame);
+            expected.extend(now.iter().filter(|s| !before.contains(*s)).map(|s| (frame.step, *s)));
+            before = now;
+        }
+        assert_eq!(hits(path, breakpoint, None), expected, "{}: {expression}", header.drive_name);
+        println!("{}: {} hits of {expression}", header.drive_name, expected.len());
+    }
+}
+
 #[test]
 fn hits_are_those_of_a_scan_over_every_step() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -184,19 +203,7 @@ fn hits_are_those_of_a_scan_over_every_step() {
         let path = folder.path().join("a.mcap");
         let header = record(bundled, &[], &path, STEPS[bundled], 1);
         let recording = mcap::read(&path).expect("readable");
-        for expression in expressions {
-            let breakpoint = Breakpoint::parse(expression, &names(&header)).expect("a good expression");
-            // From the recording: whatever fulfils it in a frame and not in the one before.
-            let mut expected = Vec::new();
-            let mut before = Vec::new();
-            for frame in &recording.frames {
-                let now = breakpoint.holding(frame);
-                expected.extend(now.iter().filter(|s| !before.contains(*s)).map(|s| (frame.step, *s)));
-                before = now;
-            }
-            assert_eq!(hits(&path, breakpoint, None), expected, "{}: {expression}", BUNDLED[bundled].0);
-            println!("{}: {} hits of {expression}", BUNDLED[bundled].0, expected.len());
-        }
+        hits_are_those_of_a_scan(&path, &recording, &header, &expressions);
         // Impacts: those of the recording.
         let breakpoint = Breakpoint::parse("impact.approach_speed > 0.1 m/s", &names(&header)).expect("good");
         let mut expected: Vec<u64> =
@@ -205,6 +212,37 @@ fn hits_are_those_of_a_scan_over_every_step() {
         let mut found: Vec<u64> = hits(&path, breakpoint, None).iter().map(|h| h.0).collect();
         found.sort_unstable();
         assert_eq!(found, expected);
+    }
+}
+
+/// Other contact laws, clearance in the joints, links that differ: what the columns of a step are made of changes.
+#[test]
+fn hits_of_other_drives_are_those_of_a_scan_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (name, text) = BUNDLED[0];
+    let linear = text.find("[contact.sprocket.linear]").expect("there");
+    let after = linear + text[linear..].find("[contact.guide]").expect("there");
+    let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
+                 damping_n_s_per_m = 200\n\n";
+    let hertz = format!("{}{hertz}{}", &text[..linear], &text[after..]);
+    let odd = ["effects.pitch_error.long.link=7", "effects.pitch_error.long.length_um=20", "chain.joint.clearance_um=2"];
+    for (text, overrides) in [(hertz.as_str(), &[] as &[&str]), (text, &odd)] {
+        let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
+        let drive = Drive::parse(name, text, &overrides).unwrap_or_else(|e| panic!("{e}"));
+        let header = record_drive(&drive, &path, 150, 1);
+        let expressions = [
+            "energy.error_j > 1e-6 J or energy.elastic > 0.21 J",
+            "energy.lost > 0.1 mJ and energy.kinetic > 1 J",
+            "contact.normal_force > 300 N",
+            "abs(contact.tangential_force) > 12 N",
+            "contact.stick == 1 and contact.segment == 'seat'",
+            "contact.segment == 'clockwise flank'",
+            "sprocket.driver.chain_torque < -10 Nm",
+            "joint.force > 550 N",
+            "link.tension < 200 N",
+        ];
+        hits_are_those_of_a_scan(&path, &mcap::read(&path).expect("readable"), &header, &expressions);
     }
 }
 

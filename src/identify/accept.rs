@@ -2,7 +2,8 @@
 //!
 //! An effect stays when its score is worth it, when the error on what judges falls by a twentieth (that of its channel, for an
 //! effect on a sensor) or loses half of what was above the noise, and surely, when it explains more than a sham, and when its
-//! size is three standard errors from nothing. A set that leaves most of what is above the noise is a lead, no finding. A rival is what takes its place as well.
+//! size is three standard errors from nothing. A set that leaves most of what is above the noise is a lead, no finding. A rival
+//! is what takes its place as well.
 
 use super::candidates::{self, Hypothesis};
 use super::fit::parallel;

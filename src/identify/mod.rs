@@ -1,7 +1,7 @@
 //! Closing the loop: measured records against a drive, until the difference has a name or is shown to have none.
 //!
-//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> what is left -> report. The loop
-//! goes over the catalogue of effects and holds no physics of its own.
+//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> what is left
+//! -> report. The loop goes over the catalogue of effects and holds no physics of its own.
 
 pub mod accept;
 pub mod candidates;

@@ -8,10 +8,10 @@
 //! x_(n+1)  = x_n + h v(n+1/2)                 headings by Taylor composition, see elements::rotor
 //! ```
 //! The second look at the joints is worth its tenth of the time: without it their damping lags by half a step behind an
-//! impact, and the engagement peaks at 2.2 us are 2.7 % low instead of 0.9 %. Second order without contact. With contact the error is set by where in a step first touch falls; the mean force makes it
-//! small (tests/convergence.rs). [`evaluate`] computes a_n and changes nothing but Scratch, so that a frame can be taken
-//! between it and [`advance`]; a step is one after the other. Sums run in chain order or in fixed partial sums, so that
-//! no vector width, window or reporting interval changes a bit.
+//! impact, and the engagement peaks at 2.2 us are 2.7 % low instead of 0.9 %. Second order without contact. With contact the
+//! error is set by where in a step first touch falls; the mean force makes it small (tests/convergence.rs). [`evaluate`] computes
+//! a_n and changes nothing but Scratch, so that a frame can be taken between it and [`advance`]; a step is one after the other.
+//! Sums run in chain order or in fixed partial sums, so that no vector width, window or reporting interval changes a bit.
 
 pub(crate) mod ends;
 mod guides;
