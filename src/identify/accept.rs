@@ -58,9 +58,9 @@ pub struct Ground {
 const CLEAR: f64 = 10.0;
 /// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
 const WORTH_A_NAME: f64 = 0.95;
-/// What leaves more than this of the squared error above the noise floor explains too little to be the cause of it: of 16 blind
-/// cases with an effect that the catalogue does not have, three had a name that left 81 to 91 %; what has a cause in the
-/// catalogue leaves next to nothing.
+/// What leaves more than this of the squared error above the noise floor explains too little to be the cause of it. Causes that
+/// the catalogue has leave next to nothing; of 16 blind cases whose cause it does not have, six had a name, which left 3 to 67 %:
+/// this rule takes the weakest of them, and a stricter one would take names from machines with several causes.
 const MOST: f64 = 2.0 / 3.0;
 /// Close to the noise floor an effect is worth a name that takes half of what is above it, if that is a hundredth of the error
 /// and of its square at least.
