@@ -226,7 +226,8 @@ fn hits_of_other_drives_are_those_of_a_scan_too() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
                  damping_n_s_per_m = 200\n\n";
     let hertz = format!("{}{hertz}{}", &text[..linear], &text[after..]);
-    let odd = ["effects.pitch_error.long.link=7", "effects.pitch_error.long.length_um=20", "chain.joint.clearance_um=2"];
+    let odd =
+        ["effects.pitch_error.long.link=7", "effects.pitch_error.long.length_um=20", "chain.joint.clearance_um=2"];
     for (text, overrides) in [(hertz.as_str(), &[] as &[&str]), (text, &odd)] {
         let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
         let drive = Drive::parse(name, text, &overrides).unwrap_or_else(|e| panic!("{e}"));
