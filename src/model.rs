@@ -210,7 +210,13 @@ impl Model {
             (0..drive.links).for_each(|i| chain.lengthen(i, if i % 2 == 0 { all_m + half_m } else { all_m - half_m }));
         }
         let tight = drive.effects.tight_joints.iter().filter(|t| t.torque_nm > 0.0);
-        chain.tight = tight.map(|t| (t.joint, t.torque_nm)).collect();
+        for t in tight {
+            // Two of one joint are one that is as tight as both.
+            match chain.tight.iter_mut().find(|(joint, _)| *joint == t.joint) {
+                Some((_, torque_nm)) => *torque_nm += t.torque_nm,
+                None => chain.tight.push((t.joint, t.torque_nm)),
+            }
+        }
         Ok(Model {
             step_s: f64::NAN,
             chain,

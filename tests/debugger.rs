@@ -228,7 +228,15 @@ fn hits_of_other_drives_are_those_of_a_scan_too() {
     let hertz = format!("{}{hertz}{}", &text[..linear], &text[after..]);
     let odd =
         ["effects.pitch_error.long.link=7", "effects.pitch_error.long.length_um=20", "chain.joint.clearance_um=2"];
-    for (text, overrides) in [(hertz.as_str(), &[] as &[&str]), (text, &odd)] {
+    let guides =
+        ["effects.guide_friction.slack.friction=0.3", "effects.guide_compliance.tight.compliance_um_per_kn=300"];
+    let tight = ["chain.joint.friction=0", "effects.tight_joint.a.joint=5", "effects.tight_joint.a.torque_nm=0.02"];
+    let tight =
+        [&tight as &[&str], &["effects.tight_joint.b.joint=5", "effects.tight_joint.b.torque_nm=0.02"]].concat();
+    let smart = ("smartchain-20-40", BUNDLED[2].1, &["effects.guide_friction.slack.friction=0.3"] as &[&str]);
+    let bush =
+        [(name, hertz.as_str(), &[] as &[&str]), (name, text, &odd), (name, text, &guides), (name, text, &tight)];
+    for (name, text, overrides) in bush.into_iter().chain([smart]) {
         let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
         let drive = Drive::parse(name, text, &overrides).unwrap_or_else(|e| panic!("{e}"));
         let header = record_drive(&drive, &path, 150, 1);
@@ -237,11 +245,15 @@ fn hits_of_other_drives_are_those_of_a_scan_too() {
             "energy.lost > 0.1 mJ and energy.kinetic > 1 J",
             "contact.normal_force > 300 N",
             "abs(contact.tangential_force) > 12 N",
+            "contact.body == 'slack' and abs(contact.tangential_force) > 0.5 N",
+            "contact.body == 'slack' and contact.normal_force > 3 N",
+            "contact.body == 'tight' and contact.normal_force > 3 N",
             "contact.stick == 1 and contact.segment == 'seat'",
             "contact.segment == 'clockwise flank'",
             "sprocket.driver.chain_torque < -10 Nm",
             "joint.force > 550 N",
             "link.tension < 200 N",
+            "link.tension <= 0 N",
         ];
         hits_are_those_of_a_scan(&path, &mcap::read(&path).expect("readable"), &header, &expressions);
     }

@@ -47,11 +47,11 @@ fn a_step_takes_no_more_instructions_than_it_did() {
 /// vector unit cost four times as much, and a frame in every step five times a step.
 const LOOKS: [(&str, f64); 12] = [
     ("energy.error > 10 %", 9.4),
-    ("contact.penetration > 1 mm", 5.0),
+    ("contact.penetration > 1 mm", 5.4),
     ("contact.body == \"driver\" and contact.tooth == 70", 6.4),
     ("contact.segment == \"tip land\"", 14.8),
-    ("contact.tangential_force > 10 kN", 11.3),
-    ("contact.tangential_speed > 1000 m/s", 22.0),
+    ("contact.tangential_force > 10 kN", 11.8),
+    ("contact.tangential_speed > 1000 m/s", 22.8),
     ("sprocket.driver.chain_torque > 1000 Nm", 10.0),
     ("link.tension > 10 kN", 4.8),
     ("link.speed > 1000 m/s", 4.5),

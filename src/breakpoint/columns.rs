@@ -5,9 +5,11 @@ use super::quantities::{Quantity, Scope, What};
 use super::scratch::StepValues;
 use super::{Operator, SLACK};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::end_contact::EndBody;
 use crate::elements::tooth_contact::{Column, LANES, blocks};
 use crate::integrate::Look;
 use crate::integrate::explicit::{Part, Touches};
+use crate::model::{GuideModel, Model, SprocketModel};
 
 /// Uncertainty of sliding speeds [m/s] and of forces and torques [N, N m] beside [`SLACK`]: rounding of what they are
 /// differences of.
@@ -158,6 +160,39 @@ fn real(at: usize, n: usize) -> Column {
     out
 }
 
+/// Law and friction between a part and what it touches. Effects change them guide by guide.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Pairing {
+    pub(super) law: ContactLaw,
+    pub(super) mu: f64,
+    pub(super) stick_speed_m_s: f64,
+}
+
+impl Pairing {
+    fn of_sprocket(s: &SprocketModel) -> Pairing {
+        Pairing { law: s.body.law, mu: s.body.friction, stick_speed_m_s: s.body.stick_speed_m_s }
+    }
+
+    fn of_guide(g: &GuideModel) -> Pairing {
+        Pairing { law: g.body.law, mu: g.body.friction, stick_speed_m_s: g.body.stick_speed_m_s }
+    }
+
+    fn of_end(b: &EndBody) -> Pairing {
+        Pairing { law: b.law, mu: b.friction, stick_speed_m_s: b.stick_speed_m_s }
+    }
+
+    /// Of everything that a part can touch; None: they differ from body to body.
+    pub(super) fn one(model: &Model, part: Part) -> Option<Pairing> {
+        let all: Vec<Pairing> = match part {
+            Part::Bushes => model.sprockets.iter().map(Pairing::of_sprocket).collect(),
+            Part::Guides(_) => model.guides.iter().map(Pairing::of_guide).collect(),
+            Part::Contours(_) => model.end_bodies.iter().filter(|b| part.is_set(b.set)).map(Pairing::of_end).collect(),
+        };
+        let first = *all.first()?;
+        all.iter().all(|other| *other == first).then_some(first)
+    }
+}
+
 impl StepValues<'_> {
     /// How often, lane by lane, a quantity of any contact, link or joint is in a band; None: not looked at as a column.
     #[inline(always)]
@@ -267,20 +302,24 @@ impl StepValues<'_> {
     /// None: not known as a column for this part.
     #[inline(always)]
     fn contacts_reach(&self, part: Part, what: What, band: Band, found: &mut Column) -> Option<()> {
-        let law = match self.law(part)? {
-            ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } => (*stiffness_n_per_m, *damping_n_s_per_m),
+        let law = match self.one(part).map(|c| &c.law) {
+            Some(ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
+                (*stiffness_n_per_m, *damping_n_s_per_m)
+            }
             _ if matches!(what, What::NormalForce | What::TangentialForce) => return None,
             _ => (0.0, 0.0),
         };
         let touches = match what {
-            What::TangentialSpeed | What::TangentialForce | What::Stick => Some(self.scratch.touches(part)?),
+            What::TangentialSpeed | What::TangentialForce | What::Stick => {
+                Some((self.scratch.touches(part)?, self.one(part)?))
+            }
             What::Penetration | What::ApproachSpeed | What::NormalSpeed | What::NormalForce | What::Age => None,
             _ => return None,
         };
         let memory = self.scratch.memory(part);
         let (depth, rate) = (self.lanes(self.scratch.depths(part)), self.lanes(self.scratch.closing_speeds(part)));
         let (ages, approach) = (self.lanes(&memory.age), self.lanes(&memory.approach));
-        let sliding = touches.map(|t| Contacts::new(self, part, t));
+        let sliding = touches.map(|(t, pairing)| Contacts::new(self, part, t, pairing));
         let (h, busy) = (self.model.step_s, self.scratch.touching_blocks(part));
         for b in 0..ages.len() {
             if busy.get(b) == Some(&0) {
@@ -342,10 +381,11 @@ impl StepValues<'_> {
         let n = self.model.chain.n_links;
         let sums_of = sums.get_mut(..self.model.sprockets.len())?;
         for part in self.all_parts.iter().filter(|p| p.turns(self.model)) {
-            let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *self.law(*part)? else { return None };
+            let pairing = self.one(*part)?;
+            let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = pairing.law else { return None };
             let law = (stiffness_n_per_m, damping_n_s_per_m);
             let t = self.scratch.touches(*part)?;
-            let contacts = Contacts::new(self, *part, t);
+            let contacts = Contacts::new(self, *part, t, pairing);
             let ages = self.lanes(&self.scratch.memory(*part).age);
             let depth = self.lanes(self.scratch.depths(*part));
             let rate = self.lanes(self.scratch.closing_speeds(*part));
@@ -384,31 +424,27 @@ impl StepValues<'_> {
         Some((sums.map(total), total(sizes) + FORCE_BLUR))
     }
 
-    /// Coefficient of friction and stick speed [m/s] of everything that a part can touch.
-    pub(super) fn friction(&self, part: Part) -> (f64, f64) {
-        let of = match part {
-            Part::Bushes => self.model.sprockets.first().map(|s| (s.body.friction, s.body.stick_speed_m_s)),
-            Part::Guides(_) => self.model.guides.first().map(|g| (g.body.friction, g.body.stick_speed_m_s)),
-            Part::Contours(set) => {
-                let body = self.model.end_bodies.iter().find(|b| b.set == set / 2);
-                body.map(|b| (b.friction, b.stick_speed_m_s))
-            }
-        };
-        of.unwrap_or((0.0, 1.0))
+    /// Law and friction of everything that a part can touch; None: they differ from body to body.
+    fn one(&self, part: Part) -> Option<&Pairing> {
+        let at = self.all_parts.iter().position(|p| *p == part)?;
+        self.pairings[at].as_ref()
     }
 
-    /// Of everything that a part can touch: a drive has one law per kind of contact.
-    pub(super) fn law(&self, part: Part) -> Option<&ContactLaw> {
+    /// Of what one lane touches.
+    pub(super) fn pairing(&self, part: Part, lane: usize) -> Option<Pairing> {
+        let (m, body) = (self.model, self.scratch.partner(self.model, part, lane)?.0);
         match part {
-            Part::Bushes => self.model.sprockets.first().map(|s| &s.body.law),
-            Part::Guides(_) => self.model.guides.first().map(|g| &g.body.law),
-            Part::Contours(set) => self.model.end_bodies.iter().find(|b| b.set == set / 2).map(|b| &b.law),
+            Part::Bushes => m.sprockets.get(body).map(Pairing::of_sprocket),
+            Part::Guides(_) => m.guides.get(body.checked_sub(m.sprockets.len())?).map(Pairing::of_guide),
+            Part::Contours(_) => {
+                m.end_bodies.iter().find(|b| part.is_set(b.set) && b.body == body).map(Pairing::of_end)
+            }
         }
     }
 
     /// Of one contact; None: the law needs radii that the step has not kept.
     pub(super) fn normal_force(&self, part: Part, lane: usize) -> Option<f64> {
-        let law = self.law(part)?;
+        let law = self.pairing(part, lane)?.law;
         let touches = self.scratch.touches(part);
         if matches!(law, ContactLaw::HertzLine(_)) && touches.is_none() {
             return None;
@@ -423,7 +459,8 @@ impl StepValues<'_> {
 
     /// Sliding speed of one contact.
     pub(super) fn slide_of(&self, part: Part, lane: usize) -> Option<f64> {
-        Some(Contacts::new(self, part, self.scratch.touches(part)?).slide(lane / LANES)[lane % LANES])
+        let pairing = self.pairing(part, lane)?;
+        Some(Contacts::new(self, part, self.scratch.touches(part)?, &pairing).slide(lane / LANES)[lane % LANES])
     }
 }
 
@@ -471,11 +508,10 @@ struct Contacts<'a> {
 
 impl<'a> Contacts<'a> {
     #[inline(always)]
-    fn new(values: &'a StepValues<'a>, part: Part, t: &'a Touches) -> Contacts<'a> {
+    fn new(values: &'a StepValues<'a>, part: Part, t: &'a Touches, pairing: &Pairing) -> Contacts<'a> {
         let (l, s, c) = (&values.state.links, values.scratch, &values.model.chain);
         let columns: [&[f64]; 8] = [&l.vx, &l.vy, &l.omega, &s.ax, &s.ay, &s.alpha, &l.cos, &l.sin];
         let bushes = part == Part::Bushes;
-        let (mu, stick_speed) = values.friction(part);
         Contacts {
             values,
             motion: columns.map(|column| values.lanes(column)),
@@ -489,8 +525,8 @@ impl<'a> Contacts<'a> {
             y: values.lanes(&t.y),
             radius: values.lanes(&t.radius),
             rotor: values.lanes(&t.rotor),
-            mu,
-            stick_speed,
+            mu: pairing.mu,
+            stick_speed: pairing.stick_speed_m_s,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
-use super::columns::{Band, ChainTorques, FORCE_BLUR, Reach, SPEED_BLUR_M_S, Torques};
+use super::columns::{Band, ChainTorques, FORCE_BLUR, Pairing, Reach, SPEED_BLUR_M_S, Torques};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, SLACK, Subject, Values, energy_number, truth};
@@ -21,6 +21,8 @@ pub struct BreakWatch {
     pub goes_on: bool,
     parts: Vec<Part>,
     all_parts: Vec<Part>,
+    /// Of all parts.
+    pairings: Vec<Option<Pairing>>,
     held: Vec<Subject>,
     now: Vec<Subject>,
     /// Who touched which tooth a step ago, and a number for every lane to tell by.
@@ -37,6 +39,7 @@ pub(super) struct StepValues<'a> {
     /// Those that the expression may concern, and all.
     pub(super) parts: &'a [Part],
     pub(super) all_parts: &'a [Part],
+    pub(super) pairings: &'a [Option<Pairing>],
     /// True: the step has kept segments.
     segments: bool,
     /// And how uncertain they are [J]; where the expression asks for them.
@@ -59,6 +62,7 @@ impl BreakWatch {
             breakpoint,
             goes_on: false,
             parts,
+            pairings: all_parts.iter().map(|p| Pairing::one(model, *p)).collect(),
             all_parts,
             held: Vec::new(),
             now: Vec::new(),
@@ -87,10 +91,10 @@ impl BreakWatch {
             Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
             _ => None,
         };
-        let (parts, all_parts) = (&self.parts, &self.all_parts);
+        let (parts, all_parts, pairings) = (&self.parts, &self.all_parts, &self.pairings);
         let (uses, torques) = (self.breakpoint.uses, None);
         let segments = uses.segments;
-        let mut values = StepValues { model, state, scratch, parts, all_parts, segments, energy, torques };
+        let mut values = StepValues { model, state, scratch, parts, all_parts, pairings, segments, energy, torques };
         if uses.torque {
             values.torques = vectorised(scratch.isa, Torques::<true>(&values));
         }
@@ -324,12 +328,12 @@ impl StepValues<'_> {
             What::Age => Some(memory.age[lane] * self.model.step_s),
             What::TangentialSpeed => self.slide_of(part, lane),
             What::TangentialForce => {
-                let (mu, stick) = self.friction(part);
-                let ratio = (self.slide_of(part, lane)? / stick).clamp(-1.0, 1.0);
-                Some(-mu * self.normal_force(part, lane)? * ratio)
+                let pairing = self.pairing(part, lane)?;
+                let ratio = (self.slide_of(part, lane)? / pairing.stick_speed_m_s).clamp(-1.0, 1.0);
+                Some(-pairing.mu * self.normal_force(part, lane)? * ratio)
             }
             What::Stick => {
-                let (stick, slide) = (self.friction(part).1, self.slide_of(part, lane)?.abs());
+                let (stick, slide) = (self.pairing(part, lane)?.stick_speed_m_s, self.slide_of(part, lane)?.abs());
                 let unsure = SLACK * stick + SPEED_BLUR_M_S;
                 ((slide - stick).abs() > unsure).then_some(if slide < stick { 1.0 } else { 0.0 })
             }
@@ -418,7 +422,9 @@ impl Values for StepValues<'_> {
     fn blur(&self, quantity: &Quantity) -> f64 {
         match (quantity.scope, quantity.what) {
             (Scope::Contact, What::TangentialSpeed) => return SPEED_BLUR_M_S,
-            (Scope::Contact, What::TangentialForce) => return FORCE_BLUR,
+            (Scope::Contact, What::TangentialForce | What::NormalForce)
+            | (Scope::Link, What::Tension)
+            | (Scope::Joint, What::Force) => return FORCE_BLUR,
             (Scope::Sprocket, What::Torque | What::OuterTorque) => return self.torques.map_or(0.0, |t| t.1),
             _ => {}
         }

@@ -171,8 +171,9 @@ pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> 
 /// Why what stands is no finding: most of the error stays, so that something else is behind it, of which the set may be a
 /// shadow.
 fn only_a_lead(declared: &Model, best: &Model) -> Option<String> {
-    let on_sensor = best.effects.iter().any(|e| is_signal(e.effect));
-    let left = left_of(on_sensor, best, declared).above_floor.filter(|left| *left > MOST)?;
+    // Where all are on sensors, one channel may be explained and others not.
+    let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
+    let left = left_of(on_sensors, best, declared).above_floor.filter(|left| *left > MOST)?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")

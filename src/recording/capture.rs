@@ -174,7 +174,7 @@ fn sprocket_contacts(
         let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
-        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
+        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m + sprocket.body.most_shift_m;
         for j in scratch.joints_near(k).filter(|j| *j < model.chain.n_links) {
             let (link, front) = model.chain.bush_carrier(j);
             let (p, v) = end_of(model, state, links, link, front);

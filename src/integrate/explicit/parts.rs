@@ -53,6 +53,11 @@ impl Part {
         }
     }
 
+    /// Whether it is one of the two ends of a set of links' own contours.
+    pub fn is_set(self, set: usize) -> bool {
+        matches!(self, Part::Contours(own) if own / 2 == set)
+    }
+
     /// Whether what it touches turns with a sprocket.
     pub fn turns(self, model: &Model) -> bool {
         match self {
