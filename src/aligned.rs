@@ -4,6 +4,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 
 /// The system's allocator, with everything of the size of a column at the beginning of a cache line. What it usually returns lies
 /// 16 bytes off, so that every load of a wide vector unit touches two lines: bush-20-40 takes 12 to 14 % longer so (AVX-512).
+/// (Vectors with an alignment of their own, as in `aligned-vec`, would make every column of a State another type.)
 pub struct LineAligned;
 
 const LINE: usize = 64;

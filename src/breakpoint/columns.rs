@@ -6,7 +6,7 @@ use super::scratch::StepValues;
 use super::{Operator, SLACK};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::EndBody;
-use crate::elements::tooth_contact::{Column, LANES, blocks};
+use crate::elements::tooth_contact::{Column, LANES, blocks, take};
 use crate::integrate::Look;
 use crate::integrate::explicit::{Part, Touches};
 use crate::model::{GuideModel, Model, SprocketModel};
@@ -129,18 +129,11 @@ impl<const COARSE: bool> Look for Torques<'_, COARSE> {
     }
 }
 
-#[inline(always)]
-fn block(column: &[f64], at: usize) -> Column {
-    let mut out = [0.0; LANES];
-    out.copy_from_slice(&column[at..at + LANES]);
-    out
-}
-
 /// Of the next link each, the first one after the last of `n`; lanes behind that hold anything.
 #[inline(always)]
 fn next_block(column: &[f64], at: usize, n: usize) -> Column {
     if at + LANES < n {
-        return block(column, at + 1);
+        return take(column, at + 1);
     }
     let mut out = [0.0; LANES];
     out[..LANES - 1].copy_from_slice(&column[at + 1..at + LANES]);

@@ -27,6 +27,14 @@ pub const LANES: usize = 8;
 /// One value per lane.
 pub type Column = [f64; LANES];
 
+/// One block of values from `at`.
+#[inline(always)]
+pub fn take(column: &[f64], at: usize) -> Column {
+    let mut out = [0.0; LANES];
+    out.copy_from_slice(&column[at..at + LANES]);
+    out
+}
+
 /// The first blocks of a column: slices of one length, so that one bounds check does for a loop over many of them.
 #[inline(always)]
 pub fn blocks(column: &[f64], count: usize) -> &[Column] {

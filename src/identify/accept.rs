@@ -158,7 +158,7 @@ pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> 
     let (mut best, mut grounds) = pruned(&declared, first, &effective, own, context, &mut trials);
     if let Some(why) = only_a_lead(&declared, &best) {
         for e in &best.effects {
-            let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some();
+            let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
             trials.iter_mut().filter(own).for_each(|t| t.why.clone_from(&why));
         }
         (best, grounds) = (declared.clone(), Vec::new());

@@ -29,7 +29,7 @@ pub use watch::{NodeSums, Touches, Wanted};
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::link_joint::{self, JointEnds};
 use crate::elements::rotor::{Rotor, turned};
-use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut};
+use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 
@@ -336,14 +336,6 @@ fn keep_own(nearest: &[usize], own: usize, lanes: &Lanes, past: &ContactMemory, 
             memory.lost_friction[at + i] = past.lost_friction[at + i] + lanes.lost_friction[i];
         }
     }
-}
-
-/// One block of values from `at`.
-#[inline(always)]
-fn take(column: &[f64], at: usize) -> Column {
-    let mut out = [0.0; LANES];
-    out.copy_from_slice(&column[at..at + LANES]);
-    out
 }
 
 #[inline(always)]

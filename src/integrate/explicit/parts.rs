@@ -15,19 +15,43 @@ pub enum Part {
     Contours(usize),
 }
 
+/// Kinds of parts.
+pub(super) const PARTS: usize = 11;
+
 impl Part {
+    /// Whether or not a model has them.
+    pub(super) const ALL: [Part; PARTS] = [
+        Part::Bushes,
+        Part::Guides(0),
+        Part::Guides(1),
+        Part::Guides(2),
+        Part::Guides(3),
+        Part::Contours(0),
+        Part::Contours(1),
+        Part::Contours(2),
+        Part::Contours(3),
+        Part::Contours(4),
+        Part::Contours(5),
+    ];
+
+    /// Among all of them.
+    pub(super) fn index(self) -> usize {
+        match self {
+            Part::Bushes => 0,
+            Part::Guides(set) => 1 + set,
+            Part::Contours(set) => 5 + set,
+        }
+    }
+
     /// Those that the links of a model have.
     pub fn of(model: &Model) -> Vec<Part> {
-        let all = std::iter::once(Part::Bushes)
-            .chain((0..4).map(Part::Guides))
-            .chain((0..crate::elements::end_contact::SETS * 2).map(Part::Contours));
         let (sides, contours) = (model.guide_sides(), model.contour_sets());
         let has = |part: &Part| match *part {
             Part::Bushes => model.sprockets.iter().any(|s| s.geometry.iso().is_some()),
             Part::Guides(set) => sides[set / 2],
             Part::Contours(set) => contours[set / 2],
         };
-        all.filter(has).collect()
+        Part::ALL.into_iter().filter(has).collect()
     }
 
     /// Link and feature of a lane.
@@ -78,11 +102,6 @@ impl Part {
 }
 
 impl Scratch {
-    /// Power lost in each joint at this node [W]: damping, friction.
-    pub fn joint_power_columns(&self) -> (&[f64], &[f64]) {
-        (&self.joint_power_damping, &self.joint_power_friction)
-    }
-
     /// Ends that meet in the joints at this node [m]: of link j in front, of link j + 1 behind (from index 1 on); x, then y.
     pub fn joint_ends(&self) -> [(&[f64], &[f64]); 2] {
         [(&self.front.x, &self.rear.x[1..]), (&self.front.y, &self.rear.y[1..])]

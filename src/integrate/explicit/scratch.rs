@@ -1,6 +1,7 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
-use super::watch::{NodeSums, PARTS, Touches};
+use super::parts::PARTS;
+use super::watch::{NodeSums, Touches};
 use super::{RunIn, Window};
 use crate::elements::tooth_contact::{LANES, Lanes};
 use crate::integrate::Isa;

@@ -172,31 +172,3 @@ impl Scratch {
         self.touches.as_deref().map(|t| &t[part.index()])
     }
 }
-
-impl Part {
-    /// Whether or not a model has them.
-    const ALL: [Part; PARTS] = [
-        Part::Bushes,
-        Part::Guides(0),
-        Part::Guides(1),
-        Part::Guides(2),
-        Part::Guides(3),
-        Part::Contours(0),
-        Part::Contours(1),
-        Part::Contours(2),
-        Part::Contours(3),
-        Part::Contours(4),
-        Part::Contours(5),
-    ];
-
-    /// Among all of them.
-    pub(super) fn index(self) -> usize {
-        match self {
-            Part::Bushes => 0,
-            Part::Guides(set) => 1 + set,
-            Part::Contours(set) => 5 + set,
-        }
-    }
-}
-
-pub(super) const PARTS: usize = 11;
