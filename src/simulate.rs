@@ -150,13 +150,10 @@ pub fn run_job(
         !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));
     let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
     impacts.follows_forces = !sinks.is_empty() || over;
-    let watches = breaks.iter().flat_map(|b| &b.watches);
-    let wanted = watches.map(|w| w.wants(model)).fold(Wanted::default(), |all, of| Wanted {
-        energy: all.energy | of.energy,
-        touches: all.touches | of.touches,
-        segments: all.segments | of.segments,
-    });
-    scratch.watch(model, wanted);
+    let (mut found, mut closer) = (Vec::new(), false);
+    if let Some(breaks) = &breaks {
+        watch(breaks, model, first, scratch);
+    }
     let around = breaks.as_ref().and_then(|b| b.around);
     let late = (WATCHED_PERIODS * impacts.period_steps()).ceil() as u64 + 1;
     let mut recorder = Recorder {
@@ -195,9 +192,17 @@ pub fn run_job(
         let (touched, over) =
             if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
         if let Some(breaks) = &mut breaks {
-            let found = look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over]);
-            stops.note(&found, breaks, (first, state.step), &mut recorder, header)?;
-            due |= !found.is_empty() && stops.is_dense(state.step);
+            found.clear();
+            look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over], &mut found);
+            let close = breaks.watches.iter().any(|w| w.is_close(state.step + 1));
+            if close != closer {
+                closer = close;
+                watch(breaks, model, state.step + 1, scratch);
+            }
+            if !found.is_empty() {
+                stops.note(&found, breaks, (first, state.step), &mut recorder, header)?;
+                due |= stops.is_dense(state.step);
+            }
         }
         due |= state.step == stops.stop_at;
         for impact in touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S) {
@@ -322,6 +327,12 @@ impl Stops {
     }
 }
 
+/// Has a step keep what breakpoints need of it.
+fn watch(breaks: &Breaks, model: &Model, step: u64, scratch: &mut Scratch) {
+    let wanted = breaks.watches.iter().map(|w| w.wants(model, step)).fold(Wanted::default(), Wanted::and);
+    scratch.watch(model, &wanted);
+}
+
 fn look(
     breaks: &mut Breaks,
     model: &Model,
@@ -329,16 +340,15 @@ fn look(
     scratch: &Scratch,
     camera: &mut Camera,
     [touched, over]: [&[Impact]; 2],
-) -> Vec<Hit> {
-    let mut found = Vec::new();
+    found: &mut Vec<Hit>,
+) {
     for watch in &mut breaks.watches {
-        found.extend(watch.look(model, state, scratch, camera));
+        watch.look(model, state, scratch, camera, found);
         if !(touched.is_empty() && over.is_empty()) {
             found.extend(watch.look_at_impacts(touched, false, || camera.take(model, state, scratch)));
             found.extend(watch.look_at_impacts(over, true, || camera.take(model, state, scratch)));
         }
     }
-    found
 }
 
 impl Recorder<'_, '_> {

@@ -8,7 +8,7 @@ use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::EndBody;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
 use crate::integrate::Look;
-use crate::integrate::explicit::{Part, Touches};
+use crate::integrate::explicit::{MOST_SPROCKETS, Part, Touches, linear_force};
 use crate::model::{GuideModel, Model, SprocketModel};
 
 /// Uncertainty of sliding speeds [m/s] and of forces and torques [N, N m] beside [`SLACK`]: rounding of what they are
@@ -17,8 +17,6 @@ pub(super) const SPEED_BLUR_M_S: f64 = 1e-11;
 pub(super) const FORCE_BLUR: f64 = 1e-8;
 /// Of `1 - cos` of an angle: how far (cos, sin) may be from a unit vector.
 const COSINE_BLUR: f64 = 1e-6;
-/// More sprockets than this have their torques taken from frames.
-const MOST_SPROCKETS: usize = 8;
 
 /// Values that fulfil a comparison, made wider by what is uncertain: on one side of a bound.
 #[derive(Clone, Copy)]
@@ -75,15 +73,9 @@ impl Band {
         }
     }
 
-    /// Whether any value within +- `share` of `limits` may be in the band.
-    #[inline(always)]
-    fn reaches_within(self, share: f64, limits: &Column) -> bool {
-        let mut any = 0_u64;
-        for i in 0..LANES {
-            let limit = share * limits[i];
-            any |= u64::from(limit >= self.threshold);
-        }
-        any != 0
+    /// Whether values may be in the band, of which the largest on its side is `most`, or `blur` more.
+    pub(super) fn is_reached_by(self, most: f64, blur: f64) -> bool {
+        most + blur >= self.threshold
     }
 
     /// Where `counts` is 1.
@@ -114,18 +106,18 @@ impl Look for Reach<'_> {
     }
 }
 
-/// [`StepValues::chain_torques`]. Coarse: friction is an uncertainty.
-pub(super) struct Torques<'a, const COARSE: bool>(pub(super) &'a StepValues<'a>);
+/// [`StepValues::chain_torques`].
+pub(super) struct Torques<'a>(pub(super) &'a StepValues<'a>);
 
 /// Torques of the chain on the sprockets, and how uncertain they are [N m].
 pub(super) type ChainTorques = ([f64; MOST_SPROCKETS], f64);
 
-impl<const COARSE: bool> Look for Torques<'_, COARSE> {
+impl Look for Torques<'_> {
     type Seen = Option<ChainTorques>;
 
     #[inline(always)]
     fn look(self) -> Option<ChainTorques> {
-        self.0.chain_torques::<COARSE>()
+        self.0.chain_torques()
     }
 }
 
@@ -292,73 +284,45 @@ impl StepValues<'_> {
         }
     }
 
-    /// None: not known as a column for this part.
+    /// What slides; None: not known as a column for this part.
     #[inline(always)]
     fn contacts_reach(&self, part: Part, what: What, band: Band, found: &mut Column) -> Option<()> {
-        let law = match self.one(part).map(|c| &c.law) {
-            Some(ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m }) => {
-                (*stiffness_n_per_m, *damping_n_s_per_m)
-            }
-            _ if matches!(what, What::NormalForce | What::TangentialForce) => return None,
+        if !matches!(what, What::TangentialSpeed | What::TangentialForce | What::Stick) {
+            return None;
+        }
+        let pairing = self.one(part)?;
+        let law = match pairing.law {
+            ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } => (stiffness_n_per_m, damping_n_s_per_m),
+            _ if what == What::TangentialForce => return None,
             _ => (0.0, 0.0),
         };
-        let touches = match what {
-            What::TangentialSpeed | What::TangentialForce | What::Stick => {
-                Some((self.scratch.touches(part)?, self.one(part)?))
-            }
-            What::Penetration | What::ApproachSpeed | What::NormalSpeed | What::NormalForce | What::Age => None,
-            _ => return None,
-        };
-        let memory = self.scratch.memory(part);
+        let contacts = Contacts::new(self, part, self.scratch.touches(part)?, pairing);
         let (depth, rate) = (self.lanes(self.scratch.depths(part)), self.lanes(self.scratch.closing_speeds(part)));
-        let (ages, approach) = (self.lanes(&memory.age), self.lanes(&memory.approach));
-        let sliding = touches.map(|(t, pairing)| Contacts::new(self, part, t, pairing));
-        let (h, busy) = (self.model.step_s, self.scratch.touching_blocks(part));
+        let ages = self.lanes(&self.scratch.memory(part).age);
+        let busy = self.scratch.touching_blocks(part);
         for b in 0..ages.len() {
-            if busy.get(b) == Some(&0) {
+            if busy.get(b) == Some(&0) || !any_touching(&ages[b]) {
                 continue;
             }
             let mut touching = [0.0; LANES];
             for i in 0..LANES {
                 touching[i] = if ages[b][i] > 0.0 { 1.0 } else { 0.0 };
             }
+            let slide = contacts.slide(b);
             match what {
-                What::Penetration => band.count(&depth[b], &touching, found),
-                What::ApproachSpeed => band.count(&approach[b], &touching, found),
-                What::NormalSpeed => band.count(&rate[b], &touching, found),
-                What::NormalForce => band.count(&normal_force(law, &depth[b], &rate[b]), &touching, found),
-                What::Age => {
-                    let mut seconds = ages[b];
-                    for v in &mut seconds {
-                        *v *= h;
-                    }
-                    band.count(&seconds, &touching, found);
+                What::TangentialSpeed => band.count(&slide, &touching, found),
+                What::TangentialForce => {
+                    let normal = normal_force(law, &depth[b], &rate[b]);
+                    band.count(&contacts.friction(&normal, &slide), &touching, found);
                 }
                 _ => {
-                    if !any_touching(&ages[b]) {
-                        continue;
-                    }
-                    let contacts = sliding.as_ref()?;
-                    let normal = normal_force(law, &depth[b], &rate[b]);
-                    if what == What::TangentialForce && !band.reaches_within(contacts.mu, &normal) {
-                        continue;
-                    }
-                    let slide = contacts.slide(b);
-                    match what {
-                        What::TangentialSpeed => band.count(&slide, &touching, found),
-                        What::TangentialForce => {
-                            band.count(&contacts.friction(&normal, &slide), &touching, found);
+                    let unsure = 2.0 * SLACK * contacts.stick_speed + SPEED_BLUR_M_S;
+                    for bound in [contacts.stick_speed - unsure, contacts.stick_speed + unsure] {
+                        let mut sticks = [0.0; LANES];
+                        for i in 0..LANES {
+                            sticks[i] = if slide[i].abs() < bound { 1.0 } else { 0.0 };
                         }
-                        _ => {
-                            let unsure = 2.0 * SLACK * contacts.stick_speed + SPEED_BLUR_M_S;
-                            for bound in [contacts.stick_speed - unsure, contacts.stick_speed + unsure] {
-                                let mut sticks = [0.0; LANES];
-                                for i in 0..LANES {
-                                    sticks[i] = if slide[i].abs() < bound { 1.0 } else { 0.0 };
-                                }
-                                band.count(&sticks, &touching, found);
-                            }
-                        }
+                        band.count(&sticks, &touching, found);
                     }
                 }
             }
@@ -368,7 +332,7 @@ impl StepValues<'_> {
 
     /// As frames add them up from the forces of the node; None: not known here.
     #[inline(always)]
-    fn chain_torques<const COARSE: bool>(&self) -> Option<ChainTorques> {
+    fn chain_torques(&self) -> Option<ChainTorques> {
         let mut sums = [[0.0; LANES]; MOST_SPROCKETS];
         let mut sizes = [0.0; LANES];
         let n = self.model.chain.n_links;
@@ -388,7 +352,7 @@ impl StepValues<'_> {
                     continue;
                 }
                 let normal = normal_force(law, &depth[b], &rate[b]);
-                let friction = if COARSE { [0.0; LANES] } else { contacts.friction(&normal, &contacts.slide(b)) };
+                let friction = contacts.friction(&normal, &contacts.slide(b));
                 let (nx, ny) = (contacts.normal_x[b], contacts.normal_y[b]);
                 let (x, y, radius) = (contacts.x[b], contacts.y[b], contacts.radius[b]);
                 let (rotor, offset, age) = (contacts.rotor[b], offset[b], ages[b]);
@@ -397,11 +361,7 @@ impl StepValues<'_> {
                 for i in 0..LANES {
                     let (fx, fy) = (normal[i] * nx[i] - friction[i] * ny[i], normal[i] * ny[i] + friction[i] * nx[i]);
                     let all = y[i] * fx - x[i] * fy + radius[i] * friction[i] + offset[i] * normal[i];
-                    let arm = if COARSE {
-                        contacts.mu * (radius[i] - x[i] * nx[i] - y[i] * ny[i]).abs() + 1e-9
-                    } else {
-                        1e-9 * (x[i].abs() + y[i].abs())
-                    };
+                    let arm = 1e-9 * (x[i].abs() + y[i].abs());
                     let touching = (age[i] > 0.0) & (real[i] > 0.0);
                     torque[i] = if touching { all } else { 0.0 };
                     sizes[i] += if touching { normal[i] * arm } else { 0.0 };
@@ -457,13 +417,12 @@ impl StepValues<'_> {
     }
 }
 
-/// Of a linear law (stiffness, damping): where it only pulls a contact shows no force.
+/// Of a linear law (stiffness, damping).
 #[inline(always)]
 fn normal_force((k, c): (f64, f64), depth: &Column, rate: &Column) -> Column {
     let mut force = [0.0; LANES];
     for i in 0..LANES {
-        let f = k * depth[i] + c * rate[i];
-        force[i] = if (f > 0.0) & (depth[i] > 0.0) { f } else { 0.0 };
+        force[i] = linear_force(k, c, depth[i], rate[i]);
     }
     force
 }

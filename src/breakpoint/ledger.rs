@@ -2,7 +2,7 @@
 
 use crate::elements::rotor::Rotor;
 use crate::elements::tooth_contact::{Column, LANES};
-use crate::integrate::explicit::{NodeSums, Part, Scratch};
+use crate::integrate::explicit::{Part, Scratch};
 use crate::model::Model;
 use crate::recording::frame::Energy;
 use crate::state::State;
@@ -15,10 +15,6 @@ const FRESH_STEPS: u64 = 256;
 
 /// The ledger of a run that is looked at step by step, from the sums that a step keeps on the way ([`Scratch::watch`]).
 pub struct Ledger {
-    /// Masses and inertias of the first block of links, zero where a link is held; of those that are unlike it, all.
-    mass: Column,
-    inertia: Column,
-    unlike: Vec<(usize, f64, f64)>,
     /// Energy of what the joints' stretch is squared in [N/m].
     half_stiffness: f64,
     parts: Vec<Part>,
@@ -30,15 +26,8 @@ pub struct Ledger {
 
 impl Ledger {
     pub fn new(model: &Model) -> Ledger {
-        let c = &model.chain;
-        // Held links have no inverse mass.
-        let free = |i: usize| if c.inverse_mass[i] == 0.0 { (0.0, 0.0) } else { (c.mass[i], c.inertia[i]) };
-        let alike = NodeSums::new(model).alike;
         Ledger {
-            mass: std::array::from_fn(|k| free(k).0),
-            inertia: std::array::from_fn(|k| free(k).1),
-            unlike: (alike * LANES..c.n_links).map(|i| (i, free(i).0, free(i).1)).collect(),
-            half_stiffness: 0.5 * c.joint.stiffness_n_per_m,
+            half_stiffness: 0.5 * model.chain.joint.stiffness_n_per_m,
             parts: Part::of(model),
             lost_j: 0.0,
             next: None,
@@ -46,7 +35,7 @@ impl Ledger {
         }
     }
 
-    /// Energies of the node since `origin`, losses in one of their classes, and how uncertain they are [J]; None where the step
+    /// Energies of the node since `origin`, losses in one of their classes, what is elastic in joints, and how uncertain they are [J]; None where the step
     /// has kept no sums, or a contact law needs more than a depth.
     pub fn look(
         &mut self,
@@ -59,15 +48,16 @@ impl Ledger {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
         }
-        let step_j = h * total(&sums.pins_w) + total(&sums.lost_j);
-        let mut twice_kinetic = [0.0; LANES];
+        let (mut elastic, mut lost) = (sums.elastic_j, sums.lost_j);
         for k in 0..LANES {
-            twice_kinetic[k] = self.mass[k] * sums.speed2[k] + self.inertia[k] * sums.omega2[k];
+            elastic[k] += self.half_stiffness * sums.stretch2[k];
+            lost[k] += h * sums.pins_w[k];
         }
+        let step_j = total(&lost);
         let mut e = Energy {
-            kinetic_j: 0.5 * (total(&twice_kinetic) + self.unlike_twice_kinetic(0.5 * h, state, scratch)),
-            elastic_joint_j: total(&sums.stretch2) * self.half_stiffness,
-            elastic_contact_j: total(&sums.elastic_j),
+            kinetic_j: 0.5 * total(&sums.twice_kinetic_j),
+            // Of joints and contacts.
+            elastic_joint_j: total(&elastic),
             // At the node half of the step's losses are still to come.
             lost_pin_damping_j: self.lost_j + 0.5 * step_j,
             ..Energy::default()
@@ -92,17 +82,6 @@ impl Ledger {
         e.lost_pin_damping_j -= origin.lost_j();
         e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
         Some((e, ROUNDING * scale_j))
-    }
-
-    /// Of the links whose masses are unlike those of the first block [J].
-    fn unlike_twice_kinetic(&self, half_step: f64, state: &State, scratch: &Scratch) -> f64 {
-        let l = &state.links;
-        let of = |(i, mass, inertia): &(usize, f64, f64)| {
-            let (u, v) = (l.vx[*i] + half_step * scratch.ax[*i], l.vy[*i] + half_step * scratch.ay[*i]);
-            let w = l.omega[*i] + half_step * scratch.alpha[*i];
-            mass * (u * u + v * v) + inertia * w * w
-        };
-        self.unlike.iter().map(of).sum()
     }
 
     /// Lost in joints and contacts before this step [J].

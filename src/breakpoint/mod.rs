@@ -7,6 +7,7 @@
 //! [`SLACK`] of the bound, and for quantities that no step computes.
 
 mod columns;
+mod extremes;
 mod ledger;
 pub mod parse;
 pub mod quantities;

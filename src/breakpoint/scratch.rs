@@ -1,14 +1,14 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
 use super::columns::{Band, ChainTorques, FORCE_BLUR, Pairing, Reach, SPEED_BLUR_M_S, Torques};
+use super::extremes::{self, Compared, Quick};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
-use super::{Bound, Breakpoint, Compare, Expr, Hit, Number, SLACK, Subject, Values, energy_number, truth};
+use super::{Bound, Breakpoint, Compare, Expr, Hit, SLACK, Subject, Values, energy_number, truth};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::rotor::Rotor;
-use crate::elements::tooth_contact::LANES;
-use crate::integrate::explicit::{Part, Scratch, Wanted};
-use crate::integrate::{Look, vectorised};
+use crate::integrate::explicit::{Part, Parts, Scratch, Wanted};
+use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
 use crate::recording::frame::{Energy, Impact};
@@ -20,16 +20,23 @@ pub struct BreakWatch {
     /// True: what fulfils the expression at the first look is no hit, so that a run goes on where it has stopped.
     pub goes_on: bool,
     parts: Vec<Part>,
+    set: Parts,
     all_parts: Vec<Part>,
     /// Of all parts.
     pairings: Vec<Option<Pairing>>,
     held: Vec<Subject>,
     now: Vec<Subject>,
-    /// Who touched which tooth a step ago, and a number for every lane to tell by.
+    /// Who touched which tooth a step ago.
     signature: Option<(f64, u64)>,
-    keys: Vec<f64>,
     ledger: Ledger,
+    /// Any of these that cannot be settles the whole: in a few instructions.
+    quick: Vec<Quick>,
+    /// Before this step contacts are looked at one by one: not long ago their extremes did not settle it.
+    close_until: u64,
 }
+
+/// Steps for which a step keeps what touches where, once that was asked for.
+const CLOSE_STEPS: u64 = 256;
 
 /// Values after the evaluation of a step. A contact is part x links + lane.
 pub(super) struct StepValues<'a> {
@@ -38,10 +45,9 @@ pub(super) struct StepValues<'a> {
     pub(super) scratch: &'a Scratch,
     /// Those that the expression may concern, and all.
     pub(super) parts: &'a [Part],
+    set: Parts,
     pub(super) all_parts: &'a [Part],
     pub(super) pairings: &'a [Option<Pairing>],
-    /// True: the step has kept segments.
-    segments: bool,
     /// And how uncertain they are [J]; where the expression asks for them.
     energy: Option<(Energy, f64)>,
     /// Where the expression asks for them.
@@ -54,54 +60,67 @@ impl BreakWatch {
         let all_parts = Part::of(model);
         let may_concern = |p: &Part| may_concern(&breakpoint.expr, *p, model);
         let parts: Vec<Part> = all_parts.iter().copied().filter(may_concern).collect();
-        // Distinct whole numbers below 2^40: their sums are exact, and those of sets that follow each other practically never
-        // equal.
-        let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
-        let keys = (0..parts.len() * model.chain.padded).map(key).collect();
+        let set = parts.iter().copied().collect();
+        let quick = Quick::needed_by(&breakpoint.expr, set, model.step_s);
         BreakWatch {
             breakpoint,
             goes_on: false,
+            set,
             parts,
             pairings: all_parts.iter().map(|p| Pairing::one(model, *p)).collect(),
             all_parts,
             held: Vec::new(),
             now: Vec::new(),
             signature: None,
-            keys,
             ledger: Ledger::new(model),
+            quick,
+            close_until: 0,
         }
     }
 
+    /// Whether [`BreakWatch::wants`] asks at this step for what touches where, because extremes do not settle the expression.
+    pub fn is_close(&self, step: u64) -> bool {
+        step < self.close_until
+    }
+
     /// What a step has to keep for this.
-    pub fn wants(&self, model: &Model) -> Wanted {
+    pub fn wants(&self, model: &Model, step: u64) -> Wanted {
         let uses = self.breakpoint.uses;
         let hertz = |law: &ContactLaw| matches!(law, ContactLaw::HertzLine(_));
         let laws = model.sprockets.iter().map(|s| &s.body.law).chain(model.guides.iter().map(|g| &g.body.law));
         let hertz = uses.contact && laws.chain(model.end_bodies.iter().map(|b| &b.law)).any(hertz);
-        Wanted { energy: uses.energy, touches: uses.touches || hertz, segments: uses.segments }
+        let touches = hertz || uses.touches && self.is_close(step);
+        let mut wanted =
+            Wanted { energy: uses.energy, touches, segments: uses.segments, torques: uses.torque, ..Wanted::default() };
+        extremes::of_expression(&self.breakpoint.expr, self.set, &mut wanted.extremes);
+        if uses.contact && !uses.varying {
+            wanted.sets.push(self.set);
+        }
+        wanted
     }
 
-    /// Looks at the step that has just been evaluated: what fulfils the expression and did not a step ago. What fulfils it
-    /// when the watch begins is a hit too, unless the run goes on.
-    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch, camera: &mut Camera) -> Vec<Hit> {
+    /// Looks at the step that has just been evaluated: adds to `hits` what fulfils the expression and did not a step ago. What
+    /// fulfils it when the watch begins is a hit too, unless the run goes on.
+    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch, camera: &mut Camera, hits: &mut Vec<Hit>) {
         if self.breakpoint.uses.impact {
-            return Vec::new();
+            return;
+        }
+        if self.held.is_empty() && self.quick.iter().any(|q| q.is_impossible(scratch)) {
+            self.goes_on = false;
+            return;
         }
         let energy = match camera.origin() {
             Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
             _ => None,
         };
-        let (parts, all_parts, pairings) = (&self.parts, &self.all_parts, &self.pairings);
-        let (uses, torques) = (self.breakpoint.uses, None);
-        let segments = uses.segments;
-        let mut values = StepValues { model, state, scratch, parts, all_parts, pairings, segments, energy, torques };
-        if uses.torque {
-            values.torques = vectorised(scratch.isa, Torques::<true>(&values));
-        }
-        if self.breakpoint.uses.contact && !self.breakpoint.uses.varying {
-            let signature = Some(vectorised(scratch.isa, Signature(&values, &self.keys)));
-            if signature == self.signature {
-                return Vec::new();
+        let (parts, set, all_parts, pairings) = (&self.parts, self.set, &self.all_parts, &self.pairings);
+        let uses = self.breakpoint.uses;
+        let torques = scratch.torques().filter(|_| uses.torque).map(extremes::coarse_torques);
+        let mut values = StepValues { model, state, scratch, parts, set, all_parts, pairings, energy, torques };
+        if uses.contact && !uses.varying {
+            let signature = values.signature();
+            if signature.is_some() && signature == self.signature {
+                return;
             }
             self.signature = signature;
         }
@@ -110,9 +129,12 @@ impl BreakWatch {
         let one = !(uses.contact || uses.any_link || uses.any_joint);
         if one || values.may_hold(&self.breakpoint.expr) {
             let mut known = values.holding(&self.breakpoint, &mut self.now);
+            if uses.touches && !(known && one) {
+                self.close_until = state.step + CLOSE_STEPS;
+            }
             if !known && uses.torque {
                 // Nearer than friction can be told without: with it.
-                values.torques = vectorised(scratch.isa, Torques::<false>(&values));
+                values.torques = vectorised(scratch.isa, Torques(&values));
                 self.now.clear();
                 known = values.holding(&self.breakpoint, &mut self.now);
             }
@@ -122,15 +144,16 @@ impl BreakWatch {
         }
         if self.now.is_empty() && self.held.is_empty() {
             self.goes_on = false;
-            return Vec::new();
+            return;
         }
         self.now.sort_unstable();
         self.now.dedup();
         let new = self.now.iter().filter(|s| self.held.binary_search(s).is_err());
         let t_s = state.step as f64 * model.step_s;
-        let hits: Vec<Hit> = new.map(|s| Hit { step: state.step, t_s, subject: *s, impact: None }).collect();
+        if !std::mem::take(&mut self.goes_on) {
+            hits.extend(new.map(|s| Hit { step: state.step, t_s, subject: *s, impact: None }));
+        }
         std::mem::swap(&mut self.held, &mut self.now);
-        if std::mem::take(&mut self.goes_on) { Vec::new() } else { hits }
     }
 
     /// Impacts that fulfil the expression.
@@ -174,55 +197,19 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
     }
 }
 
-/// [`StepValues::signature`] with its keys.
-struct Signature<'a>(&'a StepValues<'a>, &'a [f64]);
-
-impl Look for Signature<'_> {
-    type Seen = (f64, u64);
-
-    #[inline(always)]
-    fn look(self) -> (f64, u64) {
-        self.0.signature(self.1)
-    }
-}
-
 impl StepValues<'_> {
-    /// A number that changes when another set of lanes touches, or one of them another tooth.
-    #[inline(always)]
-    fn signature(&self, keys: &[f64]) -> (f64, u64) {
-        let padded = self.model.chain.padded;
-        let mut sums = [0.0; LANES];
+    /// Changes when another set of lanes touches, or one of them another tooth.
+    fn signature(&self) -> Option<(f64, u64)> {
         let mut teeth = self.scratch.reseats();
-        for (p, part) in self.parts.iter().enumerate() {
-            let (age, depth) = (&self.scratch.memory(*part).age, self.scratch.depths(*part));
-            let keys = &keys[p * padded..(p + 1) * padded];
-            let busy = self.scratch.touching_blocks(*part);
-            for (block, (a, k)) in age.chunks_exact(LANES).zip(keys.chunks_exact(LANES)).enumerate() {
-                if busy.get(block) == Some(&0) {
-                    continue;
-                }
-                let d = &depth[block * LANES..(block + 1) * LANES];
-                if let Some(touches) = self.scratch.touches(*part).filter(|_| self.segments) {
-                    let segment = &touches.segment[block * LANES..(block + 1) * LANES];
-                    for i in 0..LANES {
-                        let key = k[i] * (1.0 + segment[i]);
-                        sums[i] += if (a[i] > 0.0) & (d[i] > 0.0) { key } else { 0.0 };
-                    }
-                    continue;
-                }
-                for i in 0..LANES {
-                    // A contact may begin and end half a step away from a node; frames show what overlaps at the node.
-                    sums[i] += if (a[i] > 0.0) & (d[i] > 0.0) { k[i] } else { 0.0 };
-                }
-            }
-            if let Part::Contours(set) = part {
-                for (lane, tooth) in self.scratch.contour_teeth(*set).iter().enumerate() {
-                    let own = u64::from(*tooth).wrapping_mul(lane as u64 * 2 + 1);
-                    teeth = teeth.wrapping_add(if age[lane] > 0.0 { own } else { 0 });
-                }
+        for part in self.parts {
+            let Part::Contours(set) = part else { continue };
+            let age = &self.scratch.memory(*part).age;
+            for (lane, tooth) in self.scratch.contour_teeth(*set).iter().enumerate() {
+                let own = u64::from(*tooth).wrapping_mul(lane as u64 * 2 + 1);
+                teeth = teeth.wrapping_add(if age[lane] > 0.0 { own } else { 0 });
             }
         }
-        (sums.iter().sum(), teeth)
+        Some((self.scratch.set(self.set)?, teeth))
     }
 
     /// False only where no contact, link or joint can fulfil the expression: from the extremes of whole columns.
@@ -230,22 +217,21 @@ impl StepValues<'_> {
         match expr {
             Expr::Any(parts) => parts.iter().any(|p| self.may_hold(p)),
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
-            Expr::Compare(Compare::Numbers { left, operator, right }) => {
-                let (quantity, absolute, operator, bound) = match (left, right) {
-                    (Number::Quantity { quantity, index: None, absolute }, Number::Constant(bound)) => {
-                        (quantity, *absolute, *operator, *bound)
-                    }
-                    (Number::Constant(bound), Number::Quantity { quantity, index: None, absolute }) => {
-                        (quantity, *absolute, operator.mirrored(), *bound)
-                    }
-                    // Of one link, joint or sprocket, or of two quantities: told one by one.
-                    _ => return true,
-                };
+            Expr::Compare(compare) => {
+                // Of one link, joint or sprocket, of two quantities, or of names: told one by one.
+                let Some(compared) = Compared::of(compare) else { return true };
+                let Compared { quantity, absolute, operator, bound } = compared;
                 let Some(band) = Band::new(operator, bound, absolute, self.blur(quantity)) else { return true };
+                if quantity.scope == Scope::Contact {
+                    let quick = Quick::of(&compared, self.set, self.model.step_s);
+                    if quick.is_some_and(|q| q.is_impossible(self.scratch)) {
+                        return false;
+                    }
+                }
                 vectorised(self.scratch.isa, Reach(self, quantity, band))
                     .is_none_or(|found| found.iter().any(|n| *n > 0.0))
             }
-            Expr::Not(_) | Expr::Compare(_) => true,
+            Expr::Not(_) => true,
         }
     }
 
@@ -410,7 +396,7 @@ impl Values for StepValues<'_> {
         match what {
             What::Body => self.scratch.partner(self.model, part, lane).map(|(body, _)| body as u32),
             What::Feature => Some(part.feature(self.model, lane).1 as u32),
-            What::Segment if self.segments => self.scratch.touches(part).map(|t| t.segment[lane] as u32),
+            What::Segment => self.scratch.segments(part).map(|segments| segments[lane] as u32),
             _ => None,
         }
     }

@@ -11,7 +11,7 @@
 //! Damping and friction take the velocity at the node that the step corrects once; the damping bounds the step.
 
 use super::friction;
-use super::tooth_contact::{Column, LANES, blocks, blocks_mut};
+use super::tooth_contact::{LANES, blocks, blocks_mut};
 
 /// Constants of all joints of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,34 +71,22 @@ pub struct JointEnds<'a> {
     pub inverse_inertia: &'a [f64],
 }
 
-/// Sums over joints, lane by lane.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct JointSums {
-    /// Squares of the stretch [m2], beyond the clearance where there is one.
-    pub stretch2: Column,
-    /// Lost [W].
-    pub lost_w: Column,
-}
-
-/// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `lost_*` [W]; with `SUMS` also sums over the first `n_joints`.
-/// Vectorises when inlined.
+/// Forces of joints 0 .. len into `force_*[1 ..]`, power lost into `power_*` [W]. Vectorises when inlined.
 #[inline(always)]
-pub fn forces<const SUMS: bool>(
+pub fn forces(
     joint: &LinkJoint,
     half_step: f64,
     ends: &JointEnds,
-    n_joints: usize,
     force_x: &mut [f64],
     force_y: &mut [f64],
     torque: &mut [f64],
     power_damping: &mut [f64],
     power_friction: &mut [f64],
-) -> JointSums {
+) {
     let n = power_damping.len();
-    let (count, whole) = (n / LANES, n_joints / LANES);
+    let count = n / LANES;
     let (k, c) = (joint.stiffness_n_per_m, joint.damping_n_s_per_m);
     let with_clearance = joint.clearance_m > 0.0;
-    let mut sums = JointSums::default();
     {
         let (ax, ay) = (blocks(ends.front_x, count), blocks(ends.front_y, count));
         let (avx, avy) = (blocks(ends.front_vx, count), blocks(ends.front_vy, count));
@@ -111,7 +99,7 @@ pub fn forces<const SUMS: bool>(
             let (ax, ay, avx, avy) = (ax[b], ay[b], avx[b], avy[b]);
             let (bx, by, bvx, bvy) = (bx[b], by[b], bvx[b], bvy[b]);
             let zero = [0.0; LANES];
-            let (mut x, mut y, mut lost, mut stretch2) = (zero, zero, zero, zero);
+            let (mut x, mut y, mut lost) = (zero, zero, zero);
             for j in 0..LANES {
                 let (ux, uy) = (ax[j] - bx[j], ay[j] - by[j]);
                 let (rx, ry) = (avx[j] - bvx[j], avy[j] - bvy[j]);
@@ -126,32 +114,16 @@ pub fn forces<const SUMS: bool>(
                     let size = if pulls { size } else { 0.0 };
                     (x[j], y[j]) = (size * nx, size * ny);
                     lost[j] = if pulls { (size - k * stretch) * rate } else { 0.0 };
-                    stretch2[j] = if stretch > 0.0 { stretch * stretch } else { 0.0 };
                 } else {
                     (x[j], y[j]) = (k * ux + c * rx, k * uy + c * ry);
                     lost[j] = c * (rx * rx + ry * ry);
-                    stretch2[j] = ux * ux + uy * uy;
                 }
             }
             (fx[b], fy[b], pd[b]) = (x, y, lost);
-            if SUMS && b < whole {
-                for j in 0..LANES {
-                    sums.stretch2[j] += stretch2[j];
-                    sums.lost_w[j] += lost[j];
-                }
-            }
-        }
-    }
-    if SUMS {
-        for j in whole * LANES..n_joints {
-            let (ux, uy) = (ends.front_x[j] - ends.rear_x[j + 1], ends.front_y[j] - ends.rear_y[j + 1]);
-            let beyond = (libm::sqrt(ux * ux + uy * uy) - joint.clearance_m).max(0.0);
-            sums.stretch2[0] += beyond * beyond;
-            sums.lost_w[0] += power_damping[j];
         }
     }
     if joint.friction_arm_m == 0.0 {
-        return sums;
+        return;
     }
     let (fx, fy) = (&force_x[1..n + 1], &force_y[1..n + 1]);
     let (m, pf) = (&mut torque[1..n + 1], &mut power_friction[..n]);
@@ -164,27 +136,18 @@ pub fn forces<const SUMS: bool>(
         m[j] = friction::explicit_force(joint.friction_arm_m, size, relative, joint.stick_speed_rad_s, mobility);
         pf[j] = -m[j] * relative;
     }
-    if SUMS {
-        for lost in blocks(pf, whole) {
-            for j in 0..LANES {
-                sums.lost_w[j] += lost[j];
-            }
-        }
-        sums.lost_w[0] += pf[whole * LANES..n_joints].iter().sum::<f64>();
-    }
-    sums
 }
 
 /// Friction of a joint `j` that turns hard, whatever its force: M = -T clamp(w_rel / w_s, -1, 1), beside that of [`forces`].
 /// w_s is at least 2 h T (1/J_j + 1/J_(j+1)), so that the explicit torque does not overshoot: 12 rad/s for 20 N mm, a step of 2.3 us
-/// and 8 mm links, and as much more for a joint that is tighter. Returns the power lost by it [W].
+/// and 8 mm links, and as much more for a joint that is tighter.
 pub fn tighten(
     (joint, torque_nm): (&LinkJoint, f64),
     (j, half_step): (usize, f64),
     ends: &JointEnds,
     torque: &mut [f64],
     power_friction: &mut [f64],
-) -> f64 {
+) {
     let relative = ends.omega[j + 1] - ends.omega[j];
     let mobility = half_step * (ends.inverse_inertia[j] + ends.inverse_inertia[j + 1]);
     let own = friction::explicit_force(torque_nm, 1.0, relative, joint.stick_speed_rad_s, mobility);
@@ -192,5 +155,4 @@ pub fn tighten(
     let (m, pf) = if joint.friction_arm_m == 0.0 { (0.0, 0.0) } else { (torque[j + 1], power_friction[j]) };
     torque[j + 1] = m + own;
     power_friction[j] = pf - own * relative;
-    -own * relative
 }

@@ -183,8 +183,9 @@ pub struct Lanes {
     pub free_acceleration: Column,
     pub mobility: Column,
     pub body_radius: Column,
-    /// Closing speed at the node.
+    /// Closing speed at the node; sliding speed there, before the forces change it.
     pub rate: Column,
+    pub slide: Column,
     pub lost_damping: Column,
     pub lost_friction: Column,
     /// Force on the link [N], moment about the joint centre [N m], torque on the sprocket [N m].
@@ -392,6 +393,7 @@ fn any_forces<const CONTOUR: bool>(
         let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
         let slide = vy * nx - vx * ny - lanes.omega[i] * radius - omega * (outward - radius);
+        lanes.slide[i] = slide;
         let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
         let w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
         let mobility = half * w_t;

@@ -24,7 +24,7 @@ mod windows;
 pub use parts::Part;
 pub use scratch::Scratch;
 use scratch::{Ends, WINDOW_MARGIN_M, Wrapped};
-pub use watch::{NodeSums, Touches, Wanted};
+pub use watch::{ContactValue, Extreme, MOST_SPROCKETS, Parts, TorqueSums, Touches, Wanted, linear_force};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::link_joint::{self, JointEnds};
@@ -72,18 +72,28 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
         let bearable = (0.4 * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
         scratch.next_refresh = state.step + scratch.refresh_steps.min(bearable).max(1);
     }
-    match scratch.isa {
-        Isa::Baseline => evaluate_body(model, state, scratch),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: the variants other than Baseline are only made where the machine has the features (Isa::available).
-        Isa::Avx2 => unsafe { evaluate_avx2(model, state, scratch) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: as above.
-        Isa::Avx512 => unsafe { evaluate_avx512(model, state, scratch) },
-        #[cfg(not(target_arch = "x86_64"))]
-        _ => evaluate_body(model, state, scratch),
+    // What is kept for others would cost the steps of those who ask for nothing 2 % if it were not compiled apart.
+    if scratch.watched.is_some() {
+        evaluate_for::<true>(model, state, scratch);
+    } else {
+        evaluate_for::<false>(model, state, scratch);
     }
     Ok(())
+}
+
+#[inline(always)]
+fn evaluate_for<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
+    match scratch.isa {
+        Isa::Baseline => evaluate_body::<WATCHED>(model, state, scratch),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the variants other than Baseline are only made where the machine has the features (Isa::available).
+        Isa::Avx2 => unsafe { evaluate_avx2::<WATCHED>(model, state, scratch) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        Isa::Avx512 => unsafe { evaluate_avx512::<WATCHED>(model, state, scratch) },
+        #[cfg(not(target_arch = "x86_64"))]
+        _ => evaluate_body::<WATCHED>(model, state, scratch),
+    }
 }
 
 /// Velocities, positions, memory and ledger forward by one step, with the accelerations of [`evaluate`].
@@ -103,14 +113,14 @@ pub fn advance(model: &Model, state: &mut State, scratch: &mut Scratch) {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn evaluate_avx2(model: &Model, state: &State, scratch: &mut Scratch) {
-    evaluate_body(model, state, scratch);
+fn evaluate_avx2<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
+    evaluate_body::<WATCHED>(model, state, scratch);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
-fn evaluate_avx512(model: &Model, state: &State, scratch: &mut Scratch) {
-    evaluate_body(model, state, scratch);
+fn evaluate_avx512<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
+    evaluate_body::<WATCHED>(model, state, scratch);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -126,11 +136,11 @@ fn advance_avx512(model: &Model, state: &mut State, scratch: &mut Scratch) {
 }
 
 #[inline(always)]
-fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
+fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
     link_ends(model, state, scratch);
-    joints::<false>(model, scratch);
-    if let Some(sums) = &mut scratch.sums {
-        sums.clear();
+    joints(model, scratch);
+    if WATCHED && let Some(watched) = &mut scratch.watched {
+        watched.clear();
     }
     for windows in &scratch.tooth_windows {
         for w in windows.iter().filter(|w| w.shared) {
@@ -140,7 +150,7 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     for k in 0..model.sprockets.len() {
-        teeth::contacts(model, state, scratch, k);
+        teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
     close_loop(model.chain.n_links, [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment]);
     while let Some(at) = scratch.guide_blocks.pop() {
@@ -149,20 +159,18 @@ fn evaluate_body(model: &Model, state: &State, scratch: &mut Scratch) {
         put(&mut scratch.guide_moment, at, [0.0; LANES]);
     }
     for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
-        guides::contacts(model, state, scratch, k);
+        guides::contacts::<WATCHED>(model, state, scratch, k);
     }
     if model.contour.is_some() {
         ends::contacts(model, state, scratch);
     }
-    accelerations::<false>(model, state, scratch);
+    accelerations(model, state, scratch);
     // Joints once more, with the velocities that these accelerations give at the node.
     corrected_speeds(model, state, scratch);
-    if scratch.sums.is_some() {
-        joints::<true>(model, scratch);
-        accelerations::<true>(model, state, scratch);
-    } else {
-        joints::<false>(model, scratch);
-        accelerations::<false>(model, state, scratch);
+    joints(model, scratch);
+    accelerations(model, state, scratch);
+    if WATCHED {
+        watch::note_node(model, state, scratch);
     }
 }
 
@@ -266,7 +274,7 @@ fn ends_kernel(
 }
 
 #[inline(always)]
-fn joints<const SUMS: bool>(model: &Model, scratch: &mut Scratch) {
+fn joints(model: &Model, scratch: &mut Scratch) {
     let ends = JointEnds {
         front_x: &scratch.front.x,
         front_y: &scratch.front.y,
@@ -279,11 +287,10 @@ fn joints<const SUMS: bool>(model: &Model, scratch: &mut Scratch) {
         omega: &scratch.omega,
         inverse_inertia: &model.chain.inverse_inertia,
     };
-    let mut sums = link_joint::forces::<SUMS>(
+    link_joint::forces(
         &model.chain.joint,
         0.5 * model.step_s,
         &ends,
-        model.chain.n_links,
         &mut scratch.joint_x,
         &mut scratch.joint_y,
         &mut scratch.joint_torque,
@@ -291,16 +298,13 @@ fn joints<const SUMS: bool>(model: &Model, scratch: &mut Scratch) {
         &mut scratch.joint_power_friction,
     );
     for (j, torque_nm) in &model.chain.tight {
-        sums.lost_w[0] += link_joint::tighten(
+        link_joint::tighten(
             (&model.chain.joint, *torque_nm),
             (*j, 0.5 * model.step_s),
             &ends,
             &mut scratch.joint_torque,
             &mut scratch.joint_power_friction,
         );
-    }
-    if SUMS && let Some(node) = &mut scratch.sums {
-        (node.stretch2, node.pins_w) = (sums.stretch2, sums.lost_w);
     }
     close_loop(model.chain.n_links, [&mut scratch.joint_x, &mut scratch.joint_y, &mut scratch.joint_torque]);
 }
@@ -384,7 +388,7 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f
 
 /// Accelerations from all forces.
 #[inline(always)]
-fn accelerations<const SUMS: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
+fn accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
     let c = &model.chain;
     let n = c.padded;
     let (cos, sin) = (&state.links.cos[..n], &state.links.sin[..n]);
@@ -415,9 +419,6 @@ fn accelerations<const SUMS: bool>(model: &Model, state: &State, scratch: &mut S
             ay[i] -= rate * (vy[i] - model.chain_speed_m_s * sin[i]);
         }
     }
-    if SUMS && let Some(sums) = &mut scratch.sums {
-        (sums.speed2, sums.omega2) = squares(0.5 * model.step_s, sums.alike, &state.links, [ax, ay, al]);
-    }
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let rotor = &sprocket.rotor;
         let pull = scratch.run_in.rotor_rate_per_s * (state.rotors.omega[k] - sprocket.nominal_speed_rad_s);
@@ -426,23 +427,6 @@ fn accelerations<const SUMS: bool>(model: &Model, state: &State, scratch: &mut S
             Rotor::Free { .. } => (scratch.chain_torque[k] + rotor.outer_torque_nm()) * rotor.inverse_inertia() - pull,
         };
     }
-}
-
-/// Sums of the squares of speeds and angular velocities at the node, lane by lane, of the first blocks.
-#[inline(always)]
-fn squares(half: f64, count: usize, s: &LinkState, accelerations: [&[f64]; 3]) -> (Column, Column) {
-    let [ax, ay, alpha] = accelerations.map(|column| blocks(column, count));
-    let (vx, vy, omega) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
-    let (mut speed2, mut omega2) = ([0.0; LANES], [0.0; LANES]);
-    for at in 0..count {
-        for i in 0..LANES {
-            let (u, v) = (vx[at][i] + half * ax[at][i], vy[at][i] + half * ay[at][i]);
-            let w = omega[at][i] + half * alpha[at][i];
-            speed2[i] += u * u + v * v;
-            omega2[i] += w * w;
-        }
-    }
-    (speed2, omega2)
 }
 
 #[inline(always)]

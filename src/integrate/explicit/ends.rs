@@ -2,6 +2,7 @@
 //! at a time; what is near which body is looked up with the other windows.
 
 use super::guides::{add_guide_forces, load_ends};
+use super::watch::Noted;
 use super::{LANES, Part, Scratch, WINDOW_MARGIN_M, Window, recall};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
 use crate::elements::tooth_contact::{self, Lanes, OffJoint};
@@ -22,7 +23,8 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
             let Window { start, end, .. } = scratch.end_windows[k][w];
             for block in start / LANES..end / LANES {
                 let at = block * LANES;
-                for (rear, sign) in [(0, 1.0), (1, -1.0)] {
+                for rear in 0..2 {
+                    let sign = if rear == 0 { 1.0 } else { -1.0 };
                     let set = 2 * body.set + rear;
                     let mut touches: [Option<EndTouch>; LANES] = [None; LANES];
                     let mut near = false;
@@ -114,21 +116,17 @@ fn watch(
     touches: &[Option<EndTouch>; LANES],
     (off, lanes): (&OffJoint, &Lanes),
 ) {
+    let Some(watched) = &mut scratch.watched else { return };
     let (body, n) = (&model.end_bodies[k], model.chain.n_links);
-    let nearest = &scratch.nearest_end[body.set][at..at + LANES];
-    let own = |i: usize| at + i < n && nearest[i] == k;
-    if let Some(sums) = &mut scratch.sums {
-        sums.add_where(&body.law, lanes, own);
+    let nearest = &scratch.nearest_end[body.set];
+    let own = std::array::from_fn(|i| at + i < n && nearest[at + i] == k);
+    let part = Part::Contours(set);
+    if watched.wants_segments() {
+        let segments = touches.map(|touch| touch.map_or(0.0, |t| f64::from(t.segment as u32)));
+        watched.note_segments(part, at, segments, Some(&own));
     }
-    if let Some(all) = &mut scratch.touches {
-        let kept = &mut all[Part::Contours(set).index()];
-        kept.keep_where(lanes, at, own);
-        for i in (0..LANES).filter(|i| own(*i)) {
-            (kept.radius[at + i], kept.offset[at + i]) = (off.radius[i], off.offset[i]);
-            kept.rotor[at + i] = body.rotor.map_or(-1.0, |k| k as f64);
-            kept.segment[at + i] = touches[i].map_or(0.0, |t| f64::from(t.segment as u32));
-        }
-    }
+    let (law, mu, off) = (&body.law, body.friction, Some(off));
+    watched.note(&Noted { part, at, law, mu, lanes, radius: 0.0, off, rotor: body.rotor }, Some(&own));
 }
 
 /// Gives memory back to its columns, for the lanes that are this body's.

@@ -1,5 +1,6 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
+use super::watch::Noted;
 use super::{Part, Scratch, Window, keep, keep_own, put, recall, send_away, shift_and_lever, sum, take};
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, LANES, Lanes};
@@ -9,7 +10,7 @@ use crate::state::State;
 
 /// Contacts of both ends of all links near guide `k`.
 #[inline(always)]
-pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
+pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.guides[k].body;
     let n = model.chain.padded;
     let reach_m = scratch.fastest_m_s * model.step_s;
@@ -19,7 +20,8 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
         let Window { start, end, shared } = scratch.guide_windows[k][w];
         for block in start / LANES..end / LANES {
             let at = block * LANES;
-            for (rear, sign) in [(0, 1.0), (1, -1.0)] {
+            for rear in 0..2 {
+                let sign = if rear == 0 { 1.0 } else { -1.0 };
                 let set = 2 * body.side + rear;
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
@@ -42,7 +44,9 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 add_guide_forces(scratch, at, lanes);
-                watch(model, scratch, k, (at, shared), set, lanes);
+                if WATCHED {
+                    watch(model, scratch, k, (at, shared), set, lanes);
+                }
                 if shared {
                     let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
                     for i in (0..LANES).filter(|i| nearest[*i] == k) {
@@ -65,32 +69,19 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
 /// For those who look at every step.
 #[inline(always)]
 fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
-    if scratch.sums.is_none() && scratch.touches.is_none() {
-        return;
-    }
+    let Some(watched) = &mut scratch.watched else { return };
     let (body, n) = (&model.guides[k].body, model.chain.n_links);
-    let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
-    if let Some(sums) = &mut scratch.sums {
-        if shared {
-            sums.add_where(&body.law, lanes, |i| at + i < n && nearest[i] == k);
-        } else {
-            sums.add(&body.law, lanes, at, n);
-        }
+    let nearest = &scratch.nearest_guide[body.side];
+    let own: Option<[bool; LANES]> =
+        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[at + i] == k)));
+    let part = Part::Guides(set);
+    if watched.wants_segments() {
+        let along = |i: usize| lanes.x[i] * body.along.x + lanes.y[i] * body.along.y;
+        let segment = |i: usize| f64::from(model.guides[k].segment(along(i)) as u32);
+        watched.note_segments(part, at, std::array::from_fn(segment), own.as_ref());
     }
-    if let Some(touches) = &mut scratch.touches {
-        let touches = &mut touches[Part::Guides(set).index()];
-        if shared {
-            touches.keep_where(lanes, at, |i| nearest[i] == k);
-        } else {
-            touches.keep(lanes, at);
-        }
-        if scratch.segments {
-            for i in (0..LANES).filter(|i| !shared || nearest[*i] == k) {
-                let along = lanes.x[i] * body.along.x + lanes.y[i] * body.along.y;
-                touches.segment[at + i] = f64::from(model.guides[k].segment(along) as u32);
-            }
-        }
-    }
+    let (law, mu, radius) = (&body.law, body.friction, body.plate_radius_m);
+    watched.note(&Noted { part, at, law, mu, lanes, radius, off: None, rotor: None }, own.as_ref());
 }
 
 #[inline(always)]

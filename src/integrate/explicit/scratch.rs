@@ -1,7 +1,6 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
-use super::parts::PARTS;
-use super::watch::{NodeSums, Touches};
+use super::watch::Watched;
 use super::{RunIn, Window};
 use crate::elements::tooth_contact::{LANES, Lanes};
 use crate::integrate::Isa;
@@ -71,9 +70,7 @@ pub struct Scratch {
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
     /// For those who look at every step.
-    pub(super) sums: Option<Box<NodeSums>>,
-    pub(super) touches: Option<Box<[Touches; PARTS]>>,
-    pub(super) segments: bool,
+    pub(super) watched: Option<Box<Watched>>,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -169,9 +166,7 @@ impl Scratch {
             contour_tooth: std::array::from_fn(|_| vec![0; n]),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
-            sums: None,
-            touches: None,
-            segments: false,
+            watched: None,
             ax: column(),
             ay: column(),
             alpha: column(),

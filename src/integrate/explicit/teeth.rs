@@ -1,5 +1,6 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
+use super::watch::Noted;
 use super::{Part, Scratch, Window, keep, keep_own, put, send_away, shift_and_lever, take};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
 use crate::geometry::Vec2;
@@ -18,7 +19,7 @@ struct BushColumns<'a> {
 
 /// Contacts of all bushes near sprocket `k`.
 #[inline(always)]
-pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
+pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.sprockets[k].body;
     let n = model.chain.padded;
     let r = &state.rotors;
@@ -63,7 +64,9 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
             } else {
                 lanes.let_go();
             }
-            watch(model, scratch, k, (at, shared), turning, lanes);
+            if WATCHED {
+                watch(model, scratch, k, (at, shared), turning, lanes);
+            }
             if shared {
                 for i in (0..LANES).filter(|i| scratch.nearest_sprocket[at + i] == k) {
                     scratch.bush_rate[at + i] = lanes.rate[i];
@@ -92,37 +95,17 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch, k: u
 /// For those who look at every step.
 #[inline(always)]
 fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), turning: Turning, lanes: &Lanes) {
-    if scratch.sums.is_none() && scratch.touches.is_none() {
-        return;
-    }
+    let Some(watched) = &mut scratch.watched else { return };
     let (body, n) = (&model.sprockets[k].body, model.chain.n_links);
-    if let Some(sums) = &mut scratch.sums {
-        if shared {
-            let nearest = &scratch.nearest_sprocket[at..at + LANES];
-            sums.add_where(&body.law, lanes, |i| at + i < n && nearest[i] == k);
-        } else {
-            sums.add(&body.law, lanes, at, n);
-        }
+    let own: Option<[bool; LANES]> = (shared || at + LANES > n)
+        .then(|| std::array::from_fn(|i| at + i < n && (!shared || scratch.nearest_sprocket[at + i] == k)));
+    if watched.wants_segments() && lanes.age != [0.0; LANES] {
+        let segments = tooth_contact::segments(body, turning, lanes);
+        watched.note_segments(Part::Bushes, at, segments, own.as_ref());
     }
-    if let Some(touches) = &mut scratch.touches {
-        let touches = &mut touches[Part::Bushes.index()];
-        if shared {
-            let own = |i: usize| scratch.nearest_sprocket[at + i] == k;
-            touches.keep_where(lanes, at, own);
-            for i in (0..LANES).filter(|i| own(*i)) {
-                touches.rotor[at + i] = k as f64;
-            }
-        } else {
-            touches.keep(lanes, at);
-            put(&mut touches.rotor, at, [k as f64; LANES]);
-        }
-        if scratch.segments {
-            let segments = tooth_contact::segments(body, turning, lanes);
-            for i in (0..LANES).filter(|i| !shared || scratch.nearest_sprocket[at + i] == k) {
-                touches.segment[at + i] = segments[i];
-            }
-        }
-    }
+    let (law, mu, radius) = (&body.law, body.friction, body.bush_radius_m);
+    let noted = Noted { part: Part::Bushes, at, law, mu, lanes, radius, off: None, rotor: Some(k) };
+    watched.note(&noted, own.as_ref());
 }
 
 #[inline(always)]

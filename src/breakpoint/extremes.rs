@@ -1,0 +1,113 @@
+//! Comparisons that the extremes of a step settle: what a step notes on the way costs little, and says of most steps that nothing
+//! in them fulfils an expression.
+
+use super::columns::{Band, ChainTorques, FORCE_BLUR, SPEED_BLUR_M_S};
+use super::quantities::{Quantity, Scope, What};
+use super::{Compare, Expr, Number, Operator};
+use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch, TorqueSums};
+
+/// A quantity of any contact, link or joint, its size where that is meant, against a constant.
+pub(super) struct Compared<'a> {
+    pub(super) quantity: &'a Quantity,
+    pub(super) absolute: bool,
+    pub(super) operator: Operator,
+    pub(super) bound: f64,
+}
+
+impl<'a> Compared<'a> {
+    /// None: names, one link, joint or sprocket, or two quantities.
+    pub(super) fn of(compare: &'a Compare) -> Option<Compared<'a>> {
+        let Compare::Numbers { left, operator, right } = compare else { return None };
+        match (left, right) {
+            (Number::Quantity { quantity, index: None, absolute }, Number::Constant(bound)) => {
+                Some(Compared { quantity, absolute: *absolute, operator: *operator, bound: *bound })
+            }
+            (Number::Constant(bound), Number::Quantity { quantity, index: None, absolute }) => {
+                Some(Compared { quantity, absolute: *absolute, operator: operator.mirrored(), bound: *bound })
+            }
+            _ => None,
+        }
+    }
+
+    /// Of which extreme it tells whether it can be fulfilled.
+    pub(super) fn extreme(&self, parts: Parts) -> Option<Extreme> {
+        let sign = match self.operator {
+            Operator::Above | Operator::AtLeast => 1.0,
+            Operator::Below | Operator::AtMost => -1.0,
+            Operator::Equal | Operator::Unequal => return None,
+        };
+        if self.quantity.scope != Scope::Contact {
+            return None;
+        }
+        let value = match self.quantity.what {
+            What::Penetration => ContactValue::Penetration,
+            What::ApproachSpeed => ContactValue::ApproachSpeed,
+            What::NormalSpeed => ContactValue::NormalSpeed,
+            What::Age => ContactValue::Age,
+            What::NormalForce => ContactValue::NormalForce,
+            What::TangentialSpeed => ContactValue::TangentialSpeed,
+            // Of either sign.
+            What::TangentialForce => {
+                return Some(Extreme { value: ContactValue::FrictionLimit, sign: 1.0, absolute: false, parts });
+            }
+            _ => return None,
+        };
+        Some(Extreme { value, sign, absolute: self.absolute, parts })
+    }
+}
+
+/// A comparison that an extreme can show to be fulfilled by nothing.
+pub(super) struct Quick {
+    extreme: Extreme,
+    band: Band,
+    /// Of what the extreme counts.
+    unit: f64,
+}
+
+impl Quick {
+    pub(super) fn of(compared: &Compared, parts: Parts, step_s: f64) -> Option<Quick> {
+        let extreme = compared.extreme(parts)?;
+        let blur = match extreme.value {
+            ContactValue::TangentialSpeed => SPEED_BLUR_M_S,
+            ContactValue::NormalForce | ContactValue::FrictionLimit => FORCE_BLUR,
+            _ => 0.0,
+        };
+        let band = Band::new(compared.operator, compared.bound, compared.absolute, blur)?;
+        let unit = if extreme.value == ContactValue::Age { step_s } else { 1.0 };
+        Some(Quick { extreme, band, unit })
+    }
+
+    /// Those of which an expression needs every one.
+    pub(super) fn needed_by(expr: &Expr, parts: Parts, step_s: f64) -> Vec<Quick> {
+        match expr {
+            Expr::All(of) => of.iter().flat_map(|e| Quick::needed_by(e, parts, step_s)).collect(),
+            Expr::Compare(compare) => {
+                Compared::of(compare).and_then(|c| Quick::of(&c, parts, step_s)).into_iter().collect()
+            }
+            Expr::Any(_) | Expr::Not(_) => Vec::new(),
+        }
+    }
+
+    /// False: some contact may fulfil it, or the extreme was not noted.
+    pub(super) fn is_impossible(&self, scratch: &Scratch) -> bool {
+        let Some(most) = scratch.extreme(&self.extreme) else { return false };
+        let predicted = self.extreme.value == ContactValue::TangentialSpeed;
+        let blur = if predicted { scratch.velocity_change() } else { 0.0 };
+        !self.band.is_reached_by(most * self.unit, blur)
+    }
+}
+
+/// Those that an expression asks for.
+pub(super) fn of_expression(expr: &Expr, parts: Parts, found: &mut Vec<Extreme>) {
+    match expr {
+        Expr::Any(of) | Expr::All(of) => of.iter().for_each(|e| of_expression(e, parts, found)),
+        Expr::Compare(compare) => found.extend(Compared::of(compare).and_then(|c| c.extreme(parts))),
+        Expr::Not(_) => {}
+    }
+}
+
+/// Friction is an uncertainty.
+pub(super) fn coarse_torques(sums: &TorqueSums) -> ChainTorques {
+    let total = |lanes: &[f64]| lanes.iter().sum::<f64>();
+    (sums.torque.each_ref().map(|lanes| total(lanes)), total(&sums.friction) + FORCE_BLUR)
+}
