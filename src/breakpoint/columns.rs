@@ -73,6 +73,11 @@ impl Band {
         }
     }
 
+    /// A value as the threshold is meant.
+    pub(super) fn of(self, value: f64) -> f64 {
+        self.sign * f64::from_bits(value.to_bits() & self.bits)
+    }
+
     /// Whether values may be in the band, of which the largest on its side is `most`, or `blur` more.
     pub(super) fn is_reached_by(self, most: f64, blur: f64) -> bool {
         most + blur >= self.threshold

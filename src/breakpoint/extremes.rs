@@ -3,8 +3,9 @@
 
 use super::columns::{Band, ChainTorques, FORCE_BLUR, SPEED_BLUR_M_S};
 use super::quantities::{Quantity, Scope, What};
-use super::{Compare, Expr, Number, Operator};
+use super::{Compare, Expr, Number, Operator, energy_number};
 use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch, TorqueSums};
+use crate::recording::frame::Energy;
 
 /// A quantity of any contact, link or joint, its size where that is meant, against a constant.
 pub(super) struct Compared<'a> {
@@ -94,6 +95,52 @@ impl Quick {
         let predicted = self.extreme.value == ContactValue::TangentialSpeed;
         let blur = if predicted { scratch.velocity_change() } else { 0.0 };
         !self.band.is_reached_by(most * self.unit, blur)
+    }
+}
+
+/// A comparison of an energy with a constant.
+pub(super) struct QuickEnergy {
+    what: What,
+    absolute: bool,
+    operator: Operator,
+    bound: f64,
+}
+
+impl QuickEnergy {
+    /// Those of which an expression needs every one.
+    pub(super) fn needed_by(expr: &Expr) -> Vec<QuickEnergy> {
+        match expr {
+            Expr::All(of) => of.iter().flat_map(QuickEnergy::needed_by).collect(),
+            Expr::Compare(compare) => {
+                let of_energy = Compared::of(compare).filter(|c| c.quantity.scope == Scope::Energy);
+                let quick = of_energy.map(|c| QuickEnergy {
+                    what: c.quantity.what,
+                    absolute: c.absolute,
+                    operator: c.operator,
+                    bound: c.bound,
+                });
+                quick.into_iter().collect()
+            }
+            Expr::Any(_) | Expr::Not(_) => Vec::new(),
+        }
+    }
+
+    /// False: it may be fulfilled.
+    pub(super) fn is_impossible(&self, energy: &(Energy, f64)) -> bool {
+        let Some(band) = Band::new(self.operator, self.bound, self.absolute, energy_blur(self.what, energy)) else {
+            return false;
+        };
+        !band.is_reached_by(band.of(energy_number(self.what, &energy.0)), 0.0)
+    }
+}
+
+/// How uncertain an energy is, or a share of the work [J, -].
+pub(super) fn energy_blur(what: What, (energy, blur_j): &(Energy, f64)) -> f64 {
+    match what {
+        // A share of next to nothing may be anything.
+        What::Error if energy.work_in_j.abs() < 2.0 * blur_j => f64::INFINITY,
+        What::Error => 2.0 * blur_j * (1.0 + energy.error_j.abs() / energy.work_in_j.abs()) / energy.work_in_j.abs(),
+        _ => *blur_j,
     }
 }
 

@@ -22,6 +22,8 @@ pub struct Ledger {
     lost_j: f64,
     next: Option<u64>,
     summed: u64,
+    /// What the last look found.
+    now: (Energy, f64),
 }
 
 impl Ledger {
@@ -32,16 +34,17 @@ impl Ledger {
             lost_j: 0.0,
             next: None,
             summed: 0,
+            now: (Energy::default(), 0.0),
         }
     }
 
-    /// Energies of the node since `origin`, losses in one of their classes, what is elastic in joints, and how uncertain they are [J]; None where the step
-    /// has kept no sums, or a contact law needs more than a depth.
+    /// Energies of the node since `origin`, losses in one of their classes, what is elastic in joints and contacts in another, and
+    /// how uncertain they are [J]; None where the step has kept no sums, or a contact law needs more than a depth.
     pub fn look(
         &mut self,
         (model, state, scratch): (&Model, &State, &Scratch),
         origin: &Energy,
-    ) -> Option<(Energy, f64)> {
+    ) -> Option<&(Energy, f64)> {
         let sums = scratch.sums().filter(|s| s.linear)?;
         let h = model.step_s;
         if self.next != Some(state.step) || state.step >= self.summed + FRESH_STEPS {
@@ -53,35 +56,33 @@ impl Ledger {
             elastic[k] += self.half_stiffness * sums.stretch2[k];
             lost[k] += h * sums.pins_w[k];
         }
-        let step_j = total(&lost);
-        let mut e = Energy {
-            kinetic_j: 0.5 * total(&sums.twice_kinetic_j),
-            // Of joints and contacts.
-            elastic_joint_j: total(&elastic),
-            // At the node half of the step's losses are still to come.
-            lost_pin_damping_j: self.lost_j + 0.5 * step_j,
-            ..Energy::default()
-        };
+        let (mut kinetic_j, elastic_j, step_j) = (0.5 * total(&sums.twice_kinetic_j), total(&elastic), total(&lost));
+        // At the node half of the step's losses are still to come.
+        let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
+        let (mut work_in_j, mut work_out_j) = (0.0, 0.0);
         for (k, sprocket) in model.sprockets.iter().enumerate() {
             let speed = state.rotors.omega[k] + 0.5 * h * scratch.rotor_alpha[k];
-            e.work_in_j += state.rotors.work_in[k];
-            e.work_out_j += state.rotors.work_out[k];
+            work_in_j += state.rotors.work_in[k];
+            work_out_j += state.rotors.work_out[k];
             match sprocket.rotor {
-                Rotor::Driven { .. } => e.work_in_j -= scratch.chain_torque[k] * (0.5 * h * speed),
+                Rotor::Driven { .. } => work_in_j -= scratch.chain_torque[k] * (0.5 * h * speed),
                 Rotor::Free { inertia_kg_m2, torque_nm } => {
-                    e.kinetic_j += 0.5 * inertia_kg_m2 * speed * speed;
-                    e.work_out_j -= torque_nm * (0.5 * h * speed);
+                    kinetic_j += 0.5 * inertia_kg_m2 * speed * speed;
+                    work_out_j -= torque_nm * (0.5 * h * speed);
                 }
             }
         }
-        let scale_j = e.stored_j() + e.work_in_j.abs() + e.work_out_j.abs() + e.lost_j().abs();
-        e.work_in_j -= origin.work_in_j;
-        e.work_out_j -= origin.work_out_j;
-        e.lost_pin_damping_j -= origin.lost_j();
-        e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
-        Some((e, ROUNDING * scale_j))
+        let stored_j = kinetic_j + elastic_j;
+        let (e, blur_j) = &mut self.now;
+        *blur_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());
+        (e.kinetic_j, e.elastic_joint_j) = (kinetic_j, elastic_j);
+        e.work_in_j = work_in_j - origin.work_in_j;
+        e.work_out_j = work_out_j - origin.work_out_j;
+        e.lost_pin_damping_j = lost_j - origin.lost_j();
+        e.error_j = e.work_in_j - e.work_out_j - e.lost_pin_damping_j - (stored_j - origin.stored_j());
+        Some(&self.now)
     }
 
     /// Lost in joints and contacts before this step [J].

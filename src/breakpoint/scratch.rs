@@ -1,7 +1,7 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
 use super::columns::{Band, ChainTorques, FORCE_BLUR, Pairing, Reach, SPEED_BLUR_M_S, Torques};
-use super::extremes::{self, Compared, Quick};
+use super::extremes::{self, Compared, Quick, QuickEnergy};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, SLACK, Subject, Values, energy_number, truth};
@@ -31,6 +31,7 @@ pub struct BreakWatch {
     ledger: Ledger,
     /// Any of these that cannot be settles the whole: in a few instructions.
     quick: Vec<Quick>,
+    quick_energies: Vec<QuickEnergy>,
     /// Before this step contacts are looked at one by one: not long ago their extremes did not settle it.
     close_until: u64,
 }
@@ -49,7 +50,7 @@ pub(super) struct StepValues<'a> {
     pub(super) all_parts: &'a [Part],
     pub(super) pairings: &'a [Option<Pairing>],
     /// And how uncertain they are [J]; where the expression asks for them.
-    energy: Option<(Energy, f64)>,
+    energy: Option<&'a (Energy, f64)>,
     /// Where the expression asks for them.
     torques: Option<ChainTorques>,
 }
@@ -62,6 +63,7 @@ impl BreakWatch {
         let parts: Vec<Part> = all_parts.iter().copied().filter(may_concern).collect();
         let set = parts.iter().copied().collect();
         let quick = Quick::needed_by(&breakpoint.expr, set, model.step_s);
+        let quick_energies = QuickEnergy::needed_by(&breakpoint.expr);
         BreakWatch {
             breakpoint,
             goes_on: false,
@@ -73,6 +75,7 @@ impl BreakWatch {
             now: Vec::new(),
             signature: None,
             ledger: Ledger::new(model),
+            quick_energies,
             quick,
             close_until: 0,
         }
@@ -113,6 +116,10 @@ impl BreakWatch {
             Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
             _ => None,
         };
+        if self.held.is_empty() && energy.is_some_and(|e| self.quick_energies.iter().any(|q| q.is_impossible(e))) {
+            self.goes_on = false;
+            return;
+        }
         let (parts, set, all_parts, pairings) = (&self.parts, self.set, &self.all_parts, &self.pairings);
         let uses = self.breakpoint.uses;
         let torques = scratch.torques().filter(|_| uses.torque).map(extremes::coarse_torques);
@@ -384,7 +391,7 @@ impl Values for StepValues<'_> {
                     driver.nominal_speed_rad_s * self.state.step as f64 * self.model.step_s
                 }
             }),
-            Scope::Energy => self.energy.as_ref().map(|(e, _)| energy_number(quantity.what, e)),
+            Scope::Energy => self.energy.map(|(e, _)| energy_number(quantity.what, e)),
             Scope::Impact => None,
         }
     }
@@ -414,16 +421,7 @@ impl Values for StepValues<'_> {
             (Scope::Sprocket, What::Torque | What::OuterTorque) => return self.torques.map_or(0.0, |t| t.1),
             _ => {}
         }
-        let Some((energy, blur_j)) = self.energy.as_ref().filter(|_| quantity.scope == Scope::Energy) else {
-            return 0.0;
-        };
-        match quantity.what {
-            // A share of next to nothing may be anything.
-            What::Error if energy.work_in_j.abs() < 2.0 * blur_j => f64::INFINITY,
-            What::Error => {
-                2.0 * blur_j * (1.0 + energy.error_j.abs() / energy.work_in_j.abs()) / energy.work_in_j.abs()
-            }
-            _ => *blur_j,
-        }
+        let energy = self.energy.filter(|_| quantity.scope == Scope::Energy);
+        energy.map_or(0.0, |energy| extremes::energy_blur(quantity.what, energy))
     }
 }
