@@ -3,6 +3,8 @@
 use pitchline::assemble::assemble;
 use pitchline::compare::{Plan, Summary, run, verdict};
 use pitchline::drive::{BUNDLED, Drive};
+use pitchline::elements::contact_law::ContactLaw;
+use pitchline::elements::rotor::Rotor;
 use pitchline::engagement::{Kind, Pass, Watch};
 use pitchline::geometry::chain::silent::SilentLinkForm;
 use pitchline::geometry::silent_mesh::{stretched_approach_speed_m_s, wrap_statics};
@@ -10,7 +12,9 @@ use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, T
 use pitchline::geometry::smartchain::Transition;
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::model::Model;
 use pitchline::recording::capture::Camera;
+use pitchline::state::State;
 use std::sync::atomic::AtomicBool;
 
 fn drive(name: &str, overrides: &[&str]) -> Drive {
@@ -258,3 +262,120 @@ fn contours_keep_their_bits_and_their_joules() {
 
 /// Of the work put in over 30 ms.
 const ENERGY_ERROR: f64 = 3e-4;
+
+/// Contact forces on the driver link by link, in every node of a run; where the links are.
+struct Film {
+    forces: Vec<Vec<f64>>,
+    places: Vec<Vec<(f64, f64)>>,
+}
+
+fn filmed(model: &Model, state: &mut State, steps: usize) -> (Film, Scratch) {
+    let (mut scratch, mut camera) = (Scratch::new(model), Camera::default());
+    let mut film = Film { forces: Vec::new(), places: Vec::new() };
+    for step in 0..=steps {
+        explicit::evaluate(model, state, &mut scratch).expect("the run holds");
+        let contacts = camera.take(model, state, &scratch).contacts;
+        let mut forces = vec![0.0; state.n_links];
+        for i in (0..contacts.link.len()).filter(|i| contacts.body[*i] == 0) {
+            forces[contacts.link[i] as usize] += contacts.normal_force_n[i];
+        }
+        film.forces.push(forces);
+        film.places.push((0..state.n_links).map(|i| (state.links.x[i], state.links.y[i])).collect());
+        if step < steps {
+            explicit::advance(model, state, &mut scratch);
+        }
+    }
+    (film, scratch)
+}
+
+/// Nothing is lost any more. (A drive that is assembled so never comes to rest.)
+fn undamped(model: &Model) -> Model {
+    let mut model = model.clone();
+    (model.chain.joint.damping_n_s_per_m, model.chain.joint.friction_arm_m) = (0.0, 0.0);
+    model.sprockets.iter_mut().for_each(|s| s.body.friction = 0.0);
+    model.guides.iter_mut().for_each(|g| g.body.friction = 0.0);
+    model.end_bodies.iter_mut().for_each(|b| b.friction = 0.0);
+    let sprockets = model.sprockets.iter_mut().map(|s| &mut s.body.law);
+    let guides = model.guides.iter_mut().map(|g| &mut g.body.law);
+    for law in sprockets.chain(guides).chain(model.end_bodies.iter_mut().map(|b| &mut b.law)) {
+        let ContactLaw::Linear { damping_n_s_per_m, .. } = law else { panic!("another law") };
+        *damping_n_s_per_m = 0.0;
+    }
+    model
+}
+
+/// The same node with time running back: velocities belong to half a step before a node, which is now half a step after it.
+fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
+    let (mut model, mut back) = (model.clone(), state.clone());
+    let h = model.step_s;
+    for i in 0..state.links.vx.len() {
+        back.links.vx[i] = -(state.links.vx[i] + h * scratch.ax[i]);
+        back.links.vy[i] = -(state.links.vy[i] + h * scratch.ay[i]);
+        back.links.omega[i] = -(state.links.omega[i] + h * scratch.alpha[i]);
+    }
+    (back.links.ax, back.links.ay, back.links.alpha) = (scratch.ax.clone(), scratch.ay.clone(), scratch.alpha.clone());
+    let (bushes, guides) = scratch.memories();
+    (back.bushes, back.guide_ends) = (bushes.clone(), guides.clone());
+    back.contour_ends = scratch.contour_memories().clone();
+    for (k, sprocket) in model.sprockets.iter_mut().enumerate() {
+        back.rotors.omega[k] = -(state.rotors.omega[k] + h * scratch.rotor_alpha[k]);
+        back.rotors.alpha[k] = scratch.rotor_alpha[k];
+        if let Rotor::Driven { speed_rad_s } = &mut sprocket.rotor {
+            *speed_rad_s = -*speed_rad_s;
+            back.rotors.omega[k] = *speed_rad_s;
+        }
+    }
+    (model, back)
+}
+
+#[test]
+fn engagement_mirrors_disengagement_when_time_runs_back() {
+    let free = ["contact.sprocket.friction=0", "contact.guide.friction=0", "chain.joint.friction=0"];
+    for name in ["bush-20-40", "silent-20-40", "smartchain-20-40"] {
+        let mut errors = Vec::new();
+        let assembly = assemble(&drive(name, &free)).unwrap_or_else(|e| panic!("{e}"));
+        for finer in [1.0, 4.0, 16.0] {
+            let (mut model, mut state) = (undamped(&assembly.model), assembly.state.clone());
+            let coarse_s = model.step_s;
+            model.step_s /= finer;
+            state.restep(coarse_s, model.step_s);
+            // One tooth passes, so that links come onto the driver and leave it.
+            let steps = (1e-3 / model.step_s).round() as usize;
+            let (forth, scratch) = filmed(&model, &mut state, steps);
+            let (back_model, mut back_state) = reversed(&model, &state, &scratch);
+            let (back, _) = filmed(&back_model, &mut back_state, steps);
+            let peak = forth.forces.iter().flatten().fold(0.0, |most: f64, f| most.max(*f));
+            let mut error = (0.0_f64, 0.0_f64);
+            let mut sums = (0.0, 0.0);
+            for k in 0..=steps {
+                let (a, b) = (&forth.places[steps - k], &back.places[k]);
+                let apart = a.iter().zip(b).map(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1)).fold(0.0, f64::max);
+                error.0 = error.0.max(apart);
+                for (a, b) in forth.forces[steps - k].iter().zip(&back.forces[k]) {
+                    error.1 = error.1.max((a - b).abs() / peak);
+                    sums.0 += (a - b) * (a - b);
+                    sums.1 += a * a;
+                }
+            }
+            let rms = f64::sqrt(sums.0 / sums.1);
+            let touches = |film: &Film, from: usize, to: usize| {
+                (0..state.n_links).filter(|i| film.forces[from][*i] == 0.0 && film.forces[to][*i] > 0.0).count()
+            };
+            let (left, met) = (touches(&forth, steps, 0), touches(&back, 0, steps));
+            println!(
+                "{name}, step {:.3} us: {left} links leave the driver, {met} come onto it in reverse; links apart by {:.4} um, \
+                 forces by {:.3} % of the peak of {peak:.0} N, {:.3} % rms",
+                model.step_s * 1e6,
+                error.0 * 1e6,
+                100.0 * error.1,
+                100.0 * rms
+            );
+            errors.push((left, met, error.0, rms));
+        }
+        let [coarse, middle, fine] = errors[..] else { unreachable!() };
+        assert!(fine.0 > 0 && fine.0 == fine.1, "{name}");
+        // What is left is the error of the scheme: it goes with the step.
+        assert!(middle.3 < coarse.3 / 3.0 && fine.3 < middle.3 / 3.0, "{name}");
+        assert!(fine.2 < 0.2e-6 && fine.3 < 2e-3, "{name}");
+    }
+}
