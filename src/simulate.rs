@@ -151,8 +151,9 @@ pub fn run_job(
     let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
     impacts.follows_forces = !sinks.is_empty() || over;
     let (mut found, mut closer) = (Vec::new(), false);
-    if let Some(breaks) = &breaks {
-        watch(breaks, model, first, scratch);
+    match &breaks {
+        Some(breaks) => watch(breaks, model, first, scratch),
+        None => scratch.watch(model, &Wanted::default()),
     }
     let around = breaks.as_ref().and_then(|b| b.around);
     let late = (WATCHED_PERIODS * impacts.period_steps()).ceil() as u64 + 1;
