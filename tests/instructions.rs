@@ -44,7 +44,7 @@ fn a_step_takes_no_more_instructions_than_it_did() {
 }
 
 /// What is looked at in every step, with the share of a step's instructions it takes [%] on the AVX2 path. User time
-/// on the wider one, alternated with runs without: 0 to 5 % for all but energies (6 to 9 %). A frame in every step would take five
+/// on the wider one, alternated with runs without: mostly 0 to 5 %, some readings up to 8, energies 6 to 10 %. A frame in every step would take five
 /// times a step.
 const LOOKS: [(&str, f64); 13] = [
     ("energy.error > 10 %", 10.8),
