@@ -181,6 +181,17 @@ impl Pairing {
         let first = *all.first()?;
         all.iter().all(|other| *other == first).then_some(first)
     }
+
+    /// Between a part and a body (an index as in frames).
+    pub(super) fn with(m: &Model, part: Part, body: usize) -> Option<Pairing> {
+        match part {
+            Part::Bushes => m.sprockets.get(body).map(Pairing::of_sprocket),
+            Part::Guides(_) => m.guides.get(body.checked_sub(m.sprockets.len())?).map(Pairing::of_guide),
+            Part::Contours(_) => {
+                m.end_bodies.iter().find(|b| part.is_set(b.set) && b.body == body).map(Pairing::of_end)
+            }
+        }
+    }
 }
 
 impl StepValues<'_> {
@@ -390,14 +401,7 @@ impl StepValues<'_> {
 
     /// Of what one lane touches.
     pub(super) fn pairing(&self, part: Part, lane: usize) -> Option<Pairing> {
-        let (m, body) = (self.model, self.scratch.partner(self.model, part, lane)?.0);
-        match part {
-            Part::Bushes => m.sprockets.get(body).map(Pairing::of_sprocket),
-            Part::Guides(_) => m.guides.get(body.checked_sub(m.sprockets.len())?).map(Pairing::of_guide),
-            Part::Contours(_) => {
-                m.end_bodies.iter().find(|b| part.is_set(b.set) && b.body == body).map(Pairing::of_end)
-            }
-        }
+        Pairing::with(self.model, part, self.scratch.partner(self.model, part, lane)?.0)
     }
 
     /// Of one contact; None: the law needs radii that the step has not kept.

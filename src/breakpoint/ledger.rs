@@ -1,11 +1,14 @@
-//! The energy ledger of a step from its own sums, for breakpoints: those of a frame's ledger in another order.
+//! The energy ledger of a step from its own columns, for breakpoints: that of a frame, summed in another order.
 
+use super::columns::Pairing;
+use crate::elements::contact_law::ContactLaw;
 use crate::elements::rotor::Rotor;
-use crate::elements::tooth_contact::{Column, LANES};
+use crate::elements::tooth_contact::{Column, LANES, blocks, take};
 use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
-use crate::state::State;
+use crate::state::{ContactMemory, State};
 
 /// Rounding of sums in another order, as a share of what is summed.
 const ROUNDING: f64 = 1e-10;
@@ -13,11 +16,18 @@ const ROUNDING: f64 = 1e-10;
 /// Steps after which running sums are made anew: their rounding stays far below [`ROUNDING`].
 const FRESH_STEPS: u64 = 256;
 
-/// The ledger of a run that is looked at step by step, from the sums that a step keeps on the way ([`Scratch::watch`]).
+/// The ledger of a run that is looked at step by step.
 pub struct Ledger {
     /// Energy of what the joints' stretch is squared in [N/m].
     half_stiffness: f64,
-    parts: Vec<Part>,
+    clearance_m: f64,
+    /// Masses and inertias of the links that move.
+    mass: Vec<f64>,
+    inertia: Vec<f64>,
+    /// 1 in lanes of links in the last block, 0 behind them.
+    last_own: Column,
+    /// With energy of what depths are squared in, where it is the same for all that they touch [N/m].
+    parts: Vec<(Part, Option<f64>)>,
     /// Lost in joints and contacts before the step to be looked at next [J]; which that is, and when it was last summed whole.
     lost_j: f64,
     next: Option<u64>,
@@ -26,11 +36,46 @@ pub struct Ledger {
     now: (Energy, f64),
 }
 
+/// Over all links, joints and contacts, lane by lane: added up by a loop that sees the last sum too, they vectorise only in twos.
+struct Sums {
+    /// Of the links [J].
+    twice_kinetic_j: Column,
+    /// In joints and contacts [J].
+    elastic_j: Column,
+    /// In joints and contacts over this step [J].
+    lost_j: Column,
+}
+
+/// [`Ledger::sums`].
+struct OfStep<'a>(&'a Ledger, &'a Model, &'a State, &'a Scratch);
+
+impl Look for OfStep<'_> {
+    type Seen = Option<Sums>;
+
+    #[inline(always)]
+    fn look(self) -> Option<Sums> {
+        self.0.sums(self.1, self.2, self.3)
+    }
+}
+
 impl Ledger {
     pub fn new(model: &Model) -> Ledger {
+        let c = &model.chain;
+        // Held links have no inverse mass.
+        let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
+        let with_stiffness = |part: Part| match Pairing::one(model, part).map(|p| p.law) {
+            Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
+            _ => (part, None),
+        };
         Ledger {
-            half_stiffness: 0.5 * model.chain.joint.stiffness_n_per_m,
-            parts: Part::of(model),
+            half_stiffness: 0.5 * c.joint.stiffness_n_per_m,
+            clearance_m: c.joint.clearance_m,
+            mass: moving(&c.mass),
+            inertia: moving(&c.inertia),
+            last_own: std::array::from_fn(|i| {
+                if c.n_links.next_multiple_of(LANES) - LANES + i < c.n_links { 1.0 } else { 0.0 }
+            }),
+            parts: Part::of(model).into_iter().map(with_stiffness).collect(),
             lost_j: 0.0,
             next: None,
             summed: 0,
@@ -39,35 +84,34 @@ impl Ledger {
     }
 
     /// Energies of the node since `origin`, losses in one of their classes, what is elastic in joints and contacts in another, and
-    /// how uncertain they are [J]; None where the step has kept no sums, or a contact law needs more than a depth.
+    /// how uncertain they are [J]; None where a contact law needs more than a depth.
     pub fn look(
         &mut self,
         (model, state, scratch): (&Model, &State, &Scratch),
         origin: &Energy,
     ) -> Option<&(Energy, f64)> {
-        let sums = scratch.sums().filter(|s| s.linear)?;
+        let sums = vectorised(scratch.isa, OfStep(self, model, state, scratch))?;
         let h = model.step_s;
         if self.next != Some(state.step) || state.step >= self.summed + FRESH_STEPS {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
         }
-        let (mut elastic, mut lost) = (sums.elastic_j, sums.lost_j);
-        for k in 0..LANES {
-            elastic[k] += self.half_stiffness * sums.stretch2[k];
-            lost[k] += h * sums.pins_w[k];
-        }
-        let (mut kinetic_j, elastic_j, step_j) = (0.5 * total(&sums.twice_kinetic_j), total(&elastic), total(&lost));
+        let (elastic_j, step_j) = (total(&sums.elastic_j), total(&sums.lost_j));
         // At the node half of the step's losses are still to come.
         let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
+        let mut kinetic_j = 0.5 * total(&sums.twice_kinetic_j);
         let (mut work_in_j, mut work_out_j) = (0.0, 0.0);
-        for (k, sprocket) in model.sprockets.iter().enumerate() {
-            let speed = state.rotors.omega[k] + 0.5 * h * scratch.rotor_alpha[k];
-            work_in_j += state.rotors.work_in[k];
-            work_out_j += state.rotors.work_out[k];
+        let r = &state.rotors;
+        let turning =
+            r.omega.iter().zip(&r.work_in).zip(&r.work_out).zip(scratch.rotor_alpha()).zip(scratch.chain_torque());
+        for (sprocket, ((((omega, work_in), work_out), alpha), chain)) in model.sprockets.iter().zip(turning) {
+            let speed = omega + 0.5 * h * alpha;
+            work_in_j += work_in;
+            work_out_j += work_out;
             match sprocket.rotor {
-                Rotor::Driven { .. } => work_in_j -= scratch.chain_torque[k] * (0.5 * h * speed),
+                Rotor::Driven { .. } => work_in_j -= chain * (0.5 * h * speed),
                 Rotor::Free { inertia_kg_m2, torque_nm } => {
                     kinetic_j += 0.5 * inertia_kg_m2 * speed * speed;
                     work_out_j -= torque_nm * (0.5 * h * speed);
@@ -85,22 +129,173 @@ impl Ledger {
         Some(&self.now)
     }
 
+    #[inline(always)]
+    fn sums(&self, model: &Model, state: &State, scratch: &Scratch) -> Option<Sums> {
+        let mut elastic = [0.0; LANES];
+        let mut lost = [0.0; LANES];
+        for (part, half_stiffness) in &self.parts {
+            self.add_contacts((*part, *half_stiffness), (model, state, scratch), &mut elastic, &mut lost)?;
+        }
+        let (stretch2, power_w) = self.joints(model.chain.n_links, scratch);
+        for i in 0..LANES {
+            elastic[i] += self.half_stiffness * stretch2[i];
+            lost[i] += model.step_s * power_w[i];
+        }
+        let twice_kinetic_j = self.links(0.5 * model.step_s, state, scratch);
+        Some(Sums { twice_kinetic_j, elastic_j: elastic, lost_j: lost })
+    }
+
+    /// Twice the kinetic energy of the links, lane by lane [J].
+    #[inline(always)]
+    fn links(&self, half: f64, state: &State, scratch: &Scratch) -> Column {
+        let (s, count) = (&state.links, self.mass.len() / LANES);
+        let (ax, ay, alpha) = (blocks(&scratch.ax, count), blocks(&scratch.ay, count), blocks(&scratch.alpha, count));
+        let (vx, vy, omega) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+        let (mass, inertia) = (blocks(&self.mass, count), blocks(&self.inertia, count));
+        let mut twice = [0.0; LANES];
+        for b in 0..count {
+            let (a, c, e) = (ax[b], ay[b], alpha[b]);
+            let (u, v, w) = (vx[b], vy[b], omega[b]);
+            let (m, j) = (mass[b], inertia[b]);
+            for i in 0..LANES {
+                let (u, v, w) = (u[i] + half * a[i], v[i] + half * c[i], w[i] + half * e[i]);
+                twice[i] += m[i] * (u * u + v * v) + j[i] * (w * w);
+            }
+        }
+        twice
+    }
+
+    /// Squares of the stretch of `n` joints, beyond the clearance where there is one [m2], and the power lost in them [W].
+    #[inline(always)]
+    fn joints(&self, n: usize, scratch: &Scratch) -> (Column, Column) {
+        let count = self.mass.len() / LANES;
+        let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
+        let (damping, friction) = scratch.joint_powers();
+        let (ax, ay) = (blocks(front_x, count), blocks(front_y, count));
+        let (bx, by) = (blocks(rear_x, count), blocks(rear_y, count));
+        let (damped, rubbed) = (blocks(damping, count), blocks(friction, count));
+        let (mut stretch2, mut power_w) = ([0.0; LANES], [0.0; LANES]);
+        if self.clearance_m > 0.0 {
+            for b in 0..count {
+                let own = self.own(b * LANES, n);
+                for i in 0..LANES {
+                    let (x, y) = (ax[b][i] - bx[b][i], ay[b][i] - by[b][i]);
+                    let beyond = (x * x + y * y).sqrt() - self.clearance_m;
+                    stretch2[i] += if beyond > 0.0 { own[i] * (beyond * beyond) } else { 0.0 };
+                }
+            }
+        } else {
+            for b in 0..count {
+                let (x0, y0, x1, y1, own) = (ax[b], ay[b], bx[b], by[b], self.own(b * LANES, n));
+                for i in 0..LANES {
+                    let (x, y) = (x0[i] - x1[i], y0[i] - y1[i]);
+                    stretch2[i] += own[i] * (x * x + y * y);
+                }
+            }
+        }
+        for b in 0..count {
+            let (damped, rubbed, own) = (damped[b], rubbed[b], self.own(b * LANES, n));
+            for i in 0..LANES {
+                power_w[i] += own[i] * (damped[i] + rubbed[i]);
+            }
+        }
+        (stretch2, power_w)
+    }
+
+    /// 1 in lanes of links, 0 behind the last: there a ghost of the first may stand in the padding.
+    #[inline(always)]
+    fn own(&self, at: usize, n: usize) -> Column {
+        if at + LANES > n { self.last_own } else { [1.0; LANES] }
+    }
+
+    /// Adds what is elastic in the contacts of a part and what they lose over this step [J].
+    #[inline(always)]
+    fn add_contacts(
+        &self,
+        (part, half_stiffness): (Part, Option<f64>),
+        (model, state, scratch): (&Model, &State, &Scratch),
+        elastic: &mut Column,
+        lost: &mut Column,
+    ) -> Option<()> {
+        if part != Part::Bushes && scratch.is_off_guides() {
+            return Some(());
+        }
+        let n = model.chain.n_links;
+        let (now, past, depths) = (scratch.memory(part), past_memory(state, part), scratch.depths(part));
+        let (damping, friction) = (&now.lost_damping[..], &now.lost_friction[..]);
+        let (past_damping, past_friction) = (&past.lost_damping[..], &past.lost_friction[..]);
+        let (age, touching) = (&now.age[..], scratch.touching_blocks(part));
+        let mut each_j = 0.0;
+        for block in 0..n.div_ceil(LANES) {
+            if touching.get(block) == Some(&0) {
+                continue;
+            }
+            let at = block * LANES;
+            let own = self.own(at, n);
+            let (age, depth) = (take(age, at), take(depths, at));
+            let (damped, rubbed) = (take(damping, at), take(friction, at));
+            let (damped_before, rubbed_before) = (take(past_damping, at), take(past_friction, at));
+            let (mut depths, mut losses) = ([0.0; LANES], *lost);
+            for i in 0..LANES {
+                let d = if depth[i] > 0.0 { depth[i] } else { 0.0 };
+                depths[i] = if age[i] > 0.0 { d * own[i] } else { 0.0 };
+            }
+            for i in 0..LANES {
+                losses[i] += own[i] * ((damped[i] - damped_before[i]) + (rubbed[i] - rubbed_before[i]));
+            }
+            *lost = losses;
+            let half = match half_stiffness {
+                Some(half) => half,
+                None => {
+                    each_j += elastic_of_each(model, scratch, part, at, &depths)?;
+                    0.0
+                }
+            };
+            let mut energies = *elastic;
+            for i in 0..LANES {
+                energies[i] += half * depths[i] * depths[i];
+            }
+            *elastic = energies;
+        }
+        elastic[0] += each_j;
+        Some(())
+    }
+
     /// Lost in joints and contacts before this step [J].
     #[cold]
     #[inline(never)]
     fn lost_before(&self, model: &Model, state: &State) -> f64 {
         let n = model.chain.n_links;
         let own = |a: &[f64], b: &[f64]| a[..n].iter().zip(&b[..n]).map(|(a, b)| a + b).sum::<f64>();
-        let contacts = |part: &Part| {
-            let memory = match *part {
-                Part::Bushes => &state.bushes,
-                Part::Guides(set) => &state.guide_ends[set],
-                Part::Contours(set) => &state.contour_ends[set],
-            };
+        let contacts = |(part, _): &(Part, Option<f64>)| {
+            let memory = past_memory(state, *part);
             own(&memory.lost_damping, &memory.lost_friction)
         };
         own(&state.lost_pin_damping, &state.lost_pin_friction) + self.parts.iter().map(contacts).sum::<f64>()
     }
+}
+
+/// Of one kind of part, before this step.
+#[inline(always)]
+fn past_memory(state: &State, part: Part) -> &ContactMemory {
+    match part {
+        Part::Bushes => &state.bushes,
+        Part::Guides(set) => &state.guide_ends[set],
+        Part::Contours(set) => &state.contour_ends[set],
+    }
+}
+
+/// Where laws differ from body to body; None where one of them needs more than a depth.
+#[cold]
+#[inline(never)]
+fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, depths: &Column) -> Option<f64> {
+    let mut sum_j = 0.0;
+    for (i, depth) in depths.iter().enumerate().filter(|(_, d)| **d > 0.0) {
+        let (body, _) = scratch.partner(model, part, at + i)?;
+        let ContactLaw::Linear { stiffness_n_per_m, .. } = Pairing::with(model, part, body)?.law else { return None };
+        sum_j += 0.5 * stiffness_n_per_m * depth * depth;
+    }
+    Some(sum_j)
 }
 
 /// In pairs.

@@ -93,8 +93,7 @@ impl BreakWatch {
         let laws = model.sprockets.iter().map(|s| &s.body.law).chain(model.guides.iter().map(|g| &g.body.law));
         let hertz = uses.contact && laws.chain(model.end_bodies.iter().map(|b| &b.law)).any(hertz);
         let touches = hertz || uses.touches && self.is_close(step);
-        let mut wanted =
-            Wanted { energy: uses.energy, touches, segments: uses.segments, torques: uses.torque, ..Wanted::default() };
+        let mut wanted = Wanted { touches, segments: uses.segments, torques: uses.torque, ..Wanted::default() };
         extremes::of_expression(&self.breakpoint.expr, self.set, &mut wanted.extremes);
         if uses.contact && !uses.varying {
             wanted.sets.push(self.set);

@@ -134,6 +134,11 @@ impl Scratch {
         }
     }
 
+    /// True only where no guide end and no contour of a link touches anything: known without a look at them.
+    pub fn is_off_guides(&self) -> bool {
+        self.guide_blocks.is_empty()
+    }
+
     /// Per block, zero where [`Scratch::is_idle`]; empty where that is not known.
     pub fn touching_blocks(&self, part: Part) -> &[u8] {
         match part {

@@ -199,6 +199,11 @@ impl Scratch {
         (self.joint_power_damping.iter().sum(), self.joint_power_friction.iter().sum())
     }
 
+    /// By joint.
+    pub fn joint_powers(&self) -> (&[f64], &[f64]) {
+        (&self.joint_power_damping, &self.joint_power_friction)
+    }
+
     /// Memory of the bushes and of the guide ends after this step.
     pub fn memories(&self) -> (&ContactMemory, &[ContactMemory; 4]) {
         (&self.bushes, &self.guide_ends)

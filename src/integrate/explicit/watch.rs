@@ -1,10 +1,11 @@
-//! What a step keeps beside its forces for those who look at every step: sums for the ledger of its node, what touches where,
-//! and the extremes of its contacts. Nothing of it is kept unasked, and nothing of it enters a force.
+//! What a step keeps beside its forces for those who look at every step: what touches where, torques, and the extremes of its
+//! contacts. Nothing of it is kept unasked, and nothing of it enters a force.
 //!
 //! All of it is noted where a block of contacts has just been computed and its values are at hand: a second walk over
-//! columns took as many instructions and more time (torques 20 % of a run and not 3, penetrations 9 and not 1). What is noted there of speeds is what the step predicts; with
-//! [`Scratch::velocity_change`] it bounds what they are once the accelerations are known. Sums are worked on as local values: a
-//! compiler cannot know that they do not overlap the lanes, and would add them up one by one.
+//! columns took as many instructions and more time (torques 20 % of a run and not 3, penetrations 9 and not 1). What is noted
+//! there of speeds is what the step predicts; with [`Scratch::velocity_change`] it bounds what they are once the accelerations
+//! are known. Sums are worked on as local values: a compiler cannot know that they do not overlap the lanes, and would add them
+//! up one by one.
 
 use super::parts::{PARTS, Part};
 use super::{Scratch, WINDOW_MARGIN_M, put};
@@ -16,8 +17,6 @@ use crate::state::State;
 /// What is asked for.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Wanted {
-    /// [`NodeSums`].
-    pub energy: bool,
     /// [`Touches`].
     pub touches: bool,
     /// Segments of what lanes touch.
@@ -32,7 +31,6 @@ pub struct Wanted {
 impl Wanted {
     /// All that this or another asks for.
     pub fn and(mut self, other: Wanted) -> Wanted {
-        self.energy |= other.energy;
         self.touches |= other.touches;
         self.segments |= other.segments;
         self.torques |= other.torques;
@@ -95,25 +93,6 @@ pub enum ContactValue {
     TangentialSpeed,
 }
 
-/// Sums over all links, joints and contacts of a node, lane by lane.
-#[derive(Clone, Debug)]
-pub struct NodeSums {
-    /// Masses and inertias of the links that move.
-    mass: Vec<f64>,
-    inertia: Vec<f64>,
-    /// Twice the kinetic energy of the links [J].
-    pub twice_kinetic_j: Column,
-    /// Squares of the joints' stretch [m2], beyond the clearance where there is one.
-    pub stretch2: Column,
-    /// Lost in the joints [W].
-    pub pins_w: Column,
-    /// Elastic in contacts [J], and lost in them over this step [J].
-    pub elastic_j: Column,
-    pub lost_j: Column,
-    /// False: a contact law has more than a stiffness, and `elastic_j` is not the whole.
-    pub linear: bool,
-}
-
 /// More sprockets than this have their torques taken from frames.
 pub const MOST_SPROCKETS: usize = 8;
 
@@ -148,7 +127,6 @@ pub struct Touches {
 
 /// Everything that is kept.
 pub(super) struct Watched {
-    sums: Option<NodeSums>,
     touches: Option<[Touches; PARTS]>,
     /// A [`Segment`](crate::recording::frame::Segment) as a number.
     segments: Option<[Vec<f64>; PARTS]>,
@@ -178,108 +156,6 @@ pub(super) struct Noted<'a> {
     pub(super) off: Option<&'a OffJoint>,
     /// Sprocket the body turns with.
     pub(super) rotor: Option<usize>,
-}
-
-impl NodeSums {
-    fn new(model: &Model) -> NodeSums {
-        let c = &model.chain;
-        // Held links have no inverse mass.
-        let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
-        let zero = [0.0; LANES];
-        NodeSums {
-            mass: moving(&c.mass),
-            inertia: moving(&c.inertia),
-            twice_kinetic_j: zero,
-            stretch2: zero,
-            pins_w: zero,
-            elastic_j: zero,
-            lost_j: zero,
-            linear: true,
-        }
-    }
-
-    #[inline(always)]
-    fn note(&mut self, law: &ContactLaw, lanes: &Lanes, own: impl Fn(usize) -> bool) {
-        let ContactLaw::Linear { stiffness_n_per_m, .. } = *law else {
-            self.linear &= (0..LANES).all(|i| lanes.age[i] == 0.0 || !own(i));
-            for i in (0..LANES).filter(|i| own(*i)) {
-                self.lost_j[i] += lanes.lost_damping[i] + lanes.lost_friction[i];
-            }
-            return;
-        };
-        let half = 0.5 * stiffness_n_per_m;
-        let (mut elastic_j, mut lost_j) = (self.elastic_j, self.lost_j);
-        for i in 0..LANES {
-            let d = if lanes.penetration[i] > 0.0 { lanes.penetration[i] } else { 0.0 };
-            let elastic = half * d * d;
-            let lost = lanes.lost_damping[i] + lanes.lost_friction[i];
-            elastic_j[i] += if own(i) { elastic } else { 0.0 };
-            lost_j[i] += if own(i) { lost } else { 0.0 };
-        }
-        (self.elastic_j, self.lost_j) = (elastic_j, lost_j);
-    }
-
-    /// Of links at the node, with the accelerations of the step.
-    #[inline(always)]
-    fn note_links(&mut self, half: f64, state: &State, [ax, ay, alpha]: [&[f64]; 3]) {
-        let (s, count) = (&state.links, self.mass.len() / LANES);
-        let (ax, ay, alpha) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
-        let (vx, vy, omega) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
-        let (mass, inertia) = (blocks(&self.mass, count), blocks(&self.inertia, count));
-        let mut twice = [0.0; LANES];
-        for b in 0..count {
-            for i in 0..LANES {
-                let (u, v) = (vx[b][i] + half * ax[b][i], vy[b][i] + half * ay[b][i]);
-                let w = omega[b][i] + half * alpha[b][i];
-                twice[i] += mass[b][i] * (u * u + v * v) + inertia[b][i] * (w * w);
-            }
-        }
-        self.twice_kinetic_j = twice;
-    }
-
-    /// Of `n` joints: ends that meet there, power lost by damping and by friction.
-    #[inline(always)]
-    fn note_joints(&mut self, n: usize, clearance_m: f64, ends: [&[f64]; 4], [damping, friction]: [&[f64]; 2]) {
-        let whole = n / LANES;
-        let (ax, ay, bx, by) = (ends[0], ends[1], ends[2], ends[3]);
-        let (ax, ay, bx, by) = (blocks(ax, whole), blocks(ay, whole), blocks(bx, whole), blocks(by, whole));
-        let (lost, rubbed) = (blocks(damping, whole), blocks(friction, whole));
-        let (mut stretch2, mut pins_w) = ([0.0; LANES], [0.0; LANES]);
-        for b in 0..whole {
-            let (x0, y0, x1, y1) = (ax[b], ay[b], bx[b], by[b]);
-            for i in 0..LANES {
-                let (x, y) = (x0[i] - x1[i], y0[i] - y1[i]);
-                stretch2[i] += x * x + y * y;
-            }
-        }
-        for b in 0..whole {
-            let (lost, rubbed) = (lost[b], rubbed[b]);
-            for i in 0..LANES {
-                pins_w[i] += lost[i] + rubbed[i];
-            }
-        }
-        if clearance_m > 0.0 {
-            stretch2 = [0.0; LANES];
-            for b in 0..whole {
-                for i in 0..LANES {
-                    let (x, y) = (ax[b][i] - bx[b][i], ay[b][i] - by[b][i]);
-                    let beyond = (x * x + y * y).sqrt() - clearance_m;
-                    stretch2[i] += if beyond > 0.0 { beyond * beyond } else { 0.0 };
-                }
-            }
-        }
-        let (mut last2, mut last_w) = (0.0, 0.0);
-        for j in whole * LANES..n {
-            let (x, y) = (ends[0][j] - ends[2][j], ends[1][j] - ends[3][j]);
-            let d2 = x * x + y * y;
-            let beyond = if clearance_m > 0.0 { (d2.sqrt() - clearance_m).max(0.0) } else { 0.0 };
-            last2 += if clearance_m > 0.0 { beyond * beyond } else { d2 };
-            last_w += damping[j] + friction[j];
-        }
-        stretch2[0] += last2;
-        pins_w[0] += last_w;
-        (self.stretch2, self.pins_w) = (stretch2, pins_w);
-    }
 }
 
 impl TorqueSums {
@@ -411,7 +287,6 @@ impl Watched {
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
         let keys = if wanted.sets.is_empty() { 0 } else { PARTS * padded };
         Watched {
-            sums: wanted.energy.then(|| NodeSums::new(model)),
             touches: wanted.touches.then(|| Part::ALL.map(|part| Touches::new(model, part))),
             segments: wanted.segments.then(|| std::array::from_fn(|_| vec![0.0; padded])),
             torques: wanted.torques.then_some(TorqueSums::NONE),
@@ -429,9 +304,6 @@ impl Watched {
     #[inline(always)]
     pub(super) fn clear(&mut self) {
         let zero = [0.0; LANES];
-        if let Some(s) = &mut self.sums {
-            (s.elastic_j, s.lost_j, s.linear) = (zero, zero, true);
-        }
         if let Some(torques) = &mut self.torques {
             *torques = TorqueSums::NONE;
         }
@@ -474,9 +346,6 @@ impl Watched {
 
     #[inline(always)]
     fn note_where(&mut self, b: &Noted, masked: bool, own: impl Fn(usize) -> bool + Copy) {
-        if let Some(sums) = &mut self.sums {
-            sums.note(b.law, b.lanes, own);
-        }
         if let Some(touches) = &mut self.touches {
             touches[b.part.index()].note(b, masked, own);
         }
@@ -556,30 +425,17 @@ fn velocity_change(half: f64, (on_link, on_sprocket): (f64, f64), state: &State,
 /// After the accelerations are known.
 #[inline(always)]
 pub(super) fn note_node(model: &Model, state: &State, scratch: &mut Scratch) {
-    let Some(mut watched) = scratch.watched.take() else { return };
-    let half = 0.5 * model.step_s;
-    if let Some(sums) = &mut watched.sums {
-        sums.note_links(half, state, [&scratch.ax, &scratch.ay, &scratch.alpha]);
-        let (front, rear) = (&scratch.front, &scratch.rear);
-        let ends = [&front.x[..], &front.y, &rear.x[1..], &rear.y[1..]];
-        let powers = [&scratch.joint_power_damping[..], &scratch.joint_power_friction];
-        sums.note_joints(model.chain.n_links, model.chain.joint.clearance_m, ends, powers);
+    let Some(arms_m) = scratch.watched.as_ref().map(|w| w.arms_m).filter(|arms| arms.0 > 0.0) else { return };
+    let change = velocity_change(0.5 * model.step_s, arms_m, state, scratch);
+    if let Some(watched) = &mut scratch.watched {
+        watched.velocity_change = change;
     }
-    if watched.arms_m.0 > 0.0 {
-        watched.velocity_change = velocity_change(half, watched.arms_m, state, scratch);
-    }
-    scratch.watched = Some(watched);
 }
 
 impl Scratch {
     /// From the next evaluation on, keeps what is wanted.
     pub fn watch(&mut self, model: &Model, wanted: &Wanted) {
         self.watched = (*wanted != Wanted::default()).then(|| Box::new(Watched::new(model, wanted)));
-    }
-
-    /// Sums of the node, where they are asked for.
-    pub fn sums(&self) -> Option<&NodeSums> {
-        self.watched.as_deref()?.sums.as_ref()
     }
 
     /// What a part touches, where that is asked for.
