@@ -366,12 +366,41 @@ fn uniform_rows(mass_kg: f64, inertia_kg_m2: f64) -> Vec<pitchline::geometry::ch
         plate_height_m: 7.1e-3,
         plate_thickness_m: 1.5e-3,
         density_kg_m3: 7850.0,
+        is_cranked: false,
         inner: row,
         outer: row,
     }
     .rows()
     .expect("rows")
     .to_vec()
+}
+
+#[test]
+fn cranked_links_are_equal_and_as_heavy_as_the_two_rows_are_on_average() {
+    let chain = BushChain {
+        pitch_m: 8e-3,
+        bush_diameter_m: 5e-3,
+        pin_diameter_m: 3.3e-3,
+        inner_width_m: 5e-3,
+        plate_height_m: 7.1e-3,
+        plate_thickness_m: 1.5e-3,
+        density_kg_m3: 7850.0,
+        is_cranked: false,
+        inner: RowSpec::default(),
+        outer: RowSpec::default(),
+    };
+    let [inner, outer] = chain.rows().expect("rows");
+    let [a, b] = BushChain { is_cranked: true, ..chain }.rows().expect("rows");
+    println!(
+        "inner {:.3} g, outer {:.3} g, cranked {:.3} g",
+        1e3 * inner.mass_kg,
+        1e3 * outer.mass_kg,
+        1e3 * a.mass_kg
+    );
+    assert_eq!((a.mass_kg, a.inertia_kg_m2, &a.circles), (b.mass_kg, b.inertia_kg_m2, &b.circles));
+    assert_eq!((a.bush_radius_m, b.bush_radius_m), (Some(2.5e-3), Some(2.5e-3)));
+    assert!((a.mass_kg - 0.5 * (inner.mass_kg + outer.mass_kg)).abs() < 1e-15);
+    assert!((a.inertia_kg_m2 - 0.5 * (inner.inertia_kg_m2 + outer.inertia_kg_m2)).abs() < 1e-18);
 }
 
 fn plain_joint(stiffness_n_per_m: f64) -> LinkJoint {

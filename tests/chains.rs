@@ -49,9 +49,11 @@ fn the_silent_chain_meets_its_closed_forms() {
     spec.link = SilentLinkForm::standard(8e-3);
     let sprocket = SilentSprocket::new(spec).expect("20 teeth");
     let omega = 3000.0 * 2.0 * std::f64::consts::PI / 60.0;
-    // At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with links of 7.3 g, stands beside the tooth
-    // frequency of 1 kHz: the link touches slower than the kinematics say, and the forces swing. Softer joints are clear of it.
-    for (stiffness, bounds) in [(8e6, (0.20, 0.12)), (3e7, (0.35, 0.20))] {
+    // The kinematics let the span stand still sideways. It is a string, whose last link turns already when it touches: the stiffer
+    // the joints, the nearer the approach speed is to 1 - v/c of the kinematics (1.09, 1.03, 1.02, 0.995 of that at 2e7, 3e7, 5e7,
+    // 1e8 N/m). At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with links of 7.3 g, stands beside the tooth
+    // frequency of 1 kHz, and the forces swing.
+    for (stiffness, as_string, bounds) in [(8e6, false, (0.20, 0.12)), (3e7, true, (0.10, 0.20))] {
         let set = format!("chain.joint.stiffness_n_per_m={stiffness}");
         // The bush chain with links as heavy, so that the kinds of contact are compared and not the masses.
         let masses = ["inner.mass_g", "outer.mass_g", "inner.inertia_g_mm2", "outer.inertia_g_mm2"];
@@ -67,6 +69,8 @@ fn the_silent_chain_meets_its_closed_forms() {
         let flank = silent.kind(Kind::FlankTrailing).expect("trailing flanks touch");
         let stretch_m = silent.tight_tension_n / stiffness;
         let expected = stretched_approach_speed_m_s(&sprocket, omega, stretch_m).expect("an arc");
+        let wave_m_s = (silent.tight_tension_n / (7.3e-3 / 8e-3)).sqrt();
+        let share = 1.0 - 8e-3 * 20.0 * 50.0 / wave_m_s;
         let speed = flank.approach_median_m_s / expected;
         let impact = flank.approach_median_m_s * (1e8_f64 * 7.3e-3).sqrt();
         let peak = flank.peak_window_n / impact;
@@ -77,10 +81,11 @@ fn the_silent_chain_meets_its_closed_forms() {
         let statics = wrap.flank_force_ratio * wrap.tension_ratio * pressing;
         let bush = all[1].0.kind(Kind::Bush).expect("bushes touch").peak_window_n / flank.peak_window_n;
         println!(
-            "joints {stiffness:.0e} N/m: approach {:.4} m/s, closed form {expected:.4} ({speed:.3}); peak {:.1} N, \
+            "joints {stiffness:.0e} N/m: approach {:.4} m/s, closed form {expected:.4} ({speed:.3}), 1 - v/c {share:.3}; peak {:.1} N, \
              {peak:.3} of v sqrt(k m); second pitch {second:.1} N, statics {statics:.1} N; bush peak {bush:.2} times",
             flank.approach_median_m_s, flank.peak_window_n
         );
+        let speed = if as_string { speed / share } else { speed };
         assert!((speed - 1.0).abs() < bounds.0, "{speed}");
         assert!((0.9..1.2).contains(&peak), "{peak}");
         assert!((second / statics - 1.0).abs() < bounds.1, "{second} {statics}");
@@ -98,15 +103,17 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
     let (radial, ahead) = transition.approach_to_seat_m(0.0);
     let gap_m = radial * lean.sin() + ahead * lean.cos();
     let sweep = [
-        (300.0, 0.0, 3000.0),
-        (420.0, 0.0, 3000.0),
-        (460.0, 0.0, 3000.0),
-        (460.0, 1.0, 3000.0),
-        (460.0, 3.0, 3000.0),
-        (460.0, 1.0, 1500.0),
-        (460.0, 1.0, 4500.0),
+        (300.0, 0.0, 3000.0, 1e8),
+        (420.0, 0.0, 3000.0, 1e8),
+        (460.0, 0.0, 3000.0, 1e8),
+        (460.0, 1.0, 3000.0, 1e8),
+        (460.0, 3.0, 3000.0, 1e8),
+        (460.0, 1.0, 1500.0, 1e8),
+        (460.0, 1.0, 4500.0, 1e8),
+        (460.0, 0.0, 4500.0, 1e9),
+        (420.0, 0.0, 3000.0, 1e9),
     ];
-    for (design_n, guide_um, rpm) in sweep {
+    for (design_n, guide_um, rpm, contact) in sweep {
         let (speed, period_s) = (8.0 * rpm / 3000.0, 1e-3 * 3000.0 / rpm);
         let mut sets = vec![
             format!("chain.smartchain.design_tension_n={design_n}"),
@@ -117,6 +124,9 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         for friction in ["chain.joint", "contact.sprocket", "contact.ring", "contact.guide"] {
             sets.push(format!("{friction}.friction=0"));
         }
+        for body in ["sprocket", "ring", "guide"] {
+            sets.push(format!("contact.{body}.linear.stiffness_n_per_m={contact}"));
+        }
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
         let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 26e3 * period_s).remove(0);
         let bush = summary.kind(Kind::Bush).expect("bushes touch");
@@ -124,21 +134,22 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         let expected = 3.0 * gap_m / period_s * (stretch_m / gap_m).powf(2.0 / 3.0);
         let ring = summary.kind(Kind::RingFront).expect("rings are touched");
         // The guide gives way to some 20 N, and lies lower by what it is set.
-        let delta_m = 22.0 / 1e8 + guide_um * 1e-6;
+        let delta_m = 22.0 / contact + guide_um * 1e-6;
         let ring_expected = speed * (2.0 * delta_m / (transition.pitch_radius_m - 4.5e-3)).sqrt();
         let ratios = (bush.approach_median_m_s / expected, ring.approach_median_m_s / ring_expected);
         println!(
-            "T* {design_n} N, guide {guide_um} um low, {rpm} rpm: bush {:.4} m/s, closed form {expected:.4} ({:.2}); \
+            "T* {design_n} N, guide {guide_um} um low, {rpm} rpm, contacts {contact:.0e} N/m: bush {:.4} m/s, closed form {expected:.4} ({:.2}); \
              ring {:.4} m/s, closed form {ring_expected:.4} ({:.2})",
             bush.approach_median_m_s, ratios.0, ring.approach_median_m_s, ratios.1
         );
         assert!((ratios.1 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
-        // At 4500 rpm bushes land 48 % faster than the mean tension says; the ring's form still holds to 1 %.
-        assert!(rpm > 3000.0 || (ratios.0 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
+        // The form lets only the joints give way. Contacts of 1e8 N/m give way by a micrometre more, which at 4500 rpm lands bushes 48 %
+        // faster; with stiff ones they land as it says.
+        assert!(rpm > 3000.0 && contact < 1e9 || (ratios.0 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
     }
 }
 
-/// Deviation of first-touch speeds from their closed forms. measured: bush -18 to +30 % up to 3000 rpm, ring 0 to +4 %
+/// Deviation of first-touch speeds from their closed forms. measured: bush -18 to +30 % up to 3000 rpm, ring 0 to +6 %
 const CLOSED_FORM: f64 = 0.30;
 
 #[test]
@@ -161,7 +172,7 @@ fn near_rigid_the_ring_force_follows_the_quasi_static_table() {
     let pressing = summary.tight_tension_n - summary.centrifugal_tension_n;
     let transition = Transition::smooth(20, 8e-3).expect("20 teeth");
     let mut worst = 0.0_f64;
-    for tau in [0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75] {
+    for tau in [0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85] {
         let mean = passes.iter().map(|p| p.mean(Kind::RingFront, tau - 0.05, tau + 0.05)).sum::<f64>();
         let (mean, expected) = (mean / passes.len() as f64, transition.quasi_static_ring_force_n(pressing, tau));
         println!(
@@ -199,9 +210,21 @@ fn flank_pitch_makes_a_half_order_and_pin_pitch_alone_does_not() {
     let bush_rows = ["chain.bush.inner.pitch_mm=8.01".to_string(), "chain.bush.outer.pitch_mm=7.99".to_string()];
     let (plain, plus, minus, pins) = (silent(0.0, 0.0), silent(10.0, 10.0), silent(-10.0, -10.0), silent(10.0, 0.0));
     let bush = case("bush-20-40", &bush_rows);
-    for (name, s) in
-        [("equal rows", &plain), ("+10 um", &plus), ("-10 um", &minus), ("pins only", &pins), ("bush +10", &bush)]
-    {
+    // Bushes on every other link only: loaded joints set the bushes of outer links further apart, half order without any
+    // difference of pitch. Cranked links are all equal.
+    let cranked = "chain.bush.bushes=every_link".to_string();
+    let (bush_plain, cranked_plain) = (case("bush-20-40", &[]), case("bush-20-40", std::slice::from_ref(&cranked)));
+    let cranked_plus = case("bush-20-40", &[bush_rows.as_slice(), &[cranked]].concat());
+    for (name, s) in [
+        ("equal rows", &plain),
+        ("+10 um", &plus),
+        ("-10 um", &minus),
+        ("pins only", &pins),
+        ("bush +10", &bush),
+        ("bush equal", &bush_plain),
+        ("cranked", &cranked_plain),
+        ("cranked +10", &cranked_plus),
+    ] {
         println!(
             "{name:<12} asymmetry {:+.3}, first touch even - odd {:+.4} T, tight span at z/2 {:.3} N, at z {:.2} N",
             s.odd_even_asymmetry, s.odd_even_first_touch_t, s.tension_half_order_n, s.tension_tooth_order_n
@@ -211,10 +234,51 @@ fn flank_pitch_makes_a_half_order_and_pin_pitch_alone_does_not() {
     assert!(plain.odd_even_asymmetry.abs() < 0.01);
     assert!((0.18..0.25).contains(&a.abs()) && (a + b).abs() < 0.05 * a.abs(), "{a} {b}");
     assert!(bush.odd_even_asymmetry.abs() <= 0.03 && pins.odd_even_asymmetry.abs() <= 0.03);
-    // measured: 6.0 times, and 2.6 times in the tension, whose order z/2 depends on the joints' stiffness and the span's
-    // resonance as much as on the rows: 0.9 times at 2e7 N/m, 0.6 at 8e6.
-    assert!(plus.odd_even_first_touch_t.abs() > 3.0 * bush.odd_even_first_touch_t.abs());
-    assert!(plus.tension_half_order_n > 2.0 * bush.tension_half_order_n);
+    assert!(cranked_plain.odd_even_asymmetry.abs() < 1e-3 && cranked_plain.tension_half_order_n < 0.1);
+    assert!(bush_plain.tension_half_order_n > 2.0, "{}", bush_plain.tension_half_order_n);
+    assert!(cranked_plus.odd_even_first_touch_t.abs() <= 0.02);
+    // measured: 13 times, and 4.4 times in the tension, in which the half orders of both sprockets meet.
+    assert!(plus.odd_even_first_touch_t.abs() > 8.0 * cranked_plus.odd_even_first_touch_t.abs());
+    assert!(plus.tension_half_order_n > 3.5 * cranked_plus.tension_half_order_n);
+}
+
+/// The half order of the tight span's tension sums what both sprockets send, and the length of the loop sets their phase.
+#[test]
+fn half_order_tension_of_a_loop_of_84_links() {
+    let case = |chain: &str, rows: &[&str], sets: &[&str]| {
+        let mut all: Vec<String> = vec![
+            format!("chain.{chain}.links=84"),
+            "sprockets.driven.x_mm=214.5".into(),
+            "chain.joint.stiffness_n_per_m=2e7".into(),
+        ];
+        all.extend(sets.iter().map(|s| (*s).to_string()));
+        for key in rows {
+            all.push(format!("chain.{chain}.inner.{key}=8.01"));
+            all.push(format!("chain.{chain}.outer.{key}=7.99"));
+        }
+        let all: Vec<&str> = all.iter().map(String::as_str).collect();
+        measured(&[drive(&format!("{chain}-20-40"), &all)], 60.0).remove(0).0
+    };
+    let silent = case("silent", &["pin_pitch_mm", "flank_pitch_mm"], &[]);
+    // Links as heavy as the silent chain's, so that the kinds of contact are compared and not the masses.
+    let equal = [
+        "chain.bush.bushes=every_link",
+        "chain.bush.inner.mass_g=7.3",
+        "chain.bush.outer.mass_g=7.3",
+        "chain.bush.inner.inertia_g_mm2=70",
+        "chain.bush.outer.inertia_g_mm2=70",
+    ];
+    let bush = case("bush", &["pitch_mm"], &equal);
+    let ratio = silent.tension_half_order_n / bush.tension_half_order_n;
+    println!(
+        "84 links, 2e7 N/m, rows +-10 um: tight span at z/2 silent {:.2} N, bush {:.2} N, {ratio:.1} times; first touch {:+.4}, {:+.4} T",
+        silent.tension_half_order_n,
+        bush.tension_half_order_n,
+        silent.odd_even_first_touch_t,
+        bush.odd_even_first_touch_t
+    );
+    assert!(ratio >= 5.0, "{ratio}");
+    assert!(bush.odd_even_first_touch_t.abs() <= 0.02);
 }
 
 #[test]

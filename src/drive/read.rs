@@ -291,6 +291,7 @@ fn read_bush_chain(t: &Table<'_>) -> BushChain {
         plate_height_m: t.required("plate_height_mm", MM, 0.3..=300.0),
         plate_thickness_m: t.required("plate_thickness_mm", MM, 0.05..=50.0),
         density_kg_m3: t.number("density_kg_per_m3", 1.0, 100.0..=30_000.0).unwrap_or(7850.0),
+        is_cranked: t.choice("bushes", &[("every_other_link", false), ("every_link", true)]).unwrap_or(false),
         inner: row("inner"),
         outer: row("outer"),
     }

@@ -1,6 +1,8 @@
 //! Bush chain: inner links of two plates pressed on two bushes, outer links of two plates pressed on two pins.
 //!
-//! The bushes belong to the inner links: a tooth pushes on an inner link, at either of its ends. Plates have the contour of
+//! The bushes belong to the inner links: a tooth pushes on an inner link, at either of its ends. So a loaded joint sets the bushes
+//! of an outer link further apart than those of an inner one, and a bush chain has a half order of its own. A chain of cranked
+//! links, each with a bush in front and a pin behind, has none: all its links are equal. Plates have the contour of
 //! a stadium (two arcs about the joints, two straight edges), so that a plate lies flat on a straight guide.
 //! Masses follow from the dimensions unless given: plates less their holes, tubes, full cylinders.
 
@@ -23,6 +25,8 @@ pub struct BushChain {
     pub plate_height_m: f64,
     pub plate_thickness_m: f64,
     pub density_kg_m3: f64,
+    /// Cranked links: each carries the bush of its front joint.
+    pub is_cranked: bool,
     pub inner: RowSpec,
     pub outer: RowSpec,
 }
@@ -49,7 +53,31 @@ impl BushChain {
         let bush_radius = 0.5 * self.bush_diameter_m;
         let pin_radius = 0.5 * self.pin_diameter_m;
         let lever = 0.5 * pitch_m;
+        let has_bush = inner || self.is_cranked;
+        let (mass, inertia) = if self.is_cranked {
+            // One of each: as heavy as the two rows are on average.
+            let [a, b] = [true, false].map(|inner| self.mass_and_inertia(&plate, lever, inner));
+            (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1))
+        } else {
+            self.mass_and_inertia(&plate, lever, inner)
+        };
+        let circle_radius = if has_bush { bush_radius } else { pin_radius };
+        let circles = [(-lever, if self.is_cranked { pin_radius } else { circle_radius }), (lever, circle_radius)];
+        Ok(LinkShape {
+            name: if inner { "inner" } else { "outer" },
+            pitch_m,
+            plate,
+            plate_end_radius_m: end_radius,
+            bush_radius_m: has_bush.then_some(bush_radius),
+            circles: circles.map(|(x, radius_m)| (Vec2::new(x, 0.0), radius_m)).to_vec(),
+            mass_kg: spec.mass_kg.unwrap_or(mass),
+            inertia_kg_m2: spec.inertia_kg_m2.unwrap_or(inertia),
+        })
+    }
 
+    /// Of a link with two bushes, or with two pins [kg, kg m2].
+    fn mass_and_inertia(&self, plate: &Profile, lever: f64, inner: bool) -> (f64, f64) {
+        let (bush_radius, pin_radius) = (0.5 * self.bush_diameter_m, 0.5 * self.pin_diameter_m);
         let area = plate.area_properties();
         let plates_kg = 2.0 * self.plate_thickness_m * self.density_kg_m3;
         let hole_radius = if inner { bush_radius } else { pin_radius };
@@ -66,18 +94,7 @@ impl BushChain {
         let tube = PI * (outside * outside - bore * bore) * length * self.density_kg_m3;
         mass += 2.0 * tube;
         inertia += 2.0 * tube * (0.5 * (outside * outside + bore * bore) + lever * lever);
-
-        let circle_radius = if inner { bush_radius } else { pin_radius };
-        Ok(LinkShape {
-            name: if inner { "inner" } else { "outer" },
-            pitch_m,
-            plate,
-            plate_end_radius_m: end_radius,
-            bush_radius_m: inner.then_some(bush_radius),
-            circles: [-lever, lever].map(|x| (Vec2::new(x, 0.0), circle_radius)).to_vec(),
-            mass_kg: spec.mass_kg.unwrap_or(mass),
-            inertia_kg_m2: spec.inertia_kg_m2.unwrap_or(inertia),
-        })
+        (mass, inertia)
     }
 }
 
