@@ -161,6 +161,29 @@ fn compare_judges_and_records_the_three_chains() {
     let frame = &recording.frames[0];
     assert!(frame.links.y_m[100] < frame.links.y_m[10] && frame.links.y_m[200] < frame.links.y_m[100]);
     assert!(frame.contacts.body.iter().all(|b| (*b as usize) < recording.header.bodies.len()));
+    let sweep = ["--speed-rpm", "3000,1500", "--load-nm", "18", "--duration", "90ms", "--recorded", "1ms"];
+    let out =
+        json(&pitchline(&[&["compare", "--drives", "bush-20-40", "-o", path, "--json"], sweep.as_slice()].concat()));
+    let at = |k: usize, key: &str| out["sweep"][k]["drives"][0][key].as_f64().expect(key);
+    assert_eq!(
+        (out["sweep"][0]["speed_rpm"].as_f64(), out["sweep"][1]["speed_rpm"].as_f64()),
+        (Some(1500.0), Some(3000.0))
+    );
+    assert!(at(1, "peak_force_max_n") > 1.3 * at(0, "peak_force_max_n"), "{}", out["sweep"]);
+    assert!(at(1, "driven_speed_tooth_order") > 1e-4, "{}", out["sweep"]);
+    // 18 N m on 50.9 mm are 353.4 N.
+    assert!((at(1, "tight_tension_n") - 530.0).abs() < 15.0, "{}", out["sweep"]);
+    let page = std::fs::read_to_string(folder.path().join("compare.html")).expect("a page");
+    for wanted in ["What touches link", "Speed of the driven sprocket", "z = 20", "Over speed", "1500"] {
+        assert!(page.contains(wanted), "no `{wanted}`");
+    }
+    for wrong in [["--speed-rpm", "0"], ["--speed-rpm", "fast"], ["--load-nm", "x"], ["--drives", "no-such-drive"]] {
+        assert_eq!(
+            pitchline(&[&["compare", "--no-output"], wrong.as_slice()].concat()).status.code(),
+            Some(2),
+            "{wrong:?}"
+        );
+    }
     let wrong = pitchline(&["compare", "--no-output", "--set", "bush:chain.joint.friction=0"]);
     assert_eq!(wrong.status.code(), Some(2), "{}", stderr(&wrong));
     assert_eq!(pitchline(&["tune", "bush-20-40"]).status.code(), Some(2));

@@ -3,6 +3,7 @@
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::assemble::AssemblyError;
 use crate::compare::{CompareError, Plan, Run, Summary, merge, run as compare, verdict};
+use crate::drive::{Drive, OuterSpec};
 use crate::recording::{ViewOptions, create, extensions};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,15 @@ use std::time::Instant;
 pub struct CompareArgs {
     /// Drives to compare [default: bush-20-40, silent-20-40, smartchain-20-40]
     drives: Vec<String>,
+    /// The same, separated by commas
+    #[arg(long = "drives", value_name = "NAME,...", value_delimiter = ',', conflicts_with = "drives")]
+    named: Vec<String>,
+    /// Speed of the drivers [rpm]; several, separated by commas: what grows with speed. The first is recorded
+    #[arg(long, value_name = "RPM,...", value_delimiter = ',', value_parser = above_zero)]
+    speed_rpm: Vec<f64>,
+    /// Load torque on the driven sprockets [N m]
+    #[arg(long, value_name = "NM")]
+    load_nm: Option<f64>,
     /// Simulated time after assembling that is judged, e.g. 120ms
     #[arg(long, default_value = "120ms", value_parser = super::run::duration)]
     duration: f64,
@@ -35,17 +45,46 @@ pub struct CompareArgs {
     json: bool,
 }
 
-pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
-    let bundled = || crate::drive::BUNDLED.iter().map(|(n, _)| (*n).to_string()).collect();
-    let names: Vec<String> = if args.drives.is_empty() { bundled() } else { args.drives.clone() };
+fn above_zero(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("a number above 0 is needed".into()),
+    }
+}
+
+/// All drives, at a speed of their drivers if one is given.
+fn drives(args: &CompareArgs, names: &[String], speed_rpm: Option<f64>) -> Result<Vec<Drive>, Failure> {
     let mut drives = Vec::new();
-    for name in &names {
+    for name in names {
         let own = |s: &String| match s.split_once(':') {
             Some((drive, set)) if !drive.contains('=') => (drive == name).then(|| set.to_string()),
             _ => Some(s.clone()),
         };
-        drives.push(load_drive(name, &args.set.iter().filter_map(own).collect::<Vec<_>>())?);
+        let mut sets: Vec<String> = args.set.iter().filter_map(own).collect();
+        let mut drive = load_drive(name, &sets)?;
+        if speed_rpm.is_some() || args.load_nm.is_some() {
+            for s in &drive.sprockets {
+                match (s.outer, speed_rpm, args.load_nm) {
+                    (OuterSpec::Speed { .. }, Some(rpm), _) => {
+                        sets.push(format!("speeds.constant.{}.speed_rpm={rpm}", s.name));
+                    }
+                    (OuterSpec::Load { .. }, _, Some(nm)) => {
+                        sets.push(format!("loads.constant.{}.torque_nm={nm}", s.name));
+                    }
+                    _ => {}
+                }
+            }
+            drive = load_drive(name, &sets)?;
+        }
+        drives.push(drive);
     }
+    Ok(drives)
+}
+
+pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
+    let bundled = || crate::drive::BUNDLED.iter().map(|(n, _)| (*n).to_string()).collect();
+    let named = if args.named.is_empty() { &args.drives } else { &args.named };
+    let names: Vec<String> = if named.is_empty() { bundled() } else { named.clone() };
     if let Some(s) = args
         .set
         .iter()
@@ -53,6 +92,14 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     {
         return Err(Failure::Input(format!("`--set {s}` names a drive that is not compared: {}", names.join(", "))));
     }
+    let first = drives(args, &names, args.speed_rpm.first().copied())?;
+    // Whatever is wrong with another speed is said before anything runs.
+    let others: Vec<(f64, Vec<Drive>)> = args
+        .speed_rpm
+        .iter()
+        .skip(1)
+        .map(|rpm| Ok((*rpm, drives(args, &names, Some(*rpm))?)))
+        .collect::<Result<_, Failure>>()?;
     if !args.no_output {
         std::fs::create_dir_all(&args.output)
             .map_err(|e| Failure::World(format!("cannot make {}: {e}", args.output.display())))?;
@@ -60,11 +107,21 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     let stop = super::run::stop_on_interrupt();
     let started = Instant::now();
     let plan = Plan { duration_s: args.duration, recorded_s: args.recorded.min(args.duration), every_s: args.every };
-    let runs = match compare(&drives, plan, &stop) {
-        Ok(runs) => runs,
-        Err(CompareError::Interrupted) => return Ok(Outcome::Interrupted),
-        Err(e) => return Err(failure(&e)),
+    let mut sweep: Vec<(f64, Vec<Summary>)> = Vec::new();
+    let all = |drives: &[Drive], plan| match compare(drives, plan, &stop) {
+        Ok(runs) => Ok(Some(runs)),
+        Err(CompareError::Interrupted) => Ok(None),
+        Err(e) => Err(failure(&e)),
     };
+    let Some(runs) = all(&first, plan)? else { return Ok(Outcome::Interrupted) };
+    if let Some(rpm) = args.speed_rpm.first().filter(|_| !others.is_empty()) {
+        sweep.push((*rpm, runs.iter().map(|r| r.summary.clone()).collect()));
+    }
+    for (rpm, drives) in &others {
+        let Some(runs) = all(drives, Plan { recorded_s: 0.0, ..plan })? else { return Ok(Outcome::Interrupted) };
+        sweep.push((*rpm, runs.into_iter().map(|r| r.summary).collect()));
+    }
+    sweep.sort_by(|a, b| a.0.total_cmp(&b.0));
     let wall_s = started.elapsed().as_secs_f64();
     let summaries: Vec<&Summary> = runs.iter().map(|r| &r.summary).collect();
     let claims = verdict(&summaries).unwrap_or_default();
@@ -73,7 +130,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         outputs = record(&runs, &args.output)?;
         let page = args.output.join("compare.html");
         let shown: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
-        std::fs::write(&page, crate::render::compare::html(&runs, &claims, &shown))
+        std::fs::write(&page, crate::render::compare::html(&runs, &claims, &sweep, &shown))
             .map_err(|e| Failure::World(format!("cannot write {}: {e}", page.display())))?;
         outputs.push(page);
     }
@@ -86,13 +143,14 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         return print_json(&serde_json::json!({
             "drives": summaries,
             "claims": claims,
+            "sweep": sweep.iter().map(|(rpm, of)| serde_json::json!({"speed_rpm": rpm, "drives": of})).collect::<Vec<_>>(),
             "impact_free": (!claims.is_empty()).then_some(holds),
             "simulated_s": args.duration,
             "wall_s": wall_s,
             "outputs": outputs,
         }));
     }
-    let mut text = table(&summaries);
+    let mut text = table(&summaries) + &sweep_table(&sweep);
     for c in &claims {
         let _infallible = writeln!(text, "{} {}: {}", if c.holds { "yes" } else { "NO " }, c.claim, c.measured);
     }
@@ -150,6 +208,24 @@ fn table(summaries: &[&Summary]) -> String {
             s.centrifugal_tension_n,
             100.0 * s.speed_ripple
         );
+    }
+    text + "\n"
+}
+
+/// Largest force of an engagement, and fastest first touch, over the speed.
+fn sweep_table(sweep: &[(f64, Vec<Summary>)]) -> String {
+    let Some((_, first)) = sweep.first() else { return String::new() };
+    let mut text = format!("{:>8}", "rpm");
+    for s in first {
+        let _infallible = write!(text, "  {:>28}", format!("{} N, m/s", s.drive));
+    }
+    text.push('\n');
+    for (rpm, of) in sweep {
+        let _infallible = write!(text, "{rpm:>8.0}");
+        for s in of {
+            let _infallible = write!(text, "  {:>18.1} {:>9.4}", s.largest_n().0, s.fastest_touch_m_s());
+        }
+        text.push('\n');
     }
     text + "\n"
 }

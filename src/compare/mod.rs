@@ -6,12 +6,14 @@
 
 pub mod headline;
 pub mod merge;
+pub mod spectrum;
 pub mod tune;
 
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;
 use crate::drive::Drive;
 use crate::elements::end_contact::LinkContour;
+use crate::elements::rotor::Rotor;
 use crate::engagement::{KINDS, Kind, Pass, Watch};
 use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
@@ -19,6 +21,7 @@ use crate::model::Model;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{Event, Frame, Header};
 use crate::simulate::{Span, first_touches};
+use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Engagement window [T].
@@ -42,6 +45,8 @@ pub struct Run {
     pub events: Vec<Event>,
     pub passes: Vec<Pass>,
     pub summary: Summary,
+    /// Of the first sprocket that turns freely; None where there is none, or the run is shorter than two turns of the driver.
+    pub spectrum: Option<Spectrum>,
 }
 
 /// Statistics of one kind of contact over all passes.
@@ -84,6 +89,9 @@ pub struct Summary {
     pub turning_speed_m_s: f64,
     /// Tooth-order speed variation of the tight span, peak to peak over its mean.
     pub speed_ripple: f64,
+    /// Amplitudes of the driven sprocket's speed at orders z/2 and z of the driver, over its mean.
+    pub driven_speed_half_order: Option<f64>,
+    pub driven_speed_tooth_order: Option<f64>,
     /// Share of passes with guide, ring, bush and both abutments in this order; abutment chains only.
     pub sequence: Option<f64>,
     /// Distance of the seated forces of even and odd links in the first pitch after seating, over their sum.
@@ -165,6 +173,8 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     let recorded = (plan.recorded_s / model.step_s) as u64;
     let (mut frames, mut events) = (Vec::new(), Vec::new());
     let mut camera = Camera::default();
+    let free = model.sprockets.iter().position(|s| matches!(s.rotor, Rotor::Free { .. }));
+    let mut speeds = SpeedLog::default();
     for step in 0..=span.steps {
         if stop.load(Ordering::Relaxed) {
             return Err(CompareError::Interrupted);
@@ -172,6 +182,9 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         explicit::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
         watch.look(&model, &state, &scratch);
+        if let Some(k) = free {
+            speeds.add(state.rotors.angle[model.driver].abs(), state.rotors.omega[k]);
+        }
         if step <= recorded && step.is_multiple_of(span.steps_per_frame) {
             let frame = camera.take(&model, &state, &scratch);
             events.extend(first_touches(&frame, &header, span.steps_per_frame));
@@ -182,9 +195,13 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     if watch.done.is_empty() {
         return Err(CompareError::NothingSeen { drive: drive.name.clone() });
     }
-    let summary = summarise(drive, &model, &watch);
+    let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
+    let spectrum = speeds.spectrum(3.25 * teeth);
+    let mut summary = summarise(drive, &model, &watch);
+    summary.driven_speed_half_order = spectrum.as_ref().and_then(|s| s.at(0.5 * teeth));
+    summary.driven_speed_tooth_order = spectrum.as_ref().and_then(|s| s.at(teeth));
     let (name, title) = (drive.name.clone(), drive.title.clone());
-    Ok(Run { name, title, header, frames, events, passes: watch.done, summary })
+    Ok(Run { name, title, header, frames, events, passes: watch.done, summary, spectrum })
 }
 
 fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
@@ -215,6 +232,8 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         centrifugal_tension_n: per_length * model.chain_speed_m_s.powi(2),
         turning_speed_m_s: pitch * model.sprockets[model.driver].nominal_speed_rad_s.abs(),
         speed_ripple: watch.speed_ripple(),
+        driven_speed_half_order: None,
+        driven_speed_tooth_order: None,
         sequence: matches!(model.contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
         odd_even_asymmetry: asymmetry(passes),
         odd_even_first_touch_t: odd_even_first_touch(passes),

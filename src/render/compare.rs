@@ -1,6 +1,6 @@
 //! The report of a comparison: one HTML file that needs nothing else, curves as SVG.
 
-use crate::compare::{Claim, Run};
+use crate::compare::{Claim, Run, Summary};
 use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
 use std::fmt::Write;
 
@@ -34,8 +34,11 @@ fn name(kind: Kind) -> &'static str {
     }
 }
 
-/// The whole page.
-pub fn html(runs: &[Run], claims: &[Claim], recordings: &[String]) -> String {
+/// Of the drives, in their order.
+const LINES: [&str; 6] = ["#c92a2a", "#e8890c", "#1c6dd0", "#2b8a3e", "#6f42c1", "#495057"];
+
+/// The whole page; `sweep`: summaries over speeds [rpm], if there are several.
+pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<Summary>)], recordings: &[String]) -> String {
     let mut page = String::from(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Chain drives compared</title><style>\
          body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;color:#222}\
@@ -64,7 +67,10 @@ pub fn html(runs: &[Run], claims: &[Claim], recordings: &[String]) -> String {
     for run in runs {
         let _infallible = writeln!(page, "<h2>{}</h2><p>{}</p>", escape(&run.name), escape(&run.title));
         page += &diagram(run, 1.05 * top);
+        page += &touches(run);
     }
+    page += &spectra(runs);
+    page += &over_speed(sweep);
     page += "<h2>Recordings</h2><p>";
     page += &recordings.iter().map(|r| format!("<code>{}</code>", escape(r))).collect::<Vec<_>>().join(", ");
     page += "</p><h2>Drives</h2>\n";
@@ -167,6 +173,167 @@ fn diagram(run: &Run, top_n: f64) -> String {
     let _infallible =
         writeln!(svg, "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">u [T]</text>", w - 10.0, h - 4.0);
     svg + "</svg>\n"
+}
+
+/// What touches one link when, on its way over the driver.
+fn touches(run: &Run) -> String {
+    let Some(pass) = run.passes.get(run.passes.len() / 2) else { return String::new() };
+    let (w, _) = SIZE;
+    let left = MARGIN.0;
+    let x = |u: f64| left + (u - SHOWN.0) / (SHOWN.1 - SHOWN.0) * (w - left - 10.0);
+    let mut rows = String::new();
+    let mut at = 4.0;
+    for kind in KINDS {
+        // Stretches of bins with a force; a gap of one bin is none.
+        let mut bars: Vec<(f64, f64)> = Vec::new();
+        let half = 0.5 / BINS_PER_PITCH as f64;
+        for (bin, force) in pass.force_n.iter().enumerate().filter(|(_, f)| f[kind as usize] > 0.0) {
+            let u = Pass::u_of(bin);
+            match bars.last_mut() {
+                Some(last) if force[kind as usize] > 0.0 && u - half - last.1 < 2.5 * half => last.1 = u + half,
+                _ => bars.push((u - half, u + half)),
+            }
+        }
+        if bars.is_empty() {
+            continue;
+        }
+        let c = colour(kind);
+        for (from, to) in bars.iter().map(|(a, b)| (a.max(SHOWN.0), b.min(SHOWN.1))).filter(|(a, b)| a < b) {
+            let _infallible = write!(
+                rows,
+                "<rect x=\"{:.2}\" y=\"{at:.0}\" width=\"{:.2}\" height=\"11\" fill=\"{c}\"/>",
+                x(from),
+                x(to) - x(from)
+            );
+        }
+        let _infallible =
+            writeln!(rows, "<text x=\"4\" y=\"{:.0}\" font-size=\"9\" fill=\"{c}\">{}</text>", at + 9.0, short(kind));
+        at += 14.0;
+    }
+    format!(
+        "<p>What touches link {} when, from {:.2} ms on:</p>\n<svg viewBox=\"0 0 {w} {at}\" width=\"{w}\" height=\"{at}\">\n{rows}</svg>\n",
+        pass.link,
+        1e3 * pass.start_s
+    )
+}
+
+/// Fits beside a row.
+fn short(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Guide => "guide",
+        Kind::RingFront => "ring front",
+        Kind::RingRear => "ring rear",
+        Kind::Bush => "bush",
+        Kind::FlankLeading => "leading",
+        Kind::FlankTrailing => "trailing",
+        Kind::InnerFlank => "inner",
+    }
+}
+
+/// Lines over two axes, the upright one in powers of ten or from zero: names, points.
+struct Chart<'a> {
+    x: (f64, f64, &'a str),
+    y: (f64, f64),
+    log: bool,
+    unit: &'a str,
+}
+
+impl Chart<'_> {
+    fn draw(&self, ticks: &[(f64, String)], lines: &[(String, Vec<(f64, f64)>)]) -> String {
+        let (w, h) = SIZE;
+        let (left, bottom) = MARGIN;
+        let scale = |v: f64| if self.log { libm::log10(v.max(self.y.0)) } else { v };
+        let (low, high) = (scale(self.y.0), scale(self.y.1));
+        let x = |v: f64| left + (v - self.x.0) / (self.x.1 - self.x.0) * (w - left - 10.0);
+        let y = |v: f64| h - bottom - (scale(v) - low) / (high - low) * (h - bottom - 10.0);
+        let mut svg = format!("<svg viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" font-size=\"12\">\n");
+        for (v, text) in ticks {
+            let at = x(*v);
+            let _infallible = writeln!(
+                svg,
+                "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"10\" y2=\"{:.1}\" stroke=\"#ddd\"/>\
+                 <text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>",
+                h - bottom,
+                h - bottom + 15.0
+            );
+        }
+        let marks: Vec<(f64, String)> = if self.log {
+            let power = |p: i32| (libm::pow(10.0, f64::from(p)), format!("1e{p}"));
+            (low.ceil() as i32..=high.floor() as i32).map(power).collect()
+        } else {
+            let step =
+                [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| high / s <= 6.0).unwrap_or(5000.0);
+            (0..=(high / step) as i32).map(|k| (f64::from(k) * step, format!("{:.0}", f64::from(k) * step))).collect()
+        };
+        for (v, label) in marks {
+            let at = y(v);
+            let _infallible = writeln!(
+                svg,
+                "<line x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#eee\"/>\
+                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{label}{}</text>",
+                w - 10.0,
+                left - 6.0,
+                at + 4.0,
+                self.unit
+            );
+        }
+        let mut key = left + 8.0;
+        for (i, (name, points)) in lines.iter().enumerate() {
+            let c = LINES[i % LINES.len()];
+            let line: String = points.iter().map(|(a, b)| format!("{:.1},{:.1} ", x(*a), y(*b))).collect();
+            let _infallible = writeln!(
+                svg,
+                "<polyline points=\"{line}\" fill=\"none\" stroke=\"{c}\" stroke-width=\"1.4\"/>\
+                 <text x=\"{key:.0}\" y=\"{:.0}\" fill=\"{c}\">{}</text>",
+                h - 4.0,
+                escape(name)
+            );
+            key += 14.0 + 7.0 * name.len() as f64;
+        }
+        let _infallible =
+            writeln!(svg, "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">{}</text>", w - 10.0, h - 4.0, self.x.2);
+        svg + "</svg>\n"
+    }
+}
+
+/// Order spectra of the driven sprockets' speeds.
+fn spectra(runs: &[Run]) -> String {
+    let lines: Vec<(String, Vec<(f64, f64)>)> = runs
+        .iter()
+        .filter_map(|r| {
+            let s = r.spectrum.as_ref()?;
+            Some((r.name.clone(), s.orders.iter().copied().zip(s.shares.iter().map(|v| 100.0 * v)).collect()))
+        })
+        .collect();
+    let points = || lines.iter().flat_map(|l| &l.1);
+    let most = points().map(|p| p.1).fold(0.0, f64::max);
+    if most <= 0.0 {
+        return String::new();
+    }
+    let last = points().map(|p| p.0).fold(0.0, f64::max);
+    // The highest order drawn is 3.25 tooth orders.
+    let z = last / 3.25;
+    let ticks: Vec<(f64, String)> = [(0.5, "z/2"), (1.0, "z"), (1.5, "3z/2"), (2.0, "2z"), (2.5, "5z/2"), (3.0, "3z")]
+        .into_iter()
+        .map(|(k, text)| (k * z, format!("{text} = {:.0}", k * z)))
+        .collect();
+    let chart = Chart { x: (0.0, last, "order of the driver"), y: (1e-5 * most, 1.5 * most), log: true, unit: " %" };
+    "<h2>Speed of the driven sprocket</h2><p>Amplitudes over its mean, by order of the driver (Hann window over whole turns).</p>\n"
+        .to_string()
+        + &chart.draw(&ticks, &lines)
+}
+
+/// Largest forces over the speed.
+fn over_speed(sweep: &[(f64, Vec<Summary>)]) -> String {
+    let (Some(first), Some(last)) = (sweep.first(), sweep.last()) else { return String::new() };
+    let lines: Vec<(String, Vec<(f64, f64)>)> = (0..first.1.len())
+        .map(|k| (first.1[k].drive.clone(), sweep.iter().map(|(rpm, of)| (*rpm, of[k].largest_n().0)).collect()))
+        .collect();
+    let most = lines.iter().flat_map(|l| &l.1).map(|p| p.1).fold(1.0, f64::max);
+    let ticks: Vec<(f64, String)> = sweep.iter().map(|(rpm, _)| (*rpm, format!("{rpm:.0}"))).collect();
+    let chart =
+        Chart { x: (0.0, 1.05 * last.0, "speed of the driver [rpm]"), y: (0.0, 1.05 * most), log: false, unit: " N" };
+    "<h2>Over speed</h2><p>Largest contact force of an engagement.</p>\n".to_string() + &chart.draw(&ticks, &lines)
 }
 
 /// Force over u: smallest, median and largest of the passes.
