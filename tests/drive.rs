@@ -47,7 +47,27 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
 
 #[test]
 fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that_of_the_assembly() {
-    let a = assembled(&drive(&NO_FRICTION));
+    // Without any friction bending waves stay in the spans and take up chain: the mean rises. A little friction in the joints
+    // takes them away, and none at the contacts keeps the difference what it is.
+    let damped = [NO_FRICTION[0], NO_FRICTION[1], "chain.joint.friction=0.02"];
+    for (overrides, mean_bound) in [(NO_FRICTION, f64::INFINITY), (damped, 0.03)] {
+        let (difference, expected, mean, at_rest) = tensions(&overrides);
+        let (off, rise) = (difference / expected - 1.0, mean / at_rest - 1.0);
+        println!(
+            "{}: tight - slack {difference:.2} N, load / rolling radius {expected:.2} N ({:+.2} %); mean tension {mean:.2} N, static \
+             assembly {at_rest:.2} N ({:+.1} %)",
+            overrides[2],
+            100.0 * off,
+            100.0 * rise
+        );
+        assert!(off.abs() < 5e-3, "{off}");
+        assert!(rise.abs() < mean_bound, "{rise}");
+    }
+}
+
+/// Tight minus slack, load over rolling radius, mean of the loop, mean at rest under load [N], over two loops.
+fn tensions(overrides: &[&str]) -> (f64, f64, f64, f64) {
+    let a = assembled(&drive(overrides));
     let model = a.model.clone();
     let mut state = a.state;
     let route = model.route.as_ref().expect("a route");
@@ -72,12 +92,7 @@ fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that
     });
     let [slack, tight] = sums.map(|(sum, count)| sum / count);
     let expected = 20.0 / model.sprockets[1].geometry.rolling_radius_m();
-    let (mean, assembled_mean) = (mean / n, a.report.static_mean_tension_n);
-    println!("tight {tight:.2} N - slack {slack:.2} N = {:.2} N, load / rolling radius {expected:.2} N", tight - slack);
-    println!(
-        "without friction: mean tension {mean:.2} N, static {assembled_mean:.2} N: transverse waves take up chain length"
-    );
-    assert!(((tight - slack) / expected - 1.0).abs() < 5e-3);
+    (tight - slack, expected, mean / n, a.report.static_mean_tension_n)
 }
 
 #[test]
