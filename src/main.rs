@@ -1,6 +1,7 @@
 //! The `pitchline` program: parses the command line, runs a verb, turns its end into an exit code.
 
 use clap::Parser;
+use std::io::Write;
 use std::process::ExitCode;
 
 #[global_allocator]
@@ -18,7 +19,8 @@ fn main() -> ExitCode {
     match pitchline::cli::run(cli) {
         Ok(outcome) => ExitCode::from(outcome.code()),
         Err(failure) => {
-            eprintln!("{failure}");
+            // Where even this cannot be written the exit code still tells.
+            let _written = writeln!(std::io::stderr(), "{failure}");
             ExitCode::from(failure.code())
         }
     }

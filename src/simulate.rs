@@ -18,6 +18,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A keyframe at least every so many frames.
 pub const FRAMES_PER_KEYFRAME: u64 = 1000;
+/// And so much simulated time [s]: where frames are far apart, going back must not take the whole run.
+const LONGEST_KEYFRAME_S: f64 = 60e-3;
 /// First touches slower than this are no events [m/s]: a wrapped bush that lifts off and comes back.
 const SLOWEST_EVENT_M_S: f64 = 0.02;
 /// Hits that are kept; more are only counted.
@@ -113,6 +115,8 @@ struct Recorder<'a, 's> {
     hold_steps: u64,
     frames: u64,
     since_keyframe: u64,
+    /// Step of the last one.
+    keyframe_step: Option<u64>,
     energies: Option<(f64, Energy)>,
 }
 
@@ -165,6 +169,7 @@ pub fn run_job(
         hold_steps: around.map_or(0, |a| a.steps.saturating_add(late)),
         frames: 0,
         since_keyframe: 0,
+        keyframe_step: None,
         energies: None,
     };
     let mut stops = Stops {
@@ -359,8 +364,13 @@ impl Recorder<'_, '_> {
         let stored_first = self.energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
         self.energies = Some((stored_first, frame.energy));
         self.put(state.step, Item::Frame(Box::new(frame)));
+        let apart = |from: u64| (state.step - from) as f64 * self.model.step_s;
+        if self.keyframe_step.is_none_or(|from| apart(from) >= LONGEST_KEYFRAME_S) {
+            self.since_keyframe = 0;
+        }
         if self.since_keyframe == 0 && !self.sinks.is_empty() {
             self.put(state.step, Item::Keyframe(Box::new(state.keyframe())));
+            self.keyframe_step = Some(state.step);
         }
         self.since_keyframe = (self.since_keyframe + 1) % FRAMES_PER_KEYFRAME;
     }

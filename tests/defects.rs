@@ -14,8 +14,12 @@ fn pitchline(args: &[&str]) -> Value {
 
 /// Records two laps of the chain with values replaced.
 fn record(path: &Path, set: &[&str]) {
-    let mut args =
-        vec!["run", "bush-20-40", "--duration", "200ms", "--every", "5ms", "-o", path.to_str().expect("text")];
+    record_of("bush-20-40", 200, path, set);
+}
+
+fn record_of(drive: &str, ms: u32, path: &Path, set: &[&str]) {
+    let duration = format!("{ms}ms");
+    let mut args = vec!["run", drive, "--duration", &duration, "--every", "5ms", "-o", path.to_str().expect("text")];
     set.iter().for_each(|s| args.extend(["--set", s]));
     pitchline(&args);
 }
@@ -36,7 +40,7 @@ fn one_tooth_or_link_is_named_from_its_recording_alone() {
     let path = folder.path().join("odd.mcap");
     record(&path, &[]);
     assert_eq!(suspects(&path, None), Vec::<Value>::new(), "a healthy drive");
-    for (sprocket, gap, um) in [("driver", 7, 30), ("driver", 13, 30), ("driven", 7, -30)] {
+    for (sprocket, gap, um) in [("driver", 7, 30), ("driver", 13, 30), ("driven", 7, -30), ("driven", 22, 30)] {
         let effect = format!("effects.gap_error.{sprocket}");
         record(&path, &[&format!("{effect}.gap={gap}"), &format!("{effect}.outward_um={um}")]);
         let found = suspects(&path, None);
@@ -52,6 +56,34 @@ fn one_tooth_or_link_is_named_from_its_recording_alone() {
         );
         let found = suspects(&path, None);
         println!("link {link}, {um} um: {}", found[0]["text"]);
+        assert_eq!((&found[0]["kind"], &found[0]["link"]), (&Value::from("link"), &Value::from(link)));
+    }
+}
+
+/// What the start and the end of a run do to its first and last impacts accuses nobody, and few impacts accuse nobody either.
+#[test]
+fn healthy_drives_are_not_accused_and_other_chains_name_their_link() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let healthy =
+        [("bush-20-40", 30), ("bush-20-40", 40), ("bush-20-40", 60), ("bush-20-40", 100), ("bush-20-40", 130)];
+    for (drive, ms) in
+        healthy.into_iter().chain([("silent-20-40", 60), ("silent-20-40", 100), ("smartchain-20-40", 30)])
+    {
+        record_of(drive, ms, &path, &[]);
+        assert_eq!(suspects(&path, None), Vec::<Value>::new(), "{drive}, {ms} ms");
+    }
+    for (ms, gap) in [(60, 7), (100, 7)] {
+        let set = [&format!("effects.gap_error.driver.gap={gap}")[..], "effects.gap_error.driver.outward_um=30"];
+        record_of("bush-20-40", ms, &path, &set);
+        let found = suspects(&path, None);
+        assert_eq!((found.len(), &found[0]["tooth"]), (1, &Value::from(gap)), "{ms} ms: {found:#?}");
+    }
+    for link in [37, 10] {
+        let set = [&format!("effects.pitch_error.odd.link={link}")[..], "effects.pitch_error.odd.length_um=40"];
+        record_of("silent-20-40", 200, &path, &set);
+        let found = suspects(&path, None);
+        println!("silent, link {link}: {}", found[0]["text"]);
         assert_eq!((&found[0]["kind"], &found[0]["link"]), (&Value::from("link"), &Value::from(link)));
     }
 }
@@ -74,5 +106,15 @@ fn what_all_teeth_share_shows_against_a_healthy_recording() {
         let found = suspects(&odd, Some(&good));
         println!("{set}: {}", found[0]["text"]);
         assert_eq!(found[0]["body"], body, "{found:#?}");
+    }
+    // Guides that the chain runs on, one end of one of them 0.2 mm too high.
+    let near = ["guides.fixed.tight.clearance_um=0", "guides.fixed.slack.clearance_um=0"];
+    record(&good, &near);
+    for guide in ["tight", "slack"] {
+        let lift = format!("guides.fixed.{guide}.end_lift_um=200");
+        record(&odd, &[&near[..], &[&lift]].concat());
+        let found = suspects(&odd, Some(&good));
+        println!("{lift}: {}", found[0]["text"]);
+        assert_eq!(found[0]["body"], format!("guides.fixed.{guide}"), "{found:#?}");
     }
 }

@@ -3,7 +3,8 @@
 //! Impacts of one part of links on one body (front bushes on the driver, say) are alike; how far one lies from their median, in
 //! robust standard deviations (1.4826 x median absolute deviation), is its departure. Impacts that have something else in
 //! common, a tooth gap or a joint of the chain, form groups; a group stands out when the median of its m departures times
-//! sqrt(m) is beyond [`SCORE`] and its difference is no trifle.
+//! sqrt(m) is beyond [`SCORE`] and its difference is no trifle. Of two in the middle the smaller counts: one odd impact among
+//! two accuses nobody. Impacts that the end of the run cuts off, and those of its first two tooth periods, tell nothing.
 //!
 //! What is wrong at one tooth or link disturbs those that arrive after it too, and forces also the one before. So among
 //! neighbours that stand out, the cause is the one that arrives first by what is known at first touch (time of arrival, approach
@@ -16,8 +17,9 @@
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
 
-/// Departure of a group from which on it stands out: in bush-20-40, 0.2 s, none of some 240 groups by four quantities reaches 4.
-const SCORE: f64 = 6.0;
+/// Departure of a group from which on it stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
+/// 240 groups by four quantities goes beyond 7.
+const SCORE: f64 = 8.0;
 /// Smallest departure that counts, as a share of the median: of forces and speeds.
 const SHARE: f64 = 0.02;
 /// Smallest difference in time of arrival that counts [s].
@@ -25,6 +27,9 @@ const LATE_S: f64 = 1e-6;
 /// Fewest impacts that make a median to compare with, and a group.
 const FEWEST: usize = 12;
 const FEWEST_IN_GROUP: usize = 2;
+/// Tooth periods that an impact is watched for at least, and that a run takes to settle.
+const WATCHED: f64 = 1.9;
+const SETTLED: f64 = 2.0;
 /// Groups arriving after a cause that count as its consequences.
 const CONSEQUENCES: u32 = 8;
 /// Against another recording: a part of a body stands out when its impacts differ by this much in number, force or speed.
@@ -83,19 +88,23 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
     let links = header.links.len() as u32;
     let forwards = header.chain_speed_m_s >= 0.0;
+    let period_s = period_s(header);
     for (body, info) in header.bodies.iter().enumerate().filter(|(_, b)| b.rotor) {
-        let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).collect();
+        let whole = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= SETTLED * period_s;
+        let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(whole).collect();
         let mut cases = cases(own.iter().copied(), header);
         let medians = depart(&mut cases);
         let all: Vec<&Case<'_>> = cases.iter().collect();
+        // A bush is behind the link that sets its place; flanks are their own link's.
+        let bushed = own.iter().any(|i| joint_of(i, links).is_some());
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
             for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
                 let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
                 candidates.extend(judged(suspect, (tooth, true, q), &group, &medians));
             }
-            for (joint, group) in groups(&all, |i| joint_of(i, links)) {
-                let ahead = if forwards { (joint + 1) % links } else { joint };
+            for (joint, group) in groups(&all, |i| if bushed { joint_of(i, links) } else { Some(i.link) }) {
+                let ahead = if forwards && bushed { (joint + 1) % links } else { joint };
                 let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
                 candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
             }
@@ -158,6 +167,10 @@ fn next_tooth_is_higher(impacts: &[&Impact], teeth: u32) -> bool {
     steps(1) >= steps(teeth.max(1) - 1)
 }
 
+fn is_bush(i: &Impact) -> bool {
+    i.feature == Feature::FrontBush as u32 || i.feature == Feature::RearBush as u32
+}
+
 /// Joint that a bush sits on.
 fn joint_of(i: &Impact, links: u32) -> Option<u32> {
     match i.feature {
@@ -168,16 +181,34 @@ fn joint_of(i: &Impact, links: u32) -> Option<u32> {
 }
 
 fn cases<'a>(impacts: impl Iterator<Item = &'a Impact>, header: &Header) -> Vec<Case<'a>> {
-    let pitch_m = header.links.iter().map(|l| l.pitch_m).sum::<f64>() / header.links.len().max(1) as f64;
-    let period_s = pitch_m / header.chain_speed_m_s.abs().max(1e-12);
-    let arrival = |t_s: f64| t_s - period_s * libm::round(t_s / period_s);
+    let period_s = period_s(header);
+    let impacts: Vec<&Impact> = impacts.collect();
+    // Times of arrival go round with the tooth period: from the middle of those of their own part, where the jump is far away.
+    let mut middles = BTreeMap::new();
+    for i in &impacts {
+        let (s, c) = libm::sincos(2.0 * std::f64::consts::PI * i.t_s / period_s);
+        let sum: &mut (f64, f64) = middles.entry(i.feature).or_default();
+        *sum = (sum.0 + s, sum.1 + c);
+    }
+    let arrival = |i: &Impact| {
+        let (s, c) = middles.get(&i.feature).copied().unwrap_or((0.0, 1.0));
+        let t_s = i.t_s - period_s * libm::atan2(s, c) / (2.0 * std::f64::consts::PI);
+        t_s - period_s * libm::round(t_s / period_s)
+    };
     impacts
+        .into_iter()
         .map(|i| Case {
             impact: i,
-            value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i.t_s)],
+            value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i)],
             departure: [0.0; QUANTITIES.len()],
         })
         .collect()
+}
+
+/// Time between two arrivals.
+fn period_s(header: &Header) -> f64 {
+    let pitch_m = header.links.iter().map(|l| l.pitch_m).sum::<f64>() / header.links.len().max(1) as f64;
+    pitch_m / header.chain_speed_m_s.abs().max(1e-12)
 }
 
 /// Fills in departures, part by part; returns the medians of each part.
@@ -220,6 +251,14 @@ fn median(mut values: Vec<f64>) -> f64 {
     if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
 
+/// Size of what at least half of the values go beyond, on the side on which most of them are.
+fn lower_median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    let (below, above) = (values[(n - 1) / 2], values[n / 2]);
+    if below * above <= 0.0 { 0.0 } else { below.abs().min(above.abs()) }
+}
+
 fn blank(body: &str) -> Suspect {
     Suspect {
         kind: "",
@@ -243,7 +282,7 @@ fn judged<'a>(
     group: &[&Case<'a>],
     medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
 ) -> Option<Candidate<'a>> {
-    let score = median(group.iter().map(|c| c.departure[q]).collect()).abs() * (group.len() as f64).sqrt();
+    let score = lower_median(group.iter().map(|c| c.departure[q]).collect()) * (group.len() as f64).sqrt();
     let (here, others) = (
         median(group.iter().map(|c| c.value[q]).collect()),
         median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
@@ -257,7 +296,10 @@ fn judged<'a>(
     let first_s = group.iter().map(|c| c.impact.t_s).fold(f64::INFINITY, f64::min);
     let who = match (suspect.tooth, suspect.link) {
         (Some(tooth), _) => format!("{}, tooth gap {tooth}", suspect.body),
-        (_, Some(link)) => format!("link {link}: the bush behind it on {}", suspect.body),
+        (_, Some(link)) if group.iter().all(|c| is_bush(c.impact)) => {
+            format!("link {link}: the bush behind it on {}", suspect.body)
+        }
+        (_, Some(link)) => format!("link {link} on {}", suspect.body),
         _ => suspect.body.clone(),
     };
     let how = if q == ARRIVAL {

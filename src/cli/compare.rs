@@ -245,9 +245,20 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
             let (from, to) =
                 (if i == 0 { f64::NEG_INFINITY } else { runs[0].frames[i - 1].t_s }, runs[0].frames[i].t_s);
             for (part, run) in parts.iter().zip(runs) {
+                let over =
+                    |i: &&crate::recording::frame::Impact| i.t_s + i.watched_s > from && i.t_s + i.watched_s <= to;
+                for impact in run.impacts.iter().filter(over) {
+                    sink.impact(&merge::impact(part, impact))?;
+                }
                 for event in run.events.iter().filter(|e| e.t_s > from && e.t_s <= to) {
                     sink.event(&merge::event(part, event))?;
                 }
+            }
+        }
+        let last_s = runs.iter().filter_map(|r| r.frames.get(n.saturating_sub(1))).map(|f| f.t_s).fold(0.0, f64::max);
+        for (part, run) in parts.iter().zip(runs) {
+            for impact in run.impacts.iter().filter(|i| i.t_s + i.watched_s > last_s) {
+                sink.impact(&merge::impact(part, impact))?;
             }
         }
         sink.finish()?;

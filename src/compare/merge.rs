@@ -3,7 +3,7 @@
 //! Links, bodies and columns are put behind each other, indices moved accordingly. All runs have the same step and the same
 //! frames, and their drivers the same speed, so that one time is one crank angle for all.
 
-use crate::recording::frame::{Event, Frame, Header};
+use crate::recording::frame::{Event, Frame, Header, Impact};
 use crate::recording::view_geometry::scene_bounds;
 
 /// Room between two drives [m].
@@ -158,5 +158,15 @@ pub fn event(part: &Part, event: &Event) -> Event {
         body: part.bodies.get(event.body as usize).copied().unwrap_or(event.body),
         text: format!("{}: {}", part.name, event.text),
         ..event.clone()
+    }
+}
+
+/// An impact of one run as one of the merged recording.
+pub fn impact(part: &Part, impact: &Impact) -> Impact {
+    Impact {
+        link: impact.link + part.first_link,
+        body: part.bodies.get(impact.body as usize).copied().unwrap_or(impact.body),
+        y_m: impact.y_m - part.down_m,
+        ..*impact
     }
 }

@@ -15,11 +15,12 @@ use crate::drive::Drive;
 use crate::elements::end_contact::LinkContour;
 use crate::elements::rotor::Rotor;
 use crate::engagement::{KINDS, Kind, Pass, Watch};
+use crate::impacts::ImpactWatch;
 use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
-use crate::recording::frame::{Event, Frame, Header};
+use crate::recording::frame::{Event, Frame, Header, Impact};
 use crate::simulate::{Span, first_touches};
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,6 +44,8 @@ pub struct Run {
     pub header: Header,
     pub frames: Vec<Frame>,
     pub events: Vec<Event>,
+    /// Of the recorded part, in the order in which they are over.
+    pub impacts: Vec<Impact>,
     pub passes: Vec<Pass>,
     pub summary: Summary,
     /// Of the first sprocket that turns freely; None where there is none, or the run is shorter than two turns of the driver.
@@ -175,6 +178,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     let mut camera = Camera::default();
     let free = model.sprockets.iter().position(|s| matches!(s.rotor, Rotor::Free { .. }));
     let mut speeds = SpeedLog::default();
+    let (mut struck, mut impacts) = (ImpactWatch::new(&model), Vec::new());
     for step in 0..=span.steps {
         if stop.load(Ordering::Relaxed) {
             return Err(CompareError::Interrupted);
@@ -182,6 +186,10 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         explicit::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
         watch.look(&model, &state, &scratch);
+        if step <= recorded {
+            struck.look(&model, &state, &scratch);
+            impacts.extend(struck.take_done());
+        }
         if let Some(k) = free {
             speeds.add(state.rotors.angle[model.driver].abs(), state.rotors.omega[k]);
         }
@@ -192,6 +200,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         }
         explicit::advance(&model, &mut state, &mut scratch);
     }
+    impacts.extend(struck.finish());
     if watch.done.is_empty() {
         return Err(CompareError::NothingSeen { drive: drive.name.clone() });
     }
@@ -201,7 +210,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     summary.driven_speed_half_order = spectrum.as_ref().and_then(|s| s.at(0.5 * teeth));
     summary.driven_speed_tooth_order = spectrum.as_ref().and_then(|s| s.at(teeth));
     let (name, title) = (drive.name.clone(), drive.title.clone());
-    Ok(Run { name, title, header, frames, events, passes: watch.done, summary, spectrum })
+    Ok(Run { name, title, header, frames, events, impacts, passes: watch.done, summary, spectrum })
 }
 
 fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {

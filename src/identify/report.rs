@@ -36,6 +36,8 @@ pub struct Number {
     /// Difference from the nameplate in standard deviations of the nameplate, where they are given.
     pub nameplate_z: Option<f64>,
     pub at_bound: bool,
+    /// False: a phase that nothing in what was fitted tells; a record that only judges finds its own.
+    pub determined: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -182,6 +184,7 @@ fn numbers(model: &Model, data: &Data, globals: impl Iterator<Item = usize>, nam
                 nameplate: nameplate.map(|n| n / slot.unit),
                 nameplate_z: global.prior.map(|(mean, s)| (x - mean) / s),
                 at_bound: (x <= low || x >= high) && !slot.path.ends_with("phase_deg"),
+                determined: !slot.path.ends_with("phase_deg") || se / slot.unit < 180.0,
             }
         })
         .collect()
@@ -268,6 +271,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
                 nameplate: None,
                 nameplate_z: None,
                 at_bound: false,
+                determined: true,
             });
         }
     }

@@ -133,7 +133,9 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
 fn number(n: &Number) -> String {
     let key = n.path.rsplit('.').next().unwrap_or(&n.path);
     let of = n.record.as_ref().map_or(String::new(), |r| format!(" in {r}"));
-    if n.standard_error > 0.0 {
+    if !n.determined {
+        format!("{key}{of}: not told by what was fitted")
+    } else if n.standard_error > 0.0 {
         format!("{key}{of} = {} +- {}", short(n.value), short(n.standard_error))
     } else {
         format!("{key}{of} = {}", short(n.value))

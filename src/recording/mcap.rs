@@ -189,9 +189,13 @@ impl McapSink {
             self.write(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns))?;
         }
         self.frames += 1;
-        let waited = self.flushed.elapsed() > LONGEST_WAIT;
-        let large = self.waiting > LARGEST_CHUNK;
-        if waited || large || self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { Ok(()) }
+        if self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { self.flush_where_due() }
+    }
+
+    /// Frames may be far apart: what comes between them must not wait for the next.
+    fn flush_where_due(&mut self) -> mcap::McapResult<()> {
+        let due = self.waiting > LARGEST_CHUNK || self.flushed.elapsed() > LONGEST_WAIT;
+        if due { self.flush() } else { Ok(()) }
     }
 }
 
@@ -215,12 +219,16 @@ impl Sink for McapSink {
         let t_ns = nanoseconds(event.t_s);
         self.guarded(|sink| {
             sink.write(EVENT, t_ns, event)?;
-            sink.write(LOG, t_ns, &scene::log(event, t_ns))
+            sink.write(LOG, t_ns, &scene::log(event, t_ns))?;
+            sink.flush_where_due()
         })
     }
 
     fn impact(&mut self, impact: &Impact) -> anyhow::Result<()> {
-        self.guarded(|sink| sink.write(IMPACT, nanoseconds(impact.t_s), impact))
+        self.guarded(|sink| {
+            sink.write(IMPACT, nanoseconds(impact.t_s), impact)?;
+            sink.flush_where_due()
+        })
     }
 
     fn finish(&mut self) -> anyhow::Result<u64> {
