@@ -92,7 +92,7 @@ fn by_step(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut
             (Some(fa), Some(fb)) if fa.step == fb.step => {
                 result.frames_compared += 1;
                 if fa != fb {
-                    note(result, header, frame, fa, fb);
+                    note(result, header, (frame, false), fa, fb);
                 }
                 (next_a, next_b) = (a.next_frame()?, b.next_frame()?);
                 frame += 1;
@@ -124,7 +124,7 @@ fn by_time(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut
                 let between = interpolated(low, high, fa.t_s, fa.step);
                 let growth = growth(&fa, &between);
                 if growth.position_m > INTERPOLATED_M {
-                    note(result, header, frame, &fa, &between);
+                    note(result, header, (frame, true), &fa, &between);
                 }
             }
             _ => result.frames_only_in_a += 1,
@@ -147,6 +147,7 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     };
     let mut f = low.clone();
     (f.t_s, f.step) = (t_s, step);
+    f.crank_angle_rad += u * (high.crank_angle_rad - low.crank_angle_rad);
     let (a, b) = (&low.links, &high.links);
     for i in 0..a.x_m.len().min(b.x_m.len()) {
         f.links.x_m[i] = hermite(a.x_m[i], a.vx_m_s[i], b.x_m[i], b.vx_m_s[i]);
@@ -186,7 +187,7 @@ fn growth(a: &Frame, b: &Frame) -> Growth {
     g
 }
 
-fn note(result: &mut Difference, header: &Header, number: u64, a: &Frame, b: &Frame) {
+fn note(result: &mut Difference, header: &Header, (number, between): (u64, bool), a: &Frame, b: &Frame) {
     let now = growth(a, b);
     let Some(first) = &result.first else {
         let turned = a.rotors.angle_rad.iter().zip(&b.rotors.angle_rad).map(|(a, b)| (a - b).abs());
@@ -198,7 +199,12 @@ fn note(result: &mut Difference, header: &Header, number: u64, a: &Frame, b: &Fr
         } else {
             (contact_body(header, a, b), 0.0)
         };
-        let what = frame_difference(a, b).replace("recorded", "A has").replace("the run gives", "B has");
+        // Between two frames only poses are what they are said to be.
+        let what = if between {
+            format!("{body} is {:.3} um off where B stands between two of its frames", 1e6 * distance)
+        } else {
+            frame_difference(a, b).replace("recorded", "A has").replace("the run gives", "B has")
+        };
         result.first = Some(First { frame: number, step: a.step, t_s: a.t_s, body, distance, what });
         result.growth.push(now);
         return;

@@ -15,6 +15,8 @@
 //!           - n . (v_a - W x (a - c))             the joint ahead moves on the sprocket: it rocks in its seat or is pulled
 //!           - n . (rest)                          the joint between link and bush stretches: a step in tension
 //! ```
+//! Flanks, abutments and plate ends are part of their link: the joint ahead is its own front one, r goes from there to the point
+//! that touches, and there is no rest. Guides stand still (W = 0).
 
 use crate::elements::rotor::Rotor;
 use crate::geometry::{Vec2, cross, perp};
@@ -278,16 +280,19 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
             part("the joint stretches (step in tension)", v - v_here - surface(p) + surface(here)),
         ]
     } else {
-        let l = &state.links;
-        let half = 0.5 * model.step_s;
-        let centre_of_mass = Vec2::new(l.x[link], l.y[link]);
-        let v = Vec2::new(l.vx[link] + half * l.ax[link], l.vy[link] + half * l.ay[link]);
-        let w = omega_at(model, state, link);
-        let mut parts = vec![part("the link moves", v), part("the link turns", perp(touch.point - centre_of_mass) * w)];
+        // A flank, an abutment or a plate end goes round the joint ahead of its link.
+        let (joint, v_joint) = end_at(model, state, link, model.chain_speed_m_s >= 0.0);
+        let (r, w) = (touch.point - joint, omega_at(model, state, link));
+        let turns = part("the arriving link turns already (sideways motion of the span)", perp(r) * w);
         if rotor {
-            parts.push(part("the sprocket's surface moves", -surface(touch.point)));
+            vec![
+                part("articulation: a straight span onto the turning sprocket", -perp(r) * spin),
+                turns,
+                part("the joint ahead moves on the sprocket", v_joint - surface(joint)),
+            ]
+        } else {
+            vec![turns, part("the joint ahead moves towards the guide", v_joint)]
         }
-        parts
     };
     Some((parts.iter().map(|p| p.speed_m_s).sum(), parts))
 }

@@ -195,7 +195,9 @@ fn text(
 ) -> String {
     let mut lines = vec![format!("{}: {found} of {} impacts, {} shown", recording.display(), all.len(), list.len())];
     if all.is_empty() {
-        lines.push("  none; recordings of earlier versions hold none: record it anew".into());
+        lines.push(
+            "  none: nothing came to touch and was watched for two tooth periods in what is recorded; recordings of earlier versions hold none".into(),
+        );
     }
     if !list.is_empty() {
         lines.push(
