@@ -208,6 +208,15 @@ fn table(summaries: &[&Summary]) -> String {
             s.centrifugal_tension_n,
             100.0 * s.speed_ripple
         );
+        let fastest: Vec<String> = s
+            .touches
+            .iter()
+            .map(|t| {
+                let name = t.body.rsplit('.').next().unwrap_or(&t.body);
+                format!("{name} {:.3} m/s ({}, {:.0} N)", t.approach_max_m_s, t.part, t.peak_there_n)
+            })
+            .collect();
+        let _infallible = writeln!(text, "{:<18} fastest touch anywhere: {}", "", fastest.join(", "));
     }
     text + "\n"
 }

@@ -20,7 +20,7 @@ use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
-use crate::recording::frame::{Event, Frame, Header, Impact};
+use crate::recording::frame::{Event, Feature, Frame, Header, Impact};
 use crate::simulate::{Span, first_touches};
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -95,12 +95,26 @@ pub struct Summary {
     /// Amplitudes of the driven sprocket's speed at orders z/2 and z of the driver, over its mean.
     pub driven_speed_half_order: Option<f64>,
     pub driven_speed_tooth_order: Option<f64>,
+    /// Fastest touch of every body, all its contacts and the whole way round: what leaves a sprocket and lands again too.
+    pub touches: Vec<BodyTouches>,
     /// Share of passes with guide, ring, bush and both abutments in this order; abutment chains only.
     pub sequence: Option<f64>,
     /// Distance of the seated forces of even and odd links in the first pitch after seating, over their sum.
     pub odd_even_asymmetry: f64,
     /// u of the first touch in the teeth, even less odd links, medians [T].
     pub odd_even_first_touch_t: f64,
+}
+
+/// Touches of one body after two tooth periods without any (see [`crate::impacts`]).
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct BodyTouches {
+    pub body: String,
+    pub touches: usize,
+    /// The fastest: what of the link it was [m/s], and its peak [N].
+    pub part: &'static str,
+    pub approach_max_m_s: f64,
+    pub peak_there_n: f64,
+    pub approach_p50_m_s: f64,
 }
 
 /// Why a comparison ended early.
@@ -186,10 +200,10 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         explicit::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
         watch.look(&model, &state, &scratch);
-        if step <= recorded {
-            struck.look(&model, &state, &scratch);
-            impacts.extend(struck.take_done());
-        }
+        struck.look(&model, &state, &scratch);
+        impacts.extend(struck.take_done());
+        // Events come from frames.
+        struck.take_touched();
         if let Some(k) = free {
             speeds.add(state.rotors.angle[model.driver].abs(), state.rotors.omega[k]);
         }
@@ -207,6 +221,8 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
     let spectrum = speeds.spectrum(3.25 * teeth);
     let mut summary = summarise(drive, &model, &watch);
+    summary.touches = touches(&impacts, &header, 2.0 * watch.period_s());
+    impacts.retain(|i| i.step <= recorded);
     summary.driven_speed_half_order = spectrum.as_ref().and_then(|s| s.at(0.5 * teeth));
     summary.driven_speed_tooth_order = spectrum.as_ref().and_then(|s| s.at(teeth));
     let (name, title) = (drive.name.clone(), drive.title.clone());
@@ -241,6 +257,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         centrifugal_tension_n: per_length * model.chain_speed_m_s.powi(2),
         turning_speed_m_s: pitch * model.sprockets[model.driver].nominal_speed_rad_s.abs(),
         speed_ripple: watch.speed_ripple(),
+        touches: Vec::new(),
         driven_speed_half_order: None,
         driven_speed_tooth_order: None,
         sequence: matches!(model.contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
@@ -249,6 +266,23 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     };
     summary.headline = headline::headline(&summary, passes, watch.period_s(), exit_from + 2.0);
     summary
+}
+
+/// By body; those at the start of a run are of its start.
+fn touches(impacts: &[Impact], header: &Header, from_s: f64) -> Vec<BodyTouches> {
+    let of_body = |(k, body): (usize, &crate::recording::frame::BodyInfo)| {
+        let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == k && i.t_s >= from_s).collect();
+        let fastest = own.iter().max_by(|a, b| a.approach_speed_m_s.total_cmp(&b.approach_speed_m_s))?;
+        Some(BodyTouches {
+            body: body.path.clone(),
+            touches: own.len(),
+            part: Feature::name(fastest.feature),
+            approach_max_m_s: fastest.approach_speed_m_s,
+            peak_there_n: fastest.peak_force_n,
+            approach_p50_m_s: median(own.iter().map(|i| i.approach_speed_m_s)),
+        })
+    };
+    header.bodies.iter().enumerate().filter_map(of_body).collect()
 }
 
 fn summarise_kind(kind: Kind, passes: &[Pass], exit_from: f64) -> KindSummary {

@@ -69,6 +69,7 @@ pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<Summary>)], recor
         page += &diagram(run, 1.05 * top);
         page += &touches(run);
     }
+    page += &everywhere(runs);
     page += &spectra(runs);
     page += &over_speed(sweep);
     page += "<h2>Recordings</h2><p>";
@@ -173,6 +174,31 @@ fn diagram(run: &Run, top_n: f64) -> String {
     let _infallible =
         writeln!(svg, "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">u [T]</text>", w - 10.0, h - 4.0);
     svg + "</svg>\n"
+}
+
+/// Touches of every body, the whole way round.
+fn everywhere(runs: &[Run]) -> String {
+    let mut text = String::from(
+        "<h2>The whole way round</h2><p>Touches after two tooth periods without any, on every body: what leaves a sprocket and lands \
+         again, and the guides, too.</p><table><tr><th>body</th><th>touches</th><th>approach<br>median [m/s]</th><th>fastest</th>\
+         <th>of what</th><th>its peak [N]</th></tr>\n",
+    );
+    for run in runs {
+        let _infallible = writeln!(text, "<tr><th colspan=\"6\">{}</th></tr>", escape(&run.name));
+        for t in &run.summary.touches {
+            let _infallible = writeln!(
+                text,
+                "<tr><td>{}</td><td>{}</td><td>{:.4}</td><td>{:.4}</td><td>{}</td><td>{:.1}</td></tr>",
+                escape(&t.body),
+                t.touches,
+                t.approach_p50_m_s,
+                t.approach_max_m_s,
+                t.part,
+                t.peak_there_n
+            );
+        }
+    }
+    text + "</table>\n"
 }
 
 /// What touches one link when, on its way over the driver.
