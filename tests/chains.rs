@@ -281,6 +281,22 @@ fn half_order_tension_of_a_loop_of_84_links() {
     assert!(bush.odd_even_first_touch_t.abs() <= 0.02);
 }
 
+/// Largest forces of an engagement at 1000, 3000 and 6000 rpm.
+#[test]
+fn forces_grow_with_speed_where_chains_strike() {
+    let peaks = |name: &str| {
+        [1000.0, 3000.0, 6000.0].map(|rpm| {
+            let set = format!("speeds.constant.driver.speed_rpm={rpm}");
+            measured(&[drive(name, &[&set])], 30.0 * 3000.0 / rpm).remove(0).0.largest_n().0
+        })
+    };
+    let [bush, silent, smart] = ["bush-20-40", "silent-20-40", "smartchain-20-40"].map(peaks);
+    println!("1000, 3000, 6000 rpm: bush {bush:.0?} N, silent {silent:.0?} N, abutment {smart:.0?} N");
+    let growth = |of: [f64; 3]| of[2] - of[0];
+    assert!(growth(bush) > 400.0 && growth(silent) > 50.0, "{bush:?} {silent:?}");
+    assert!(growth(smart) < 0.2 * growth(silent).min(growth(bush)), "{smart:?}");
+}
+
 #[test]
 fn contours_keep_their_bits_and_their_joules() {
     for name in ["silent-20-40", "smartchain-20-40"] {

@@ -217,6 +217,11 @@ fn bushes_strike_with_the_seating_speed_along_the_actual_normal() {
         );
         assert!(t.approach.len() > 60, "{} engagements", t.approach.len());
         assert!((along - 1.0).abs() < 0.05, "{form} {pitch_mm}: {along}");
+        assert!(
+            form == "min" || (1.2..2.6).contains(&median(&t.approach)),
+            "{form} {pitch_mm}: {:?}",
+            median(&t.approach)
+        );
         assert!((relative - 1.0).abs() < 0.05, "{form} {pitch_mm}: {relative}");
     }
 }

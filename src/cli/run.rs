@@ -149,7 +149,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     if args.json {
         print_json(&json(&drive, &header, report.as_ref(), &summary, &outputs, wall_s, &scratch))?;
     } else {
-        print_out(&text(&header, &summary, &outputs, wall_s))?;
+        print_out(&text(&header, &summary, &outputs, (wall_s, !args.breaks.is_empty())))?;
     }
     Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
 }
@@ -453,7 +453,7 @@ fn subject_json(hit: &crate::breakpoint::Hit, header: &Header) -> serde_json::Va
     }
 }
 
-fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> String {
+fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked): (f64, bool)) -> String {
     let simulated = summary.steps as f64 * header.step_s;
     let e = &summary.energy;
     let mut lines = vec![format!(
@@ -479,6 +479,9 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], wall_s: f64) -> 
             parent.t_s * 1e3,
             parent.state_hash
         ));
+    }
+    if asked && summary.hits.is_empty() {
+        lines.push("  no hit: what was waited for never was".into());
     }
     for hit in summary.hits.iter().take(HITS_PRINTED) {
         lines.push(format!("  break at {:.4} ms, step {}: {}", hit.t_s * 1e3, hit.step, hit_text(hit, header)));

@@ -392,6 +392,9 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
     let constant_speeds = speeds.table("constant");
     let loads = root.table("loads");
     let constant_loads = loads.table("constant");
+    // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
+    let chain = root.table("chain");
+    let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
     let mut all = Vec::new();
     for (name, t) in table.tables() {
         let speed = constant_speeds.table(&name);
@@ -416,11 +419,15 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
         load.finish();
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
-            form: t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]).unwrap_or(GapForm::Max),
-            tip_diameter_m: t.number("tip_diameter_mm", MM, 1.0..=10_000.0),
-            root_relief_m: t.number("root_relief_um", UM, 0.0..=2000.0).unwrap_or(0.0),
-            ring: t
-                .choice("ring", &[("conjugate", RingForm::Conjugate), ("plain", RingForm::Plain)])
+            form: bushed
+                .then(|| t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]))
+                .flatten()
+                .unwrap_or(GapForm::Max),
+            tip_diameter_m: bushed.then(|| t.number("tip_diameter_mm", MM, 1.0..=10_000.0)).flatten(),
+            root_relief_m: bushed.then(|| t.number("root_relief_um", UM, 0.0..=2000.0)).flatten().unwrap_or(0.0),
+            ring: ringed
+                .then(|| t.choice("ring", &[("conjugate", RingForm::Conjugate), ("plain", RingForm::Plain)]))
+                .flatten()
                 .unwrap_or(RingForm::Conjugate),
             x_m: t.number("x_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
