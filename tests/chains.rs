@@ -142,6 +142,10 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
              ring {:.4} m/s, closed form {ring_expected:.4} ({:.2})",
             bush.approach_median_m_s, ratios.0, ring.approach_median_m_s, ratios.1
         );
+        // Rear abutments land when the bush carries a part of the tension already, which this form does not know: 0.6 to 1.6 of it.
+        let rear = summary.kind(Kind::RingRear).expect("rear abutments touch").approach_median_m_s;
+        let rear_expected = 3.0 * 312.5e-6 / period_s * (stretch_m / 312.5e-6).powf(2.0 / 3.0);
+        println!("    rear abutment {rear:.4} m/s, closed form {rear_expected:.4} ({:.2})", rear / rear_expected);
         assert!((ratios.1 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
         // The form lets only the joints give way. Contacts of 1e8 N/m give way by a micrometre more, which at 4500 rpm lands bushes 48 %
         // faster; with stiff ones they land as it says.
@@ -155,14 +159,14 @@ const CLOSED_FORM: f64 = 0.30;
 #[test]
 fn near_rigid_the_ring_force_follows_the_quasi_static_table() {
     let overrides = [
-        "chain.joint.stiffness_n_per_m=5e8",
+        "chain.joint.stiffness_n_per_m=1e9",
         "chain.joint.friction=0",
         "contact.sprocket.friction=0",
         "contact.ring.friction=0",
         "contact.guide.friction=0",
-        "contact.ring.linear.stiffness_n_per_m=1e9",
-        "contact.sprocket.linear.stiffness_n_per_m=1e9",
-        "contact.guide.linear.stiffness_n_per_m=1e9",
+        "contact.ring.linear.stiffness_n_per_m=1e10",
+        "contact.sprocket.linear.stiffness_n_per_m=1e10",
+        "contact.guide.linear.stiffness_n_per_m=1e10",
         "chain.smartchain.design_tension_n=440",
         "preload.tension_n=240",
         "run.run_in_ms=12",
@@ -187,6 +191,8 @@ fn near_rigid_the_ring_force_follows_the_quasi_static_table() {
         100.0 * summary.speed_ripple
     );
     assert!(worst < NEAR_RIGID, "{worst}");
+    assert!(summary.fastest_touch_m_s() < 3e-3 * 8e-3 * 100.0 * std::f64::consts::PI);
+    assert!(summary.speed_ripple < 3e-4);
 }
 
 /// Deviation of the ring force from the quasi-static table in the near-rigid limit.
