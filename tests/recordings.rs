@@ -130,6 +130,48 @@ fn python_reads_every_value() {
     assert!(out.status.success(), "{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
 }
 
+/// With the reader that Foxglove itself uses, and by the schemas in the file.
+#[test]
+fn mcap_core_reads_every_frame() {
+    let Ok(modules) = std::env::var("PITCHLINE_NODE_MODULES") else {
+        println!("skipped: PITCHLINE_NODE_MODULES names no folder with @mcap/core, @mcap/support and protobufjs");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (_, frames) = record(&[&path], 3e-3);
+    let script = format!("{}/tests/read_mcap.mjs", env!("CARGO_MANIFEST_DIR"));
+    let out = Command::new("node").arg(script).arg(&path).arg(modules).output().expect("node runs");
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let read: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    println!("{}", read["topics"]);
+    let found = read["frames"].as_array().expect("frames");
+    assert_eq!(found.len(), frames.len());
+    for (row, frame) in found.iter().zip(&frames) {
+        let expected = [frame.step as f64, frame.t_s, frame.links.x_m[0], frame.links.x_m.len() as f64];
+        for (k, value) in expected.into_iter().enumerate() {
+            assert_eq!(row[k].as_f64(), Some(value), "step {}", frame.step);
+        }
+    }
+}
+
+#[test]
+fn foxglove_schemas_are_those_of_foxglove() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    record(&[&path], 1e-3);
+    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
+    let has = Command::new(&python).args(["-c", "import mcap, foxglove_schemas_protobuf"]).output();
+    if !has.is_ok_and(|o| o.status.success()) {
+        println!("skipped: {python} has no mcap and foxglove-schemas-protobuf");
+        return;
+    }
+    let script = format!("{}/tests/check_foxglove.py", env!("CARGO_MANIFEST_DIR"));
+    let out = Command::new(&python).arg(script).arg(&path).output().expect("runs");
+    println!("{}", String::from_utf8_lossy(&out.stdout));
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
 /// All numbers of a frame in the order of its schema.
 fn values(f: &Frame) -> Vec<f64> {
     let mut v = vec![f.step as f64, f.t_s, f.crank_angle_rad];
@@ -187,6 +229,10 @@ fn rerun_verifies_the_view() {
     };
     println!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
     assert!(out.status.success());
+    let out = Command::new(&program).args(["rrd", "stats"]).arg(&path).output().expect("ran before");
+    let said = String::from_utf8_lossy(&out.stdout).into_owned();
+    println!("{said}{}", String::from_utf8_lossy(&out.stderr));
+    assert!(out.status.success() && said.contains("chunk"), "{said}");
 }
 
 /// A drive with sensors is recorded; its frames, as a measured file, are columns by the sensors' paths, as they show; tables of the

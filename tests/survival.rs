@@ -35,13 +35,15 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut worst = 0.0_f64;
     let mut opened = 0;
-    // A fast drive and one with few frames a second.
-    for (drive, kills) in [("bush-20-40", 46), ("smartchain-20-40", 4)] {
+    let mut late = 0;
+    // A fast drive, one with few frames a second, and frames so far apart that only impacts and events come between them.
+    for (drive, kills, every) in [("bush-20-40", 42, "50us"), ("smartchain-20-40", 4, "50us"), ("bush-20-40", 4, "1s")]
+    {
         for kill in 0..kills {
             let path = folder.path().join("killed.mcap");
             let _gone = std::fs::remove_file(&path);
             let mut child = Command::new(PROGRAM)
-                .args(["run", drive, "--duration", "100s", "-o"])
+                .args(["run", drive, "--duration", "100s", "--every", every, "-o"])
                 .arg(&path)
                 .stdout(Stdio::null())
                 .stderr(Stdio::null())
@@ -52,7 +54,8 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
             while !path.exists() && waiting.elapsed() < Duration::from_secs(120) {
                 std::thread::sleep(Duration::from_millis(2));
             }
-            std::thread::sleep(Duration::from_millis(15 + 7 * kill));
+            let sparse = if every == "1s" { 500 } else { 0 };
+            std::thread::sleep(Duration::from_millis(15 + 7 * kill + sparse));
             child.kill().expect("was running");
             let killed = SystemTime::now();
             child.wait().expect("ends");
@@ -67,10 +70,14 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
             opened += 1;
             let lost_s = killed.duration_since(written).map_or(0.0, |d| d.as_secs_f64());
             worst = worst.max(lost_s);
+            late += u32::from(lost_s > LARGEST_LOSS_S);
         }
     }
-    println!("{opened} killed runs opened; at most {worst:.3} s between the last write and the end");
-    assert!(worst < LARGEST_LOSS_S + SLOW_MACHINE_S);
+    println!(
+        "{opened} killed runs opened; at most {worst:.3} s between the last write and the end, {late} times more than allowed"
+    );
+    // A machine that does something else may hold a run up, but not often.
+    assert!(late <= 2 && worst < LARGEST_LOSS_S + SLOW_MACHINE_S);
 }
 
 #[test]

@@ -104,7 +104,7 @@ impl std::fmt::Display for TransitionError {
             ),
             TransitionError::Inclination { inclination_rad, from_rad, to_rad } => write!(
                 f,
-                "no link leads from the line to the circle at an inclination of {:.4} deg; {:.4} to {:.4} deg work",
+                "no link leads from the line to the circle at an inclination of {:.4} deg; more than {:.4} and less than {:.4} deg has one",
                 inclination_rad / DEG,
                 from_rad / DEG,
                 to_rad / DEG
