@@ -39,7 +39,8 @@ for await (const message of reader.readMessages({ validateCrcs: true })) {
   const value = types.get(message.channelId).decode(message.data);
   if (topic === "/pitchline/frame") {
     const links = value.links;
-    frames.push([Number(value.step), value.tS, links.xM[0], links.xM.length]);
+    // As text: not every parser of JSON rounds numbers as it should.
+    frames.push([Number(value.step), value.tS, links.xM[0], links.xM.length].map(String));
   }
 }
 console.log(JSON.stringify({ topics, frames }));
