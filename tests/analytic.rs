@@ -355,9 +355,8 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     assert!((rise / closed.1 - 1.0).abs() < 0.02, "rise");
 }
 
-/// Links of one kind, 8 mm, with given mass and inertia.
-fn uniform_rows(mass_kg: f64, inertia_kg_m2: f64) -> Vec<pitchline::geometry::chain::LinkShape> {
-    let row = RowSpec { pitch_m: None, mass_kg: Some(mass_kg), inertia_kg_m2: Some(inertia_kg_m2) };
+/// Of 8 mm, both rows as given.
+fn bush_chain(row: RowSpec) -> BushChain {
     BushChain {
         pitch_m: 8e-3,
         bush_diameter_m: 5e-3,
@@ -370,25 +369,17 @@ fn uniform_rows(mass_kg: f64, inertia_kg_m2: f64) -> Vec<pitchline::geometry::ch
         inner: row,
         outer: row,
     }
-    .rows()
-    .expect("rows")
-    .to_vec()
+}
+
+/// Links of one kind, 8 mm, with given mass and inertia.
+fn uniform_rows(mass_kg: f64, inertia_kg_m2: f64) -> Vec<pitchline::geometry::chain::LinkShape> {
+    let row = RowSpec { pitch_m: None, mass_kg: Some(mass_kg), inertia_kg_m2: Some(inertia_kg_m2) };
+    bush_chain(row).rows().expect("rows").to_vec()
 }
 
 #[test]
 fn cranked_links_are_equal_and_as_heavy_as_the_two_rows_are_on_average() {
-    let chain = BushChain {
-        pitch_m: 8e-3,
-        bush_diameter_m: 5e-3,
-        pin_diameter_m: 3.3e-3,
-        inner_width_m: 5e-3,
-        plate_height_m: 7.1e-3,
-        plate_thickness_m: 1.5e-3,
-        density_kg_m3: 7850.0,
-        is_cranked: false,
-        inner: RowSpec::default(),
-        outer: RowSpec::default(),
-    };
+    let chain = bush_chain(RowSpec::default());
     let [inner, outer] = chain.rows().expect("rows");
     let [a, b] = BushChain { is_cranked: true, ..chain }.rows().expect("rows");
     println!(

@@ -247,6 +247,7 @@ fn the_span_is_a_string_and_takes_its_share_of_the_seating_speed() {
             t.tension_n, t.speed_m_s
         );
         assert!(t.approach.len() > 60, "{} engagements", t.approach.len());
+        // measured: +1 % at 300 rpm, -3 to -5 % above.
         assert!((ratio / expected - 1.0).abs() < 0.06, "{ratio} {expected}");
         // Slow against the wave, nothing is left but p omega.
         assert!(rpm > 300 || (ratio - 1.0).abs() < 0.05, "{ratio}");

@@ -92,11 +92,11 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     for (body, info) in header.bodies.iter().enumerate().filter(|(_, b)| b.rotor) {
         let whole = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= SETTLED * period_s;
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(whole).collect();
-        let mut cases = cases(own.iter().copied(), header);
+        let mut cases = cases(&own, period_s);
         let medians = depart(&mut cases);
         let all: Vec<&Case<'_>> = cases.iter().collect();
         // A bush is behind the link that sets its place; flanks are their own link's.
-        let bushed = own.iter().any(|i| joint_of(i, links).is_some());
+        let bushed = own.iter().any(|i| is_bush(i));
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
             for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
@@ -180,12 +180,10 @@ fn joint_of(i: &Impact, links: u32) -> Option<u32> {
     }
 }
 
-fn cases<'a>(impacts: impl Iterator<Item = &'a Impact>, header: &Header) -> Vec<Case<'a>> {
-    let period_s = period_s(header);
-    let impacts: Vec<&Impact> = impacts.collect();
+fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
     // Times of arrival go round with the tooth period: from the middle of those of their own part, where the jump is far away.
     let mut middles = BTreeMap::new();
-    for i in &impacts {
+    for i in impacts {
         let (s, c) = libm::sincos(2.0 * std::f64::consts::PI * i.t_s / period_s);
         let sum: &mut (f64, f64) = middles.entry(i.feature).or_default();
         *sum = (sum.0 + s, sum.1 + c);
@@ -196,7 +194,7 @@ fn cases<'a>(impacts: impl Iterator<Item = &'a Impact>, header: &Header) -> Vec<
         t_s - period_s * libm::round(t_s / period_s)
     };
     impacts
-        .into_iter()
+        .iter()
         .map(|i| Case {
             impact: i,
             value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i)],

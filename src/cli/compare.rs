@@ -4,6 +4,7 @@ use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::assemble::AssemblyError;
 use crate::compare::{CompareError, Plan, Run, Summary, merge, run as compare, verdict};
 use crate::drive::{Drive, OuterSpec};
+use crate::recording::frame::Impact;
 use crate::recording::{ViewOptions, create, extensions};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -251,23 +252,16 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         for i in 0..n {
             let at: Vec<_> = runs.iter().map(|r| &r.frames[i]).collect();
             sink.frame(&merge::frames(&parts, &at))?;
-            let (from, to) =
-                (if i == 0 { f64::NEG_INFINITY } else { runs[0].frames[i - 1].t_s }, runs[0].frames[i].t_s);
+            let from = if i == 0 { f64::NEG_INFINITY } else { runs[0].frames[i - 1].t_s };
+            let to = if i + 1 == n { f64::INFINITY } else { runs[0].frames[i].t_s };
             for (part, run) in parts.iter().zip(runs) {
-                let over =
-                    |i: &&crate::recording::frame::Impact| i.t_s + i.watched_s > from && i.t_s + i.watched_s <= to;
+                let over = |i: &&Impact| (i.t_s + i.watched_s > from) && (i.t_s + i.watched_s <= to);
                 for impact in run.impacts.iter().filter(over) {
                     sink.impact(&merge::impact(part, impact))?;
                 }
                 for event in run.events.iter().filter(|e| e.t_s > from && e.t_s <= to) {
                     sink.event(&merge::event(part, event))?;
                 }
-            }
-        }
-        let last_s = runs.iter().filter_map(|r| r.frames.get(n.saturating_sub(1))).map(|f| f.t_s).fold(0.0, f64::max);
-        for (part, run) in parts.iter().zip(runs) {
-            for impact in run.impacts.iter().filter(|i| i.t_s + i.watched_s > last_s) {
-                sink.impact(&merge::impact(part, impact))?;
             }
         }
         sink.finish()?;

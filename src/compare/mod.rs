@@ -20,7 +20,7 @@ use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
-use crate::recording::frame::{Event, Feature, Frame, Header, Impact};
+use crate::recording::frame::{BodyInfo, Event, Feature, Frame, Header, Impact};
 use crate::simulate::{Span, first_touches};
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -270,7 +270,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
 
 /// By body; those at the start of a run are of its start.
 fn touches(impacts: &[Impact], header: &Header, from_s: f64) -> Vec<BodyTouches> {
-    let of_body = |(k, body): (usize, &crate::recording::frame::BodyInfo)| {
+    let of_body = |(k, body): (usize, &BodyInfo)| {
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == k && i.t_s >= from_s).collect();
         let fastest = own.iter().max_by(|a, b| a.approach_speed_m_s.total_cmp(&b.approach_speed_m_s))?;
         Some(BodyTouches {

@@ -119,6 +119,34 @@ fn table(runs: &[Run]) -> String {
     text + "</table>\n"
 }
 
+/// An upright line of a diagram's grid, at `x`, with what stands below it.
+fn upright(x: f64, text: &str) -> String {
+    let foot = SIZE.1 - MARGIN.1;
+    format!(
+        "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"10\" y2=\"{foot:.1}\" stroke=\"#ddd\"/>\
+         <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>\n",
+        foot + 15.0
+    )
+}
+
+/// A level one, at `y`, with what stands before it.
+fn level(y: f64, text: &str) -> String {
+    let left = MARGIN.0;
+    format!(
+        "<line x1=\"{left}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#eee\"/>\
+         <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>\n",
+        SIZE.0 - 10.0,
+        left - 6.0,
+        y + 4.0
+    )
+}
+
+/// Round numbers from zero to `top`, seven at most.
+fn marks(top: f64) -> impl Iterator<Item = f64> {
+    let step = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| top / s <= 6.0).unwrap_or(5000.0);
+    (0..=(top / step) as i32).map(move |k| f64::from(k) * step)
+}
+
 fn diagram(run: &Run, top_n: f64) -> String {
     let (w, h) = SIZE;
     let (left, bottom) = MARGIN;
@@ -126,28 +154,10 @@ fn diagram(run: &Run, top_n: f64) -> String {
     let y = |f: f64| h - bottom - f / top_n * (h - bottom - 10.0);
     let mut svg = format!("<svg viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" font-size=\"12\">\n");
     for u in SHOWN.0.ceil() as i32..=SHOWN.1.floor() as i32 {
-        let at = x(f64::from(u));
-        let _infallible = writeln!(
-            svg,
-            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"10\" y2=\"{:.1}\" stroke=\"#eee\"/>\
-             <text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{u}</text>",
-            h - bottom,
-            h - bottom + 15.0
-        );
+        svg += &upright(x(f64::from(u)), &u.to_string());
     }
-    let step = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| top_n / s <= 6.0).unwrap_or(5000.0);
-    let mut force = 0.0;
-    while force <= top_n {
-        let at = y(force);
-        let _infallible = writeln!(
-            svg,
-            "<line x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#eee\"/>\
-             <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{force:.0} N</text>",
-            w - 10.0,
-            left - 6.0,
-            at + 4.0
-        );
-        force += step;
+    for force in marks(top_n) {
+        svg += &level(y(force), &format!("{force:.0} N"));
     }
     let mut key = left + 8.0;
     for kind in KINDS {
@@ -213,10 +223,10 @@ fn touches(run: &Run) -> String {
         // Stretches of bins with a force; a gap of one bin is none.
         let mut bars: Vec<(f64, f64)> = Vec::new();
         let half = 0.5 / BINS_PER_PITCH as f64;
-        for (bin, force) in pass.force_n.iter().enumerate().filter(|(_, f)| f[kind as usize] > 0.0) {
+        for (bin, _) in pass.force_n.iter().enumerate().filter(|(_, f)| f[kind as usize] > 0.0) {
             let u = Pass::u_of(bin);
             match bars.last_mut() {
-                Some(last) if force[kind as usize] > 0.0 && u - half - last.1 < 2.5 * half => last.1 = u + half,
+                Some(last) if u - half - last.1 < 2.5 * half => last.1 = u + half,
                 _ => bars.push((u - half, u + half)),
             }
         }
@@ -274,34 +284,16 @@ impl Chart<'_> {
         let y = |v: f64| h - bottom - (scale(v) - low) / (high - low) * (h - bottom - 10.0);
         let mut svg = format!("<svg viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" font-size=\"12\">\n");
         for (v, text) in ticks {
-            let at = x(*v);
-            let _infallible = writeln!(
-                svg,
-                "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"10\" y2=\"{:.1}\" stroke=\"#ddd\"/>\
-                 <text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{text}</text>",
-                h - bottom,
-                h - bottom + 15.0
-            );
+            svg += &upright(x(*v), text);
         }
-        let marks: Vec<(f64, String)> = if self.log {
-            let power = |p: i32| (libm::pow(10.0, f64::from(p)), format!("1e{p}"));
-            (low.ceil() as i32..=high.floor() as i32).map(power).collect()
+        if self.log {
+            for p in low.ceil() as i32..=high.floor() as i32 {
+                svg += &level(y(libm::pow(10.0, f64::from(p))), &format!("1e{p}{}", self.unit));
+            }
         } else {
-            let step =
-                [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| high / s <= 6.0).unwrap_or(5000.0);
-            (0..=(high / step) as i32).map(|k| (f64::from(k) * step, format!("{:.0}", f64::from(k) * step))).collect()
-        };
-        for (v, label) in marks {
-            let at = y(v);
-            let _infallible = writeln!(
-                svg,
-                "<line x1=\"{left}\" x2=\"{:.1}\" y1=\"{at:.1}\" y2=\"{at:.1}\" stroke=\"#eee\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{label}{}</text>",
-                w - 10.0,
-                left - 6.0,
-                at + 4.0,
-                self.unit
-            );
+            for v in marks(high) {
+                svg += &level(y(v), &format!("{v:.0}{}", self.unit));
+            }
         }
         let mut key = left + 8.0;
         for (i, (name, points)) in lines.iter().enumerate() {
