@@ -144,6 +144,10 @@ pub struct SprocketDrive {
     pub root_relief_m: f64,
     /// Of an abutment chain.
     pub ring: RingForm,
+    /// Of a silent chain; what is not given is standard.
+    pub face: FaceForm,
+    pub root_clearance_m: Option<f64>,
+    pub corner_radius_m: Option<f64>,
     pub x_m: f64,
     pub y_m: f64,
     pub wrap: Wrap,
@@ -157,6 +161,18 @@ pub enum RingForm {
     Conjugate,
     /// A circle in any case.
     Plain,
+}
+
+/// Largest deviation of a row's pitch from the sprockets', over it: a chain is worn out at 0.03.
+const LARGEST_PITCH_ERROR: f64 = 0.05;
+
+/// Working face of a silent chain's teeth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FaceForm {
+    /// Osculates the involute.
+    Arc,
+    /// Arc of this radius that touches the seated flank at a distance from the foot of the joint's perpendicular [m].
+    Crowned { radius_m: f64, contact_distance_m: f64 },
 }
 
 /// What is prescribed at a sprocket.
@@ -319,6 +335,27 @@ impl Drive {
             ChainSpec::Abutment(c) => Some((c.pin_diameter_m, c.bush_diameter_m, c.plate_height_m)),
             ChainSpec::Silent(_) => None,
         };
+        let rows = match self.chain {
+            ChainSpec::Bush(c) => [c.inner.pitch_m, c.outer.pitch_m],
+            ChainSpec::Abutment(c) => c.pitches_m,
+            ChainSpec::Silent(c) => [c.even.pin_pitch_m, c.odd.pin_pitch_m],
+        };
+        let key = if matches!(self.chain, ChainSpec::Silent(_)) { "pin_pitch_mm" } else { "pitch_mm" };
+        let nominal_m = self.chain.pitch_m();
+        for (row, pitch_m) in ["inner", "outer"].iter().zip(rows) {
+            if pitch_m.is_some_and(|p| (p / nominal_m - 1.0).abs() > LARGEST_PITCH_ERROR) {
+                let range = [1.0 - LARGEST_PITCH_ERROR, 1.0 + LARGEST_PITCH_ERROR].map(|share| share * nominal_m * 1e3);
+                error(
+                    &format!("{chain}.{row}.{key}"),
+                    format!(
+                        "`{chain}.{row}.{key}` = {} mm is far from the sprockets' pitch of {} mm",
+                        pitch_m.unwrap_or(0.0) * 1e3,
+                        nominal_m * 1e3
+                    ),
+                    &format!("teeth bear {:.3} to {:.3} mm", range[0], range[1]),
+                );
+            }
+        }
         if let Some((pin_m, bush_m, plate_m)) = round {
             if pin_m >= bush_m {
                 error(

@@ -10,7 +10,7 @@ pub use chain::ChainModel;
 
 use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
-use crate::drive::{ChainSpec, Drive, OuterSpec, RingForm, SprocketDrive};
+use crate::drive::{ChainSpec, Drive, FaceForm, OuterSpec, RingForm, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
@@ -20,11 +20,12 @@ use crate::elements::rotor::Rotor;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
+use crate::geometry::chain::silent::SilentLinkError;
 use crate::geometry::guide::{GuideSide, StraightGuide};
 use crate::geometry::profile::Profile;
 use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
-use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
-use crate::geometry::smartchain::{Abutment, AbutmentSpec, LobedRing, Transition};
+use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
+use crate::geometry::smartchain::{Abutment, LobedRing, RingError, fits_hollow};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use crate::recording::frame::Segment;
 use parry2d_f64::math::{Pose, Vector};
@@ -288,8 +289,15 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
         match toothing(drive, s) {
             Ok(toothing) => sprockets.push(toothing),
             Err((e, key)) => {
-                let path = format!("sprockets.{}.{key}", s.name);
-                diags.push(drive.places.error(&path, format!("sprocket `{}` cannot be made: {e}", s.name), None));
+                // What is wrong with the link is so for every sprocket.
+                let (path, title) = if key.contains('.') {
+                    (key.to_string(), e)
+                } else {
+                    (format!("sprockets.{}.{key}", s.name), format!("sprocket `{}` cannot be made: {e}", s.name))
+                };
+                if diags.iter().all(|d: &Diag| d.title != title) {
+                    diags.push(drive.places.error(&path, title, None));
+                }
             }
         }
     }
@@ -320,15 +328,21 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
         }
         ChainSpec::Abutment(c) => {
             let made = |e: &dyn std::fmt::Display| chain_error(format!("the abutments cannot be made: {e}"), None);
-            let transition = |teeth: u32| Transition::smooth(teeth, c.pitch_m).map_err(|e| made(&e));
-            let spec = AbutmentSpec { distance_m: c.abutment_distance_m, flat_m: None, end_angle_rad: None };
-            let a = Abutment::new(transition(c.teeth)?, spec).map_err(|e| made(&e))?;
+            let transition = |teeth: u32| c.transition(teeth).map_err(|e| made(&e));
+            let a = Abutment::new(transition(c.teeth)?, c.abutment_spec()).map_err(|e| made(&e))?;
+            let ring_error = |e: &RingError, name: &str, help: Option<String>| {
+                chain_error(format!("the ring of sprocket `{name}` cannot be made: {e}"), help)
+            };
             for (k, s) in drive.sprockets.iter().enumerate() {
-                let own = transition(s.teeth)?;
+                let own = if s.teeth == c.teeth { a.transition } else { transition(s.teeth)? };
                 line_radii[k] = own.line_height_m;
                 line_end_m[k] = own.line_end_x_m;
                 if s.teeth != c.teeth && s.ring == RingForm::Conjugate {
-                    rings[k] = Some(LobedRing::new(&a, own).map_err(|e| made(&e))?);
+                    let help = format!("`sprockets.{}.ring = \"plain\"` gives it a round one, at a cost", s.name);
+                    rings[k] = Some(LobedRing::new(&a, own).map_err(|e| ring_error(&e, &s.name, Some(help)))?);
+                } else {
+                    fits_hollow(&a, own.pitch_radius_m - c.abutment_distance_m)
+                        .map_err(|e| ring_error(&e, &s.name, None))?;
                 }
             }
             let rows = c.rows(drive.joint.stiffness_n_per_m, &a.front, &a.rear).map_err(|e| made(&e))?;
@@ -362,15 +376,26 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
 
 /// Teeth of a sprocket, or why there are none and the key to blame.
 fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'static str)> {
-    let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
     if let ChainSpec::Silent(c) = &drive.chain {
-        let mut spec = SilentSprocketSpec::standard(s.teeth, c.pitch_m, ToothFace::Arc);
+        let face = match s.face {
+            FaceForm::Arc => ToothFace::Arc,
+            FaceForm::Crowned { radius_m, contact_distance_m } => ToothFace::Crowned { radius_m, contact_distance_m },
+        };
+        let mut spec = SilentSprocketSpec::standard(s.teeth, c.pitch_m, face);
         spec.link = c.form;
+        if let Some(tip_m) = s.tip_diameter_m {
+            let half_rad = std::f64::consts::PI / f64::from(s.teeth);
+            let (sin, cos) = crate::units::sin_cos(half_rad);
+            spec.tip_offset_m = 0.5 * tip_m - 0.5 * c.pitch_m * cos / sin;
+        }
+        spec.root_clearance_m = s.root_clearance_m.unwrap_or(spec.root_clearance_m);
+        spec.corner_radius_m = s.corner_radius_m.unwrap_or(spec.corner_radius_m);
         return match SilentSprocket::new(spec) {
             Ok(sprocket) => Ok(Toothing::Silent(Box::new(sprocket))),
-            Err(e) => Err((e.to_string(), "teeth")),
+            Err(e) => Err((e.to_string(), silent_key(&e))),
         };
     }
+    let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
     let spec = SprocketSpec {
         teeth: s.teeth,
         pitch_m: drive.chain.pitch_m(),
@@ -382,6 +407,27 @@ fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'sta
     let mut relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
     relieved.gap_shifts = gap_shifts(drive, s);
     Ok(Toothing::Iso(Box::new(relieved)))
+}
+
+/// The value to blame: of the sprocket, or of the link that it is made for.
+fn silent_key(e: &SilentSprocketError) -> &'static str {
+    match e {
+        SilentSprocketError::Pointed { .. } | SilentSprocketError::LowTip { .. } => "tip_diameter_mm",
+        SilentSprocketError::DeepRoot { .. } | SilentSprocketError::HighRoot | SilentSprocketError::Toe { .. } => {
+            "root_clearance_mm"
+        }
+        SilentSprocketError::Face { .. } => "chain.silent.face_distance_mm",
+        SilentSprocketError::Corner { .. } => "corner_radius_mm",
+        SilentSprocketError::Contact { .. } => "contact_distance_mm",
+        SilentSprocketError::Link(e) => match e {
+            SilentLinkError::FlankAngle { .. } => "chain.silent.flank_angle_deg",
+            SilentLinkError::Projection { .. } => "chain.silent.inside_projection_mm",
+            SilentLinkError::ToeRadius { .. } => "chain.silent.toe_radius_mm",
+            SilentLinkError::CrotchLarge { .. } | SilentLinkError::CrotchDeep { .. } => "chain.silent.crotch_radius_mm",
+            _ => "chain.silent",
+        },
+        SilentSprocketError::Teeth { .. } | SilentSprocketError::Dimension { .. } => "teeth",
+    }
 }
 
 /// Where the gaps of a sprocket lie beside their places; empty if none does.

@@ -41,9 +41,13 @@ pub struct NotConverged {
 /// Residual at which the search ends [N]: rounding of positions times the contact stiffness is some 1e-8 N.
 pub const RESIDUAL_N: f64 = 1e-6;
 const MOST_ITERATIONS: usize = 400;
-/// Residual that is borne after this many iterations [N]: without friction a chain may slide round plain rings with hardly
-/// any force, and that last one is not worth the search.
+/// Residual that is borne after this many iterations, or where no step helps any more [N]; and at their end, of the stillest
+/// state, over its largest tension: without friction a chain may slide round plain rings with hardly any force, and that last
+/// one is not worth the search.
 const SOFT_RESIDUAL_N: f64 = 1e-2;
+const SLIDING_SHARE: f64 = 2e-3;
+/// Shift of the Hessian beyond which no step changes anything [N/m].
+const MOST_SHIFT: f64 = 1e13;
 const SOFT_AFTER: usize = 100;
 /// Residual below which the residual alone may judge a step [N].
 const END_GAME_N: f64 = 1.0;
@@ -72,12 +76,16 @@ pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Res
     let mut q = start;
     let mut system = assemble(model, &q, &free, load_factor);
     let mut shift = 0.0_f64;
+    let mut stillest: Option<(f64, Configuration)> = None;
     for iterations in 0..MOST_ITERATIONS {
         let residual_n = system.residual(model);
         let enough = if iterations < SOFT_AFTER { RESIDUAL_N } else { SOFT_RESIDUAL_N };
-        if residual_n < enough {
+        if residual_n < enough || (shift > MOST_SHIFT && residual_n < SOFT_RESIDUAL_N) {
             let tensions_n = tensions(model, &q);
             return Ok(Equilibrium { configuration: q, residual_n, iterations, tensions_n });
+        }
+        if iterations >= SOFT_AFTER && stillest.as_ref().is_none_or(|s| residual_n < s.0) {
+            stillest = Some((residual_n, q.clone()));
         }
         if residual_n.is_nan() {
             return Err(NotConverged { residual_n, iterations });
@@ -93,11 +101,18 @@ pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Res
                     shift = 0.0;
                 }
             }
-            None if shift > 1e13 => return Err(NotConverged { residual_n, iterations }),
+            None if shift > MOST_SHIFT => return Err(NotConverged { residual_n, iterations }),
             None => shift = (10.0 * shift).max(1e4),
         }
     }
-    Err(NotConverged { residual_n: system.residual(model), iterations: MOST_ITERATIONS })
+    let iterations = MOST_ITERATIONS;
+    if let Some((residual_n, configuration)) = stillest {
+        let tensions_n = tensions(model, &configuration);
+        if residual_n < SLIDING_SHARE * tensions_n.iter().copied().fold(0.0, f64::max) {
+            return Ok(Equilibrium { configuration, residual_n, iterations, tensions_n });
+        }
+    }
+    Err(NotConverged { residual_n: system.residual(model), iterations })
 }
 
 type Step = (Configuration, System, bool);
@@ -124,7 +139,10 @@ fn line_search(
     for halving in 0..30 {
         let next = moved(q, free, dq, dr, factor);
         let next_system = assemble(model, &next, free, load_factor);
-        let lower = slope < 0.0 && next_system.energy <= system.energy + 1e-4 * factor * slope;
+        // Strictly: far down the halvings a step that changes nothing is none.
+        let lower = slope < 0.0
+            && next_system.energy < system.energy
+            && next_system.energy <= system.energy + 1e-4 * factor * slope;
         // Near the end the energy falls by less than its rounding, and the residual says more. Far from it a residual that
         // falls while the energy climbs would undo the step before, for ever.
         if lower || (residual < END_GAME_N && next_system.residual(model) < 0.9 * residual) {

@@ -1,5 +1,7 @@
 //! Silent chain: the closed forms of link and tooth, the way to the seat, the forces of a light wrap.
 
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::elements::end_contact::{LinkContour, LinkPose};
 use pitchline::geometry::Vec2;
 use pitchline::geometry::chain::silent::{
     LinkPart, SilentChain, SilentLinkContour, SilentLinkError, SilentLinkForm, SilentRowSpec,
@@ -11,6 +13,7 @@ use pitchline::geometry::silent_mesh::{
     flank_gaps_m, pose_before_seat, stretched_approach_speed_m_s, working_flank_pitch_m, wrap_statics,
 };
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
+use pitchline::model::{Model, Toothing, place};
 use std::f64::consts::PI;
 
 /// Pitch [mm] and teeth of the cases with known numbers.
@@ -552,4 +555,73 @@ fn rows_have_masses_of_plates_and_pins_or_those_given() {
     println!("{} kg, {} kg m2, {} m", even.shape.mass_kg, even.shape.inertia_kg_m2, even.centre_of_mass_m);
     let thick = SilentChain { pin_diameter_m: 5.5e-3, ..chain };
     assert!(matches!(thick.rows(), Err(SilentLinkError::PinHole { largest_diameter_m }) if largest_diameter_m < 5e-3));
+}
+
+#[test]
+fn links_touch_teeth_where_a_search_over_every_element_finds_it() {
+    let (_, text) = BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("a bundled drive");
+    let crown = |radius_mm: f64, at_mm: f64| {
+        vec![
+            "sprockets.driver.face=crowned".to_string(),
+            format!("sprockets.driver.face_radius_mm={radius_mm}"),
+            format!("sprockets.driver.contact_distance_mm={at_mm}"),
+        ]
+    };
+    let angle = |deg: f64| vec![format!("chain.silent.flank_angle_deg={deg}")];
+    let shallow = |deg: f64| [angle(deg), vec!["sprockets.driver.root_clearance_mm=0.46".to_string()]].concat();
+    let cases = [vec![], angle(25.0), angle(32.0), angle(34.0), shallow(30.0), crown(10.0, 1.5), crown(20.0, 1.8)];
+    let mut segments = std::collections::BTreeSet::new();
+    for sets in cases {
+        let drive = Drive::parse("silent-20-40", text, &sets).unwrap_or_else(|e| panic!("{e}"));
+        let placed = place(&drive).unwrap_or_else(|e| panic!("{e}"));
+        let model = Model::build(&drive, &placed, 0.0).unwrap_or_else(|e| panic!("{e}"));
+        let Toothing::Silent(sprocket) = &model.sprockets[0].geometry else { panic!("teeth of a silent chain") };
+        let Some(LinkContour::Flanks(rows)) = &model.contour else { panic!("flanks") };
+        let tau = sprocket.pitch_angle_rad();
+        let (mut compared, mut worst) = (0, 0.0_f64);
+        // A lattice that no symmetry of the teeth falls in with.
+        for k in 0..40_000_u32 {
+            let share = |step: f64| (f64::from(k) * step).fract();
+            let (angle_rad, seated) = sprocket.pose_at_seat(8e-3, tau * (1.1 * share(0.618_034) - 0.05));
+            let origin = seated + Vec2::new(0.28e-3 * share(0.754_878) - 0.04e-3, 0.3e-3 * (share(0.569_840) - 0.5));
+            for (front, outer) in [(true, true), (true, false), (false, true), (false, false)] {
+                let end = if front { &rows[0].front } else { &rows[0].rear };
+                let set = usize::from(!outer);
+                let body = model.end_bodies.iter().find(|b| b.rotor == Some(0) && b.set == set).expect("a body");
+                let pose = LinkPose {
+                    centre: origin,
+                    cos: angle_rad.cos(),
+                    sin: angle_rad.sin(),
+                    lever: if front { 4e-3 } else { -4e-3 },
+                    front,
+                    row: 0,
+                };
+                let Some(touch) = body.touch(model.contour.as_ref().expect("flanks"), &pose, (1.0, 0.0), 0.2e-3) else {
+                    continue;
+                };
+                let side = if front == outer { [4, 5] } else { [2, 1] };
+                let gap = sprocket.gap(touch.tooth as i32);
+                let [face, corner, root] = [gap[side[0]], gap[side[1]], gap[3]];
+                let flank = if outer { &end.outer_flank } else { &end.inner_flank };
+                let (flank, toe, crotch) = (flank.element(), end.toe.element(), rows[0].crotch.element());
+                let last = if outer { (toe, root) } else { (crotch, corner) };
+                let least = [(flank, face), (flank, corner), (toe, face), (toe, corner), last]
+                    .iter()
+                    .map(|(e, t)| element_gap_m(&e.moved(angle_rad, origin), t, 2.4e-4))
+                    .fold(f64::INFINITY, f64::min);
+                if least < -1e-4 {
+                    continue; // Deeper than any contact: sides are mixed up.
+                }
+                compared += 1;
+                segments.insert(format!("{:?}", touch.segment));
+                if (least + touch.penetration_m).abs() > 1e-12 && worst < 1e-12 {
+                    println!("{sets:?} front {front} outer {outer}: {least:e} {touch:?}");
+                }
+                worst = worst.max((least + touch.penetration_m).abs());
+            }
+        }
+        println!("{sets:?}: {compared} contacts, worst {worst:e}; so far {segments:?}");
+        assert!(compared > 15_000 && worst < 1e-12, "{compared} {worst:e}");
+    }
+    assert_eq!(segments.len(), 4, "{segments:?}");
 }

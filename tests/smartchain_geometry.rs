@@ -8,7 +8,7 @@
 use pitchline::geometry::Vec2;
 use pitchline::geometry::smartchain::{
     Abutment, AbutmentError, AbutmentSpec, Inclination, LobedRing, RingError, Side, Transition, TransitionError,
-    TwoLinkTransition, centre_distance,
+    TwoLinks, centre_distance, fits_hollow,
 };
 use pitchline::units::{DEG, MM};
 
@@ -155,6 +155,18 @@ fn from_rear_joint(point: Vec2) -> Vec2 {
     Vec2::new(point.x + 0.5 * PITCH_M, -point.y)
 }
 
+/// Of a member that is less inclined than the smooth one, at 20 teeth.
+fn hollow(inclination_deg: f64) -> Abutment {
+    let t = Transition::new(20, PITCH_M, Inclination::Given(inclination_deg * DEG)).expect("a member");
+    Abutment::new(t, spec(4.5e-3)).expect("an abutment with a hollow")
+}
+
+/// Handed over within two links, with the least peak of jerk.
+fn over_two_links(teeth: u32) -> Abutment {
+    let t = Transition::over_two_links(teeth, PITCH_M, TwoLinks::default()).expect("a path");
+    Abutment::new(t, spec(4.5e-3)).expect("an abutment")
+}
+
 #[test]
 fn golden_path_velocity_and_acceleration() {
     let tables = [
@@ -182,9 +194,10 @@ fn golden_path_velocity_and_acceleration() {
     let t = smooth(20);
     // The cubic, and the tables' root of it, which was found to 3e-12.
     let seat = std::f64::consts::PI / 20.0;
-    let residual = 2.0 * t.sigma.powi(3) - t.sigma.powi(2) - 0.25 / seat.sin().powi(2) + 0.25 / seat.powi(2);
+    let sigma = t.sigma.expect("over one link");
+    let residual = 2.0 * sigma.powi(3) - sigma.powi(2) - 0.25 / seat.sin().powi(2) + 0.25 / seat.powi(2);
     assert!(residual.abs() < 1e-13, "{residual:e}");
-    assert!((t.sigma - 0.6118517179188451).abs() < 1e-11, "{}", t.sigma);
+    assert!((sigma - 0.6118517179188451).abs() < 1e-11, "{sigma}");
     assert!((t.inclination_rad - 0.07467882416797181).abs() < 1e-11, "{}", t.inclination_rad);
     assert!((t.handover_angle_rad - 0.19207469520258777).abs() < 1e-11, "{}", t.handover_angle_rad);
 }
@@ -282,15 +295,18 @@ fn other_members_are_smooth_in_velocity_and_jump_in_acceleration() {
 
 #[test]
 fn ring_touches_the_front_abutment_for_two_periods_and_never_enters_the_rear() {
-    for teeth in [9, 20, 40, 150] {
-        let abutment = abutment(teeth);
-        for k in -1000..=3000 {
+    let two_links = [9, 20, 40, 150].map(over_two_links);
+    let members = [9, 20, 40, 150].map(abutment).into_iter().chain([3.0, 3.7].map(hollow)).chain(two_links);
+    for abutment in members {
+        let t = &abutment.transition;
+        let of = format!("z {}, {} deg, {} links", t.teeth, t.inclination_rad / DEG, t.span());
+        for k in -1000..=4000 {
             let tau = f64::from(k) * 1e-3;
             let (front, rear) = (abutment.ring_gap_m(Side::Front, tau), abutment.ring_gap_m(Side::Rear, tau));
-            if (0.0..=2.0).contains(&tau) {
-                assert!(front.abs() < 5e-9, "z {teeth} tau {tau}: {front:e} m"); // measured 4.1e-9, the arcs' deviation
+            if (0.0..=t.span() + 1.0).contains(&tau) {
+                assert!(front.abs() < 5e-9, "{of}, tau {tau}: {front:e} m"); // measured 4.5e-9, the arcs' deviation
             }
-            assert!(front > -5e-9 && rear > -5e-9, "z {teeth} tau {tau}: {front:e} {rear:e} m");
+            assert!(front > -5e-9 && rear > -5e-9, "{of}, tau {tau}: {front:e} {rear:e} m");
         }
     }
     let rear = |tau: f64| abutment(20).ring_gap_m(Side::Rear, tau) / MM;
@@ -303,23 +319,41 @@ fn ring_touches_the_front_abutment_for_two_periods_and_never_enters_the_rear() {
 
 #[test]
 fn nothing_enters_the_guide() {
-    let abutment = abutment(20);
+    for abutment in [abutment(20), over_two_links(20), hollow(3.7), hollow(3.0)] {
+        outside_of_the_guide(&abutment);
+    }
+    // On the straight span the support along the normal of the guide is the flat; where there is a hollow, what is behind it.
+    for (abutment, from_joint) in
+        [(abutment(20), 3e-3..4e-3), (over_two_links(20), 5e-3..7e-3), (hollow(3.0), 0.0..3e-3)]
+    {
+        let (height, point) = abutment.front.support(Vec2::new(0.0, 1.0));
+        assert!((height - abutment.guide_height_m).abs() < 1e-15, "{height} {}", abutment.guide_height_m);
+        assert!(from_joint.contains(&(point.x - 4e-3)), "{point:?}");
+    }
+    // 7 um at 3 deg and less for more, by an independent computation for the path; the contour rises by 9.
+    assert!((hollow(3.0).rise_m - 9.04e-6).abs() < 0.05e-6 && hollow(3.7).rise_m < hollow(3.0).rise_m);
+    assert_eq!((abutment(20).rise_m, abutment(20).guide_overlap_m), (0.0, 0.0));
+    assert!((hollow(3.0).guide_overlap_m - 2.05e-6).abs() < 0.04e-6, "{:e}", hollow(3.0).guide_overlap_m);
+}
+
+fn outside_of_the_guide(abutment: &Abutment) {
     let profiles = [&abutment.front, &abutment.rear].map(|c| c.profile().expect("a contour"));
     for k in -1500..=2000 {
         let link = abutment.transition.link(f64::from(k) * 1e-3);
         for profile in &profiles {
             for p in profile.elements().iter().flat_map(|e| [0.0, 0.25, 0.5, 0.75, 1.0].map(|s| e.point(s))) {
                 let from_axis = pitchline::geometry::rotated(p - link.axis.position, link.turn_rad);
-                // Below the line of joints the guide ends over the axis; its face is at ring_radius.
+                // Below the line of joints the guide ends over the axis; its face is at the ring's top, and lower where
+                // the contour rises behind a hollow.
                 if from_axis.x <= 0.0 {
-                    assert!(-from_axis.y - abutment.ring_radius_m > -5e-9, "tau {}", f64::from(k) * 1e-3);
+                    let face = abutment.transition.line_height_m - abutment.guide_height_m;
+                    // Hollow ones dig in a little, and say how far.
+                    let gap_m = -from_axis.y - face;
+                    assert!(gap_m > -5e-9 - abutment.guide_overlap_m, "tau {}: {gap_m:e}", f64::from(k) * 1e-3);
                 }
             }
         }
     }
-    // On the straight span the support along the normal of the guide is the flat.
-    let (height, point) = abutment.front.support(Vec2::new(0.0, 1.0));
-    assert!((height - abutment.guide_height_m).abs() < 1e-15 && point.x > 7e-3);
 }
 
 #[test]
@@ -352,12 +386,21 @@ fn parameters_that_do_not_work_are_told_from_those_that_do() {
     let at = |phi: f64| Transition::new(20, PITCH_M, Inclination::Given(phi * DEG)).expect("a path");
     let made = |phi: f64| Abutment::new(at(phi), spec(4.5e-3));
     assert!(made(4.3).is_ok() && made(4.56).is_ok());
-    let Err(AbutmentError::Undercut { from_rad, to_rad, least_distance_m, .. }) = made(5.0) else { panic!("a cusp") };
-    assert_eq!(from_rad, smooth(20).inclination_rad);
+    let Err(AbutmentError::Undercut { to_rad, least_distance_m, .. }) = made(5.0) else { panic!("a cusp") };
     assert!((4.56..5.0).contains(&(to_rad / DEG)), "{}", to_rad / DEG);
     assert!(made(to_rad / DEG - 1e-6).is_ok() && made(to_rad / DEG + 1e-6).is_err());
     assert!(Abutment::new(at(5.0), spec(least_distance_m * 1.001)).is_ok(), "{least_distance_m}");
-    assert!(matches!(made(4.0), Err(AbutmentError::Concave { .. })));
+    // Below the smooth member there is a hollow, down to where it leaves nothing to rest on.
+    let free = [made(4.0), made(3.0), made(2.0)].map(|a| a.expect("a hollow").front.hollow_radius_m());
+    assert!(free[0] > free[1] && free[1] > free[2], "{free:?}");
+    // 55 mm at its start, by an independent computation; the first arc is the mean of a piece.
+    assert!((55e-3..60e-3).contains(&free[1]), "{free:?}");
+    assert_eq!(made(4.3).expect("convex").front.hollow_radius_m(), f64::INFINITY);
+    // A larger second ring does not fit into it.
+    let second = LobedRing::new(&made(2.0).expect("a hollow"), smooth(40));
+    assert!(matches!(second, Err(RingError::Jump { .. })), "{second:?}");
+    let two = made(2.0).expect("a hollow");
+    assert!(matches!(fits_hollow(&two, 46e-3), Err(RingError::Hollow { .. })) && fits_hollow(&two, 21e-3).is_ok());
     assert!(matches!(Abutment::new(smooth(20), spec(26e-3)), Err(AbutmentError::Distance { .. })));
     assert!(matches!(Abutment::new(smooth(20), spec(20e-3)), Err(AbutmentError::Collision { .. })));
     assert!(matches!(Transition::smooth(8, PITCH_M), Err(TransitionError::Teeth(8))));
@@ -398,12 +441,19 @@ fn rear_is_the_mirror_image_and_leaving_the_reverse_of_arriving() {
 
 #[test]
 fn closest_point_and_support_agree_with_a_search_over_every_element() {
-    let abutment = abutment(20);
+    for abutment in [abutment(20), hollow(3.0), over_two_links(20)] {
+        search_agrees(&abutment);
+    }
+}
+
+fn search_agrees(abutment: &Abutment) {
     for contour in [&abutment.front, &abutment.rear] {
         let profile = contour.profile().expect("a contour");
         for k in 0..400 {
             // A spiral of points on the outer side.
-            let o = Vec2::new(-0.02 + 1e-4 * f64::from(k), 4.8e-3 + 1e-5 * f64::from(k % 37));
+            // Close by, and as far away as the axis of a ring.
+            let high = if k % 2 == 0 { 4.8e-3 } else { 20e-3 };
+            let o = Vec2::new(-0.02 + 1e-4 * f64::from(k), high + 1e-5 * f64::from(k % 37));
             let (fast, slow) = (contour.closest_to_point(o), profile.closest(o));
             assert!((fast.distance_m - slow.distance_m).abs() < 1e-14, "{o:?}: {fast:?} {slow:?}");
             assert!((fast.point - slow.point).norm() < 1e-9);
@@ -415,7 +465,9 @@ fn closest_point_and_support_agree_with_a_search_over_every_element() {
                 .fold(f64::NEG_INFINITY, f64::max);
             let (height, point) = contour.support(direction);
             assert!(
-                (height - highest).abs() < 2e-9 && (point.dot(&direction) - height).abs() < 1e-15,
+                // What spans a hollow bulges by some 5 nm.
+                (height - highest).abs() < if contour.hollow_radius_m().is_finite() { 6e-9 } else { 2e-9 }
+                    && (point.dot(&direction) - height).abs() < 1e-15,
                 "{k} {height} {highest}"
             );
         }
@@ -544,11 +596,23 @@ fn command_prints_draws_and_refuses() {
     assert!(json["contour_deviation_nm"].as_f64().is_some_and(|d| d < 5.0));
     assert!(std::fs::read_to_string(&svg).expect("drawn").matches('A').count() > 1000, "arcs are arcs");
     assert!(String::from_utf8_lossy(&run(&["--teeth", "150"]).stdout).contains("ring radius"));
+    let two = run(&["--teeth", "20", "--two-links", "--line-end-mm=-5", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&two.stdout).expect("JSON");
+    assert_eq!((json["links"].as_u64(), json["planes"].as_u64()), (Some(2), Some(3)));
+    assert_eq!((json["line_end_x_mm"].as_f64(), json["sigma"].as_f64()), (Some(-5.0), None));
+    assert!(json["peak_jerk"].as_f64().is_some_and(|jerk| (2.71..2.73).contains(&jerk)), "{json}");
+    let hollow = run(&["--teeth", "20", "--inclination-deg", "3.5"]);
+    assert!(String::from_utf8_lossy(&hollow.stdout).contains("behind a hollow"));
     for (args, names) in [
         (&["--teeth", "8"][..], "9 ..= 150"),
-        (&["--teeth", "20", "--inclination-deg", "5"], "4.2788 to 4.5916 deg"),
+        (&["--teeth", "20", "--inclination-deg", "5"], "up to 4.5916 deg"),
         (&["--teeth", "40", "--driven-teeth", "20"], "smaller sprocket"),
         (&["--teeth", "20", "-o", "links.png"], ".svg"),
+        (&["--teeth", "20", "--line-end-mm=-5"], "--two-links"),
+        (&["--teeth", "20", "--two-links", "--inclination-deg", "4"], "cannot be used"),
+        (&["--teeth", "20", "--two-links", "--driven-teeth", "40"], "neighbouring teeth"),
+        (&["--teeth", "20", "--two-links", "--handover-deg", "60"], "a hand-over at 60.0000 deg; 271"),
+        (&["--teeth", "20", "--two-links", "--turn-deg=60,9"], "hollow"),
     ] {
         let out = run(args);
         assert_eq!(out.status.code(), Some(2), "{args:?}");
@@ -558,34 +622,142 @@ fn command_prints_draws_and_refuses() {
 
 #[test]
 fn two_link_transition_is_smooth_in_acceleration() {
-    // An optimised example at 20 teeth: h - R = 0.274 mm, psi0 = 22.70 deg, L.x = -5.885 mm.
-    let radius = smooth(20).pitch_radius_m;
-    let t = TwoLinkTransition::new(20, PITCH_M, radius + 0.274e-3, 22.70 * DEG, -5.885e-3).expect("a path");
-    let centripetal = smooth(20).seat_angle_rad().powi(2) * radius;
-    for (inside, outside) in
-        [(t.on_quintic(0.0), t.pin(0.0)), (t.in_dyad(1.0), t.on_quintic(1.0)), (t.in_dyad(2.0), t.on_circle(2.0))]
-    {
-        assert!((inside.position - outside.position).norm() < 1e-15);
-        assert!((inside.velocity - outside.velocity).norm() < 1e-14);
-        assert!((inside.acceleration - outside.acceleration).norm() / centripetal < 1e-10);
+    // An optimised example at 20 teeth, independent computation: h - R = 0.274 mm, psi0 = 22.70 deg, L.x = -5.885 mm.
+    let form = TwoLinks {
+        rise_m: Some(0.274e-3),
+        handover_rad: Some(22.70 * DEG),
+        line_end_m: Some(-5.885e-3),
+        free_rad: [0.0; 3],
+    };
+    let made = |form: TwoLinks| Transition::over_two_links(20, PITCH_M, form);
+    let (stated, best) = (made(form).expect("a path"), made(TwoLinks::default()).expect("a path"));
+    let bent = made(TwoLinks { free_rad: [-DEG, 2.0 * DEG, 0.5 * DEG], ..TwoLinks::default() }).expect("a path");
+    for t in [stated, best, bent] {
+        let centripetal = t.seat_angle_rad().powi(2) * t.pitch_radius_m;
+        for (from, to) in [(0.0, 0.0), (1.0 - 1e-9, 1.0 + 1e-9), (2.0, 2.0)] {
+            let inside = t.pin_in_transition(from);
+            let outside = if from == to { t.pin(to) } else { t.pin_in_transition(to) };
+            assert!((inside.position - outside.position - inside.velocity * (from - to)).norm() < 1e-15);
+            assert!((inside.velocity - outside.velocity).norm() < 1e-10);
+            assert!((inside.acceleration - outside.acceleration).norm() / centripetal < 1e-7);
+        }
+        let mut greatest = 0.0_f64;
+        for k in 0..2000 {
+            let tau = (f64::from(k) + 0.5) * 1e-3;
+            let error = (t.pin(tau + 1.0).position - t.pin(tau).position).norm() - PITCH_M;
+            assert!(error.abs() < 1e-16, "tau {tau}: {error:e} m");
+            let difference = (t.pin(tau + 4e-4).position - t.pin(tau - 4e-4).position) / 8e-4;
+            assert!((difference - t.pin(tau).velocity).norm() < 1e-8);
+            let difference = (t.pin(tau + 4e-4).velocity - t.pin(tau - 4e-4).velocity) / 8e-4;
+            assert!((difference - t.pin(tau).acceleration).norm() < 1e-3 * centripetal);
+            greatest = greatest.max(t.pin(tau).acceleration.norm() / centripetal);
+        }
+        assert!((greatest - 1.0).abs() < 2e-3, "{greatest}");
     }
-    let (mut greatest, mut jerk) = (0.0_f64, 0.0_f64);
-    for k in 0..2000 {
-        let tau = (f64::from(k) + 0.5) * 1e-3;
-        let error = (t.pin(tau + 1.0).position - t.pin(tau).position).norm() - PITCH_M;
-        assert!(error.abs() < 1e-16, "tau {tau}: {error:e} m");
-        let (before, after) = (t.pin(tau - 4e-4), t.pin(tau + 4e-4));
-        let difference = (after.position - before.position) / 8e-4;
-        assert!((difference - t.pin(tau).velocity).norm() < 1e-8);
-        greatest = greatest.max(t.pin(tau).acceleration.norm() / centripetal);
-        jerk = jerk.max((after.acceleration - before.acceleration).norm() / 8e-4);
+    // Stated with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk hangs on
+    // digits beyond those given: 2.31 to 4.5 within their rounding, 2.70 with the numbers as they stand; the least is 2.269.
+    println!(
+        "largest jerk: {:.4} as stated, {:.4} found, one link {:.2}",
+        stated.peak_jerk(),
+        best.peak_jerk(),
+        smooth(20).peak_jerk()
+    );
+    assert!((2.2..3.0).contains(&stated.peak_jerk()), "{}", stated.peak_jerk());
+    assert!(best.peak_jerk() < 2.28 && best.peak_jerk() > 2.26, "{}", best.peak_jerk());
+    // At the places that are looked at; 11.1 is at the start.
+    assert!((10.0..11.1).contains(&smooth(20).peak_jerk()), "{}", smooth(20).peak_jerk());
+    // It lies where nothing near is better.
+    let at = [best.rise_m(), best.handover_angle_rad, best.line_end_x_m];
+    for (k, by) in [(0, 1e-6), (0, -1e-6), (1, 1e-4), (1, -1e-4), (2, 1e-5), (2, -1e-5)] {
+        let mut moved = at;
+        moved[k] += by;
+        let [rise, angle, end] = moved.map(Some);
+        let near = made(TwoLinks { rise_m: rise, handover_rad: angle, line_end_m: end, free_rad: [0.0; 3] });
+        // What is better has no convex abutment.
+        let worse = near.is_ok_and(|t| t.peak_jerk() > best.peak_jerk() || Abutment::new(t, spec(4.5e-3)).is_err());
+        assert!(worse, "{k} {by}");
     }
-    let jerk = jerk / (centripetal * smooth(20).seat_angle_rad());
-    // Stated with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk
-    // hangs on digits beyond those given: 2.31 to 4.5 within their rounding, 2.72 with the numbers as they stand.
-    assert!((greatest - 1.0).abs() < 1e-3, "{greatest}");
-    assert!((2.2..3.0).contains(&jerk), "{jerk}");
-    assert!(TwoLinkTransition::new(20, PITCH_M, radius, 60.0 * DEG, -5.885e-3).is_none(), "out of reach");
+    // Each number may be given.
+    assert_eq!(made(TwoLinks { line_end_m: Some(-5e-3), ..TwoLinks::default() }).expect("a path").line_end_x_m, -5e-3);
+    assert_eq!(
+        made(TwoLinks { handover_rad: Some(0.35), ..TwoLinks::default() }).expect("a path").handover_angle_rad,
+        0.35
+    );
+    assert!(
+        (made(TwoLinks { rise_m: Some(2e-4), ..TwoLinks::default() }).expect("a path").rise_m() - 2e-4).abs() < 1e-17
+    );
+    let out_of_reach = made(TwoLinks { handover_rad: Some(60.0 * DEG), ..TwoLinks::default() });
+    assert!(matches!(out_of_reach, Err(TransitionError::TwoLinks { works: Some(_), .. })), "{out_of_reach:?}");
+}
+
+#[test]
+fn abutments_over_two_links_need_three_planes_and_a_round_ring() {
+    let (one, two) = (abutment(20), over_two_links(20));
+    assert_eq!((one.planes(), two.planes()), (2, 3));
+    assert!((two.transition.line_end_x_m + 5.88e-3).abs() < 2e-5, "{}", two.transition.line_end_x_m);
+    let teeth = |z: u32| Transition::over_two_links(z, PITCH_M, TwoLinks::default()).expect("a path");
+    let lobed = LobedRing::new(&two, teeth(40));
+    assert!(matches!(lobed, Err(RingError::TwoLinks)), "{lobed:?}");
+    let bent = TwoLinks { free_rad: [1.0, 0.15, 0.0], ..TwoLinks::default() };
+    let bent = Transition::over_two_links(20, PITCH_M, bent).map(|t| Abutment::new(t, spec(4.5e-3)));
+    assert!(matches!(bent, Ok(Err(AbutmentError::TwoLinks { works: Some(_), .. }))), "{bent:?}");
+    // Loops close as they do over one link: the line of joints lies 0.15 mm higher, which takes links.
+    let closed =
+        |a: &Transition, b: &Transition| pitchline::geometry::smartchain::centre_distance_m(a, b, 80).expect("closes");
+    let (c1, c2) = (closed(&one.transition, &one.transition), closed(&two.transition, &two.transition));
+    let length = |t: &Transition, c: f64| {
+        // Pins on the exact path, one pitch apart, from the middle of one span to the middle of the other.
+        let straight = 0.5 * c + t.line_end_x_m;
+        let on_circle = (std::f64::consts::PI - 2.0 * t.handover_angle_rad) / t.seat_angle_rad();
+        2.0 * (2.0 * straight / PITCH_M + on_circle + 2.0 * t.span())
+    };
+    assert!((length(&one.transition, c1) - 80.0).abs() < 1e-9 && (length(&two.transition, c2) - 80.0).abs() < 1e-9);
+    assert!(c1 != c2 && (c1 - c2).abs() < 1e-3, "{c1} {c2}");
+}
+
+#[test]
+fn forces_over_two_links_balance_on_every_link() {
+    let t = over_two_links(20).transition;
+    let cross = |a: Vec2, b: Vec2| a.x * b.y - a.y * b.x;
+    for k in 0..=20 {
+        let (tension, tau) = (400.0, 0.05 * f64::from(k));
+        let [rear, middle, front, seated] = [-1.0, 0.0, 1.0, 2.0].map(|d| t.pin(tau + d).position);
+        let (first, guide) = t.quasi_static_forces_n(tension, tau);
+        let (second, _) = t.quasi_static_forces_n(tension, tau + 1.0);
+        // The ring pushes along the ray from the axis through the point that it touches.
+        let push = |tau: f64| {
+            let lever = t.lever(tau);
+            let touch = over_two_links_touch(&t, tau);
+            let (s, c) = (-lever.turn_rad).sin_cos();
+            let from_axis = touch - lever.axis.position;
+            Vec2::new(c * from_axis.x + s * from_axis.y, -(-s * from_axis.x + c * from_axis.y)).normalize()
+        };
+        let (p1, p2) = (push(tau) * first, push(tau + 1.0) * second);
+        // Forces on the first lever give that in the middle joint, those on the second the one in its front joint.
+        let at_rear = Vec2::new(-tension, guide);
+        let at_middle = -(at_rear + p1);
+        let at_front = at_middle - p2;
+        let moment_first = cross(rear - middle, at_rear) + cross(-middle, p1);
+        let moment_second = cross(front - middle, at_front) + cross(-middle, p2);
+        let along = (seated - front).normalize();
+        let scale = tension * PITCH_M;
+        assert!(moment_first.abs() < 1e-9 * scale, "tau {tau}: {moment_first:e}");
+        assert!(moment_second.abs() < 1e-9 * scale, "tau {tau}: {moment_second:e}");
+        assert!(cross(along, at_front).abs() < 1e-9 * tension, "tau {tau}");
+        // All press.
+        assert!(
+            first > -1e-9 && second > 0.0 && guide > -1e-9 && at_front.dot(&along) > 0.0,
+            "{first} {second} {guide}"
+        );
+        if k % 5 == 0 {
+            println!("tau {tau:.2}: ring {first:.1} and {second:.1} N, guide {guide:.1} N at 400 N");
+        }
+    }
+}
+
+/// Where the ring touches the exact contour of 4.5 mm.
+fn over_two_links_touch(t: &Transition, tau: f64) -> Vec2 {
+    Abutment::new(*t, spec(4.5e-3)).expect("an abutment").exact(tau).point
 }
 
 #[test]

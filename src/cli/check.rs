@@ -1,6 +1,8 @@
 //! `pitchline check`: reads a drive, assembles it, says what follows from it.
 
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
+use crate::drive::ChainSpec;
+use crate::geometry::smartchain::Abutment;
 use crate::model::Model;
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -34,6 +36,10 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
         })
         .collect();
     let bounds = centre_distances(model);
+    let abutment = match &drive.chain {
+        ChainSpec::Abutment(c) => c.transition(c.teeth).ok().and_then(|t| Abutment::new(t, c.abutment_spec()).ok()),
+        _ => None,
+    };
     if args.json {
         return print_json(&serde_json::json!({
             "drive": drive.name,
@@ -44,6 +50,8 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
             "chain_speed_m_s": model.chain_speed_m_s,
             "centre_distances_mm": bounds.iter().map(|(n, d)| serde_json::json!({ "between": n, "mm": d * 1e3 })).collect::<Vec<_>>(),
             "joint_damping_ratio_at_1_khz": joint_damping_ratio(model),
+            "abutment_planes": abutment.as_ref().map(Abutment::planes),
+            "guide_overlap_um": abutment.as_ref().map(|a| a.guide_overlap_m * 1e6),
             "assembly": report,
             "values": drive.places.paths().collect::<Vec<_>>(),
         }));
@@ -69,6 +77,19 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
                     r.mass_kg * 1e3,
                     r.inertia_kg_m2 * 1e9
                 )
+            })
+        })
+        .and_then(|()| {
+            abutment.iter().try_for_each(|a| {
+                writeln!(text, "  abutments            {} planes across the width", a.planes())?;
+                if a.guide_overlap_m > 0.0 {
+                    let (rise_um, overlap_um) = (a.rise_m * 1e6, a.guide_overlap_m * 1e6);
+                    writeln!(
+                        text,
+                        "    hollow             guide {rise_um:.2} um lower, rear ones {overlap_um:.2} um into it"
+                    )?;
+                }
+                Ok(())
             })
         })
         .and_then(|()| {

@@ -21,7 +21,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "RPM,...", value_delimiter = ',', value_parser = above_zero)]
     speed_rpm: Vec<f64>,
     /// Load torque on the driven sprockets [N m]
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", value_parser = super::finite, allow_negative_numbers = true)]
     load_nm: Option<f64>,
     /// Simulated time after assembling that is judged, e.g. 120ms
     #[arg(long, default_value = "120ms", value_parser = super::run::duration)]

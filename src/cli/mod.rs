@@ -167,6 +167,14 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
 }
 
 /// Writes results to stdout; a closed pipe ends the program quietly.
+/// Parses an argument that must be a finite number.
+fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err("a finite number is needed".into()),
+    }
+}
+
 fn print_out(text: &str) -> Result<Outcome, Failure> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {

@@ -4,15 +4,16 @@
 use super::reader::{Places, Table};
 use super::sensors;
 use super::{
-    ChainSpec, ContactSpec, Drive, Effects, GapError, GapWave, GuideEffect, GuideSpec, JointSpec, OuterSpec,
+    ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec, JointSpec, OuterSpec,
     PitchError, PreloadSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive, TightJoint,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
-use crate::geometry::chain::abutment::AbutmentChain;
+use crate::geometry::chain::abutment::{AbutmentChain, Handover};
 use crate::geometry::chain::bush::{BushChain, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
 use crate::geometry::guide::GuideSide;
 use crate::geometry::route::Wrap;
+use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
 use crate::units::{DEG, MM, RPM, UM};
 use std::f64::consts::PI;
@@ -266,10 +267,28 @@ fn read_abutment_chain(t: &Table<'_>) -> AbutmentChain {
         inertia_kg_m2: t.required("inertia_g_mm2", 1e-9, 1e-3..=1e9),
         abutment_distance_m: t.required("abutment_mm", MM, 0.1..=200.0),
         teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
+        handover: read_handover(t),
         design_tension_n: t.required("design_tension_n", 1.0, 0.0..=1e6),
         alternate: t.choice("bushes", &[("every_link", false), ("every_other_link", true)]).unwrap_or(false),
         pitches_m: [pitch("inner"), pitch("outer")],
     }
+}
+
+fn read_handover(t: &Table<'_>) -> Handover {
+    if !t.choice("handover", &[("one_link", false), ("two_links", true)]).unwrap_or(false) {
+        let foreign = ["rise_um", "handover_deg", "line_end_mm", "turn_0_deg", "turn_1_deg", "turn_2_deg"];
+        t.only_with(&foreign, "handover = \"two_links\"");
+        let given = t.number("inclination_deg", PI / 180.0, 0.0..=90.0).map(Inclination::Given);
+        return Handover::OneLink(given.unwrap_or(Inclination::SmoothAcceleration));
+    }
+    t.only_with(&["inclination_deg"], "handover = \"one_link\"");
+    let free = |key: &str| t.number(key, PI / 180.0, -90.0..=90.0).unwrap_or(0.0);
+    Handover::TwoLinks(TwoLinks {
+        rise_m: t.number("rise_um", 1e-6, -1e5..=1e5),
+        handover_rad: t.number("handover_deg", PI / 180.0, 0.0..=90.0),
+        line_end_m: t.number("line_end_mm", MM, -1000.0..=0.0),
+        free_rad: ["turn_0_deg", "turn_1_deg", "turn_2_deg"].map(free),
+    })
 }
 
 fn read_bush_chain(t: &Table<'_>) -> BushChain {
@@ -423,12 +442,15 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
                 .then(|| t.choice("gap_form", &[("min", GapForm::Min), ("max", GapForm::Max)]))
                 .flatten()
                 .unwrap_or(GapForm::Max),
-            tip_diameter_m: bushed.then(|| t.number("tip_diameter_mm", MM, 1.0..=10_000.0)).flatten(),
+            tip_diameter_m: t.number("tip_diameter_mm", MM, 1.0..=10_000.0),
             root_relief_m: bushed.then(|| t.number("root_relief_um", UM, 0.0..=2000.0)).flatten().unwrap_or(0.0),
             ring: ringed
                 .then(|| t.choice("ring", &[("conjugate", RingForm::Conjugate), ("plain", RingForm::Plain)]))
                 .flatten()
                 .unwrap_or(RingForm::Conjugate),
+            face: if bushed { FaceForm::Arc } else { read_face(&t) },
+            root_clearance_m: (!bushed).then(|| t.number("root_clearance_mm", MM, 1e-3..=100.0)).flatten(),
+            corner_radius_m: (!bushed).then(|| t.number("corner_radius_mm", MM, 1e-3..=100.0)).flatten(),
             x_m: t.number("x_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
@@ -441,6 +463,18 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
         t.finish();
     }
     order_by_route(root, all)
+}
+
+/// A flat face on a flat flank would touch along a length, which no point stands for: straight teeth are crowned a little.
+fn read_face(t: &Table<'_>) -> FaceForm {
+    if t.choice("face", &[("arc", false), ("crowned", true)]).unwrap_or(false) {
+        return FaceForm::Crowned {
+            radius_m: t.required("face_radius_mm", MM, 0.1..=1000.0),
+            contact_distance_m: t.required("contact_distance_mm", MM, 0.01..=100.0),
+        };
+    }
+    t.only_with(&["face_radius_mm", "contact_distance_mm"], "face = \"crowned\"");
+    FaceForm::Arc
 }
 
 /// Sorts the sprockets by `route`, the order in which the chain meets them.

@@ -215,6 +215,15 @@ impl<'a> Table<'a> {
         found
     }
 
+    /// Values of this table that mean something only with `wanted`: those that are given are mistakes.
+    pub fn only_with(&self, keys: &[&str], wanted: &str) {
+        for key in keys {
+            if self.value(key).is_some() {
+                self.error_at(key, format!("`{}` needs `{wanted}`", self.join(key)), None);
+            }
+        }
+    }
+
     fn wrong_type(&self, key: &str, found: &DeValue<'_>, wanted: &str, place: Place) {
         let title = format!("`{}` is {}, expected {wanted}", self.join(key), type_name(found));
         self.reader.error(title, place, None);

@@ -16,9 +16,9 @@ use super::contact_law::ContactLaw;
 use crate::geometry::chain::silent::SilentLinkContour;
 use crate::geometry::profile::Element;
 use crate::geometry::silent_sprocket::SilentSprocket;
-use crate::geometry::smartchain::convex::ConvexContour;
+use crate::geometry::smartchain::contour::Contour;
 use crate::geometry::smartchain::ring::LobedRing;
-use crate::geometry::{Vec2, perp};
+use crate::geometry::{Vec2, cross, perp};
 use crate::recording::frame::{Feature, Segment};
 use crate::units::sin_cos;
 
@@ -26,7 +26,7 @@ use crate::units::sin_cos;
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkContour {
     /// Convex contours in the link frame.
-    Abutments { front: ConvexContour, rear: ConvexContour },
+    Abutments { front: Contour, rear: Contour },
     /// One contour for each row.
     Flanks(Vec<SilentLinkContour>),
 }
@@ -72,9 +72,18 @@ pub struct Seats {
 /// Arcs of one gap in the gap frame (+y = gap axis); -x is ahead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentTooth {
-    face: [Circle; 2],
+    face: [Arc; 2],
     corner: [Circle; 2],
-    root: Circle,
+    root: Arc,
+}
+
+/// A face or a root: its circle, and its outward normals at both ends, counterclockwise. Beyond them other arcs go on, and the
+/// circle is nothing. (A corner's lies in the tooth all round.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Arc {
+    circle: Circle,
+    from: Vec2,
+    to: Vec2,
 }
 
 /// Centre and radius [m].
@@ -177,6 +186,16 @@ fn rough_angle(x: f64, y: f64) -> f64 {
     if y < 0.0 { 0.0 - half } else { half }
 }
 
+impl Arc {
+    /// Whether one of its points has this normal; at its ends its neighbours touch alike.
+    fn has(&self, normal: Vec2) -> bool {
+        cross(self.from, normal) >= -NORMAL_ROUNDING && cross(normal, self.to) >= -NORMAL_ROUNDING
+    }
+}
+
+/// Normals within this of an arc's end count as on it: rounding.
+const NORMAL_ROUNDING: f64 = 1e-12;
+
 impl SilentTooth {
     /// None where the face is a line.
     pub fn new(sprocket: &SilentSprocket) -> Option<SilentTooth> {
@@ -185,11 +204,16 @@ impl SilentTooth {
             Element::Arc { centre, radius_m, .. } => Some(Circle { centre, radius_m }),
             Element::Line { .. } => None,
         };
+        let arc = |e: &Element| {
+            let (start, end) = (e.normal(0.0), e.normal(1.0));
+            let (from, to) = if cross(start, end) < 0.0 { (end, start) } else { (start, end) };
+            Some(Arc { circle: circle(e)?, from, to })
+        };
         Some(SilentTooth {
             // Behind (+x) and ahead (-x).
-            face: [circle(&gap[2])?, circle(&gap[4])?],
+            face: [arc(&gap[2])?, arc(&gap[4])?],
             corner: [circle(&gap[1])?, circle(&gap[5])?],
-            root: circle(&gap[3])?,
+            root: arc(&gap[3])?,
         })
     }
 }
@@ -274,7 +298,7 @@ fn lobe_touch(
     ring: &LobedRing,
     seats: &Seats,
     turn_rad: f64,
-    abutment: &ConvexContour,
+    abutment: &Contour,
     pose: &LinkPose,
     rotor: (f64, f64),
     far_m: f64,
@@ -302,7 +326,7 @@ fn lobe_touch(
     })
 }
 
-fn face_touch(along: Vec2, length_m: f64, abutment: &ConvexContour, pose: &LinkPose, far_m: f64) -> Option<EndTouch> {
+fn face_touch(along: Vec2, length_m: f64, abutment: &Contour, pose: &LinkPose, far_m: f64) -> Option<EndTouch> {
     let up = perp(along);
     // Down into the face, as the link sees it.
     let (height, point, link_radius_m) = abutment.support_with_radius(pose.into_link(-up));
@@ -378,11 +402,18 @@ fn flank_touch(
         }
     };
     let face_name = if side == 1 { Segment::FlankCounterclockwise } else { Segment::FlankClockwise };
-    offer(line_arc(start, stop, normal, &tooth.face[side], face_name));
+    let face = &tooth.face[side];
+    offer(line_arc(start, stop, normal, &face.circle, face_name).filter(|t| face.has(t.normal)));
     offer(line_arc(start, stop, normal, &tooth.corner[side], Segment::TipCorner));
-    offer(arc_arc(&toe, &tooth.face[side], turned(Vec2::new(0.0, 1.0)), face_name));
+    // The toe reaches from one flank to the other.
+    let ends = [turned(end.outer_flank.normal), turned(end.inner_flank.normal)];
+    let sense = cross(ends[0], ends[1]);
+    let on_toe =
+        |out: Vec2| cross(ends[0], out) * sense >= -NORMAL_ROUNDING && cross(out, ends[1]) * sense >= -NORMAL_ROUNDING;
+    offer(Some(arc_arc(&toe, &face.circle, face_name)).filter(|t| face.has(t.normal) && on_toe(-t.normal)));
+    offer(Some(arc_arc(&toe, &tooth.corner[side], Segment::TipCorner)).filter(|t| on_toe(-t.normal)));
     if outer {
-        offer(arc_in_hollow(&toe, &tooth.root));
+        offer(arc_in_hollow(&toe, &tooth.root.circle).filter(|t| tooth.root.has(t.normal) && on_toe(-t.normal)));
     } else {
         let crotch = Circle { centre: placed(contour.crotch.centre), radius_m: contour.crotch.radius_m };
         offer(corner_in_crotch(&tooth.corner[side], &crotch, turned(Vec2::new(0.0, 1.0))));
@@ -407,13 +438,12 @@ fn line_arc(start: Vec2, end: Vec2, normal: Vec2, arc: &Circle, segment: Segment
     })
 }
 
-/// A link's toe on a convex arc of the body: where the toe, whose tip looks along `tip`, really is.
-fn arc_arc(toe: &Circle, arc: &Circle, tip: Vec2, segment: Segment) -> Option<EndTouch> {
+/// A link's toe on a convex arc of the body.
+fn arc_arc(toe: &Circle, arc: &Circle, segment: Segment) -> EndTouch {
     let d = toe.centre - arc.centre;
     let distance = d.norm();
     let normal = d / distance;
-    // The toe is the lower part of its circle; its upper parts are flanks.
-    (-normal.dot(&tip) > 0.5).then(|| EndTouch {
+    EndTouch {
         penetration_m: toe.radius_m + arc.radius_m - distance,
         point: toe.centre - normal * toe.radius_m,
         normal,
@@ -421,7 +451,7 @@ fn arc_arc(toe: &Circle, arc: &Circle, tip: Vec2, segment: Segment) -> Option<En
         body_radius_m: arc.radius_m,
         tooth: 0,
         segment,
-    })
+    }
 }
 
 /// A link's toe in the root.

@@ -144,6 +144,14 @@ pub enum SilentSprocketError {
     Face {
         largest_face_distance_m: f64,
     },
+    /// Crown no wider than the corner arc: largest corner radius [m].
+    Corner {
+        largest_m: f64,
+    },
+    /// A crown touches the flank where there is none: largest distance from the foot of the joint's perpendicular [m].
+    Contact {
+        largest_m: f64,
+    },
     /// Tip circle beyond the point where the corners of a tooth meet: largest tip diameter [m].
     Pointed {
         largest_tip_diameter_m: f64,
@@ -182,6 +190,14 @@ impl std::fmt::Display for SilentSprocketError {
                 "no tooth is left; take more teeth, or a link with a face distance below {:.4} mm",
                 largest_face_distance_m / MM
             ),
+            SilentSprocketError::Corner { largest_m } => write!(
+                f,
+                "the face is no wider than the corner arc; its radius must be below {:.4} mm, or that of the face above",
+                largest_m / MM
+            ),
+            SilentSprocketError::Contact { largest_m } => {
+                write!(f, "the face would touch the flank beyond its end; at most {:.4} mm works", largest_m / MM)
+            }
             SilentSprocketError::Pointed { largest_tip_diameter_m } => write!(
                 f,
                 "the tooth is pointed below this tip circle; its diameter may be at most {:.4} mm",
@@ -256,6 +272,13 @@ impl SilentSprocket {
         check_spec(&spec)?;
         let contour =
             SilentLinkContour::new(spec.link, spec.pitch_m, spec.pitch_m).map_err(SilentSprocketError::Link)?;
+        let flank = contour.front.outer_flank;
+        let largest_m = (flank.end - flank.start).norm();
+        if let ToothFace::Crowned { contact_distance_m, .. } = spec.face
+            && contact_distance_m > largest_m
+        {
+            return Err(SilentSprocketError::Contact { largest_m });
+        }
         let z = f64::from(spec.teeth);
         let half_pitch_rad = PI / z;
         let alpha = spec.link.flank_angle_rad;
@@ -438,8 +461,10 @@ fn place_face(
         ToothFace::Arc => (Some(involute_distance_m), Some(offset_m)),
         ToothFace::Crowned { radius_m, contact_distance_m } => (Some(contact_distance_m), Some(radius_m)),
     };
-    let room_m = radius_m.unwrap_or(offset_m).min(offset_m);
-    if room_m <= spec.corner_radius_m {
+    if let Some(largest_m) = radius_m.filter(|r| *r <= spec.corner_radius_m && *r < offset_m) {
+        return Err(SilentSprocketError::Corner { largest_m });
+    }
+    if offset_m <= spec.corner_radius_m {
         let largest_face_distance_m = pitch_radius_m * sin_gap - spec.corner_radius_m;
         return Err(SilentSprocketError::Face { largest_face_distance_m });
     }

@@ -6,7 +6,7 @@
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
-use super::super::smartchain::ConvexContour;
+use super::super::smartchain::{AbutmentSpec, Contour, Inclination, Transition, TransitionError, TwoLinks};
 use super::LinkShape;
 use std::f64::consts::PI;
 
@@ -24,6 +24,8 @@ pub struct AbutmentChain {
     pub abutment_distance_m: f64,
     /// Teeth of the sprocket whose ring is a circle.
     pub teeth: u32,
+    /// How joints are handed over to that sprocket.
+    pub handover: Handover,
     /// T*: tension at which the pitch is nominal [N].
     pub design_tension_n: f64,
     /// Bushes on every other link only.
@@ -32,13 +34,35 @@ pub struct AbutmentChain {
     pub pitches_m: [Option<f64>; 2],
 }
 
+/// Which of the paths from line to circle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Handover {
+    OneLink(Inclination),
+    TwoLinks(TwoLinks),
+}
+
 impl AbutmentChain {
+    /// What its abutments are made from.
+    pub fn abutment_spec(&self) -> AbutmentSpec {
+        AbutmentSpec { distance_m: self.abutment_distance_m, flat_m: None, end_angle_rad: None }
+    }
+
+    /// The transition onto a sprocket of `teeth`: the one asked for, and for other numbers of teeth the smoothest.
+    pub fn transition(&self, teeth: u32) -> Result<Transition, TransitionError> {
+        match self.handover {
+            Handover::OneLink(inclination) if teeth == self.teeth => Transition::new(teeth, self.pitch_m, inclination),
+            Handover::OneLink(_) => Transition::smooth(teeth, self.pitch_m),
+            Handover::TwoLinks(form) if teeth == self.teeth => Transition::over_two_links(teeth, self.pitch_m, form),
+            Handover::TwoLinks(_) => Transition::over_two_links(teeth, self.pitch_m, TwoLinks::default()),
+        }
+    }
+
     /// The two rows, equal unless alternating. `stiffness_n_per_m`: of a joint.
     pub fn rows(
         &self,
         stiffness_n_per_m: f64,
-        front: &ConvexContour,
-        rear: &ConvexContour,
+        front: &Contour,
+        rear: &Contour,
     ) -> Result<[LinkShape; 2], ProfileError> {
         let unloaded_m = self.pitch_m - self.design_tension_n / stiffness_n_per_m;
         let row = |index: usize| -> Result<LinkShape, ProfileError> {
@@ -61,12 +85,7 @@ impl AbutmentChain {
 }
 
 /// Outline: exact abutments, the plate between and below them drawn. Counterclockwise.
-fn plate(
-    pitch_m: f64,
-    end_radius_m: f64,
-    front: &ConvexContour,
-    rear: &ConvexContour,
-) -> Result<Profile, ProfileError> {
+fn plate(pitch_m: f64, end_radius_m: f64, front: &Contour, rear: &Contour) -> Result<Profile, ProfileError> {
     let (h, r) = (0.5 * pitch_m, end_radius_m);
     let line = |start: Vec2, end: Vec2| Element::Line { start, end };
     let quarter = |x: f64, start_rad: f64| Element::Arc {

@@ -7,10 +7,12 @@
 //! K(tau) = O(tau) + rho perp(u),   u = O' / |O'|,   radius of curvature  1/kappa - rho,   kappa = (O' x O'') / |O'|^3
 //! ```
 //! with rho = R - a, so that the contour ends in an arc of radius a about the front joint, on which the ring stays
-//! while the link is seated. It begins parallel to the link at the depth of the guide's face, h - rho under the joints,
-//! and is extended there by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is
-//! convex; a lower inclination starts concave, a higher one is undercut (kappa rho >= 1) from some inclination on, the
-//! sooner the smaller a. The rear abutment is the mirror image x -> -x.
+//! while the link is seated. It begins parallel to the link at the depth h - rho under the joints, and is extended there
+//! by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is convex; a lower inclination
+//! starts with a hollow, a higher one is undercut (kappa rho >= 1) from some inclination on, the sooner the smaller a.
+//! Behind a hollow the contour rises over the flat: on the guide it rests there, and the guide's face is lower than the
+//! ring's top by that much; the joint then rises over the line at first, and the link, which turns about its rear joint,
+//! presses its rear abutment into the guide: 2 um at 3 deg and 20 teeth. The rear abutment is the mirror image x -> -x.
 //!
 //! Link frame as in [`super::path::LinkMotion`]: the sprocket lies at +y, the contour too, outward normals point to +y;
 //! run with the material on its left it leads from the front end (large x) to the rear, first the flat, then K, then
@@ -18,11 +20,11 @@
 //!
 //! Source: envelope of a circle; own derivation, see `path`.
 
-use super::convex::ConvexContour;
+use super::contour::Contour;
 use super::fit::{self, CurvePoint};
 use super::path::{Inclination, Transition, boundary};
 use crate::geometry::profile::Element;
-use crate::geometry::{Vec2, cross, perp, unit};
+use crate::geometry::{Vec2, cross, perp, rotated, unit};
 use crate::units::{DEG, MM, atan2, sin_cos};
 use std::f64::consts::PI;
 
@@ -73,16 +75,21 @@ pub struct Abutment {
     pub end_angle_rad: f64,
     /// rho = R - a.
     pub ring_radius_m: f64,
-    /// h - rho: from the line of joints to the face of the guide, which is tangent to the ring at its top.
+    /// From the line of joints to the face of the guide: h - rho and the rise. Without a rise the face is tangent to the
+    /// ring at its top.
     pub guide_height_m: f64,
+    /// By which the contour stands over its flat where it starts with a hollow; none if it does not.
+    pub rise_m: f64,
+    /// By which such a link, whose front joint rises over the line, presses its rear abutment into the guide.
+    pub guide_overlap_m: f64,
     /// Angle of the outward normal, to that of the link, where the lever phase ends: psi0 - phi.
     pub lever_end_rad: f64,
     /// Smallest radius of curvature.
     pub min_radius_m: f64,
     /// Largest distance of the exact contour from the arcs.
     pub max_deviation_m: f64,
-    pub front: ConvexContour,
-    pub rear: ConvexContour,
+    pub front: Contour,
+    pub rear: Contour,
 }
 
 /// Why there is no such abutment, each with what works.
@@ -99,18 +106,19 @@ pub enum AbutmentError {
         end_angle_rad: f64,
         least_rad: f64,
     },
-    /// The contour starts concave.
-    Concave {
-        inclination_rad: f64,
-        from_rad: f64,
-        to_rad: f64,
-    },
-    /// The contour has a cusp.
+    /// The contour of a transition over one link has a cusp.
     Undercut {
         inclination_rad: f64,
-        from_rad: f64,
         to_rad: f64,
         least_distance_m: f64,
+    },
+    /// That of one over two links has one, or is hollow.
+    TwoLinks {
+        /// Smallest and largest curvature of the way of the ring's axis, over that of the pitch circle; 0 to R / rho work.
+        curvature: (f64, f64),
+        most: f64,
+        /// Line above the pitch circle [m], hand-over angle [rad] and end of the line [m] that work.
+        works: Option<[f64; 3]>,
     },
     /// Front and rear abutment of one link run into each other.
     Collision {
@@ -136,19 +144,19 @@ impl std::fmt::Display for AbutmentError {
                 end_angle_rad / DEG,
                 least_rad / DEG
             ),
-            AbutmentError::Concave { inclination_rad, from_rad, to_rad } => write!(
+            AbutmentError::TwoLinks { curvature: (low, high), most, works } => {
+                write!(
+                    f,
+                    "the way of the ring has curvatures of {low:.2e} to {high:.2e} times that of the pitch circle: an abutment \
+                     is hollow below 0 and pointed from {most:.3} on"
+                )?;
+                works.map_or(Ok(()), |works| write!(f, "; {} work", super::path::told(works)))
+            }
+            AbutmentError::Undercut { inclination_rad, to_rad, least_distance_m } => write!(
                 f,
-                "at an inclination of {:.4} deg the abutment starts concave; {:.4} to {:.4} deg work",
+                "at an inclination of {:.4} deg the ring undercuts the abutment (a cusp); up to {:.4} deg work, or an \
+                 abutment more than {:.4} mm from its joint",
                 inclination_rad / DEG,
-                from_rad / DEG,
-                to_rad / DEG
-            ),
-            AbutmentError::Undercut { inclination_rad, from_rad, to_rad, least_distance_m } => write!(
-                f,
-                "at an inclination of {:.4} deg the ring undercuts the abutment (a cusp); {:.4} to {:.4} deg work, \
-                 or an abutment more than {:.4} mm from its joint",
-                inclination_rad / DEG,
-                from_rad / DEG,
                 to_rad / DEG,
                 least_distance_m / MM
             ),
@@ -176,7 +184,7 @@ const ROUNDING_PITCHES: f64 = 1e-9;
 /// Places where the exact contour is compared with the arcs.
 const DEVIATION_SAMPLES: u32 = 2000;
 
-/// Places where curvature is looked at.
+/// Places where curvature is looked at, per link.
 const CURVATURE_SAMPLES: u32 = 200;
 
 /// Curvature that still counts as none, times the pitch radius: rounding.
@@ -185,18 +193,6 @@ const CURVATURE_ROUNDING: f64 = 1e-6;
 /// Tolerance of fitted arcs for a pitch [m].
 pub(super) fn tolerance_m(pitch_m: f64) -> f64 {
     TOLERANCE_M.min(TOLERANCE_PITCHES * pitch_m).max(ROUNDING_PITCHES * pitch_m)
-}
-
-/// Smallest and largest curvature of the way of the axis in the lever's frame [1/m].
-fn curvature_range(transition: &Transition) -> (f64, f64) {
-    (0..=CURVATURE_SAMPLES)
-        .map(|k| axis_curvature(transition, f64::from(k) / f64::from(CURVATURE_SAMPLES)))
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)))
-}
-
-fn axis_curvature(transition: &Transition, tau: f64) -> f64 {
-    let axis = transition.lever(tau).axis;
-    cross(axis.velocity, axis.acceleration) / axis.velocity.norm().powi(3)
 }
 
 /// A point of the lever phase of the exact contour.
@@ -221,6 +217,7 @@ impl Abutment {
         }
         let ring_radius_m = reach - a;
         check_curvature(&transition, ring_radius_m)?;
+        let span = transition.span();
         let flat_m = spec.flat_m.unwrap_or(FLAT_PITCHES * pitch);
         if !(flat_m.is_finite() && flat_m > 0.0) {
             return Err(AbutmentError::Flat(flat_m));
@@ -239,10 +236,10 @@ impl Abutment {
             let p = lever_point(&transition, ring_radius_m, tau);
             CurvePoint { point: p.point, tangent: perp(p.normal) }
         };
-        let fitted = fit::fit(&curve, 0.0, 1.0, tolerance_m(pitch));
-        let max_deviation_m = fit::deviation_m(&curve, 0.0, 1.0, &fitted, DEVIATION_SAMPLES);
+        let fitted = fit::fit(&curve, 0.0, span, tolerance_m(pitch));
+        let max_deviation_m = fit::deviation_m(&curve, 0.0, span, &fitted, DEVIATION_SAMPLES);
         let start = curve(0.0);
-        let normal = lever_point(&transition, ring_radius_m, 1.0).normal;
+        let normal = lever_point(&transition, ring_radius_m, span).normal;
         let mut elements = vec![Element::Line { start: start.point - start.tangent * flat_m, end: start.point }];
         elements.extend(fitted);
         elements.push(Element::Arc {
@@ -251,9 +248,18 @@ impl Abutment {
             start_rad: atan2(normal.y, normal.x),
             sweep_rad: end_angle_rad - lever_end_rad,
         });
-        let front = ConvexContour::new(&elements).map_err(|_concave| AbutmentError::Degenerate)?;
+        let front = Contour::new(&elements).map_err(|_error| AbutmentError::Degenerate)?;
+        let rear = front.mirrored();
+        let mut guide_height_m = transition.line_height_m - ring_radius_m;
+        let (mut rise_m, mut guide_overlap_m) = (0.0, 0.0);
+        if starts_hollow(&transition) {
+            // Over the flat, which lies across +y.
+            rise_m = (front.support(Vec2::new(0.0, 1.0)).0 - front.start().y).max(0.0);
+            guide_height_m += rise_m;
+            guide_overlap_m = overlap_with_guide_m(&transition, &rear, guide_height_m);
+        }
         let min_radius_m = (0..=CURVATURE_SAMPLES)
-            .map(|k| f64::from(k) / f64::from(CURVATURE_SAMPLES))
+            .map(|k| span * f64::from(k) / f64::from(CURVATURE_SAMPLES))
             .map(|tau| lever_point(&transition, ring_radius_m, tau).radius_m.abs())
             .fold(a, f64::min);
         Ok(Abutment {
@@ -262,11 +268,13 @@ impl Abutment {
             flat_m,
             end_angle_rad,
             ring_radius_m,
-            guide_height_m: transition.line_height_m - ring_radius_m,
+            guide_height_m,
+            rise_m,
+            guide_overlap_m,
             lever_end_rad,
             min_radius_m,
             max_deviation_m,
-            rear: front.mirrored(),
+            rear,
             front,
         })
     }
@@ -276,25 +284,25 @@ impl Abutment {
         self.spec.distance_m
     }
 
-    pub fn contour(&self, side: Side) -> &ConvexContour {
+    pub fn contour(&self, side: Side) -> &Contour {
         match side {
             Side::Front => &self.front,
             Side::Rear => &self.rear,
         }
     }
 
-    /// The exact front contour: `phase` in 0 ..= 1 is tau of the lever, below 0 the flat runs on with one pitch per
-    /// unit, above 1 the end arc with one radian per unit.
+    /// The exact front contour: `phase` in 0 ..= n is tau of the lever, below 0 the flat runs on with one pitch per unit,
+    /// above n the end arc with one radian per unit.
     pub fn exact(&self, phase: f64) -> ContourPoint {
         let at = |tau: f64| lever_point(&self.transition, self.ring_radius_m, tau);
         if phase < 0.0 {
             let start = at(0.0);
             let point = start.point + perp(start.normal) * (phase * self.transition.pitch_m);
             ContourPoint { point, normal: start.normal, radius_m: f64::INFINITY }
-        } else if phase <= 1.0 {
+        } else if phase <= self.transition.span() {
             at(phase)
         } else {
-            let normal = unit(0.5 * PI + self.lever_end_rad + (phase - 1.0));
+            let normal = unit(0.5 * PI + self.lever_end_rad + (phase - self.transition.span()));
             let joint = Vec2::new(0.5 * self.transition.pitch_m, 0.0);
             ContourPoint { point: joint + normal * self.distance_m(), normal, radius_m: self.distance_m() }
         }
@@ -310,6 +318,13 @@ impl Abutment {
     /// must lie in different planes, as inner and outer links do.
     pub fn neighbour_overlap_m(&self) -> f64 {
         2.0 * (self.front.start().x - 0.5 * self.transition.pitch_m)
+    }
+
+    /// Planes across the width that the abutments need: in fewer, those of links that follow one another would meet.
+    pub fn planes(&self) -> u32 {
+        // Link k behind the one at 0: its front abutment ends `reach` beyond its front joint, and so does the rear one.
+        let reach = self.front.start().x - 0.5 * self.transition.pitch_m;
+        libm::ceil(1.0 + 2.0 * reach / self.transition.pitch_m) as u32
     }
 
     /// Length along the link between its own two abutments [m].
@@ -336,28 +351,46 @@ impl Abutment {
     }
 }
 
-/// The contour is convex and has no cusp; otherwise what works.
+/// Whether the contour starts with a hollow.
+fn starts_hollow(transition: &Transition) -> bool {
+    transition.curvature_range(CURVATURE_SAMPLES).0 * transition.pitch_radius_m < -CURVATURE_ROUNDING
+}
+
+/// The contour has no cusp, and over two links no hollow; otherwise what works.
 fn check_curvature(transition: &Transition, ring_radius_m: f64) -> Result<(), AbutmentError> {
-    let flat = -CURVATURE_ROUNDING / transition.pitch_radius_m;
-    let works = |t: &Transition| {
-        let (low, high) = curvature_range(t);
-        low >= flat && high * ring_radius_m < 1.0
-    };
+    let works = |t: &Transition| t.curvature_range(CURVATURE_SAMPLES).1 * ring_radius_m < 1.0;
+    let (teeth, pitch_m, reach) = (transition.teeth, transition.pitch_m, transition.pitch_radius_m);
+    if transition.turning.is_some() {
+        if works(transition) && !starts_hollow(transition) {
+            return Ok(());
+        }
+        let (low, high) = transition.curvature_range(CURVATURE_SAMPLES);
+        return Err(AbutmentError::TwoLinks {
+            curvature: (low * reach, high * reach),
+            most: reach / ring_radius_m,
+            works: super::two_link::smoothest(teeth, pitch_m),
+        });
+    }
     if works(transition) {
         return Ok(());
     }
-    let (teeth, pitch_m, phi) = (transition.teeth, transition.pitch_m, transition.inclination_rad);
     let given = |phi: f64| Transition::new(teeth, pitch_m, Inclination::Given(phi));
-    let from_rad = Transition::smooth(teeth, pitch_m).map_or(phi, |t| t.inclination_rad);
-    let to_rad = boundary(from_rad, 0.5 * PI, |x| given(x).is_ok_and(|t| works(&t)));
-    let (low, high) = curvature_range(transition);
-    if low < flat {
-        return Err(AbutmentError::Concave { inclination_rad: phi, from_rad, to_rad });
-    }
+    let smooth_rad = Transition::smooth(teeth, pitch_m).map_or(transition.inclination_rad, |t| t.inclination_rad);
     Err(AbutmentError::Undercut {
-        inclination_rad: phi,
-        from_rad,
-        to_rad,
-        least_distance_m: transition.pitch_radius_m - 1.0 / high,
+        inclination_rad: transition.inclination_rad,
+        to_rad: boundary(smooth_rad, 0.5 * PI, |x| given(x).is_ok_and(|t| works(&t))),
+        least_distance_m: reach - 1.0 / transition.curvature_range(CURVATURE_SAMPLES).1,
     })
+}
+
+/// How far the rear abutment enters the guide while the front joint rises.
+fn overlap_with_guide_m(transition: &Transition, rear: &Contour, guide_height_m: f64) -> f64 {
+    let face_m = transition.line_height_m - guide_height_m;
+    (0..=CURVATURE_SAMPLES)
+        .map(|k| transition.lever(f64::from(k) / f64::from(CURVATURE_SAMPLES)))
+        .map(|link| {
+            let across = rotated(Vec2::new(0.0, 1.0), -link.turn_rad);
+            rear.support(across).0 + face_m - link.axis.position.dot(&across)
+        })
+        .fold(0.0, f64::max)
 }

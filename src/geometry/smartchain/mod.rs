@@ -8,21 +8,21 @@
 //! | file | what |
 //! |---|---|
 //! | `path` | the joint's path, the motion of sprocket and link against each other, loop closure, quasi-static forces |
-//! | `two_link` | a path over two links, not yet with abutments |
+//! | `two_link` | the path over two links: more room for smoothness, wider abutments |
 //! | `fit` | smooth curves as few tangent arcs, to a given deviation |
-//! | `convex` | convex contours as arcs in the order of their normals: closest point, support |
+//! | `contour` | contours as arcs: closest point, support |
 //! | `abutment` | the contour of the abutment, its limits and clearances |
 //! | `ring` | the ring of the second sprocket: lobed, conjugate to the one contour a link has |
 
 pub mod abutment;
-pub mod convex;
+pub mod contour;
 pub mod fit;
 pub mod path;
 pub mod ring;
 pub mod two_link;
 
 pub use abutment::{Abutment, AbutmentError, AbutmentSpec, Side};
-pub use convex::{ConvexArc, ConvexContour, ConvexFoot};
+pub use contour::{Contour, ContourArc, ContourError, ContourFoot};
 pub use path::{Inclination, LinkMotion, Motion, Transition, TransitionError, centre_distance, centre_distance_m};
-pub use ring::{LobedRing, RingContact, RingError};
-pub use two_link::TwoLinkTransition;
+pub use ring::{LobedRing, RingContact, RingError, fits_hollow};
+pub use two_link::{Turning, TwoLinks};

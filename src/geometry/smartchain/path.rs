@@ -1,4 +1,5 @@
-//! The exact path of a chain joint from a straight span onto the pitch circle, within one link ("n = 1").
+//! The exact path of a chain joint from a straight span onto the pitch circle, within one link ("n = 1"); over two links
+//! ("n = 2") see `two_link`.
 //!
 //! Approach frame: sprocket axis at the origin, +y up, the chain arrives along +x on top, the sprocket turns clockwise.
 //! Time is counted in pitches: tau = t / T with T = 2 pi / (z w), so that the chain advances by p and the sprocket by
@@ -25,9 +26,10 @@
 //! Source: own derivation from the law of gearing (rack and wheel); reproduces what is published of abutment chains, is
 //! not taken from a patent. Rigid links, no clearance.
 
+use super::two_link::{Turning, TwoLinks};
 use crate::geometry::sprocket::TEETH_RANGE;
 use crate::geometry::{Vec2, cross, perp, rotated};
-use crate::units::{DEG, MM, atan2, sin_cos};
+use crate::units::{DEG, MM, UM, atan2, sin_cos};
 use std::f64::consts::PI;
 
 /// Position [m], velocity [m per tau] and acceleration [m per tau^2].
@@ -59,9 +61,9 @@ pub struct Transition {
     pub pitch_radius_m: f64,
     /// r_v, at which the sprocket is as fast as the chain.
     pub rolling_radius_m: f64,
-    /// Share of the handed-over link beyond the pitch point.
-    pub sigma: f64,
-    /// phi, downwards in the direction of travel.
+    /// Share of the handed-over link beyond the pitch point; over one link.
+    pub sigma: Option<f64>,
+    /// phi, downwards in the direction of travel: of the link whose front joint joins the circle.
     pub inclination_rad: f64,
     /// h, of the straight line of joints above the sprocket axis.
     pub line_height_m: f64,
@@ -73,6 +75,8 @@ pub struct Transition {
     pub circle_start: Vec2,
     /// Acceleration is continuous at both ends.
     pub smooth_acceleration: bool,
+    /// Of a transition over two links: how the first of them turns.
+    pub turning: Option<Turning>,
 }
 
 /// Why there is no such transition.
@@ -86,6 +90,12 @@ pub enum TransitionError {
         inclination_rad: f64,
         from_rad: f64,
         to_rad: f64,
+    },
+    /// No path over two links with what is given; a line above the pitch circle [m], hand-over angle [rad] and end of the line
+    /// [m] that have one, if any.
+    TwoLinks {
+        given: TwoLinks,
+        works: Option<[f64; 3]>,
     },
 }
 
@@ -109,8 +119,27 @@ impl std::fmt::Display for TransitionError {
                 from_rad / DEG,
                 to_rad / DEG
             ),
+            TransitionError::TwoLinks { given, works } => {
+                write!(f, "two links do not lead smoothly from line to circle")?;
+                for (name, value, unit, per) in [
+                    ("a line above the pitch circle by", given.rise_m, "um", UM),
+                    ("a hand-over at", given.handover_rad, "deg", DEG),
+                    ("a line that ends at", given.line_end_m, "mm", MM),
+                ] {
+                    value.map_or(Ok(()), |v| write!(f, ", {name} {:.4} {unit}", v / per))?;
+                }
+                if given.free_rad != [0.0; 3] {
+                    write!(f, ", with the free part of the inclination that is given")?;
+                }
+                works.map_or(Ok(()), |works| write!(f, "; {} do", told(works)))
+            }
         }
     }
+}
+
+/// The three numbers of a path over two links, to print.
+pub(super) fn told(n: [f64; 3]) -> String {
+    format!("{:.1} um above the circle, {:.4} deg and an end at {:.4} mm", n[0] / UM, n[1] / DEG, n[2] / MM)
 }
 
 impl std::error::Error for TransitionError {}
@@ -173,14 +202,20 @@ impl Transition {
             pitch_m,
             pitch_radius_m,
             rolling_radius_m,
-            sigma: s / pitch_m,
+            sigma: Some(s / pitch_m),
             inclination_rad: phi,
             line_height_m: rolling_radius_m + (pitch_m - s) * sin,
             handover_angle_rad: atan2(circle_start.x, circle_start.y),
             line_end_x_m: -(pitch_m - s) * cos,
             circle_start,
             smooth_acceleration: (phi - smooth_member(teeth)).abs() < SMOOTH_WITHIN_RAD,
+            turning: None,
         }
+    }
+
+    /// Links, and units of tau, from the line to the circle: n.
+    pub fn span(&self) -> f64 {
+        if self.turning.is_some() { 2.0 } else { 1.0 }
     }
 
     /// Angle between seats, which is what the sprocket turns per tau [rad].
@@ -192,7 +227,7 @@ impl Transition {
     pub fn pin(&self, tau: f64) -> Motion {
         if tau <= 0.0 {
             self.pin_on_line(tau)
-        } else if tau >= 1.0 {
+        } else if tau >= self.span() {
             self.pin_on_circle(tau)
         } else {
             self.pin_in_transition(tau)
@@ -206,7 +241,7 @@ impl Transition {
         Motion { position: mirror(m.position), velocity: -mirror(m.velocity), acceleration: mirror(m.acceleration) }
     }
 
-    fn pin_on_line(&self, tau: f64) -> Motion {
+    pub(super) fn pin_on_line(&self, tau: f64) -> Motion {
         Motion {
             position: Vec2::new(self.line_end_x_m + self.pitch_m * tau, self.line_height_m),
             velocity: Vec2::new(self.pitch_m, 0.0),
@@ -214,15 +249,23 @@ impl Transition {
         }
     }
 
-    fn pin_on_circle(&self, tau: f64) -> Motion {
+    pub(super) fn pin_on_circle(&self, tau: f64) -> Motion {
         let w = self.seat_angle_rad();
-        circle_motion(self.pitch_radius_m, self.handover_angle_rad + (tau - 1.0) * w, w)
+        circle_motion(self.pitch_radius_m, self.seat_angle_at_rad(tau), w)
     }
 
-    /// The dyad's apex, for tau in 0 ..= 1: limits from within at both ends.
+    /// Where the seat of the joint stands at `tau`, from +y, clockwise [rad].
+    pub fn seat_angle_at_rad(&self, tau: f64) -> f64 {
+        self.handover_angle_rad + (tau - self.span()) * self.seat_angle_rad()
+    }
+
+    /// Between line and circle, for tau in 0 ..= n: limits from within at both ends.
     pub fn pin_in_transition(&self, tau: f64) -> Motion {
-        let (a, c) = (self.pin_on_line(tau - 1.0), self.pin_on_circle(tau + 1.0));
-        apex(&a, &c, self.pitch_m)
+        match &self.turning {
+            None => apex(&self.pin_on_line(tau - 1.0), &self.pin_on_circle(tau + 1.0), self.pitch_m),
+            Some(turning) if tau <= 1.0 => turning.led(&self.pin_on_line(tau - 1.0), tau, self.pitch_m),
+            Some(_) => apex(&self.pin_in_transition(tau - 1.0), &self.pin_on_circle(tau + 1.0), self.pitch_m),
+        }
     }
 
     /// Rear and front joint of the link whose front joint is at `tau`.
@@ -236,10 +279,10 @@ impl Transition {
         self.link_between(rear, front)
     }
 
-    /// The same for the lever, the link that is led by its front abutment: tau in 0 ..= 1, limits from within at both
-    /// ends.
+    /// The same for the lever, a link that is led by its front abutment: tau in 0 ..= n, limits from within at both ends.
     pub fn lever(&self, tau: f64) -> LinkMotion {
-        self.link_between(self.pin_on_line(tau - 1.0), self.pin_in_transition(tau))
+        let rear = if tau <= 1.0 { self.pin_on_line(tau - 1.0) } else { self.pin_in_transition(tau - 1.0) };
+        self.link_between(rear, self.pin_in_transition(tau))
     }
 
     fn link_between(&self, rear: Motion, front: Motion) -> LinkMotion {
@@ -266,39 +309,72 @@ impl Transition {
         }
     }
 
+    /// Curvature of the way of the sprocket's axis in the frame of the lever [1/m]: 1 / (rho + radius of the abutment).
+    pub fn axis_curvature_per_m(&self, tau: f64) -> f64 {
+        let axis = self.lever(tau).axis;
+        cross(axis.velocity, axis.acceleration) / axis.velocity.norm().powi(3)
+    }
+
+    /// The smallest and the largest of them, looked for at so many places per link.
+    pub fn curvature_range(&self, places: u32) -> (f64, f64) {
+        let last = places * self.span() as u32;
+        (0..=last)
+            .map(|k| self.axis_curvature_per_m(f64::from(k) / f64::from(places)))
+            // What is no number is neither small nor large.
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| {
+                if c.is_nan() { (f64::NEG_INFINITY, f64::INFINITY) } else { (low.min(c), high.max(c)) }
+            })
+    }
+
     /// How far the joint at `tau` still is from its seat, in the frame of the turning sprocket: outwards along the
     /// seat's radius, and ahead of it in the sense of rotation [m]. Falls with the third power of 1 - tau: seating
     /// without impact.
     pub fn approach_to_seat_m(&self, tau: f64) -> (f64, f64) {
         let pin = self.pin(tau).position;
-        let (sin, cos) = sin_cos(self.handover_angle_rad + (tau - 1.0) * self.seat_angle_rad());
+        let (sin, cos) = sin_cos(self.seat_angle_at_rad(tau));
         let (radial, ahead) = (Vec2::new(sin, cos), Vec2::new(cos, -sin));
         (pin.dot(&radial) - self.pitch_radius_m, pin.dot(&ahead))
     }
 
-    /// Contact force that the ring of radius `ring_radius_m` exerts on the lever [N] and force of the guide on its rear
-    /// joint [N], for `tension_n` in the straight span, massless links without friction and tau in 0 ..= 1.
+    /// Contact force that the ring exerts on the lever whose front joint is at tau, in 0 ..= n [N], and force of the guide
+    /// on the rear joint of the lever that ends on the line [N], for `tension_n` in the straight span, massless links
+    /// without friction.
     ///
-    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint;
-    /// moments about the lever's rear joint then give the ring force. The radius drops out, as the force points away
-    /// from the axis.
+    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint. Moments
+    /// about the joint between two links then give the forces one after another. The radius drops out, as forces of the
+    /// ring point away from the axis.
     pub fn quasi_static_forces_n(&self, tension_n: f64, tau: f64) -> (f64, f64) {
-        let rear = self.pin_on_line(tau - 1.0).position;
-        let front = self.pin_in_transition(tau).position;
-        let seated = self.pin_on_circle(tau + 1.0).position;
+        // tau of the front joint of the lever that ends on the line.
+        let first_tau = if tau <= 1.0 { tau } else { tau - 1.0 };
+        let rear = self.pin_on_line(first_tau - 1.0).position;
+        let joint = self.pin_in_transition(first_tau).position;
+        let out = self.push(first_tau);
+        // Force p = pull of what is ahead of the first lever per newton of pull, and of the ring on a second lever.
+        let (ahead, second, second_share) = if self.turning.is_none() {
+            ((self.pin_on_circle(first_tau + 1.0).position - joint) / self.pitch_m, Vec2::zeros(), 0.0)
+        } else {
+            let front = self.pin_in_transition(first_tau + 1.0).position;
+            let along = (self.pin_on_circle(first_tau + 2.0).position - front) / self.pitch_m;
+            let out = self.push(first_tau + 1.0);
+            // Moments about the joint between the levers: cross(front - joint, along) + ring cross(-joint, out) = 0.
+            let share = cross(front - joint, along) / cross(joint, out);
+            (along, out * share, share)
+        };
+        // -tension + ring out.x + pull (ahead + second).x = 0, and moments about the rear joint of the first lever.
+        let taken = ahead + second;
+        let (pull_arm, ring_arm) = (cross(joint - rear, taken), cross(-rear, out));
+        let ring_n = tension_n * pull_arm / (pull_arm * out.x - ring_arm * taken.x);
+        let pull_n = (tension_n - ring_n * out.x) / taken.x;
+        let guide_n = -(pull_n * taken.y + ring_n * out.y);
+        (if tau <= 1.0 { ring_n } else { pull_n * second_share }, guide_n)
+    }
+
+    /// Direction of the ring's force on the lever whose front joint is at tau.
+    fn push(&self, tau: f64) -> Vec2 {
         let lever = self.lever(tau);
-        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach
-        // frame.
+        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach frame.
         let push = rotated(perp(lever.axis.velocity.normalize()), lever.turn_rad);
-        let outward = Vec2::new(push.x, -push.y);
-        let ahead = (seated - front) / self.pitch_m;
-        // -tension + pull ahead.x + ring outward.x = 0, and moments about the rear joint; the ring acts along a line
-        // through 0.
-        let pull_arm = cross(front - rear, ahead);
-        let ring_arm = cross(-rear, outward);
-        let ring_n = tension_n * pull_arm / (pull_arm * outward.x - ring_arm * ahead.x);
-        let pull_n = (tension_n - ring_n * outward.x) / ahead.x;
-        (ring_n, -(pull_n * ahead.y + ring_n * outward.y))
+        Vec2::new(push.x, -push.y)
     }
 
     /// The first of [`Transition::quasi_static_forces_n`] [N].
@@ -360,7 +436,7 @@ fn is_member(teeth: u32, phi: f64) -> bool {
         return false;
     }
     let t = Transition::member(teeth, 1.0, phi);
-    t.sigma < 1.0
+    t.sigma.is_some_and(|sigma| sigma < 1.0)
         && (0..=DYAD_SAMPLES).all(|k| {
             let tau = f64::from(k) / f64::from(DYAD_SAMPLES);
             (t.pin_on_circle(tau + 1.0).position - t.pin_on_line(tau - 1.0).position).norm() < 2.0
@@ -389,7 +465,7 @@ pub(super) fn boundary_within(inside: f64, outside: f64, bisections: u32, works:
 /// Distance of the axes of two sprockets at which `n_links` close the loop without slack [m].
 ///
 /// ```text
-/// N = 2 [S + L1.x + L2.x]/p + sum_j (Theta_j - 2 psi0_j) z_j / (2 pi) + 4,   S^2 = c^2 - (h2 - h1)^2,
+/// N = 2 [S + L1.x + L2.x]/p + sum_j (Theta_j - 2 psi0_j) z_j / (2 pi) + 2 (n1 + n2),   S^2 = c^2 - (h2 - h1)^2,
 /// Theta = pi -+ 2 asin((h2 - h1)/c)
 /// ```
 /// None if the loop is too short for any distance.
@@ -400,7 +476,7 @@ pub fn centre_distance_m(first: &Transition, second: &Transition, n_links: u32) 
     let links = |c: f64| {
         let span = libm::sqrt((c * c - lean * lean).max(0.0)) + first.line_end_x_m + second.line_end_x_m;
         let turn = 2.0 * libm::asin(lean / c);
-        2.0 * span / pitch + seats(first, PI - turn) + seats(second, PI + turn) + 4.0
+        2.0 * span / pitch + seats(first, PI - turn) + seats(second, PI + turn) + 2.0 * (first.span() + second.span())
     };
     let wanted = f64::from(n_links);
     // The straight part must not be negative; more distance always takes more links.

@@ -20,12 +20,12 @@
 //! envelope has a step at the seat.
 
 use super::abutment::{Abutment, tolerance_m};
-use super::convex::{ConvexContour, ConvexFoot};
+use super::contour::{Contour, ContourFoot};
 use super::fit::{self, CurvePoint};
 use super::path::{Transition, boundary};
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::{Vec2, cross, perp, rotated, unit};
-use crate::units::{atan2, wrap_angle};
+use crate::units::{DEG, MM, atan2, wrap_angle};
 use std::f64::consts::PI;
 
 /// A ring of lobes, one per tooth; of radius R - a all round if z2 = z1.
@@ -93,6 +93,12 @@ pub enum RingError {
     Pitch { ring_m: f64, contour_m: f64 },
     /// The envelope is undercut here.
     Undercut { tau: f64 },
+    /// Over two links lobes of neighbouring teeth would run into each other.
+    TwoLinks,
+    /// The abutments are made for a path whose acceleration jumps, at this inclination [rad].
+    Jump { inclination_rad: f64 },
+    /// The abutment's hollow is tighter than the ring [m].
+    Hollow { hollow_m: f64, ring_m: f64 },
 }
 
 impl std::fmt::Display for RingError {
@@ -106,6 +112,24 @@ impl std::fmt::Display for RingError {
             RingError::Pitch { ring_m, contour_m } => {
                 write!(f, "the sprocket's pitch of {ring_m} m is not the chain's, {contour_m} m")
             }
+            RingError::TwoLinks => write!(
+                f,
+                "over two links, lobes of neighbouring teeth would run into each other; sprockets of as many teeth as the \
+                 abutments are made for have a round ring"
+            ),
+            RingError::Jump { inclination_rad } => write!(
+                f,
+                "abutments for an inclination of {:.4} deg, where the acceleration jumps, have no lobed ring; those for the \
+                 inclination of continuous acceleration do, and sprockets of as many teeth have a round ring",
+                inclination_rad / DEG
+            ),
+            RingError::Hollow { hollow_m, ring_m } => write!(
+                f,
+                "the abutments have a hollow of radius {:.3} mm, and the ring's is {:.3} mm: it would touch twice; a more \
+                 inclined link has a wider hollow",
+                hollow_m / MM,
+                ring_m / MM
+            ),
             RingError::Undercut { tau } => {
                 write!(
                     f,
@@ -124,6 +148,15 @@ const SAMPLES: u32 = 1000;
 /// Nearer to the seat than this the end of the envelope counts as at it, in pitches: rounding at z2 = z1.
 const AT_SEAT_PITCHES: f64 = 1e-9;
 
+/// A hollow must be this much wider than the ring for one common normal.
+const HOLLOW_ROOM: f64 = 1.05;
+
+/// Whether a ring of this radius finds one foot on the abutments.
+pub fn fits_hollow(abutment: &Abutment, ring_m: f64) -> Result<(), RingError> {
+    let hollow_m = abutment.front.hollow_radius_m();
+    if hollow_m > HOLLOW_ROOM * ring_m { Ok(()) } else { Err(RingError::Hollow { hollow_m, ring_m }) }
+}
+
 impl LobedRing {
     /// The ring of the sprocket of `transition` for the abutments of `abutment`.
     pub fn new(abutment: &Abutment, transition: Transition) -> Result<LobedRing, RingError> {
@@ -134,6 +167,12 @@ impl LobedRing {
         let pitch = transition.pitch_m;
         if pitch != abutment.transition.pitch_m {
             return Err(RingError::Pitch { ring_m: pitch, contour_m: abutment.transition.pitch_m });
+        }
+        if abutment.transition.turning.is_some() || transition.turning.is_some() {
+            return Err(RingError::TwoLinks);
+        }
+        if !abutment.transition.smooth_acceleration {
+            return Err(RingError::Jump { inclination_rad: abutment.transition.inclination_rad });
         }
         let flank = |tau: f64| envelope(abutment, &transition, tau);
         check_envelope(&flank)?;
@@ -191,14 +230,14 @@ impl LobedRing {
     /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis
     /// in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal
     /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
-    pub fn contact(&self, abutment: &ConvexContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
+    pub fn contact(&self, abutment: &Contour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
         let arcs = self.arcs.iter().filter_map(|arc| arc.placed(axis, turn).contact(abutment));
         arcs.chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
     }
 
     /// Contact of the crest's corner, where the abutment's normal lies between those of its two sides.
-    fn crest_contact(&self, abutment: &ConvexContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+    fn crest_contact(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let before = self.arcs[self.crest_arc].placed(axis, turn);
         let after = self.arcs[self.crest_arc + 1].placed(axis, turn);
         let foot = abutment.closest_to_point(before.end);
@@ -208,7 +247,7 @@ impl LobedRing {
 
     /// As [`LobedRing::contact`], quickly: `turn` is the unit vector at `turn_rad`. A binary search over the elements on
     /// either side of the crest; the abutment is more curved than the hollow parts of the ring.
-    pub fn contact_at(&self, abutment: &ConvexContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+    pub fn contact_at(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
         // Where the abutment is nearest to the axis, to the left of the crest's ray, over the distance.
         let at = abutment.closest_to_point(axis).point - axis;
@@ -247,7 +286,7 @@ fn nearer(a: RingContact, b: RingContact) -> RingContact {
 }
 
 impl RingContact {
-    fn at(foot: &ConvexFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
+    fn at(foot: &ContourFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
         RingContact { gap_m, point: foot.point, normal: foot.normal, abutment_radius_m: foot.radius_m, ring_radius_m }
     }
 }
@@ -290,7 +329,7 @@ impl RingArc {
     }
 
     /// Contact where the normals of arc and abutment are opposite, if on this arc. In the link frame.
-    fn contact(&self, abutment: &ConvexContour) -> Option<RingContact> {
+    fn contact(&self, abutment: &Contour) -> Option<RingContact> {
         if self.radius_m.is_infinite() {
             let (_, point) = abutment.support(-self.normal_start);
             let along = (point - self.start).dot(&(self.end - self.start));
@@ -348,7 +387,7 @@ fn mirrored(element: &Element) -> Element {
 
 /// See [`LobedRing::seat_turn_rad`].
 fn seat_turn_rad(transition: &Transition, tau: f64) -> f64 {
-    let seat = transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad();
+    let seat = transition.seat_angle_at_rad(tau);
     // In the mirrored approach frame the seat stands at seat - 90 deg from +x; +y of the gap frame points there.
     seat - PI - transition.link(tau).turn_rad
 }
@@ -360,7 +399,7 @@ fn envelope(abutment: &Abutment, transition: &Transition, tau: f64) -> CurvePoin
     let spin = transition.seat_angle_rad() - lever.turn_rate;
     let instant_centre = lever.axis.position + perp(lever.axis.velocity) / spin;
     let contact = foot_on_contour(abutment, instant_centre);
-    let back = -(transition.handover_angle_rad + (tau - 1.0) * transition.seat_angle_rad() - PI - lever.turn_rad);
+    let back = -(transition.seat_angle_at_rad(tau) - PI - lever.turn_rad);
     CurvePoint {
         point: rotated(contact.point - lever.axis.position, back),
         tangent: rotated(-perp(contact.normal), back),
@@ -406,11 +445,10 @@ fn check_envelope(flank: &dyn Fn(f64) -> CurvePoint) -> Result<(), RingError> {
         let tau = f64::from(k) / f64::from(SAMPLES);
         let here = flank(tau);
         let step = here.point - before.point;
-        if step.dot(&here.tangent) > 0.0 {
+        let across = cross(here.tangent, step).abs();
+        if step.dot(&here.tangent) > 0.0 || across > 0.02 * step.norm() + 1e-6 * before.point.norm() {
             return Err(RingError::Undercut { tau });
         }
-        let across = cross(here.tangent, step).abs();
-        assert!(across <= 0.02 * step.norm() + 1e-6 * before.point.norm(), "no envelope at {tau}: {across:e} m across");
         before = here;
     }
     Ok(())
