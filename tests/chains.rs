@@ -107,6 +107,8 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         (300.0, 0.0, 3000.0, 1e8),
         (420.0, 0.0, 3000.0, 1e8),
         (460.0, 0.0, 3000.0, 1e8),
+        (480.0, 0.0, 3000.0, 1e8),
+        (500.0, 0.0, 3000.0, 1e8),
         (460.0, 1.0, 3000.0, 1e8),
         (460.0, 3.0, 3000.0, 1e8),
         (460.0, 1.0, 1500.0, 1e8),
@@ -143,10 +145,20 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
              ring {:.4} m/s, closed form {ring_expected:.4} ({:.2})",
             bush.approach_median_m_s, ratios.0, ring.approach_median_m_s, ratios.1
         );
-        // Rear abutments land when the bush carries a part of the tension already, which this form does not know: 0.6 to 1.6 of it.
+        // A seated link turns by pi/z to the one ahead, so that a joint's stretch T/K has a share that lowers the link to the ring; the
+        // ring gives way under the front abutment beside. The rear abutment meets it where its own way to the seat is that far.
+        let seat = std::f64::consts::PI / 20.0;
+        let pressed_n = (summary.tight_tension_n - summary.centrifugal_tension_n) * seat.sin();
+        let lowered_m = summary.tight_tension_n / 3e7 * seat.sin() + pressed_n / contact;
+        let rear_expected = 3.0 * radial / period_s * (lowered_m / radial).powf(2.0 / 3.0);
         let rear = summary.kind(Kind::RingRear).expect("rear abutments touch").approach_median_m_s;
-        let rear_expected = 3.0 * 312.5e-6 / period_s * (stretch_m / 312.5e-6).powf(2.0 / 3.0);
-        println!("    rear abutment {rear:.4} m/s, closed form {rear_expected:.4} ({:.2})", rear / rear_expected);
+        println!(
+            "    rear abutment {rear:.4} m/s, closed form {rear_expected:.4} ({:.2}), {:.2} um",
+            rear / rear_expected,
+            lowered_m * 1e6
+        );
+        // Least where a bush that lands as fast just before makes the link swing.
+        assert!((rear / rear_expected - 1.0).abs() < CLOSED_FORM, "{rear} {rear_expected}");
         assert!((ratios.1 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
         // The form lets only the joints give way. Contacts of 1e8 N/m give way by a micrometre more, which at 4500 rpm lands bushes 48 %
         // faster; with stiff ones they land as it says.
@@ -154,7 +166,8 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
     }
 }
 
-/// Deviation of first-touch speeds from their closed forms. measured: bush -18 to +30 % up to 3000 rpm, ring 0 to +6 %
+/// Deviation of first-touch speeds from their closed forms. measured: bush -18 to +30 % up to 3000 rpm, ring 0 to +6 %, rear
+/// abutment -24 to +7 %
 const CLOSED_FORM: f64 = 0.30;
 
 #[test]
@@ -294,6 +307,41 @@ fn flank_pitch_makes_a_half_order_and_pin_pitch_alone_does_not() {
     // measured: 13 times, and 4.4 times in the tension, in which the half orders of both sprockets meet.
     assert!(plus.odd_even_first_touch_t.abs() > 8.0 * cranked_plus.odd_even_first_touch_t.abs());
     assert!(plus.tension_half_order_n > 3.5 * cranked_plus.tension_half_order_n);
+}
+
+/// The stiffer the joints, the less the tension of neighbours evens out what their flanks carry.
+#[test]
+fn half_order_of_stiff_joints() {
+    let stiff = "chain.joint.stiffness_n_per_m=5e7".to_string();
+    let row = |chain: &str, key: &str, um: f64| {
+        [("inner", um), ("outer", -um)].map(|(r, um)| format!("chain.{chain}.{r}.{key}={}", 8.0 + um * 1e-3)).to_vec()
+    };
+    let case = |name: &str, rows: Vec<String>| {
+        let all: Vec<String> = rows.into_iter().chain([stiff.clone()]).collect();
+        let all: Vec<&str> = all.iter().map(String::as_str).collect();
+        measured(&[drive(name, &all)], 60.0).remove(0).0
+    };
+    let silent = |um: f64| {
+        case("silent-20-40", [row("silent", "pin_pitch_mm", um), row("silent", "flank_pitch_mm", um)].concat())
+    };
+    let (plus, minus) = (silent(10.0), silent(-10.0));
+    let pins = case("silent-20-40", row("silent", "pin_pitch_mm", 10.0));
+    let bush =
+        case("bush-20-40", [row("bush", "pitch_mm", 10.0), vec!["chain.bush.bushes=every_link".into()]].concat());
+    for (name, s) in [("silent +10", &plus), ("silent -10", &minus), ("pins only", &pins), ("bush +10", &bush)] {
+        println!(
+            "{name:<12} asymmetry {:+.3}, first touch even - odd {:+.4} T, tight span at z/2 {:.3} N",
+            s.odd_even_asymmetry, s.odd_even_first_touch_t, s.tension_half_order_n
+        );
+    }
+    let (a, b) = (plus.odd_even_asymmetry, minus.odd_even_asymmetry);
+    assert!((0.18..0.25).contains(&a.abs()) && (a + b).abs() < 0.05 * a.abs(), "{a} {b}");
+    assert!(bush.odd_even_asymmetry.abs() <= 0.03 && pins.odd_even_asymmetry.abs() <= 0.03);
+    // measured: 8.7, 25 and 6.3 times.
+    assert!(a.abs() >= 8.0 * bush.odd_even_asymmetry.abs());
+    assert!(bush.odd_even_first_touch_t.abs() <= 0.02);
+    assert!(plus.odd_even_first_touch_t.abs() > 8.0 * bush.odd_even_first_touch_t.abs());
+    assert!(plus.tension_half_order_n >= 5.0 * bush.tension_half_order_n);
 }
 
 /// The half order of the tight span's tension sums what both sprockets send, and the length of the loop sets their phase.
