@@ -119,13 +119,14 @@ pub fn smartchain_svg(abutment: &Abutment, ring: Option<&LobedRing>) -> Result<S
          <g transform=\"scale(1 -1)\" fill=\"none\" stroke-width=\"{stroke}\">\n\
          <circle r=\"{rho}\" fill=\"#d8dce2\" stroke=\"#223\"/>\n\
          <circle r=\"{pitch}\" stroke=\"#a33\" stroke-dasharray=\"1 1\"/>\n\
-         <path d=\"M{left} {rho}L0 {rho}\" stroke=\"#083\"/>\n\
+         <path d=\"M{left} {face}L0 {face}\" stroke=\"#083\"/>\n\
          <polyline points=\"{points}\" stroke=\"#a3a\"/>\n{links}{lobes}</g>\n\
          <text x=\"{tx}\" y=\"{ty}\" font-size=\"{fs}\" font-family=\"sans-serif\">z = {z}, p = {p} mm, a = {a} mm</text>\n</svg>\n",
         left = -reach,
         top = -0.5 * height,
         stroke = reach / 500.0,
         rho = abutment.ring_radius_m * mm,
+        face = (t.line_height_m - abutment.guide_height_m) * mm,
         pitch = t.pitch_radius_m * mm,
         points = path.join(" "),
         tx = -reach * 0.98,
