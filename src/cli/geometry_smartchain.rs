@@ -37,6 +37,7 @@ pub struct SmartchainArgs {
     #[arg(
         long,
         requires = "two_links",
+        value_parser = super::finite,
         value_delimiter = ',',
         num_args = 1,
         allow_hyphen_values = true,

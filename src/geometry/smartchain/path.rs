@@ -126,10 +126,10 @@ impl std::fmt::Display for TransitionError {
                     ("a hand-over at", given.handover_rad, "deg", DEG),
                     ("a line that ends at", given.line_end_m, "mm", MM),
                 ] {
-                    value.map_or(Ok(()), |v| write!(f, ", {name} {:.4} {unit}", v / per))?;
+                    value.map_or(Ok(()), |v| write!(f, ", with {name} {:.4} {unit}", v / per))?;
                 }
                 if given.free_rad != [0.0; 3] {
-                    write!(f, ", with the free part of the inclination that is given")?;
+                    write!(f, ", with the free part that is given")?;
                 }
                 works.map_or(Ok(()), |works| write!(f, "; {} do", told(works)))
             }
