@@ -140,6 +140,8 @@ pub struct Model {
     pub end_bodies: Vec<EndBody>,
     /// Per sprocket: where the straight path of the joints ends, from the foot of its axis along the arriving span [m].
     pub line_end_m: Vec<f64>,
+    /// What its abutments are made from, of an abutment chain.
+    pub abutment: Option<Abutment>,
     /// Index of the sprocket with the prescribed speed.
     pub driver: usize,
     /// Nominal speed z p n, forwards positive [m/s].
@@ -226,6 +228,7 @@ impl Model {
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
+            abutment: placed.abutment.clone(),
             driver: drive.driver(),
             chain_speed_m_s: drive.chain_speed_m_s(),
             rows: placed.rows.clone(),
@@ -244,6 +247,7 @@ impl Model {
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
+            abutment: None,
             driver: 0,
             chain_speed_m_s: 0.0,
             rows,

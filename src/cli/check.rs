@@ -1,7 +1,6 @@
 //! `pitchline check`: reads a drive, assembles it, says what follows from it.
 
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
-use crate::drive::ChainSpec;
 use crate::geometry::smartchain::Abutment;
 use crate::model::Model;
 use std::f64::consts::PI;
@@ -36,10 +35,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
         })
         .collect();
     let bounds = centre_distances(model);
-    let abutment = match &drive.chain {
-        ChainSpec::Abutment(c) => c.transition(c.teeth).ok().and_then(|t| Abutment::new(t, c.abutment_spec()).ok()),
-        _ => None,
-    };
+    let abutment = &model.abutment;
     if args.json {
         return print_json(&serde_json::json!({
             "drive": drive.name,

@@ -1,9 +1,8 @@
 //! `pitchline geometry smartchain`: the transition, the abutment and the rings of an abutment chain.
 
 use super::{Failure, Outcome, print_json, print_out};
-use crate::geometry::smartchain::{
-    Abutment, AbutmentSpec, Inclination, LobedRing, Transition, TransitionError, TwoLinks,
-};
+use crate::geometry::chain::abutment::Handover;
+use crate::geometry::smartchain::{Abutment, AbutmentSpec, Inclination, LobedRing, TwoLinks};
 use crate::units::{DEG, MM, UM};
 use std::path::PathBuf;
 
@@ -65,17 +64,14 @@ pub fn run(args: &SmartchainArgs) -> Result<Outcome, Failure> {
         return Err(Failure::Input(format!("`--turn-deg` has {} numbers; three at most", args.turn_deg.len())));
     }
     let pitch_m = args.pitch_mm * MM;
-    let transition = transition(args, args.teeth, pitch_m).map_err(|e| Failure::Input(e.to_string()))?;
+    let handover = handover(args);
+    let transition = handover.transition(args.teeth, pitch_m).map_err(|e| Failure::Input(e.to_string()))?;
     let spec = AbutmentSpec { distance_m: args.abutment_mm * MM, flat_m: None, end_angle_rad: None };
     let abutment = Abutment::new(transition, spec).map_err(|e| Failure::Input(e.to_string()))?;
     let ring = match args.driven_teeth {
         None => None,
         Some(teeth) => {
-            let own = if args.two_links {
-                Transition::over_two_links(teeth, pitch_m, TwoLinks::default())
-            } else {
-                Transition::smooth(teeth, pitch_m)
-            };
+            let own = handover.smoothest().transition(teeth, pitch_m);
             let driven = own.map_err(|e| Failure::Input(format!("`--driven-teeth` {teeth}: {e}")))?;
             Some(LobedRing::new(&abutment, driven).map_err(|e| Failure::Input(e.to_string()))?)
         }
@@ -96,19 +92,18 @@ pub fn run(args: &SmartchainArgs) -> Result<Outcome, Failure> {
 }
 
 /// What is asked for.
-fn transition(args: &SmartchainArgs, teeth: u32, pitch_m: f64) -> Result<Transition, TransitionError> {
+fn handover(args: &SmartchainArgs) -> Handover {
     if !args.two_links {
         let given = args.inclination_deg.map(|deg| Inclination::Given(deg * DEG));
-        return Transition::new(teeth, pitch_m, given.unwrap_or(Inclination::SmoothAcceleration));
+        return Handover::OneLink(given.unwrap_or(Inclination::SmoothAcceleration));
     }
     let free = |k: usize| args.turn_deg.get(k).map_or(0.0, |b| b * DEG);
-    let form = TwoLinks {
+    Handover::TwoLinks(TwoLinks {
         rise_m: args.rise_um.map(|um| um * UM),
         handover_rad: args.handover_deg.map(|deg| deg * DEG),
         line_end_m: args.line_end_mm.map(|mm| mm * MM),
         free_rad: [free(0), free(1), free(2)],
-    };
-    Transition::over_two_links(teeth, pitch_m, form)
+    })
 }
 
 fn as_json(abutment: &Abutment, ring: Option<&LobedRing>) -> serde_json::Value {

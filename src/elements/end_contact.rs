@@ -3,7 +3,7 @@
 //! Geometry only, one end of one link and one body at a time; forces as in [`super::tooth_contact`], many at a time. Each
 //! pair of contours gives its deepest place:
 //! ```text
-//! abutment, circular ring   gap = |O - K| - rho, K the foot of the perpendicular from the axis O on the convex contour
+//! abutment, circular ring   gap = |O - K| - rho, K the foot of the perpendicular from the axis O on the contour
 //! abutment, lobed ring      the common normal of contour and lobe (geometry::smartchain)
 //! abutment, guide face      gap = height of the contour's support point over the face; beyond its ends the face's corner
 //! flank, tooth face         gap = (T - P).n - e     line of the flank (P, n), arc of the face (T, e)
@@ -25,7 +25,7 @@ use crate::units::sin_cos;
 /// What the ends of the links of a chain touch with, besides bushes and plate ends.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkContour {
-    /// Convex contours in the link frame.
+    /// Contours in the link frame, convex but for a hollow.
     Abutments { front: Contour, rear: Contour },
     /// One contour for each row.
     Flanks(Vec<SilentLinkContour>),

@@ -41,6 +41,24 @@ pub enum Handover {
     TwoLinks(TwoLinks),
 }
 
+impl Handover {
+    /// Over as many links, nothing given.
+    pub fn smoothest(self) -> Handover {
+        match self {
+            Handover::OneLink(_) => Handover::OneLink(Inclination::SmoothAcceleration),
+            Handover::TwoLinks(_) => Handover::TwoLinks(TwoLinks::default()),
+        }
+    }
+
+    /// Onto a sprocket of `teeth`.
+    pub fn transition(self, teeth: u32, pitch_m: f64) -> Result<Transition, TransitionError> {
+        match self {
+            Handover::OneLink(inclination) => Transition::new(teeth, pitch_m, inclination),
+            Handover::TwoLinks(form) => Transition::over_two_links(teeth, pitch_m, form),
+        }
+    }
+}
+
 impl AbutmentChain {
     /// What its abutments are made from.
     pub fn abutment_spec(&self) -> AbutmentSpec {
@@ -49,12 +67,8 @@ impl AbutmentChain {
 
     /// The transition onto a sprocket of `teeth`: the one asked for, and for other numbers of teeth the smoothest.
     pub fn transition(&self, teeth: u32) -> Result<Transition, TransitionError> {
-        match self.handover {
-            Handover::OneLink(inclination) if teeth == self.teeth => Transition::new(teeth, self.pitch_m, inclination),
-            Handover::OneLink(_) => Transition::smooth(teeth, self.pitch_m),
-            Handover::TwoLinks(form) if teeth == self.teeth => Transition::over_two_links(teeth, self.pitch_m, form),
-            Handover::TwoLinks(_) => Transition::over_two_links(teeth, self.pitch_m, TwoLinks::default()),
-        }
+        let handover = if teeth == self.teeth { self.handover } else { self.handover.smoothest() };
+        handover.transition(teeth, self.pitch_m)
     }
 
     /// The two rows, equal unless alternating. `stiffness_n_per_m`: of a joint.

@@ -216,7 +216,8 @@ impl Abutment {
             return Err(AbutmentError::Distance { distance_m: a, below_m: reach });
         }
         let ring_radius_m = reach - a;
-        check_curvature(&transition, ring_radius_m)?;
+        let curvature = transition.curvature_range(CURVATURE_SAMPLES);
+        check_curvature(&transition, curvature, ring_radius_m)?;
         let span = transition.span();
         let flat_m = spec.flat_m.unwrap_or(FLAT_PITCHES * pitch);
         if !(flat_m.is_finite() && flat_m > 0.0) {
@@ -252,7 +253,7 @@ impl Abutment {
         let rear = front.mirrored();
         let mut guide_height_m = transition.line_height_m - ring_radius_m;
         let (mut rise_m, mut guide_overlap_m) = (0.0, 0.0);
-        if starts_hollow(&transition) {
+        if curvature.0 * reach < -CURVATURE_ROUNDING {
             // Over the flat, which lies across +y.
             rise_m = (front.support(Vec2::new(0.0, 1.0)).0 - front.start().y).max(0.0);
             guide_height_m += rise_m;
@@ -351,35 +352,30 @@ impl Abutment {
     }
 }
 
-/// Whether the contour starts with a hollow.
-fn starts_hollow(transition: &Transition) -> bool {
-    transition.curvature_range(CURVATURE_SAMPLES).0 * transition.pitch_radius_m < -CURVATURE_ROUNDING
-}
-
-/// The contour has no cusp, and over two links no hollow; otherwise what works.
-fn check_curvature(transition: &Transition, ring_radius_m: f64) -> Result<(), AbutmentError> {
-    let works = |t: &Transition| t.curvature_range(CURVATURE_SAMPLES).1 * ring_radius_m < 1.0;
+/// The contour has no cusp, and over two links no hollow; otherwise what works. `curvature`: the transition's range.
+fn check_curvature(transition: &Transition, curvature: (f64, f64), ring_radius_m: f64) -> Result<(), AbutmentError> {
     let (teeth, pitch_m, reach) = (transition.teeth, transition.pitch_m, transition.pitch_radius_m);
-    if transition.turning.is_some() {
-        if works(transition) && !starts_hollow(transition) {
-            return Ok(());
-        }
-        let (low, high) = transition.curvature_range(CURVATURE_SAMPLES);
+    let (low, high) = curvature;
+    let (hollow, pointed) = (low * reach < -CURVATURE_ROUNDING, high * ring_radius_m >= 1.0);
+    if transition.turning.is_some() && (hollow || pointed) {
         return Err(AbutmentError::TwoLinks {
             curvature: (low * reach, high * reach),
             most: reach / ring_radius_m,
             works: super::two_link::smoothest(teeth, pitch_m),
         });
     }
-    if works(transition) {
+    if !pointed {
         return Ok(());
     }
-    let given = |phi: f64| Transition::new(teeth, pitch_m, Inclination::Given(phi));
+    let works = |phi: f64| {
+        Transition::new(teeth, pitch_m, Inclination::Given(phi))
+            .is_ok_and(|t| t.curvature_range(CURVATURE_SAMPLES).1 * ring_radius_m < 1.0)
+    };
     let smooth_rad = Transition::smooth(teeth, pitch_m).map_or(transition.inclination_rad, |t| t.inclination_rad);
     Err(AbutmentError::Undercut {
         inclination_rad: transition.inclination_rad,
-        to_rad: boundary(smooth_rad, 0.5 * PI, |x| given(x).is_ok_and(|t| works(&t))),
-        least_distance_m: reach - 1.0 / transition.curvature_range(CURVATURE_SAMPLES).1,
+        to_rad: boundary(smooth_rad, 0.5 * PI, works),
+        least_distance_m: reach - 1.0 / high,
     })
 }
 

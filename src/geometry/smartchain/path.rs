@@ -349,7 +349,7 @@ impl Transition {
         let rear = self.pin_on_line(first_tau - 1.0).position;
         let joint = self.pin_in_transition(first_tau).position;
         let out = self.push(first_tau);
-        // Force p = pull of what is ahead of the first lever per newton of pull, and of the ring on a second lever.
+        // Per newton of pull along the seated link: the pull, and the ring's force on a second lever.
         let (ahead, second, second_share) = if self.turning.is_none() {
             ((self.pin_on_circle(first_tau + 1.0).position - joint) / self.pitch_m, Vec2::zeros(), 0.0)
         } else {

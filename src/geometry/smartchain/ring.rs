@@ -32,7 +32,7 @@ use std::f64::consts::PI;
 #[derive(Clone, Debug, PartialEq)]
 pub struct LobedRing {
     pub transition: Transition,
-    /// Lowest radius: the height of the guide's face over the axis.
+    /// Lowest radius: the height of the guide's face over the axis. (Abutments with a hollow have no lobes.)
     pub valley_radius_m: f64,
     /// Radius at the seat, where the flanks meet.
     pub crest_radius_m: f64,

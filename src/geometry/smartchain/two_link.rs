@@ -241,7 +241,8 @@ const INFEASIBLE: f64 = 1e6;
 /// Steps of the search; it has converged after some 150.
 const STEPS: u32 = 250;
 
-/// Minimum of `cost` from `start`, whose coordinates move by `step` at first; those with a step of zero do not move.
+/// Minimum of `cost` from `start`. Not from a library: `argmin` 0.11 wants random numbers and complex ones for a plain vector,
+/// and a change in its steps would change the bits of drives. Coordinates move by `step` at first; those with a step of zero do not move.
 fn simplex(start: [f64; 3], step: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let valued = |x: [f64; 3]| (cost(x), x);
     let free: Vec<usize> = (0..3).filter(|k| step[*k] != 0.0).collect();
