@@ -1,6 +1,6 @@
 //! The blind test of `identify`: machines made at random by code of their own, with one effect, two, none, or one outside the
 //! catalogue; the table of how many were named right. `cargo bench --bench blind -- 200 150 60 40 50` takes so many of each class
-//! (single, clean, outside, confusable, double); fewer are a quick look. `-- write single 42 DIR` puts a case into files.
+//! (single, clean, outside, confusable, double); fewer are a quick look, `--from=K` leaves out the first of each. `-- write single 42 DIR` puts a case into files.
 
 #[path = "../tests/blind/mod.rs"]
 mod blind;
@@ -17,7 +17,7 @@ fn main() {
         write(class, number, std::path::Path::new(folder)).expect("written");
         return;
     }
-    let counts: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let counts: Vec<u64> = args.iter().filter_map(|a| a.parse().ok()).collect();
     let count = |i: usize, usual: u64| counts.get(i).copied().unwrap_or(usual);
     let classes = [
         (Class::Single, count(0, 200)),
@@ -28,14 +28,16 @@ fn main() {
     ];
     let started = std::time::Instant::now();
     let mut table = judge::Table::default();
+    let verbose = args.iter().any(|a| a == "--verbose");
+    let from = args.iter().find_map(|a| a.strip_prefix("--from=")?.parse().ok()).unwrap_or(0);
     for (class, n) in classes {
-        let verbose = std::env::args().any(|a| a == "--verbose");
-        for outcome in judge::outcomes(class, n) {
+        let told = |o: &judge::Outcome| {
             if verbose {
-                println!("{}", outcome.line);
+                println!("{:.0} s {}", o.wall_s, o.line);
             }
-            table.add(&outcome);
-        }
+        };
+        let outcomes = judge::outcomes(class, from.min(n)..n, told);
+        outcomes.iter().for_each(|o| table.add(o));
     }
     println!("{table}");
     let (first, in_set, _) = table.shares(Class::Single);

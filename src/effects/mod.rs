@@ -206,6 +206,11 @@ impl Kind {
     pub fn is_whole(self) -> bool {
         matches!(self, Kind::Whole | Kind::Index)
     }
+
+    /// How strong the effect is.
+    pub fn is_amplitude(self) -> bool {
+        matches!(self, Kind::Amplitude | Kind::PerMark)
+    }
 }
 
 impl Parameter {

@@ -6,8 +6,10 @@
 //! is what takes its place as well.
 
 use super::candidates::{self, Hypothesis};
+use super::crossed::{Pair, pair};
 use super::fit::parallel;
 use super::judge::Residuals;
+use super::problem::Problem;
 use super::screen::{Base, Seed, promise};
 use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
 use super::stats::{self, Random};
@@ -45,6 +47,8 @@ pub struct Ground {
     pub identity: String,
     /// Error on what judges with it to that without it.
     pub judge_ratio: [f64; 3],
+    /// Records that were left out of the fit in turn and judged it, where those that judge do not show it.
+    pub left_out: Vec<String>,
     /// What that leaves of it.
     pub left: Left,
     /// Score without it minus score with it.
@@ -73,7 +77,13 @@ const SHAMS: usize = 40;
 
 /// The set to be judged: of every size the best whose effects all stand, and a larger one only if it leaves clearly less of the
 /// error. Many samples make small differences certain; they do not make them worth a name.
-fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: &[f64]) -> Model<'a> {
+fn smallest_that_stands<'a>(
+    declared: &Model<'a>,
+    all: &[Model<'a>],
+    effective: &[f64],
+    own: &Data,
+    threads: usize,
+) -> Model<'a> {
     let mut best = declared;
     let records = declared.problem.data.records.len();
     for size in 1..=MOST_EFFECTS {
@@ -82,18 +92,25 @@ fn smallest_that_stands<'a>(declared: &Model<'a>, all: &[Model<'a>], effective: 
         }
         // In the order of their scores.
         let next = all.iter().filter(|m| m.effects.len() == size).find(|m| {
-            let ratio = m.residuals.judge_ratio(&best.residuals);
-            // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
-            let judged = m.residuals.judge_effective();
-            let predicted = best.residuals.judge_deviance(&judged) - m.residuals.judge_deviance(&judged);
-            let worth = score(best, effective, records) - score(m, effective, records) + predicted;
-            let new = m.effects.iter().filter(|e| best.effects.iter().all(|o| o.identity() != e.identity()));
-            let left = left_of(new.clone().any(|e| is_signal(e.effect)), m, best);
-            worth >= WORTH && left.is_worth_a_name() && ratio[2] < 1.0 && stands(m, all, effective)
+            let is_new = |e: &usize| best.effects.iter().all(|o| o.identity() != m.effects[*e].identity());
+            let new: Vec<usize> = (0..m.effects.len()).filter(is_new).collect();
+            let gain = score(best, effective, records) - score(m, effective, records);
+            is_better(m, best, &new, gain, own, threads) && stands(m, all, effective, own, threads)
         });
         best = next.unwrap_or(best);
     }
     best.clone()
+}
+
+/// Whether what judges bears out that a set is better than another without some of its effects, whose score is worse by `gain`.
+fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &Data, threads: usize) -> bool {
+    let judged = pair(with, without, effects, own, threads);
+    // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
+    let samples = judged.with.judge_effective();
+    let predicted = judged.without.judge_deviance(&samples) - judged.with.judge_deviance(&samples);
+    let on_sensor = effects.iter().any(|e| is_signal(with.effects[*e].effect));
+    let left = left_of(on_sensor, &with.problem, &judged);
+    gain + predicted >= WORTH && left.is_worth_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
 }
 
 /// What a set leaves of another's error on what judges.
@@ -112,8 +129,8 @@ impl Left {
     }
 }
 
-fn left_of(on_sensor: bool, of: &Model, before: &Model) -> Left {
-    let (r, b) = (&of.residuals, &before.residuals);
+fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
+    let (r, b) = (&judged.with, &judged.without);
     let error = if on_sensor { r.best_ratio(b) } else { r.judge_ratio(b)[0] };
     let best = (0..r.judge.len()).min_by(|x, y| {
         let gain = |c: usize| r.rms(c).1 / b.rms(c).1.max(1e-300);
@@ -125,28 +142,24 @@ fn left_of(on_sensor: bool, of: &Model, before: &Model) -> Left {
             let noise = channel.noise.max(1e-6 * b.rms(c).1).max(1e-300);
             ((r.rms(c).1 / noise).powi(2) - 1.0).max(0.0)
         };
-        let channels = before.problem.data.channels.iter().enumerate();
+        let channels = problem.data.channels.iter().enumerate();
         channels.filter(|(c, _)| !on_sensor || best == Some(*c)).map(of).sum()
     };
     let (now, then) = (above(r), above(b));
-    let above_floor = (before.problem.plant.is_none() && then > LITTLE).then(|| now / then);
+    let above_floor = (problem.plant.is_none() && then > LITTLE).then(|| now / then);
     Left { error, above_floor }
 }
 
 /// Whether every effect of a set improves on the set without it, as far as that one was fitted.
-fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
+fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: usize) -> bool {
     let records = model.problem.data.records.len();
-    model.effects.iter().all(|e| {
+    (0..model.effects.len()).all(|e| {
         let mut rest: Vec<String> = model.identity();
-        let own = e.identity();
-        rest.retain(|id| *id != own);
+        let id = model.effects[e].identity();
+        rest.retain(|other| *other != id);
         let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
-        let ratio = model.residuals.judge_ratio(&less.residuals);
-        let judged = model.residuals.judge_effective();
-        let predicted = less.residuals.judge_deviance(&judged) - model.residuals.judge_deviance(&judged);
-        let worth = score(less, effective, records) - score(model, effective, records) + predicted;
-        let left = left_of(is_signal(e.effect), model, less);
-        worth >= WORTH && left.is_worth_a_name() && ratio[2] < 1.0
+        let gain = score(less, effective, records) - score(model, effective, records);
+        is_better(model, less, &[e], gain, own, threads)
     })
 }
 
@@ -154,9 +167,9 @@ fn stands(model: &Model, all: &[Model], effective: &[f64]) -> bool {
 pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> Found<'a> {
     context.say("holding what was found against what it has not seen");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
-    let first = smallest_that_stands(&declared, &all, &effective);
+    let first = smallest_that_stands(&declared, &all, &effective, own, context.threads);
     let (mut best, mut grounds) = pruned(&declared, first, &effective, own, context, &mut trials);
-    if let Some(why) = only_a_lead(&declared, &best) {
+    if let Some(why) = only_a_lead(&declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
             trials.iter_mut().filter(own).for_each(|t| t.why.clone_from(&why));
@@ -170,10 +183,11 @@ pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> 
 
 /// Why what stands is no finding: most of the error stays, so that something else is behind it, of which the set may be a
 /// shadow.
-fn only_a_lead(declared: &Model, best: &Model) -> Option<String> {
+fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Option<String> {
     // Where all are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
-    let left = left_of(on_sensors, best, declared).above_floor.filter(|left| *left > MOST)?;
+    let effects: Vec<usize> = (0..best.effects.len()).collect();
+    let left = left_of(on_sensors, &best.problem, &pair(best, declared, &effects, own, threads)).above_floor.filter(|left| *left > MOST)?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")
@@ -194,7 +208,7 @@ fn pruned<'a>(
         let mut grounds = Vec::new();
         for which in 0..best.effects.len() {
             let less = without_effect(declared, &best, which, own, context.threads);
-            let ground = ground(&best, &less, which, effective, context.threads);
+            let ground = ground(&best, &less, which, effective, own, context.threads);
             let why = doubt(&best, which, &ground);
             if let Some(why) = why
                 && weakest.as_ref().is_none_or(|(w, ..)| ground.score < *w)
@@ -213,13 +227,16 @@ fn pruned<'a>(
 }
 
 /// What speaks for an effect of a set: the set with it against the set without.
-fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], threads: usize) -> Ground {
+fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Data, threads: usize) -> Ground {
     let records = best.problem.data.records.len();
     let (gain, sham) = shams(best, less, which, threads);
+    let judged = pair(best, less, &[which], own, threads);
+    let name = |r: &usize| best.problem.data.records[*r].clone();
     Ground {
         identity: best.effects[which].identity(),
-        judge_ratio: best.residuals.judge_ratio(&less.residuals),
-        left: left_of(is_signal(best.effects[which].effect), best, less),
+        judge_ratio: judged.with.judge_ratio(&judged.without),
+        left: left_of(is_signal(best.effects[which].effect), &best.problem, &judged),
+        left_out: judged.left_out.iter().map(name).collect(),
         score: score(less, effective, records) - score(best, effective, records),
         gain,
         sham,
@@ -467,5 +484,6 @@ fn rebuilt<'a>(
         (problem, point) = candidates::with(&problem, &point, h, seed);
         effects.push(h.clone());
     }
+    problem.turn_starts(&mut point, threads);
     fitted(problem, &point, own, effects, threads, 40)
 }

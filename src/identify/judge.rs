@@ -3,7 +3,7 @@
 use super::fit::{Fit, Options, fit};
 use super::problem::{Point, Problem};
 use super::stats;
-use crate::measurement::segments::Data;
+use crate::measurement::segments::{Data, Segment};
 
 /// Residuals in the unit in which channels are compared (not weighted), channel by channel and part by part.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,6 +58,7 @@ pub fn fit_judging<'a>(
     held.globals = kept;
     let mut point = Point { globals: start, locals: held.start().locals };
     held.find_travels(&mut point, threads);
+    held.turn_starts(&mut point, threads);
     let options = Options { iterations: 30, threads };
     let mut best = fit(&held, &point, options);
     // A phase may have started on the wrong side of its circle.
@@ -91,12 +92,7 @@ pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> 
             out.judge_record.push(record);
         }
         for c in 0..n {
-            let all = |a: usize, b: usize| -> Vec<f64> {
-                (a..b.min(measured[c].len()))
-                    .map(|i| model.get(c).and_then(|m| m.get(i)).map_or(f64::NAN, |m| m - measured[c][i]))
-                    .filter(|r| r.is_finite())
-                    .collect()
-            };
+            let all = |a: usize, b: usize| differences(&measured[c], model.get(c), a..b);
             if judge_from > 0 {
                 out.fit[c].push(all(0, judge_from));
             }
@@ -110,14 +106,36 @@ pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> 
         let model = model.unwrap_or_else(|_| lost(s.measured.len(), s.len()));
         take(s.record, &s.measured, &model, s.judge_from);
     }
-    if let Some((held, point)) = fit_judging(problem, found, own, threads) {
-        for (k, s) in own.segments.iter().enumerate() {
-            let model = held.model(k, &point.globals, &point.locals[k], false);
-            let model = model.unwrap_or_else(|_| lost(s.measured.len(), s.len()));
-            take(s.record, &s.measured, &model, 0);
-        }
+    for (s, model) in own.segments.iter().zip(own_models(problem, found, own, threads)) {
+        take(s.record, &s.measured, &model, 0);
     }
     out
+}
+
+/// What the model shows in the parts that only judge, after their own numbers were found.
+fn own_models(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
+    let Some((held, point)) = fit_judging(problem, found, own, threads) else { return Vec::new() };
+    let model = |(k, s): (usize, &Segment)| {
+        let model = held.model(k, &point.globals, &point.locals[k], false);
+        model.unwrap_or_else(|_| lost(s.measured.len(), s.len()))
+    };
+    own.segments.iter().enumerate().map(model).collect()
+}
+
+/// Residuals of the parts that only judge, channel by channel and part by part.
+pub fn own_residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
+    let models = own_models(problem, found, own, threads);
+    let parts = |c: usize| {
+        let all = own.segments.iter().zip(&models);
+        all.map(|(s, m)| differences(&s.measured[c], m.get(c), 0..s.len())).collect()
+    };
+    (0..problem.channels.len()).map(parts).collect()
+}
+
+/// Model less measured where both are known.
+fn differences(measured: &[f64], model: Option<&Vec<f64>>, samples: std::ops::Range<usize>) -> Vec<f64> {
+    let of = |i: usize| model.and_then(|m| m.get(i)).map_or(f64::NAN, |m| m - measured[i]);
+    (samples.start..samples.end.min(measured.len())).map(of).filter(|r| r.is_finite()).collect()
 }
 
 fn mean_error(channels: &[Vec<Vec<f64>>]) -> f64 {

@@ -5,6 +5,7 @@
 
 pub mod accept;
 pub mod candidates;
+pub mod crossed;
 pub mod diagnosis;
 pub mod fit;
 pub mod judge;

@@ -354,6 +354,40 @@ impl<'a> Problem<'a> {
         better
     }
 
+    /// The locals of a part with all motion turned round, for sensors that do not tell forwards from backwards: those given, or
+    /// those that the records show. None where nothing is free to turn.
+    pub fn turned(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
+        let s = &self.data.segments[segment];
+        let moves = |l: &Local| matches!(l, Local::Speed { .. } | Local::Angle { .. });
+        if s.at_rest || self.plant.is_some() || !self.locals.iter().any(|l| matches!(l, Local::Speed { .. })) {
+            return None;
+        }
+        let shown = if as_shown { self.local_start(s) } else { locals.to_vec() };
+        let own = self.locals.iter().zip(locals).zip(shown);
+        Some(own.map(|((l, x), shown)| if moves(l) { -shown } else { *x }).collect())
+    }
+
+    /// Turns the starts of all parts round that fit better so.
+    pub fn turn_starts(&self, point: &mut Point, threads: usize) {
+        let cost = |k: usize, locals: &[f64]| -> f64 {
+            self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum()
+        };
+        let turned = super::fit::parallel(self.data.segments.len(), threads, |k| {
+            let own = &point.locals[k];
+            if self.data.segments[k].judge_from == 0 {
+                return None;
+            }
+            let tries = [false, true].into_iter().filter_map(|as_shown| self.turned(k, own, as_shown));
+            let best = tries.map(|t| (cost(k, &t), t)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+            (best.0 < cost(k, own)).then_some(best.1)
+        });
+        for (own, turned) in point.locals.iter_mut().zip(turned) {
+            if let Some(turned) = turned {
+                *own = turned;
+            }
+        }
+    }
+
     /// Cost of a part after its angles were set by the means of their residuals.
     pub fn cost_with_angles(&self, segment: usize, globals: &[f64], locals: &mut [f64]) -> f64 {
         let mut residuals = self.residuals(segment, globals, locals);

@@ -56,6 +56,8 @@ pub struct NamedEffect {
     /// Rivals by the count of teeth and links: all their orders are this effect's, whatever the shape over the loop says.
     pub by_order: Vec<String>,
     pub judge_ratio: [f64; 3],
+    /// Records that were left out of the fit in turn and judged this effect, where those that judge do not show it.
+    pub judged_by_leaving_out: Vec<String>,
     pub score: f64,
     pub gain: f64,
     pub sham_gain: f64,
@@ -308,6 +310,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         only_its_law_is_open,
         by_order,
         judge_ratio: ground.map_or([1.0; 3], |g| g.judge_ratio),
+        judged_by_leaving_out: ground.map_or_else(Vec::new, |g| g.left_out.clone()),
         score: ground.map_or(0.0, |g| g.score),
         gain: ground.map_or(0.0, |g| g.gain),
         sham_gain: ground.map_or(0.0, |g| g.sham),

@@ -164,7 +164,7 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     let none = Promise { gain: 0.0, seed, columns: Vec::new(), idle: false };
     if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
         let idle = moved(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
-        return Promise { idle, ..none };
+        return Promise { idle: idle && idle_when_turned(problem, base, &fit.point, h), ..none };
     }
     if problem.plant.is_some() && !crate::drive::sensors::is_signal(h.effect) {
         return promise_of_links(problem, base, fit, h).unwrap_or(none);
@@ -233,6 +233,20 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
         }
     }
     Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
+}
+
+/// Whether an effect on a sensor changes nothing either when all parts start the other way round.
+fn idle_when_turned(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> bool {
+    if !crate::drive::sensors::is_signal(h.effect) {
+        return true;
+    }
+    let mut with = problem.clone();
+    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    base.parts.iter().all(|(k, _)| {
+        let turned = problem.turned(*k, &point.locals[*k], true);
+        let shows = |of: &Problem, locals: &[f64]| of.residuals(*k, &point.globals, locals);
+        turned.is_none_or(|locals| shows(&with, &locals) == shows(problem, &locals))
+    })
 }
 
 /// What a hypothesis about links, joints, teeth or guides promises: its amplitude, and for every part the place on the loop

@@ -12,6 +12,7 @@ use super::problem::{Global, Law, Point, Problem};
 use super::screen::{Base, Promise, Seed, promise};
 use super::stats::{self, Random};
 use super::structure::{self, Alike, Detectable};
+use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
 use crate::measurement::facts;
@@ -228,6 +229,7 @@ pub fn fitted<'a>(
 pub fn baseline<'a>(problem: Problem<'a>, own: &Data, context: &Context) -> Model<'a> {
     let mut start = problem.start();
     problem.find_travels(&mut start, context.threads);
+    problem.turn_starts(&mut start, context.threads);
     let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
@@ -478,7 +480,10 @@ fn grow<'a>(
         }
         let h = &hypotheses[jobs[job]];
         let p = &promises[jobs[job]];
-        let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, &p.seed);
+        let (problem, mut start) = candidates::with(&model.problem, &model.fit.point, h, &p.seed);
+        if p.columns.is_empty() && is_signal(h.effect) {
+            problem.turn_starts(&mut start, 1);
+        }
         let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
         let model = fitted(problem, &start, own, effects, 1, 40);
         context.say("fitting hypotheses");

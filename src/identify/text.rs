@@ -158,6 +158,10 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
             100.0 * e.gain,
             100.0 * e.sham_gain
         )?;
+        if !e.judged_by_leaving_out.is_empty() {
+            let records = e.judged_by_leaving_out.join(", ");
+            writeln!(t, "    what judges does not show it: held against {records}, each left out of the fit in turn")?;
+        }
         for path in &e.by_order {
             writeln!(
                 t,

@@ -29,6 +29,8 @@ pub struct Outcome {
     pub explained_wrongly: bool,
     pub both: bool,
     pub runs: u64,
+    #[allow(dead_code)] // told by the bench
+    pub wall_s: f64,
     pub line: String,
 }
 
@@ -78,9 +80,13 @@ fn outcome(class: Class, number: u64) -> Outcome {
         explained_wrongly: false,
         both: false,
         runs: 0,
+        wall_s: 0.0,
         line: String::new(),
     };
-    let r = match report_of(&c) {
+    let started = std::time::Instant::now();
+    let told = report_of(&c);
+    o.wall_s = started.elapsed().as_secs_f64();
+    let r = match told {
         Ok(r) => r,
         Err(e) => {
             o.line = format!("{}: FAILED {e}", c.name);
@@ -130,10 +136,14 @@ fn outcome(class: Class, number: u64) -> Outcome {
     o
 }
 
-/// Cases 0 .. n of a class, on all cores.
-pub fn outcomes(class: Class, n: u64) -> Vec<Outcome> {
+/// Some cases of a class, on all cores; each is told as soon as it is done.
+pub fn outcomes(class: Class, numbers: std::ops::Range<u64>, done: impl Fn(&Outcome) + Sync) -> Vec<Outcome> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    parallel(n as usize, threads, |i| outcome(class, i as u64))
+    parallel((numbers.end - numbers.start) as usize, threads, |i| {
+        let outcome = outcome(class, numbers.start + i as u64);
+        done(&outcome);
+        outcome
+    })
 }
 
 /// Sums over many cases.

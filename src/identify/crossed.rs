@@ -1,0 +1,143 @@
+//! Effects that the records which judge do not show, because nothing there turns back or comes to its limit: they are held against
+//! the records that fit, each of which is left out in turn and predicted from the others.
+
+use super::fit::{Options, fit};
+use super::judge::{self, Residuals, fit_judging};
+use super::problem::{Point, Problem};
+use super::search::Model;
+use crate::measurement::segments::Data;
+
+/// Residuals with an effect and without it on what judges the two.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    pub with: Residuals,
+    pub without: Residuals,
+    /// Records that were left out in turn, where those that judge do not show the effect.
+    pub left_out: Vec<usize>,
+}
+
+/// A difference below this share of a channel's noise is none.
+const UNSEEN: f64 = 0.01;
+/// Errors on what judges that differ by less than this share may come of an effect that does not show there.
+const ALIKE: f64 = 0.05;
+
+/// What judges a model against the same without some of its effects (their places in it).
+pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, threads: usize) -> Pair {
+    let usual = Pair { with: with.residuals.clone(), without: without.residuals.clone(), left_out: Vec::new() };
+    let ratio = with.residuals.judge_error() / without.residuals.judge_error().max(1e-300);
+    if with.problem.plant.is_some() || effects.is_empty() || (ratio - 1.0).abs() > ALIKE {
+        return usual;
+    }
+    let idle = effects.iter().map(|e| off(with, *e)).collect::<Option<Vec<_>>>();
+    let Some(idle) = idle.filter(|all| all.iter().all(|off| !judging_shows(with, off, own, threads))) else {
+        return usual;
+    };
+    let data = with.problem.data;
+    let mut fitting: Vec<usize> = data.segments.iter().filter(|s| s.judge_from > 0).map(|s| s.record).collect();
+    fitting.dedup();
+    let shown = |r: &usize| idle.iter().any(|off| fitting_shows(with, off, *r));
+    let left_out: Vec<usize> = fitting.iter().copied().filter(shown).collect();
+    if fitting.len() < 2 || left_out.is_empty() {
+        return usual;
+    }
+    let empty = |r: &Residuals| {
+        let channels = vec![Vec::new(); r.judge.len()];
+        Residuals { judge: channels, judge_record: Vec::new(), ..r.clone() }
+    };
+    let mut crossed = Pair { with: empty(&usual.with), without: empty(&usual.without), left_out };
+    for r in &crossed.left_out {
+        for (model, into) in [(with, &mut crossed.with), (without, &mut crossed.without)] {
+            let parts = predicted(model, *r, threads);
+            into.judge_record.extend(parts[0].iter().map(|_| *r));
+            into.judge.iter_mut().zip(parts).for_each(|(all, parts)| all.extend(parts));
+        }
+    }
+    crossed
+}
+
+/// The model without an effect, all numbers held; None where no value of its own takes it away.
+fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
+    let path = super::accept::placed_path(model, effect);
+    let (mut problem, mut point) = (model.problem.clone(), model.fit.point.clone());
+    let placed = problem.machine.placed.iter().find(|p| p.path == path)?;
+    let keys = problem.machine.keys(placed.effect, placed.target);
+    let slots: Vec<(usize, f64)> = keys
+        .iter()
+        .zip(&placed.slots)
+        .filter(|((_, row), _)| row.kind.is_amplitude() || placed.effect.parameters.len() == 1)
+        .map(|((_, row), slot)| (*slot, row.off * row.unit))
+        .collect();
+    for (slot, value) in &slots {
+        problem.machine.values[*slot] = *value;
+        for (g, x) in problem.globals.iter().zip(&mut point.globals).filter(|(g, _)| g.slot == *slot) {
+            *x = g.law.seen(*value);
+            if g.law.value(*x) != *value {
+                return None;
+            }
+        }
+    }
+    (!slots.is_empty()).then_some((problem, point))
+}
+
+/// Whether two series of a channel's readings differ by what a channel can show.
+fn differ(problem: &Problem, a: &[Vec<f64>], b: &[Vec<f64>]) -> bool {
+    let noises = problem.data.channels.iter().map(|c| UNSEEN * c.noise.max(1e-300));
+    a.iter().zip(b).zip(noises).any(|((a, b), least)| a.iter().zip(b).any(|(a, b)| (a - b).abs() > least))
+}
+
+/// Whether a part's readings change with an effect taken away, from the same start.
+fn shows(model: (&Problem, &Point), off: (&Problem, &Point), part: usize, fitting: bool) -> bool {
+    let of = |(problem, point): (&Problem, &Point)| problem.model(part, &point.globals, &point.locals[part], fitting);
+    match (of(model), of(off)) {
+        (Ok(a), Ok(b)) => differ(model.0, &a, &b),
+        _ => true,
+    }
+}
+
+/// The same for what judges: tails of parts that fit, and parts of their own, from the starts that were found with it.
+fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data, threads: usize) -> bool {
+    let segments = &model.problem.data.segments;
+    let mut tails = (0..segments.len()).filter(|k| (1..segments[*k].len()).contains(&segments[*k].judge_from));
+    if tails.any(|k| shows((&model.problem, &model.fit.point), (problem, point), k, false)) {
+        return true;
+    }
+    let Some((held, at)) = fit_judging(&model.problem, &model.fit, own, threads) else { return false };
+    // The same starts and numbers of records, and the machine without the effect.
+    let mut without = held.clone();
+    without.machine.values.clone_from(&held.machine.values);
+    for placed in &problem.machine.placed {
+        for slot in &placed.slots {
+            let numbers = problem.globals.iter().zip(&point.globals);
+            let free = numbers.filter(|(g, _)| g.slot == *slot && g.record.is_none()).map(|(g, x)| g.law.value(*x)).next();
+            without.machine.values[*slot] = free.unwrap_or(problem.machine.values[*slot]);
+        }
+    }
+    (0..own.segments.len()).any(|k| shows((&held, &at), (&without, &at), k, false))
+}
+
+fn fitting_shows(model: &Model, (problem, point): &(Problem, Point), record: usize) -> bool {
+    let segments = &model.problem.data.segments;
+    let mut own = (0..segments.len()).filter(|k| segments[*k].record == record && segments[*k].judge_from > 0);
+    own.any(|k| shows((&model.problem, &model.fit.point), (problem, point), k, true))
+}
+
+/// Residuals of a record's parts, channel by channel, after a fit to the other records.
+fn predicted(model: &Model, record: usize, threads: usize) -> Vec<Vec<Vec<f64>>> {
+    let data = model.problem.data;
+    let kept: Vec<usize> = (0..data.segments.len()).filter(|k| data.segments[*k].record != record).collect();
+    let mut others = data.clone();
+    others.segments = kept.iter().map(|k| data.segments[*k].clone()).collect();
+    let mut own = data.clone();
+    own.segments.retain(|s| s.record == record && s.judge_from > 0);
+    for s in &mut own.segments {
+        let n = s.judge_from;
+        s.task = s.fitting_task();
+        s.measured.iter_mut().for_each(|m| m.truncate(n));
+    }
+    let mut problem: Problem = model.problem.clone();
+    problem.data = &others;
+    let locals = kept.iter().map(|k| model.fit.point.locals[*k].clone()).collect();
+    let start = Point { globals: model.fit.point.globals.clone(), locals };
+    let found = fit(&problem, &start, Options { iterations: 40, threads });
+    judge::own_residuals(&problem, &found, &own, threads)
+}
