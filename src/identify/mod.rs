@@ -18,6 +18,7 @@ pub mod stats;
 pub mod structure;
 pub mod text;
 pub mod unnamed;
+pub mod windows;
 
 use crate::machine::Machine;
 use crate::measurement::Measurement;

@@ -12,6 +12,7 @@ use super::problem::{Global, Law, Point, Problem};
 use super::screen::{Base, Promise, Seed, promise};
 use super::stats::{self, Random};
 use super::structure::{self, Alike, Detectable};
+use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
@@ -87,6 +88,12 @@ impl Model<'_> {
         }
         let unrepeated = self.problem.unrepeated(&self.fit.point);
         self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
+    }
+
+    /// What is left on what fits is little more than noise.
+    fn is_near_the_floor(&self) -> bool {
+        let channels = self.problem.data.channels.iter().enumerate();
+        channels.map(|(c, channel)| self.residuals.rms(c).0 / channel.noise.max(1e-300)).all(|times| times < NEAR)
     }
 
     pub fn identity(&self) -> Vec<String> {
@@ -312,6 +319,10 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, c
                 }
             }
         }
+        if round == 1 && !next.iter().any(Model::is_near_the_floor) && !context.ends() {
+            context.say("round 1: looking again in short stretches");
+            next.extend(from_stretches(measurement, &declared, own, context));
+        }
         if next.is_empty() {
             break;
         }
@@ -365,6 +376,69 @@ fn near_the_file<'a>(declared: &Model<'a>, own: &Data, context: &Context) -> Opt
     let found = fit(&declared.problem, &point, Options { iterations: 0, ..options });
     let residuals = judge::residuals(&declared.problem, &found, own, context.threads);
     Some(Model { problem: declared.problem.clone(), fit: found, residuals, effects: Vec::new() })
+}
+
+/// So many times the noise is near it.
+const NEAR: f64 = 1.5;
+/// Short stretches in one: from the shortest by the longer ones to whole records.
+const TOGETHER: [usize; 2] = [1, 4];
+/// Hypotheses that are fitted to short stretches, and those of them that are then fitted to the whole records.
+const SHORT_FITTED: usize = 6;
+const SHORT_KEPT: usize = 3;
+
+/// Models with one effect that was found in short stretches of the records, fitted to all of them from there.
+fn from_stretches<'a>(
+    measurement: &Measurement,
+    declared: &Model<'a>,
+    own: &Data,
+    context: &Context<'_>,
+) -> Vec<Model<'a>> {
+    let whole = &declared.problem;
+    let levels: Option<Vec<_>> = TOGETHER.iter().map(|together| windows::split(whole, *together)).collect();
+    let Some(levels) = levels else { return Vec::new() };
+    let weights: Vec<f64> = whole.data.channels.iter().map(|c| c.noise.max(1e-12)).collect();
+    let shorter: Vec<Problem> = levels
+        .iter()
+        .map(|(data, _)| Problem { weights: weights.clone(), ..windows::problem(whole, data) })
+        .collect();
+    let options = Options { iterations: 30, threads: context.threads };
+    let found = fit(&shorter[0], &shorter[0].start(), options);
+    let base = Base::new(&shorter[0], &found);
+    let short = Model { problem: shorter[0].clone(), fit: found, residuals: Residuals::default(), effects: Vec::new() };
+    let Looked { hypotheses, promises, .. } = looked(measurement, &short, &base, context);
+    let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !promises[*i].columns.is_empty()).collect();
+    order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
+    let mut chosen: Vec<usize> = Vec::new();
+    for i in order {
+        let known = chosen.iter().any(|c| hypotheses[*c].identity() == hypotheses[i].identity());
+        if !known && chosen.len() < SHORT_FITTED {
+            chosen.push(i);
+        }
+    }
+    let mut fits: Vec<(usize, Fit)> = parallel(chosen.len(), context.threads, |at| {
+        let i = chosen[at];
+        let (problem, start) = candidates::with(&short.problem, &short.fit.point, &hypotheses[i], &promises[i].seed);
+        (i, fit(&problem, &start, Options { threads: 1, ..options }))
+    });
+    fits.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost).then(a.0.cmp(&b.0)));
+    fits.truncate(SHORT_KEPT);
+    let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
+    parallel(fits.len(), context.threads, |at| {
+        let (i, found) = &fits[at];
+        let (h, seed) = (&hypotheses[*i], &promises[*i].seed);
+        // All have the declared numbers first, and then those of the effect.
+        let mut short = (&shorter[0], found.point.clone(), &levels[0].1);
+        for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
+            let (with, mut start) = candidates::with(problem, &problem.start(), h, seed);
+            start.locals = windows::joined((&with, &start, own), (short.0, &short.1, short.2));
+            start.globals = short.1.globals;
+            short = (problem, fit(&with, &start, Options { threads: 1, ..options }).point, own);
+        }
+        let (problem, mut start) = candidates::with(whole, &declared.fit.point, h, seed);
+        start.locals = windows::joined((whole, &start, &begins), (short.0, &short.1, short.2));
+        start.globals = short.1.globals;
+        fitted(problem, &start, own, vec![h.clone()], 1, 40)
+    })
 }
 
 /// What is added may be stiffer than what was declared, but not by so much that a search takes days.
