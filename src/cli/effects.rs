@@ -63,6 +63,7 @@ fn kind(k: Kind) -> &'static str {
         Kind::Whole => "whole number or order, not fitted",
         Kind::Index => "which one, not fitted",
         Kind::PerMark => "one for every mark # but the first",
+        Kind::Start => "fitted, in every part of a record",
         Kind::Given => "given, not fitted",
     }
 }

@@ -12,25 +12,28 @@ pub const ROW: Effect = Effect {
     order: "roll-off of the response",
     speed_law: "none",
     channels: "all, beyond 1/T",
-    parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
+    parameters: &[
+        Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0]),
+        super::low_pass::START,
+    ],
     dissipative: false,
     physics: Physics::Input(pass),
     links: None,
 };
 
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, held: bool) {
-    if held { means(u, p[0], step_s) } else { super::low_pass::filtered(u, p[0], step_s, 0.0) }
+    if held { means(u, p[0], step_s, p[1]) } else { super::low_pass::filtered(u, p[0], step_s, p[1]) }
 }
 
 /// Means of the lagged input over every step, where the input stays at a value for a step: what is left of a lag that is short
-/// against the step is its impulse.
-fn means(u: &mut [f64], time_s: f64, step_s: f64) {
+/// against the step is its impulse. It starts at the first value and `beyond`.
+fn means(u: &mut [f64], time_s: f64, step_s: f64, beyond: f64) {
     if time_s <= 0.0 || u.is_empty() {
         return;
     }
     let x = step_s / time_s;
     let (decay, mean) = (libm::exp(-x), -libm::expm1(-x) / x);
-    let mut y = u[0];
+    let mut y = u[0] + beyond;
     for value in u.iter_mut() {
         let now = *value;
         *value = now + (y - now) * mean;

@@ -12,27 +12,32 @@ pub const ROW: Effect = Effect {
     order: "roll-off and phase by frequency, the same for all orders",
     speed_law: "none",
     channels: "this sensor only",
-    parameters: &[Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0])],
+    parameters: &[
+        Parameter::new("time_ms", 1e-3, 0.0, 1e6, Kind::Amplitude).starts(Scale::SampleTime, &[1.0, 5.0]),
+        START,
+    ],
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
 };
 
+/// What a lag shows at its start beyond what it follows, SI.
+pub const START: Parameter = Parameter::new("start", 1.0, -1e12, 1e12, Kind::Start).default(0.0);
+
 fn pass(p: &[f64], trace: &mut Trace) {
     let slope = super::latency::past_slope(trace, p[0] / trace.step_s) / trace.step_s;
-    filtered(trace.values, p[0], trace.step_s, slope);
+    filtered(trace.values, p[0], trace.step_s, p[1] - p[0] * slope);
 }
 
-/// First-order lag, exact for straight lines between the values; it starts settled.
-/// T y' + y = u for u in straight lines, which has grown with `slope` [1/s] before.
-pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64, slope: f64) {
+/// First-order lag T y' + y = u, exact for u in straight lines between its values; at the start y is u and `beyond`.
+pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64, beyond: f64) {
     if time_s <= 0.0 || series.is_empty() {
         return;
     }
     let x = step_s / time_s;
     let decay = libm::exp(-x);
     let mean = -libm::expm1(-x) / x;
-    let (mut before, mut y) = (series[0], series[0] - time_s * slope);
+    let (mut before, mut y) = (series[0], series[0] + beyond);
     series[0] = y;
     for value in &mut series[1..] {
         let now = *value;

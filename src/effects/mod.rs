@@ -197,6 +197,8 @@ pub enum Kind {
     Index,
     /// One value for every mark of a pulse pickup but the first, written `key` with `#` the number.
     PerMark,
+    /// What it remembers when a part of a record starts; every part has its own, found with it.
+    Start,
     /// Fitted never: what the sensor's data sheet says.
     Given,
 }

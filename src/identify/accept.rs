@@ -81,6 +81,7 @@ fn smallest_that_stands<'a>(
     declared: &Model<'a>,
     all: &[Model<'a>],
     effective: &[f64],
+    refused: &[Vec<String>],
     own: &Data,
     threads: usize,
 ) -> Model<'a> {
@@ -91,7 +92,8 @@ fn smallest_that_stands<'a>(
             break;
         }
         // In the order of their scores.
-        let next = all.iter().filter(|m| m.effects.len() == size).find(|m| {
+        let looked_at = |m: &&Model| m.effects.len() == size && !refused.contains(&m.identity());
+        let next = all.iter().filter(looked_at).find(|m| {
             let is_new = |e: &usize| best.effects.iter().all(|o| o.identity() != m.effects[*e].identity());
             let new: Vec<usize> = (0..m.effects.len()).filter(is_new).collect();
             let gain = score(best, effective, records) - score(m, effective, records);
@@ -167,8 +169,7 @@ fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: 
 pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> Found<'a> {
     context.say("holding what was found against what it has not seen");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
-    let first = smallest_that_stands(&declared, &all, &effective, own, context.threads);
-    let (mut best, mut grounds) = pruned(&declared, first, &effective, own, context, &mut trials);
+    let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
     if let Some(why) = only_a_lead(&declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
@@ -192,6 +193,35 @@ fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Op
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")
     })
+}
+
+/// Sets that are looked at closely, one after the other, until one holds as it is.
+const CLOSE_LOOKS: usize = 4;
+
+/// The first set that stands and loses nothing in a closer look; if none of some does, what is left of the first.
+fn first_that_holds<'a>(
+    declared: &Model<'a>,
+    all: &[Model<'a>],
+    effective: &[f64],
+    own: &Data,
+    context: &Context<'_>,
+    trials: &mut [Trial],
+) -> (Model<'a>, Vec<Ground>) {
+    let mut refused: Vec<Vec<String>> = Vec::new();
+    let mut first: Option<(Model<'a>, Vec<Ground>)> = None;
+    loop {
+        let set = smallest_that_stands(declared, all, effective, &refused, own, context.threads);
+        let identity = set.identity();
+        let left = pruned(declared, set, effective, own, context, trials);
+        if left.0.identity() == identity {
+            return left;
+        }
+        refused.push(identity);
+        let first = first.get_or_insert(left);
+        if refused.len() == CLOSE_LOOKS || context.ends() {
+            return first.clone();
+        }
+    }
 }
 
 /// Takes away what does not stand, one at a time, the weakest first; the grounds of what stays.
@@ -452,7 +482,11 @@ fn rebuilt<'a>(
     problem.weights.clone_from(&model.problem.weights);
     let mut point = declared.fit.point.clone();
     point.globals.clone_from_slice(&model.fit.point.globals[..n_declared]);
-    point.locals.clone_from(&model.fit.point.locals);
+    // Locals of the declared model come first, then those of every effect.
+    let mut at_local = problem.locals.len();
+    for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
+        own.clone_from_slice(&from[..at_local]);
+    }
     let records = problem.data.records.len();
     let mut effects = Vec::new();
     let mut at = n_declared;
@@ -471,12 +505,18 @@ fn rebuilt<'a>(
                         at += 1;
                     }
                 }
-                Kind::Whole | Kind::Index | Kind::Given => {}
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
             }
         }
+        let locals = at_local..at_local + h.own_locals();
+        at_local = locals.end;
         if kept.contains(&i) {
             let seed = Seed { values, phases, travels: Vec::new() };
             (problem, point) = candidates::with(&problem, &point, h, &seed);
+            for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
+                let first = own.len() - locals.len();
+                own[first..].clone_from_slice(&from[locals.clone()]);
+            }
             effects.push(Hypothesis { values: seed.values, ..h.clone() });
         }
     }

@@ -53,6 +53,12 @@ impl Hypothesis {
         self.rows.iter().position(|r| r.kind == Kind::Phase)
     }
 
+    /// Numbers of its own that every part has: what it remembers at the start, how a body that it adds starts.
+    pub fn own_locals(&self) -> usize {
+        let added = if matches!(self.effect.physics, Physics::SecondBody { .. }) { 2 } else { 0 };
+        added + self.rows.iter().filter(|r| r.kind == Kind::Start).count()
+    }
+
     /// Numbers that a fit of it has more, for so many records.
     pub fn freedom(&self, records: usize) -> usize {
         // On links: where every record finds it.
@@ -63,10 +69,10 @@ impl Hypothesis {
             .map(|r| match r.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
                 Kind::Phase => records,
-                Kind::Whole | Kind::Index | Kind::Given => 0,
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => 0,
             })
             .sum();
-        numbers + places
+        numbers + places + records * self.own_locals()
     }
 }
 
@@ -348,7 +354,7 @@ pub fn all(
                     // Neighbours differ, those two further do not.
                     Kind::Index if m.linked.is_some() => vec![0.0, 1.0],
                     Kind::Index => p.starts.to_vec(),
-                    Kind::Phase | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
+                    Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
             }
@@ -417,6 +423,12 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
                 Law { scale: start, logarithm: true, low: *range.start(), high: *range.end() }
             }
             Kind::Phase => Law { scale: 1.0, logarithm: false, low: -1e3, high: 1e3 },
+            Kind::Start => {
+                let law = Law { scale: h.scales[i].abs(), logarithm: false, low, high };
+                next.locals.push(Local::Slot { slot: *slot, law });
+                point.locals.iter_mut().for_each(|own| own.push(law.seen(values[i])));
+                continue;
+            }
             Kind::Whole | Kind::Index | Kind::Given => continue,
         };
         if row.kind == Kind::Phase {
@@ -428,6 +440,18 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
             next.globals.push(Global { slot: *slot, record: None, law, prior: None });
             point.globals.push(law.seen(values[i]));
         }
+    }
+    if let (Physics::SecondBody { .. }, Target::Body(near)) = (h.effect.physics, h.target) {
+        let body = next.machine.bodies.len() - 1;
+        let of_near = |l: &Local| match l {
+            Local::Speed { body, scale } if *body == near => Some(*scale),
+            _ => None,
+        };
+        let speed = next.locals.iter().find_map(of_near).unwrap_or(1.0);
+        let rate = h.rows.iter().zip(values).find(|(r, _)| r.key == "frequency_hz").map_or(1.0, |(_, w)| *w);
+        next.locals.push(Local::Speed { body, scale: speed });
+        next.locals.push(Local::Angle { body, scale: speed / rate.max(1e-9) });
+        point.locals.iter_mut().for_each(|own| own.extend([0.0, 0.0]));
     }
     (next, point)
 }

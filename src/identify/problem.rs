@@ -27,6 +27,7 @@ pub struct Global {
 pub enum Local {
     /// Where a drive with links stands in its period [pitches].
     Travel,
+    /// Of a body that an effect adds: beyond the body it hangs on.
     Angle {
         body: usize,
         scale: f64,
@@ -116,8 +117,8 @@ impl<'a> Problem<'a> {
             .iter()
             .map(|l| match *l {
                 Local::Travel => s.start.travel,
-                Local::Angle { body, scale } => s.start.q[body] / scale,
-                Local::Speed { body, scale } => s.start.v[body] / scale,
+                Local::Angle { body, scale } => s.start.q.get(body).map_or(0.0, |q| q / scale),
+                Local::Speed { body, scale } => s.start.v.get(body).map_or(0.0, |v| v / scale),
                 Local::Slot { slot, law } => law.seen(self.machine.values[slot]),
             })
             .collect()
@@ -140,24 +141,29 @@ impl<'a> Problem<'a> {
                 values[g.slot] = g.law.value(*x);
             }
         }
-        // Bodies that effects add start with the body they hang on: they stand after the declared ones.
+        // Bodies that effects add stand after the declared ones, and start as the body they hang on and what they have beyond it.
         let mut start = s.start.clone();
+        let declared = start.q.len();
+        let (mut turned, mut moving) = (Vec::new(), Vec::new());
         for (l, x) in self.locals.iter().zip(locals) {
             match *l {
                 Local::Travel => start.travel = *x,
                 Local::Angle { .. } | Local::Speed { .. } if s.at_rest => {}
+                Local::Angle { body, scale } if body >= declared => turned.push((body, x * scale)),
+                Local::Speed { body, scale } if body >= declared => moving.push((body, x * scale)),
                 Local::Angle { body, scale } => start.q[body] = x * scale,
                 Local::Speed { body, scale } => start.v[body] = x * scale,
                 Local::Slot { slot, law } => values[slot] = law.value(*x),
             }
         }
+        let beyond = |of: &[(usize, f64)], body: usize| of.iter().filter(|o| o.0 == body).map(|o| o.1).sum::<f64>();
         for spring in &self.machine.springs {
             if let [near, far] = spring.ends.as_slice()
                 && far.body >= start.q.len()
             {
                 let (q, v) = (start.q[near.body], start.v[near.body]);
-                start.q.push(q);
-                start.v.push(v);
+                start.q.push(q + beyond(&turned, start.q.len()));
+                start.v.push(v + beyond(&moving, start.v.len()));
             }
         }
         (values, start)
