@@ -165,6 +165,9 @@ pub fn declared<'a>(
         let low = spec.low.unwrap_or(s.low).max(s.low) * s.unit;
         let high = spec.high.unwrap_or(s.high).min(s.high) * s.unit;
         let logarithm = value > 0.0 && low >= 0.0;
+        let range = |given: Option<f64>, far: f64, bound: f64| if given.is_none() && logarithm { far } else { bound };
+        let low = range(spec.low, value / WIDEST, low).max(low);
+        let high = range(spec.high, value * WIDEST, high).min(high);
         let law = Law {
             scale: if value == 0.0 { scale_of_zero(low, high) } else { value.abs() },
             logarithm,
@@ -194,6 +197,10 @@ pub fn declared<'a>(
         runs: context.runs,
     }
 }
+
+/// A positive number is looked for within this factor of the file's, unless the measurement says in which range: without an end a
+/// damping that little tells of goes so far that every run takes hundreds of steps a sample.
+const WIDEST: f64 = 1000.0;
 
 /// A step for a number that is zero so far, inside its bounds.
 fn scale_of_zero(low: f64, high: f64) -> f64 {
