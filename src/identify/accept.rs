@@ -8,7 +8,7 @@
 use super::candidates::{self, Hypothesis};
 use super::crossed::{Pair, pair};
 use super::fit::parallel;
-use super::judge::Residuals;
+use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::problem::Problem;
 use super::screen::{Base, Seed, promise};
 use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
@@ -82,7 +82,7 @@ fn smallest_that_stands<'a>(
     all: &[Model<'a>],
     effective: &[f64],
     refused: &[Vec<String>],
-    own: &Data,
+    own: &'a Data,
     threads: usize,
 ) -> Model<'a> {
     let mut best = declared;
@@ -106,10 +106,13 @@ fn smallest_that_stands<'a>(
 
 /// Whether what judges bears out that a set is better than another without some of its effects, whose score is worse by `gain`.
 fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &Data, threads: usize) -> bool {
+    if gain < WORTH {
+        return false;
+    }
     let judged = pair(with, without, effects, own, threads);
     // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
-    let samples = judged.with.judge_effective();
-    let predicted = judged.without.judge_deviance(&samples) - judged.with.judge_deviance(&samples);
+    let samples = effective_samples(&judged.with.judge);
+    let predicted = deviance(&judged.without.judge, &samples) - deviance(&judged.with.judge, &samples);
     let on_sensor = effects.iter().any(|e| is_signal(with.effects[*e].effect));
     let left = left_of(on_sensor, &with.problem, &judged);
     gain + predicted >= WORTH && left.is_worth_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
@@ -166,7 +169,7 @@ fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: 
 }
 
 /// Judges what a search saw.
-pub fn accept<'a>(searched: Searched<'a>, own: &Data, context: &Context<'_>) -> Found<'a> {
+pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) -> Found<'a> {
     context.say("holding what was found against what it has not seen");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
     let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
@@ -203,7 +206,7 @@ fn first_that_holds<'a>(
     declared: &Model<'a>,
     all: &[Model<'a>],
     effective: &[f64],
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
 ) -> (Model<'a>, Vec<Ground>) {
@@ -229,7 +232,7 @@ fn pruned<'a>(
     declared: &Model<'a>,
     mut best: Model<'a>,
     effective: &[f64],
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
 ) -> (Model<'a>, Vec<Ground>) {
@@ -302,14 +305,15 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
         id.sort();
         let Some(m) = all.iter().find(|m| m.identity() == id) else { continue };
         t.score = Some(score(m, effective, records) - best_score);
+        t.rms_judge = m.known_judge_error();
         if t.why.is_empty() {
-            let times = m.residuals.fit_error() / best.residuals.fit_error();
+            let times = mean_error(&m.left) / mean_error(&best.left);
             t.why = if accepted.contains(&t.identity) {
                 "accepted".into()
             } else if times > 1.0 {
                 format!("leaves {times:.3} times the error of what was accepted")
             } else {
-                let [ratio, low, high] = m.residuals.judge_ratio(&best.residuals);
+                let [ratio, low, high] = m.residuals().judge_ratio(best.residuals());
                 let beside = if accepted.is_empty() { "" } else { "beside what was accepted " };
                 format!(
                     "{beside}it leaves {times:.3} times the error of what was fitted and {ratio:.3} [{low:.3}, {high:.3}] of what judges: not worth a name"
@@ -324,11 +328,11 @@ fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64)
     let h = &best.effects[which];
     let base = Base::new(&less.problem, &less.fit);
     // Squares of all channels by the weights of the smaller model: units do not matter.
-    let squares = |r: &Residuals| -> f64 {
-        let of = r.fit.iter().zip(&less.problem.weights);
+    let squares = |m: &Model| -> f64 {
+        let of = m.left.iter().zip(&less.problem.weights);
         of.map(|(parts, w)| parts.iter().flatten().map(|x| x * x / (w * w)).sum::<f64>()).sum()
     };
-    let gain = 1.0 - squares(&best.residuals) / squares(&less.residuals).max(1e-300);
+    let gain = 1.0 - squares(best) / squares(less).max(1e-300);
     if h.phase().is_some() {
         // A wave with a free phase explains as much when it is shifted: no sham.
         return (gain, 0.0);
@@ -344,7 +348,7 @@ fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64)
 }
 
 /// Indices of an effect's globals.
-fn globals_of(model: &Model, which: usize) -> Vec<usize> {
+pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
     let path = format!("{}.", placed_path(model, which));
     (0..model.problem.globals.len())
         .filter(|g| model.problem.machine.slots[model.problem.globals[*g].slot].path.starts_with(&path))
@@ -407,7 +411,7 @@ fn rivals<'a>(
     best: &Model<'a>,
     all: &[Model<'a>],
     effective: &[f64],
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
 ) -> Vec<Vec<Rival>> {
@@ -446,7 +450,7 @@ fn rivals<'a>(
         });
         for m in models.into_iter().flatten() {
             let worse = score(&m, effective, records) - best_score;
-            let ratio = m.residuals.judge_ratio(&best.residuals);
+            let ratio = m.residuals().judge_ratio(best.residuals());
             let Some(h) = m.effects.last() else { continue };
             let as_good = worse < CLEAR && ratio[1] < 1.02;
             if as_good {
@@ -463,7 +467,7 @@ fn rivals<'a>(
 }
 
 /// A model without one of its effects, fitted again from the others' numbers.
-fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &Data, threads: usize) -> Model<'a> {
+fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &'a Data, threads: usize) -> Model<'a> {
     let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
     rebuilt(declared, model, &rest, None, own, threads)
 }
@@ -474,7 +478,7 @@ fn rebuilt<'a>(
     model: &Model<'a>,
     kept: &[usize],
     more: Option<(&Hypothesis, &Seed)>,
-    own: &Data,
+    own: &'a Data,
     threads: usize,
 ) -> Model<'a> {
     let n_declared = declared.problem.globals.len();

@@ -23,8 +23,8 @@ const ALIKE: f64 = 0.05;
 
 /// What judges a model against the same without some of its effects (their places in it).
 pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, threads: usize) -> Pair {
-    let usual = Pair { with: with.residuals.clone(), without: without.residuals.clone(), left_out: Vec::new() };
-    let ratio = with.residuals.judge_error() / without.residuals.judge_error().max(1e-300);
+    let usual = Pair { with: with.residuals().clone(), without: without.residuals().clone(), left_out: Vec::new() };
+    let ratio = judge::mean_error(&with.residuals().judge) / judge::mean_error(&without.residuals().judge).max(1e-300);
     if with.problem.plant.is_some() || effects.is_empty() || (ratio - 1.0).abs() > ALIKE {
         return usual;
     }

@@ -80,6 +80,36 @@ pub fn fit_judging<'a>(
     Some((held, best.point))
 }
 
+/// Residuals of what a fit was fitted to, channel by channel and part by part, as the fit left them.
+pub fn fitting(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
+    let of = |c: usize| {
+        let fits = problem.data.segments.iter().zip(&found.residuals).filter(|(s, _)| s.judge_from > 0);
+        let part = |(s, r): (&Segment, &Vec<f64>)| {
+            let known = (0..s.judge_from).filter(|i| s.measured[c][*i].is_finite());
+            known.map(|i| r[c * s.judge_from + i] * problem.weights[c]).collect()
+        };
+        fits.map(part).collect()
+    };
+    (0..problem.channels.len()).map(of).collect()
+}
+
+/// Geometric mean over channels of the root mean square: units do not matter for ratios of it.
+pub fn mean_error(channels: &[Vec<Vec<f64>>]) -> f64 {
+    let sum: f64 = channels.iter().map(|parts| libm::log(stats::rms(parts).max(1e-300))).sum();
+    libm::exp(sum / channels.len().max(1) as f64)
+}
+
+/// Effective samples of every channel.
+pub fn effective(channels: &[Vec<Vec<f64>>]) -> Vec<f64> {
+    channels.iter().map(|p| stats::effective(p)).collect()
+}
+
+/// Twice the negative logarithm of the likelihood of all channels, each with a variance of its own, for so many effective
+/// samples a channel.
+pub fn deviance(channels: &[Vec<Vec<f64>>], effective: &[f64]) -> f64 {
+    channels.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
+}
+
 /// Residuals of everything.
 pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Residuals {
     let n = problem.channels.len();
@@ -138,11 +168,6 @@ fn differences(measured: &[f64], model: Option<&Vec<f64>>, samples: std::ops::Ra
     (samples.start..samples.end.min(measured.len())).map(of).filter(|r| r.is_finite()).collect()
 }
 
-fn mean_error(channels: &[Vec<Vec<f64>>]) -> f64 {
-    let sum: f64 = channels.iter().map(|parts| libm::log(stats::rms(parts).max(1e-300))).sum();
-    libm::exp(sum / channels.len().max(1) as f64)
-}
-
 /// A model that ran away explains nothing.
 fn lost(channels: usize, samples: usize) -> Vec<Vec<f64>> {
     vec![vec![1e6; samples]; channels]
@@ -154,35 +179,7 @@ impl Residuals {
         (stats::rms(&self.fit[channel]), stats::rms(&self.judge[channel]))
     }
 
-    /// Geometric mean over channels of the root mean square on what fits: units do not matter for ratios of it.
-    pub fn fit_error(&self) -> f64 {
-        mean_error(&self.fit)
-    }
-
-    /// The same on what judges.
-    pub fn judge_error(&self) -> f64 {
-        mean_error(&self.judge)
-    }
-
-    /// Twice the negative logarithm of the likelihood of all channels on what fits, each with a variance of its own, for so many
-    /// effective samples a channel.
-    pub fn deviance(&self, effective: &[f64]) -> f64 {
-        self.fit.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
-    }
-
-    pub fn judge_deviance(&self, effective: &[f64]) -> f64 {
-        self.judge.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
-    }
-
-    pub fn effective(&self) -> Vec<f64> {
-        self.fit.iter().map(|p| stats::effective(p)).collect()
-    }
-
-    pub fn judge_effective(&self) -> Vec<f64> {
-        self.judge.iter().map(|p| stats::effective(p)).collect()
-    }
-
-    /// The same ratio for the channel that gains most: an effect that one of many sensors sees is worth as much as one that all see.
+    /// Ratio of the error on what judges to another's for the channel that gains most: an effect that one of many sensors sees is worth as much as one that all see.
     pub fn best_ratio(&self, before: &Residuals) -> f64 {
         let of = |c: usize| stats::rms(&self.judge[c]) / stats::rms(&before.judge[c]).max(1e-300);
         (0..self.judge.len()).map(of).fold(f64::INFINITY, f64::min)

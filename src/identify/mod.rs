@@ -15,6 +15,7 @@ pub mod report;
 pub mod screen;
 pub mod search;
 pub mod stats;
+pub mod steady;
 pub mod structure;
 pub mod text;
 pub mod unnamed;

@@ -4,6 +4,7 @@ use super::accept::{Found, Rival, placed_path, standard_error};
 use super::diagnosis::Diagnosis;
 use super::judge::Residuals;
 use super::search::{Model, Trial};
+use super::steady::{self, Size};
 use super::structure::{self, Alike, Collision, Detectable};
 use super::unnamed::Unnamed;
 use super::{candidates::Hypothesis, stats};
@@ -56,6 +57,8 @@ pub struct NamedEffect {
     /// Rivals by the count of teeth and links: all their orders are this effect's, whatever the shape over the loop says.
     pub by_order: Vec<String>,
     pub judge_ratio: [f64; 3],
+    /// Its size in the halves of every record that fits, over that in all.
+    pub sizes: Vec<Size>,
     /// Records that were left out of the fit in turn and judged this effect, where those that judge do not show it.
     pub judged_by_leaving_out: Vec<String>,
     pub score: f64,
@@ -230,11 +233,11 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
         .iter()
         .enumerate()
         .map(|(c, channel)| {
-            let (_, held_out) = best.residuals.rms(c);
-            let (fit, _) = best.residuals.rms(c);
-            let rms = if best.residuals.judge[c].is_empty() { fit } else { held_out };
+            let (_, held_out) = best.residuals().rms(c);
+            let (fit, _) = best.residuals().rms(c);
+            let rms = if best.residuals().judge[c].is_empty() { fit } else { held_out };
             let floor = libm::sqrt(channel.noise * channel.noise + unrepeated[c] * unrepeated[c]).max(1e-300);
-            let white = stats::white(&best.residuals.judge[c]) && stats::white(&best.residuals.fit[c]);
+            let white = stats::white(&best.residuals().judge[c]) && stats::white(&best.residuals().fit[c]);
             Floor {
                 channel: channel.name.clone(),
                 unit: channel.unit.clone(),
@@ -243,7 +246,7 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
                 times_floor: rms / floor,
                 white,
                 reached: rms <= EXPLAINED * floor && (white || coloured[c] <= unrepeated[c]),
-                lag1: stats::neighbour_correlation(&best.residuals.fit[c]),
+                lag1: stats::neighbour_correlation(&best.residuals().fit[c]),
             }
         })
         .collect()
@@ -310,6 +313,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         only_its_law_is_open,
         by_order,
         judge_ratio: ground.map_or([1.0; 3], |g| g.judge_ratio),
+        sizes: steady::sizes(best, which),
         judged_by_leaving_out: ground.map_or_else(Vec::new, |g| g.left_out.clone()),
         score: ground.map_or(0.0, |g| g.score),
         gain: ground.map_or(0.0, |g| g.gain),
@@ -351,8 +355,8 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     Report {
         title: measurement.title.clone(),
         outcome,
-        error_before: errors(&found.declared.residuals, data),
-        error_after: errors(&best.residuals, data),
+        error_before: errors(found.declared.residuals(), data),
+        error_after: errors(best.residuals(), data),
         numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values),
         numbers_after: numbers(best, data, 0..n_declared, &machine.values),
         error_budget: budget(found),
@@ -409,7 +413,7 @@ fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
     let (before, after) = (residuals(&found.declared), residuals(&found.best));
     let mut all = Vec::new();
     for (c, channel) in data.channels.iter().enumerate() {
-        let (_, judged) = found.best.residuals.rms(c);
+        let (_, judged) = found.best.residuals().rms(c);
         for (k, s) in elsewhere.segments.iter().enumerate() {
             let values: Vec<f64> = s.measured[c].iter().copied().filter(|v| v.is_finite()).collect();
             let n = values.len().max(1) as f64;
@@ -436,12 +440,12 @@ fn budget(found: &Found) -> Vec<Share> {
         let n = r.fit.len().max(1) as f64;
         r.fit
             .iter()
-            .zip(&found.declared.residuals.fit)
+            .zip(&found.declared.left)
             .map(|(a, b)| (stats::rms(a) / stats::rms(b).max(1e-300)) * (stats::rms(a) / stats::rms(b).max(1e-300)))
             .sum::<f64>()
             / n
     };
-    let left = total(&found.best.residuals);
+    let left = total(found.best.residuals());
     let weights: f64 = found.grounds.iter().map(|g| g.gain.max(0.0)).sum();
     let mut shares: Vec<Share> = found
         .grounds
@@ -459,7 +463,7 @@ fn budget(found: &Found) -> Vec<Share> {
         .iter()
         .enumerate()
         .map(|(c, channel)| {
-            let x = channel.noise / stats::rms(&found.declared.residuals.fit[c]).max(1e-300);
+            let x = channel.noise / stats::rms(&found.declared.left[c]).max(1e-300);
             x * x
         })
         .sum::<f64>()

@@ -19,6 +19,7 @@ use crate::machine::simulate::{MOST_STEPS, steps_needed};
 use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use crate::measurement::{Measurement, Scope};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -62,11 +63,31 @@ impl Context<'_> {
 pub struct Model<'a> {
     pub problem: Problem<'a>,
     pub fit: Fit,
-    pub residuals: Residuals,
     pub effects: Vec<Hypothesis>,
+    /// What it leaves of what it was fitted to, channel by channel and part by part.
+    pub left: Vec<Vec<Vec<f64>>>,
+    own: &'a Data,
+    threads: usize,
+    judged: OnceLock<Residuals>,
 }
 
-impl Model<'_> {
+impl<'a> Model<'a> {
+    /// `own` are the parts that only judge.
+    pub fn new(problem: Problem<'a>, fit: Fit, effects: Vec<Hypothesis>, own: &'a Data, threads: usize) -> Model<'a> {
+        let left = judge::fitting(&problem, &fit);
+        Model { problem, fit, effects, left, own, threads, judged: OnceLock::new() }
+    }
+
+    /// Residuals of everything: those that judge are found when they are asked for first.
+    pub fn residuals(&self) -> &Residuals {
+        self.judged.get_or_init(|| judge::residuals(&self.problem, &self.fit, self.own, self.threads))
+    }
+
+    /// Error of the first channel on what judges, where it was asked for.
+    pub fn known_judge_error(&self) -> Option<f64> {
+        self.judged.get().map(|r| r.rms(0).1)
+    }
+
     pub fn freedom(&self, records: usize) -> usize {
         self.effects.iter().map(|h| h.freedom(records)).sum()
     }
@@ -78,7 +99,7 @@ impl Model<'_> {
             let (rough, rms) = (facts::median(&mut noises), stats::rms(parts));
             libm::sqrt((rms * rms - rough * rough).max(0.0))
         };
-        self.residuals.fit.iter().map(of).collect()
+        self.left.iter().map(of).collect()
     }
 
     /// A drive with links of which one effect is known, and no more is left than what it does not repeat itself.
@@ -93,7 +114,7 @@ impl Model<'_> {
     /// What is left on what fits is little more than noise.
     fn is_near_the_floor(&self) -> bool {
         let channels = self.problem.data.channels.iter().enumerate();
-        channels.map(|(c, channel)| self.residuals.rms(c).0 / channel.noise.max(1e-300)).all(|times| times < NEAR)
+        channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
     }
 
     pub fn identity(&self) -> Vec<String> {
@@ -112,6 +133,7 @@ pub struct Trial {
     /// Share of the cost that screening promised.
     pub promised: f64,
     pub rms_fit: Option<f64>,
+    /// Of those that were held against what judges.
     pub rms_judge: Option<f64>,
     /// Score beyond the model without it; negative is better.
     pub score: Option<f64>,
@@ -212,7 +234,7 @@ fn scale_of_zero(low: f64, high: f64) -> f64 {
 pub fn fitted<'a>(
     mut problem: Problem<'a>,
     start: &Point,
-    own: &Data,
+    own: &'a Data,
     effects: Vec<Hypothesis>,
     threads: usize,
     iterations: usize,
@@ -227,20 +249,17 @@ pub fn fitted<'a>(
         found = fit(&problem, &point, options);
     }
     if problem.channels.len() > 1 {
-        let residuals = judge::residuals(&problem, &found, own, threads);
+        let left = judge::fitting(&problem, &found);
         for (c, w) in problem.weights.iter_mut().enumerate() {
-            *w = stats::rms(&residuals.fit[c]).max(problem.data.channels[c].noise).max(1e-12);
+            *w = stats::rms(&left[c]).max(problem.data.channels[c].noise).max(1e-12);
         }
-        let found = fit(&problem, &found.point, options);
-        let residuals = judge::residuals(&problem, &found, own, threads);
-        return Model { problem, fit: found, residuals, effects };
+        found = fit(&problem, &found.point, options);
     }
-    let residuals = judge::residuals(&problem, &found, own, threads);
-    Model { problem, fit: found, residuals, effects }
+    Model::new(problem, found, effects, own, threads)
 }
 
 /// The baseline: from the drive's own numbers, and from some around them, so that no far minimum is missed.
-pub fn baseline<'a>(problem: Problem<'a>, own: &Data, context: &Context) -> Model<'a> {
+pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> Model<'a> {
     let mut start = problem.start();
     problem.find_travels(&mut start, context.threads);
     problem.turn_starts(&mut start, context.threads);
@@ -267,11 +286,11 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &Data, context: &Context) -> Mode
 /// Score of a model: deviance on what fits and what each number costs. Smaller is better.
 pub fn score(model: &Model, effective: &[f64], records: usize) -> f64 {
     let n: f64 = effective.iter().sum();
-    model.residuals.deviance(effective) + model.freedom(records) as f64 * libm::log(n.max(2.0))
+    judge::deviance(&model.left, effective) + model.freedom(records) as f64 * libm::log(n.max(2.0))
 }
 
 /// The whole search.
-pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &Data, context: &Context<'_>) -> Searched<'a> {
+pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &'a Data, context: &Context<'_>) -> Searched<'a> {
     let records = problem.data.records.len();
     context.say("fitting the declared model");
     let mut declared = baseline(problem, own, context);
@@ -367,7 +386,7 @@ const FAR: f64 = 0.7;
 
 /// The declared model with the numbers of its file, where the fit has carried one far from it: what is missing has a second try
 /// from there.
-fn near_the_file<'a>(declared: &Model<'a>, own: &Data, context: &Context) -> Option<Model<'a>> {
+fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
     let start = declared.problem.start();
     let logarithms = (0..start.globals.len()).filter(|g| declared.problem.globals[*g].law.logarithm);
     let far = logarithms.map(|g| (start.globals[g] - declared.fit.point.globals[g]).abs()).fold(0.0, f64::max);
@@ -381,8 +400,7 @@ fn near_the_file<'a>(declared: &Model<'a>, own: &Data, context: &Context) -> Opt
     let locals = fit(&held, &Point { globals: Vec::new(), locals: start.locals }, options).point.locals;
     let point = Point { globals: start.globals, locals };
     let found = fit(&declared.problem, &point, Options { iterations: 0, ..options });
-    let residuals = judge::residuals(&declared.problem, &found, own, context.threads);
-    Some(Model { problem: declared.problem.clone(), fit: found, residuals, effects: Vec::new() })
+    Some(Model::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
 /// So many times the noise is near it.
@@ -397,7 +415,7 @@ const SHORT_KEPT: usize = 3;
 fn from_stretches<'a>(
     measurement: &Measurement,
     declared: &Model<'a>,
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
 ) -> Vec<Model<'a>> {
     let whole = &declared.problem;
@@ -411,7 +429,7 @@ fn from_stretches<'a>(
     let options = Options { iterations: 30, threads: context.threads };
     let found = fit(&shorter[0], &shorter[0].start(), options);
     let base = Base::new(&shorter[0], &found);
-    let short = Model { problem: shorter[0].clone(), fit: found, residuals: Residuals::default(), effects: Vec::new() };
+    let short = Model::new(shorter[0].clone(), found, Vec::new(), own, context.threads);
     let Looked { hypotheses, promises, .. } = looked(measurement, &short, &base, context);
     let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !promises[*i].columns.is_empty()).collect();
     order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
@@ -422,27 +440,29 @@ fn from_stretches<'a>(
             chosen.push(i);
         }
     }
-    let mut fits: Vec<(usize, Fit)> = parallel(chosen.len(), context.threads, |at| {
+    let mut fits: Vec<(usize, Problem, Fit)> = parallel(chosen.len(), context.threads, |at| {
         let i = chosen[at];
         let (problem, start) = candidates::with(&short.problem, &short.fit.point, &hypotheses[i], &promises[i].seed);
-        (i, fit(&problem, &start, Options { threads: 1, ..options }))
+        let found = fit(&problem, &start, Options { threads: 1, ..options });
+        (i, problem, found)
     });
-    fits.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost).then(a.0.cmp(&b.0)));
+    fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
     fits.truncate(SHORT_KEPT);
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
     parallel(fits.len(), context.threads, |at| {
-        let (i, found) = &fits[at];
+        let (i, problem, found) = &fits[at];
         let (h, seed) = (&hypotheses[*i], &promises[*i].seed);
         // All have the declared numbers first, and then those of the effect.
-        let mut short = (&shorter[0], found.point.clone(), &levels[0].1);
+        let mut short = (problem.clone(), found.point.clone(), &levels[0].1);
         for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
             let (with, mut start) = candidates::with(problem, &problem.start(), h, seed);
-            start.locals = windows::joined((&with, &start, own), (short.0, &short.1, short.2));
+            start.locals = windows::joined((&with, &start, own), (&short.0, &short.1, short.2));
             start.globals = short.1.globals;
-            short = (problem, fit(&with, &start, Options { threads: 1, ..options }).point, own);
+            let found = fit(&with, &start, Options { threads: 1, ..options }).point;
+            short = (with, found, own);
         }
         let (problem, mut start) = candidates::with(whole, &declared.fit.point, h, seed);
-        start.locals = windows::joined((whole, &start, &begins), (short.0, &short.1, short.2));
+        start.locals = windows::joined((&problem, &start, &begins), (&short.0, &short.1, short.2));
         start.globals = short.1.globals;
         fitted(problem, &start, own, vec![h.clone()], 1, 40)
     })
@@ -481,15 +501,15 @@ fn looked(measurement: &Measurement, model: &Model, base: &Base, context: &Conte
 
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
 fn best_effective(models: &[Model]) -> Vec<f64> {
-    let error = |m: &Model| m.residuals.fit_error();
-    models.iter().min_by(|a, b| error(a).total_cmp(&error(b))).map_or_else(Vec::new, |m| m.residuals.effective())
+    let error = |m: &Model| judge::mean_error(&m.left);
+    models.iter().min_by(|a, b| error(a).total_cmp(&error(b))).map_or_else(Vec::new, |m| judge::effective(&m.left))
 }
 
 /// A model with one effect more, in every way that is worth a fit.
 fn grow<'a>(
     looked: Looked,
     model: &Model<'a>,
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
     seen: &mut Vec<Vec<String>>,
     trials: &mut Vec<Trial>,
@@ -572,16 +592,17 @@ fn grow<'a>(
     });
     let mut models: Vec<Model<'a>> = Vec::new();
     for (i, m) in jobs.iter().zip(fits) {
-        let Some(m) = m else { continue };
+        let Some(mut m) = m else { continue };
+        m.threads = context.threads;
         let id = m.identity();
         let c = 0;
-        let (rms_fit, rms_judge) = m.residuals.rms(c);
+        let rms_fit = stats::rms(&m.left[c]);
         trials.push(Trial {
             identity: hypotheses[*i].identity(),
             beside: beside.clone(),
             promised: promises[*i].gain,
             rms_fit: Some(rms_fit),
-            rms_judge: Some(rms_judge),
+            rms_judge: None,
             score: None,
             why: String::new(),
         });
@@ -598,7 +619,7 @@ fn grow<'a>(
 }
 
 /// A model with one hypothesis more, fitted.
-pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &Data, threads: usize) -> Model<'a> {
+pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
     let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, seed);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
     fitted(problem, &start, own, effects, threads, 40)

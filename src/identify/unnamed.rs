@@ -4,6 +4,7 @@
 use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
+use super::judge::mean_error;
 use super::screen::{Base, promise};
 use super::search::{Context, Model, refit_with};
 use crate::effects::{BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
@@ -73,7 +74,7 @@ fn effect(index: usize) -> &'static Effect {
 const MOST_TERMS: usize = 3;
 
 /// The shortest formula for what is left, if one holds.
-pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option<Unnamed> {
+pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Option<Unnamed> {
     let m = &best.problem.machine;
     let mut found: Option<(Model<'a>, usize, Vec<usize>)> = None;
     for (b, body) in m.bodies.iter().enumerate() {
@@ -84,14 +85,15 @@ pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option
         let mut terms: Vec<usize> = Vec::new();
         while terms.len() < MOST_TERMS && !context.ends() {
             let Some((term, next)) = one_more(&model, b, &terms, own, context) else { break };
-            let ratio = next.residuals.judge_ratio(&model.residuals);
+            let ratio = next.residuals().judge_ratio(model.residuals());
             if ratio[2] >= 1.0 || ratio[0] > 0.97 {
                 break;
             }
             terms.push(term);
             model = next;
         }
-        let better = |old: &Model| model.residuals.judge_error() < old.residuals.judge_error();
+        let error = |m: &Model| mean_error(&m.residuals().judge);
+        let better = |old: &Model| error(&model) < error(old);
         if !terms.is_empty() && found.as_ref().is_none_or(|(old, ..)| better(old)) {
             found = Some((model, b, terms));
         }
@@ -112,7 +114,7 @@ pub fn search<'a>(best: &Model<'a>, own: &Data, context: &Context<'_>) -> Option
         body: m.bodies[b].path.clone(),
         formula: format!("r = {formula}"),
         terms: values,
-        judge_ratio: model.residuals.judge_ratio(&best.residuals),
+        judge_ratio: model.residuals().judge_ratio(best.residuals()),
         from_speed: speeds().fold(f64::MAX, f64::min),
         to_speed: speeds().fold(f64::MIN, f64::max),
     })
@@ -151,7 +153,7 @@ fn one_more<'a>(
     model: &Model<'a>,
     body: usize,
     taken: &[usize],
-    own: &Data,
+    own: &'a Data,
     context: &Context<'_>,
 ) -> Option<(usize, Model<'a>)> {
     let fit: &Fit = &model.fit;

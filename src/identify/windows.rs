@@ -84,7 +84,10 @@ pub fn joined(
         for (l, x) in longer.locals.iter().zip(own) {
             match (short.locals.iter().position(|other| other == l), l) {
                 (Some(at), _) => *x = found.locals[first][at],
-                (None, Local::Angle { body, scale }) => *x = short.data.segments[first].start.q[*body] / scale,
+                (None, Local::Angle { body, scale }) => {
+                    let q = &short.data.segments[first].start.q;
+                    *x = q.get(*body).map_or(*x, |q| q / scale);
+                }
                 (None, _) => {}
             }
         }

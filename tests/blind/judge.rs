@@ -3,7 +3,7 @@
 use super::blind::{Case, Class, case};
 use pitchline::identify::fit::parallel;
 use pitchline::identify::identify;
-use pitchline::identify::report::{Report, Verdict};
+use pitchline::identify::report::{ChannelError, Report, Verdict};
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
@@ -122,8 +122,28 @@ fn outcome(class: Class, number: u64) -> Outcome {
         .iter()
         .map(|t| format!("{} x{:.1}, after a fit x{:.2}, {:.0} sigma", t.path, t.over_floor, t.after_fit, t.sigmas))
         .collect();
+    // Of the squared error above the floor on what judges, what stays.
+    let above = |all: &[ChannelError]| -> f64 {
+        let whole = all.iter().filter(|e| e.record.is_none()).zip(&r.noise_floor);
+        whole.map(|(e, f)| ((e.held_out.unwrap_or(0.0) / f.noise_floor).powi(2) - 1.0).max(0.0)).sum()
+    };
+    let left = above(&r.error_after) / above(&r.error_before).max(1e-9);
+    let sizes: Vec<String> = r
+        .effects
+        .iter()
+        .map(|e| {
+            let all = e.sizes.iter().map(|s| format!("{:.2}+-{:.2}", s.relative, s.standard_error));
+            all.collect::<Vec<_>>().join(" ")
+        })
+        .collect();
+    // Of the squared error above the floor on what judges, what stays.
+    let above = |all: &[ChannelError]| -> f64 {
+        let whole = all.iter().filter(|e| e.record.is_none()).zip(&r.noise_floor);
+        whole.map(|(e, f)| ((e.held_out.unwrap_or(0.0) / f.noise_floor).powi(2) - 1.0).max(0.0)).sum()
+    };
+    let left = above(&r.error_after) / above(&r.error_before).max(1e-9);
     o.line = format!(
-        "{} {:?}: truth [{}] rivals {:?} found {:?} explained {} floor {:.2} runs {}",
+        "{} {:?}: truth [{}] rivals {:?} found {:?} left {left:.3} sizes {sizes:?} explained {} floor {:.2} runs {}",
         c.name,
         r.outcome,
         truths.join("; "),
