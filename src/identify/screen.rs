@@ -163,8 +163,10 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     let seed = Seed { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
     let none = Promise { gain: 0.0, seed, columns: Vec::new(), idle: false };
     if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
-        let idle = moved(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
-        return Promise { idle: idle && idle_when_turned(problem, base, &fit.point, h), ..none };
+        return by_trial(problem, base, &fit.point, h).unwrap_or_else(|| {
+            let idle = moved(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
+            Promise { idle: idle && idle_when_turned(problem, base, &fit.point, h), ..none }
+        });
     }
     if problem.plant.is_some() && !crate::drive::sensors::is_signal(h.effect) {
         return promise_of_links(problem, base, fit, h).unwrap_or(none);
@@ -233,6 +235,33 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
         }
     }
     Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
+}
+
+/// Multiples of a form's starting value that are tried.
+const TRIED: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+
+/// What a hypothesis promises that is not linear where it is small (a limit, a preload, a resonance): the best of some values of
+/// its first form, by the direction in which it moves what is left. None where it has no form, or changes nothing.
+fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Option<Promise> {
+    let form = h.rows.iter().position(|r| matches!(r.kind, Kind::Amplitude | Kind::Shape))?;
+    let row = h.rows[form];
+    let mut best: Option<Promise> = None;
+    for factor in TRIED {
+        let mut values = h.values.clone();
+        values[form] = (factor * h.values[form]).clamp(row.low * row.unit, row.high * row.unit);
+        let change = moved(problem, base, point, h, &values);
+        if change.iter().any(|x| !x.is_finite()) || change.iter().all(|x| *x == 0.0) {
+            continue;
+        }
+        let column = base.projected(&change);
+        let (along, _) = dot_and_size(&base.residual, &column);
+        let gain = if along < 0.0 { base.gain(std::slice::from_ref(&column)) } else { 0.0 };
+        if best.as_ref().is_none_or(|b| gain > b.gain) {
+            let seed = Seed { values, phases: vec![0.0; problem.data.records.len()], travels: Vec::new() };
+            best = Some(Promise { gain, seed, columns: vec![column], idle: false });
+        }
+    }
+    best
 }
 
 /// Whether an effect on a sensor changes nothing either when all parts start the other way round.

@@ -129,6 +129,10 @@ pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises:
     let mut found: Vec<Detectable> = Vec::new();
     for (h, p) in hypotheses.iter().zip(promises) {
         let (Some(first), Some(column)) = (h.amplitudes().first().copied(), p.columns.first()) else { continue };
+        // One that is not linear where it is small has no slope.
+        if h.rows[first].off != 0.0 {
+            continue;
+        }
         let size = libm::sqrt(column.iter().map(|x| x * x).sum::<f64>());
         let keys = m.keys(h.effect, h.target);
         if size > 0.0 && found.iter().all(|f| f.effect != h.identity()) {

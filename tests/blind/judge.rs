@@ -122,12 +122,6 @@ fn outcome(class: Class, number: u64) -> Outcome {
         .iter()
         .map(|t| format!("{} x{:.1}, after a fit x{:.2}, {:.0} sigma", t.path, t.over_floor, t.after_fit, t.sigmas))
         .collect();
-    // Of the squared error above the floor on what judges, what stays.
-    let above = |all: &[ChannelError]| -> f64 {
-        let whole = all.iter().filter(|e| e.record.is_none()).zip(&r.noise_floor);
-        whole.map(|(e, f)| ((e.held_out.unwrap_or(0.0) / f.noise_floor).powi(2) - 1.0).max(0.0)).sum()
-    };
-    let left = above(&r.error_after) / above(&r.error_before).max(1e-9);
     let sizes: Vec<String> = r
         .effects
         .iter()
