@@ -13,7 +13,9 @@ use super::problem::Problem;
 use super::screen::{Base, Seed, promise};
 use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
 use super::stats::{self, Random};
+use super::steady;
 use super::structure::{Alike, Detectable};
+use super::unnamed;
 use crate::drive::sensors::is_signal;
 use crate::effects::Kind;
 use crate::measurement::segments::Data;
@@ -173,6 +175,7 @@ pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) 
     context.say("holding what was found against what it has not seen");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
     let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
+    (best, grounds) = of_known_form(&declared, (best, grounds), &effective, own, context, &mut trials);
     if let Some(why) = only_a_lead(&declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
@@ -183,6 +186,58 @@ pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) 
     let rivals = rivals(&declared, &best, &all, &effective, own, context, &mut trials);
     told(&best, &all, &effective, &mut trials);
     Found { declared, best, rivals, trials, reasons, grounds, detectable, alike, cut_short }
+}
+
+/// Takes away loads in whose place a form without a name leaves clearly less: what they stand for has another law.
+fn of_known_form<'a>(
+    declared: &Model<'a>,
+    (best, grounds): (Model<'a>, Vec<Ground>),
+    effective: &[f64],
+    own: &'a Data,
+    context: &Context<'_>,
+    trials: &mut [Trial],
+) -> (Model<'a>, Vec<Ground>) {
+    for which in 0..best.effects.len() {
+        if context.ends() {
+            break;
+        }
+        let form = better_form(declared, &best, which, effective, own, context);
+        if let Some(form) = form {
+            let id = best.effects[which].identity();
+            for t in trials.iter_mut().filter(|t| t.identity == id && t.rms_fit.is_some()) {
+                t.why = format!("not its law: a force of the form {form} in its place leaves clearly less");
+            }
+            let less = without_effect(declared, &best, which, own, context.threads);
+            let left = pruned(declared, less, effective, own, context, trials);
+            return of_known_form(declared, left, effective, own, context, trials);
+        }
+    }
+    (best, grounds)
+}
+
+/// The form that leaves clearly less than a set's load when it stands in its place.
+fn better_form<'a>(
+    declared: &Model<'a>,
+    best: &Model<'a>,
+    which: usize,
+    effective: &[f64],
+    own: &'a Data,
+    context: &Context<'_>,
+) -> Option<&'static str> {
+    let records = declared.problem.data.records.len();
+    let kept: Vec<usize> = (0..best.effects.len()).filter(|i| *i != which).collect();
+    let forms = unnamed::in_place_of(best, which);
+    let own_score = score(best, effective, records);
+    let models = parallel(forms.len(), context.threads, |i| {
+        let seed = Seed { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+        rebuilt(declared, best, &kept, Some((&forms[i], &seed)), own, 1)
+    });
+    let clear = models.iter().zip(&forms).filter(|(m, _)| {
+        let is_better = score(m, effective, records) < own_score - CLEAR;
+        is_better && m.residuals().judge_ratio(best.residuals())[2] < 1.0
+    });
+    let best_form = clear.min_by(|a, b| score(a.0, effective, records).total_cmp(&score(b.0, effective, records)));
+    best_form.map(|(_, form)| form.effect.equation)
 }
 
 /// Why what stands is no finding: most of the error stays, so that something else is behind it, of which the set may be a
@@ -210,21 +265,32 @@ fn first_that_holds<'a>(
     context: &Context<'_>,
     trials: &mut [Trial],
 ) -> (Model<'a>, Vec<Ground>) {
-    let mut refused: Vec<Vec<String>> = Vec::new();
-    let mut first: Option<(Model<'a>, Vec<Ground>)> = None;
-    loop {
-        let set = smallest_that_stands(declared, all, effective, &refused, own, context.threads);
-        let identity = set.identity();
-        let left = pruned(declared, set, effective, own, context, trials);
-        if left.0.identity() == identity {
-            return left;
-        }
-        refused.push(identity);
-        let first = first.get_or_insert(left);
-        if refused.len() == CLOSE_LOOKS || context.ends() {
-            return first.clone();
-        }
+    let set = |refused: &[Vec<String>]| smallest_that_stands(declared, all, effective, refused, own, context.threads);
+    let first = set(&[]);
+    let mut refused = vec![first.identity()];
+    let left = pruned(declared, first, effective, own, context, trials);
+    if left.0.identity() == refused[0] {
+        return left;
     }
+    while refused.len() < CLOSE_LOOKS && !context.ends() {
+        let next = set(&refused);
+        if next.effects.len() <= left.0.effects.len() {
+            break;
+        }
+        let mut grounds = Vec::new();
+        let holds = (0..next.effects.len()).all(|which| {
+            let less = without_effect(declared, &next, which, own, context.threads);
+            let ground = ground(&next, &less, which, effective, own, context.threads);
+            let doubt = doubt(&next, which, &ground);
+            grounds.push(ground);
+            doubt.is_none()
+        });
+        if holds {
+            return (next, grounds);
+        }
+        refused.push(next.identity());
+    }
+    left
 }
 
 /// Takes away what does not stand, one at a time, the weakest first; the grounds of what stays.
@@ -289,6 +355,10 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
     } else if sure < 3.0 {
         Some(format!("its size is {sure:.1} standard errors from nothing"))
+    } else if let sizes = steady::sizes(best, which)
+        && steady::differ(&sizes)
+    {
+        Some(format!("it has no one size: {} (halves of records)", steady::told(&sizes)))
     } else {
         at_bound(best, which)
     }

@@ -187,6 +187,11 @@ impl Sizes {
         self.force.get(body).copied().filter(|f| *f > 0.0).unwrap_or(1e-3)
     }
 
+    /// Root mean square speed of a body [rad/s, m/s].
+    pub fn speed(&self, body: usize) -> f64 {
+        self.speed.get(body).copied().filter(|v| *v > 0.0).unwrap_or(1e-3)
+    }
+
     /// Size of a parameter for its target, SI.
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {

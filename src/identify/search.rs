@@ -155,8 +155,8 @@ pub struct Searched<'a> {
     pub cut_short: bool,
 }
 
-/// Sets that a round goes on with.
-const BEAM: usize = 6;
+/// Sets that are gone on with after each round: the more effects stand, the less is open.
+const BEAM: [usize; 3] = [6, 3, 2];
 /// A set whose score is worse than the best by more is not gone on with.
 const HOPE: f64 = 60.0;
 /// Hypotheses that are fitted in a round for each set.
@@ -310,7 +310,7 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &'a Data
     let mut all: Vec<Model<'a>> = vec![declared.clone()];
     let mut cut_short = false;
     let linked = declared.problem.plant.is_some();
-    let (beam_width, most_effects) = if linked { (LINKED_BEAM, LINKED_EFFECTS) } else { (BEAM, MOST_EFFECTS) };
+    let most_effects = if linked { LINKED_EFFECTS } else { MOST_EFFECTS };
     for round in 1..=most_effects {
         let mut next: Vec<Model<'a>> = Vec::new();
         for model in &beam {
@@ -363,7 +363,7 @@ pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &'a Data
             kept.push(id);
             new
         });
-        next.truncate(beam_width);
+        next.truncate(if linked { LINKED_BEAM } else { BEAM[(round - 1).min(BEAM.len() - 1)] });
         let lead = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
         next.retain(|m| score(m, &effective, records) <= lead + HOPE);
         let before = beam.iter().map(|m| score(m, &effective, records)).fold(f64::MAX, f64::min);
@@ -422,9 +422,10 @@ fn from_stretches<'a>(
     let levels: Option<Vec<_>> = TOGETHER.iter().map(|together| windows::split(whole, *together)).collect();
     let Some(levels) = levels else { return Vec::new() };
     let weights: Vec<f64> = whole.data.channels.iter().map(|c| c.noise.max(1e-12)).collect();
+    let runs = AtomicU64::new(0);
     let shorter: Vec<Problem> = levels
         .iter()
-        .map(|(data, _)| Problem { weights: weights.clone(), ..windows::problem(whole, data) })
+        .map(|(data, _)| Problem { weights: weights.clone(), runs: &runs, ..windows::problem(whole, data) })
         .collect();
     let options = Options { iterations: 30, threads: context.threads };
     let found = fit(&shorter[0], &shorter[0].start(), options);
@@ -448,6 +449,9 @@ fn from_stretches<'a>(
     });
     fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
     fits.truncate(SHORT_KEPT);
+    // So many of the shortest are as long as a part.
+    let per_part = (levels[0].0.segments.len() / whole.data.segments.len().max(1)).max(1) as u64;
+    context.runs.fetch_add(runs.load(Ordering::Relaxed) / per_part, Ordering::Relaxed);
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
     parallel(fits.len(), context.threads, |at| {
         let (i, problem, found) = &fits[at];

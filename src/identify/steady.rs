@@ -17,6 +17,40 @@ pub struct Size {
     pub standard_error: f64,
 }
 
+/// Sizes that spread by less than this are one size: a law that is a little off has as much.
+const SPREAD: f64 = 0.3;
+/// Standard normal deviate of 99 %.
+const SURE: f64 = 2.326;
+
+/// Whether sizes differ by more than their standard errors and by more than a law that is a little off: chi-squared of their
+/// spread beyond its 99 % point (Wilson and Hilferty 1931), and a standard deviation of 30 %.
+pub fn differ(sizes: &[Size]) -> bool {
+    let free = sizes.len() as f64 - 1.0;
+    if free < 1.0 || sizes.iter().any(|s| !s.relative.is_finite() || s.standard_error.is_nan()) {
+        return false;
+    }
+    let weight = |s: &Size| 1.0 / (s.standard_error * s.standard_error).max(1e-12);
+    let mean = sizes.iter().map(|s| weight(s) * s.relative).sum::<f64>() / sizes.iter().map(weight).sum::<f64>();
+    let chi2: f64 = sizes.iter().map(|s| weight(s) * (s.relative - mean) * (s.relative - mean)).sum();
+    let middle = sizes.iter().map(|s| s.relative).sum::<f64>() / sizes.len() as f64;
+    let spread = sizes.iter().map(|s| (s.relative - middle) * (s.relative - middle)).sum::<f64>() / free;
+    let narrow = 2.0 / (9.0 * free);
+    let point = free * (1.0 - narrow + SURE * libm::sqrt(narrow)).powi(3);
+    chi2 > point && spread > SPREAD * SPREAD
+}
+
+/// `0.98 1.02 in first, 1.00 0.99 in second`.
+pub fn told(sizes: &[Size]) -> String {
+    let mut text = String::new();
+    for (i, s) in sizes.iter().enumerate() {
+        text += &format!("{:.2}", s.relative);
+        let last = sizes.get(i + 1).is_none_or(|next| next.record != s.record);
+        text += &if last { format!(" in {}", s.record) } else { " ".into() };
+        text += if last && i + 1 < sizes.len() { ", " } else { "" };
+    }
+    text
+}
+
 /// Sizes of an effect in the halves of the records that fit, all other numbers free with them, by the model's slopes where it was
 /// fitted; empty where it has no size, or one that is looked for by its logarithm.
 pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
@@ -84,4 +118,28 @@ pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
         standard_error: libm::sqrt((inverse[(n - 1 + g, n - 1 + g)] * inflation).max(0.0)) / whole.abs(),
     };
     groups.iter().enumerate().map(size).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(all: &[(f64, f64)]) -> Vec<Size> {
+        let size = |(i, s): (usize, &(f64, f64))| Size {
+            record: if i < 2 { "first".into() } else { "second".into() },
+            half: 1 + i as u32 % 2,
+            relative: s.0,
+            standard_error: s.1,
+        };
+        all.iter().enumerate().map(size).collect()
+    }
+
+    #[test]
+    fn sizes_differ_beyond_their_errors_and_beyond_a_law_that_is_a_little_off() {
+        assert!(differ(&of(&[(0.51, 0.14), (1.14, 0.04), (0.63, 0.10), (1.06, 0.03)])));
+        assert!(!differ(&of(&[(0.91, 0.001), (1.10, 0.001), (0.95, 0.001), (1.05, 0.001)])), "small, however sure");
+        assert!(!differ(&of(&[(0.5, 0.4), (1.5, 0.4), (0.6, 0.4), (1.4, 0.4)])), "large, but not sure");
+        assert!(!differ(&of(&[(1.0, 0.1)])));
+        assert_eq!(told(&of(&[(1.0, 0.1), (0.9, 0.1), (1.1, 0.1)])), "1.00 0.90 in first, 1.10 in second");
+    }
 }

@@ -158,6 +158,9 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
             100.0 * e.gain,
             100.0 * e.sham_gain
         )?;
+        if !e.sizes.is_empty() {
+            writeln!(t, "    its size in halves of records, over that in all: {}", super::steady::told(&e.sizes))?;
+        }
         if !e.judged_by_leaving_out.is_empty() {
             let records = e.judged_by_leaving_out.join(", ");
             writeln!(t, "    what judges does not show it: held against {records}, each left out of the fit in turn")?;

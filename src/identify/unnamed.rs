@@ -1,13 +1,14 @@
 //! What is left without a name: the residual force at the body where it is simplest, as a curve and as the shortest formula
 //! that holds on records it has not seen. It never gets a physical name.
 
+use super::accept::placed_path;
 use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
 use super::judge::mean_error;
 use super::screen::{Base, promise};
 use super::search::{Context, Model, refit_with};
-use crate::effects::{BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use crate::effects::{BodyAt, BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::machine::{Motion, Target};
 use crate::measurement::segments::Data;
 use serde::Serialize;
@@ -119,6 +120,38 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
         to_speed: speeds().fold(f64::MIN, f64::max),
     })
 }
+
+/// Forms in a body's speed that could stand in the place of an effect's load, each as large as it at the body's usual speed; none
+/// where the effect is no load by speed.
+pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
+    let h = &model.effects[which];
+    let (Target::Body(body), Physics::BodyForce(law)) = (h.target, h.effect.physics) else { return Vec::new() };
+    if model.problem.plant.is_some() || h.phase().is_some() {
+        return Vec::new();
+    }
+    let path = placed_path(model, which);
+    let m = &model.problem.machine;
+    let Some(placed) = m.placed.iter().find(|p| p.path == path) else { return Vec::new() };
+    let number = |slot: &usize| {
+        let free = model.problem.globals.iter().zip(&model.fit.point.globals).find(|(g, _)| g.slot == *slot);
+        free.map_or(m.values[*slot], |(g, x)| g.law.value(*x))
+    };
+    let numbers: Vec<f64> = placed.slots.iter().map(number).collect();
+    let sizes = super::candidates::Sizes::of(&model.problem, &model.fit.point);
+    let at = BodyAt { q: 0.0, v: sizes.speed(body) };
+    let force = law(&numbers, at);
+    let by_speed = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0));
+    by_speed
+        .map(|t| {
+            let size = force / LIBRARY[t].1(&[1.0], at);
+            Hypothesis { values: vec![size], ..hypothesis(model, body, t, sizes.force(body)) }
+        })
+        .filter(|h| h.values[0].is_finite() && h.values[0] != 0.0)
+        .collect()
+}
+
+/// Forms of the library that go by speed alone.
+const IN_SPEED: [&str; 4] = ["v", "v |v|", "v^3", "sign(v)"];
 
 /// How much of what a model leaves a small force of every form on every free body would take.
 pub fn forces(model: &Model, threads: usize) -> Vec<StateLine> {
