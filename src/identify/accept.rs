@@ -582,7 +582,7 @@ fn rebuilt<'a>(
                 Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
             }
         }
-        let locals = at_local..at_local + h.own_locals();
+        let locals = at_local..at_local + h.own_locals;
         at_local = locals.end;
         if kept.contains(&i) {
             let seed = Seed { values, phases, travels: Vec::new() };

@@ -24,6 +24,9 @@ pub struct Hypothesis {
     pub scales: Vec<f64>,
     /// On a drive with links.
     pub on_links: bool,
+    /// Numbers of its own that every part has: what it remembers at the start, how a body that it adds starts. Between pulses,
+    /// where parts are many and short, such a body starts with the one it hangs on.
+    pub own_locals: usize,
 }
 
 impl Hypothesis {
@@ -53,14 +56,8 @@ impl Hypothesis {
         self.rows.iter().position(|r| r.kind == Kind::Phase)
     }
 
-    /// Numbers of its own that every part has: what it remembers at the start, how a body that it adds starts.
-    pub fn own_locals(&self) -> usize {
-        let added = if matches!(self.effect.physics, Physics::SecondBody { .. }) { 2 } else { 0 };
-        added + self.rows.iter().filter(|r| r.kind == Kind::Start).count()
-    }
-
-    /// Numbers that a fit of it has more, for so many records.
-    pub fn freedom(&self, records: usize) -> usize {
+    /// Numbers that a fit of it has more, for so many records and parts of them.
+    pub fn freedom(&self, records: usize, parts: usize) -> usize {
         // On links: where every record finds it.
         let places = if self.on_links && has_place(self.effect) { records } else { 0 };
         let numbers: usize = self
@@ -72,7 +69,7 @@ impl Hypothesis {
                 Kind::Whole | Kind::Index | Kind::Start | Kind::Given => 0,
             })
             .sum();
-        numbers + places + records * self.own_locals()
+        numbers + places + parts * self.own_locals
     }
 }
 
@@ -144,7 +141,8 @@ impl Sizes {
                     length_s = length_s.max(total);
                     let (Some(first), Some(last)) = (known.first(), known.last()) else { continue };
                     for b in 0..n {
-                        let v = s.start.v[b];
+                        // A body that an effect adds starts with the one it hangs on, and tells no more.
+                        let Some(v) = s.start.v.get(b).copied() else { continue };
                         speed[b] = speed[b].max(v);
                         let slope = v * (1.0 - libm::exp(first - last)).abs() / total;
                         force[b] = force[b].max(inertia(b) * slope);
@@ -347,6 +345,10 @@ pub fn all(
                 leave("one mark only");
                 continue;
             }
+            let pulses = data.channels.iter().any(|c| c.relative);
+            let adds = matches!(effect.physics, Physics::SecondBody { .. }) && !pulses;
+            let remembered = effect.parameters.iter().filter(|p| p.kind == Kind::Start).count();
+            let own_locals = remembered + if adds { 2 } else { 0 };
             let rows: Vec<&'static Parameter> = m.keys(effect, target).into_iter().map(|(_, p)| p).collect();
             let scales: Vec<f64> = rows.iter().map(|p| sizes.scale(m, target, p.scale)).collect();
             let mut forms: Vec<Vec<f64>> = vec![Vec::new()];
@@ -378,6 +380,7 @@ pub fn all(
                     rows: rows.clone(),
                     scales,
                     on_links: m.linked.is_some(),
+                    own_locals,
                 };
                 let there = m.placed.iter().any(|p| {
                     p.path == path
@@ -446,7 +449,9 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
             point.globals.push(law.seen(values[i]));
         }
     }
-    if let (Physics::SecondBody { .. }, Target::Body(near)) = (h.effect.physics, h.target) {
+    if let (Physics::SecondBody { .. }, Target::Body(near)) = (h.effect.physics, h.target)
+        && h.own_locals > 0
+    {
         let body = next.machine.bodies.len() - 1;
         let of_near = |l: &Local| match l {
             Local::Speed { body, scale } if *body == near => Some(*scale),

@@ -89,7 +89,8 @@ impl<'a> Model<'a> {
     }
 
     pub fn freedom(&self, records: usize) -> usize {
-        self.effects.iter().map(|h| h.freedom(records)).sum()
+        let parts = self.problem.data.segments.iter().filter(|s| s.judge_from > 0).count();
+        self.effects.iter().map(|h| h.freedom(records, parts)).sum()
     }
 
     /// Of every channel that part of what is left on what fits that is not white noise (root mean square).

@@ -178,6 +178,7 @@ fn hypothesis(model: &Model, body: usize, term: usize, scale: f64) -> Hypothesis
         rows: vec![&effect(term).parameters[0]],
         scales: vec![scale],
         on_links: false,
+        own_locals: 0,
     }
 }
 
