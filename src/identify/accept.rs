@@ -5,14 +5,15 @@
 //! size is three standard errors from nothing. A set that leaves most of what is above the noise is a lead, no finding. A rival
 //! is what takes its place as well.
 
-use super::candidates::{self, Hypothesis};
+use super::candidates::Hypothesis;
 use super::crossed::{Pair, pair};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::problem::Problem;
 use super::screen::{Base, Seed, promise};
-use super::search::{Context, MOST_EFFECTS, Model, Searched, Trial, WORTH, fitted, score};
-use super::stats::{self, Random};
+use super::model::{Model, globals_of, rebuilt, score, standard_error, without_effect};
+use super::search::{Context, MOST_EFFECTS, Searched, Trial, WORTH};
+use super::stats::Random;
 use super::steady;
 use super::structure::{Alike, Detectable};
 use super::unnamed;
@@ -417,36 +418,6 @@ fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64)
     (gain, crate::measurement::facts::median(&mut gains))
 }
 
-/// Indices of an effect's globals.
-pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
-    let path = format!("{}.", placed_path(model, which));
-    (0..model.problem.globals.len())
-        .filter(|g| model.problem.machine.slots[model.problem.globals[*g].slot].path.starts_with(&path))
-        .collect()
-}
-
-/// Path under which an effect stands in the machine.
-pub fn placed_path(model: &Model, which: usize) -> String {
-    let h = &model.effects[which];
-    let base = h.path();
-    let same = model.effects[..which].iter().filter(|o| o.path() == base).count();
-    format!("{base}{}", "+".repeat(same))
-}
-
-/// Variance of the residuals as they are weighted, and by how much correlation makes standard errors larger.
-pub fn inflation(model: &Model) -> f64 {
-    let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
-    let n: usize = parts.iter().map(Vec::len).sum();
-    let free = model.problem.globals.len() + model.problem.locals.len() * parts.len();
-    let variance = parts.iter().flatten().map(|r| r * r).sum::<f64>() / n.saturating_sub(free).max(1) as f64;
-    variance * n as f64 / stats::effective(&parts)
-}
-
-/// Standard error of a global as the fit sees it.
-pub fn standard_error(model: &Model, global: usize) -> f64 {
-    libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
-}
-
 /// How many standard errors an effect's amplitude is from nothing, the largest of them; what has none is as sure as can be.
 fn sigmas(model: &Model, which: usize) -> f64 {
     let amplitude = |g: &usize| {
@@ -536,68 +507,3 @@ fn rivals<'a>(
     rivals
 }
 
-/// A model without one of its effects, fitted again from the others' numbers.
-fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &'a Data, threads: usize) -> Model<'a> {
-    let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
-    rebuilt(declared, model, &rest, None, own, threads)
-}
-
-/// A model with some of another's effects, and perhaps one more, fitted from their numbers.
-fn rebuilt<'a>(
-    declared: &Model<'a>,
-    model: &Model<'a>,
-    kept: &[usize],
-    more: Option<(&Hypothesis, &Seed)>,
-    own: &'a Data,
-    threads: usize,
-) -> Model<'a> {
-    let n_declared = declared.problem.globals.len();
-    let mut problem = declared.problem.clone();
-    problem.weights.clone_from(&model.problem.weights);
-    let mut point = declared.fit.point.clone();
-    point.globals.clone_from_slice(&model.fit.point.globals[..n_declared]);
-    // Locals of the declared model come first, then those of every effect.
-    let mut at_local = problem.locals.len();
-    for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
-        own.clone_from_slice(&from[..at_local]);
-    }
-    let records = problem.data.records.len();
-    let mut effects = Vec::new();
-    let mut at = n_declared;
-    for (i, h) in model.effects.iter().enumerate() {
-        let mut values = h.values.clone();
-        let mut phases = vec![0.0; records];
-        for (k, row) in h.rows.iter().enumerate() {
-            match row.kind {
-                Kind::Amplitude | Kind::Shape | Kind::PerMark => {
-                    values[k] = model.problem.globals[at].law.value(model.fit.point.globals[at]);
-                    at += 1;
-                }
-                Kind::Phase => {
-                    for phase in &mut phases {
-                        *phase = model.problem.globals[at].law.value(model.fit.point.globals[at]);
-                        at += 1;
-                    }
-                }
-                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
-            }
-        }
-        let locals = at_local..at_local + h.own_locals;
-        at_local = locals.end;
-        if kept.contains(&i) {
-            let seed = Seed { values, phases, travels: Vec::new() };
-            (problem, point) = candidates::with(&problem, &point, h, &seed);
-            for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
-                let first = own.len() - locals.len();
-                own[first..].clone_from_slice(&from[locals.clone()]);
-            }
-            effects.push(Hypothesis { values: seed.values, ..h.clone() });
-        }
-    }
-    if let Some((h, seed)) = more {
-        (problem, point) = candidates::with(&problem, &point, h, seed);
-        effects.push(h.clone());
-    }
-    problem.turn_starts(&mut point, threads);
-    fitted(problem, &point, own, effects, threads, 40)
-}

@@ -4,7 +4,7 @@
 use super::fit::{Options, fit};
 use super::judge::{self, Residuals, fit_judging};
 use super::problem::{Point, Problem};
-use super::search::Model;
+use super::model::Model;
 use crate::measurement::segments::Data;
 
 /// Residuals with an effect and without it on what judges the two.
@@ -57,7 +57,7 @@ pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, thread
 
 /// The model without an effect, all numbers held; None where no value of its own takes it away.
 fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
-    let path = super::accept::placed_path(model, effect);
+    let path = super::model::placed_path(model, effect);
     let (mut problem, mut point) = (model.problem.clone(), model.fit.point.clone());
     let placed = problem.machine.placed.iter().find(|p| p.path == path)?;
     let keys = problem.machine.keys(placed.effect, placed.target);

@@ -4,7 +4,7 @@
 
 use super::fit::{Fit, parallel};
 use super::problem::Problem;
-use super::search::Model;
+use super::model::Model;
 use super::stats;
 use super::unnamed;
 use crate::machine::simulate::Samples;

@@ -9,6 +9,7 @@ pub mod crossed;
 pub mod diagnosis;
 pub mod fit;
 pub mod judge;
+pub mod model;
 pub mod plant;
 pub mod problem;
 pub mod report;

@@ -6,20 +6,19 @@
 
 use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, Options, fit, parallel};
-use super::judge::{self, Residuals};
+use super::judge;
+use super::model::{Model, fitted, score};
 use super::plant::Plant;
 use super::problem::{Global, Law, Point, Problem};
-use super::screen::{Base, Promise, Seed, promise};
+use super::screen::{Base, Promise, promise};
 use super::stats::{self, Random};
 use super::structure::{self, Alike, Detectable};
 use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
-use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use crate::measurement::{Measurement, Scope};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -55,73 +54,6 @@ impl Context<'_> {
 
     pub fn say(&self, stage: &str) {
         (self.progress)(stage, self.runs.load(Ordering::Relaxed));
-    }
-}
-
-/// A set of effects, fitted.
-#[derive(Clone, Debug)]
-pub struct Model<'a> {
-    pub problem: Problem<'a>,
-    pub fit: Fit,
-    pub effects: Vec<Hypothesis>,
-    /// What it leaves of what it was fitted to, channel by channel and part by part.
-    pub left: Vec<Vec<Vec<f64>>>,
-    own: &'a Data,
-    threads: usize,
-    judged: OnceLock<Residuals>,
-}
-
-impl<'a> Model<'a> {
-    /// `own` are the parts that only judge.
-    pub fn new(problem: Problem<'a>, fit: Fit, effects: Vec<Hypothesis>, own: &'a Data, threads: usize) -> Model<'a> {
-        let left = judge::fitting(&problem, &fit);
-        Model { problem, fit, effects, left, own, threads, judged: OnceLock::new() }
-    }
-
-    /// Residuals of everything: those that judge are found when they are asked for first.
-    pub fn residuals(&self) -> &Residuals {
-        self.judged.get_or_init(|| judge::residuals(&self.problem, &self.fit, self.own, self.threads))
-    }
-
-    /// Error of the first channel on what judges, where it was asked for.
-    pub fn known_judge_error(&self) -> Option<f64> {
-        self.judged.get().map(|r| r.rms(0).1)
-    }
-
-    pub fn freedom(&self, records: usize) -> usize {
-        let parts = self.problem.data.segments.iter().filter(|s| s.judge_from > 0).count();
-        self.effects.iter().map(|h| h.freedom(records, parts)).sum()
-    }
-
-    /// Of every channel that part of what is left on what fits that is not white noise (root mean square).
-    pub fn coloured(&self) -> Vec<f64> {
-        let of = |parts: &Vec<Vec<f64>>| {
-            let mut noises: Vec<f64> = parts.iter().map(|p| facts::noise(p)).collect();
-            let (rough, rms) = (facts::median(&mut noises), stats::rms(parts));
-            libm::sqrt((rms * rms - rough * rough).max(0.0))
-        };
-        self.left.iter().map(of).collect()
-    }
-
-    /// A drive with links of which one effect is known, and no more is left than what it does not repeat itself.
-    pub fn is_exhausted(&self) -> bool {
-        if self.problem.plant.is_none() || self.effects.is_empty() {
-            return false;
-        }
-        let unrepeated = self.problem.unrepeated(&self.fit.point);
-        self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
-    }
-
-    /// What is left on what fits is little more than noise.
-    fn is_near_the_floor(&self) -> bool {
-        let channels = self.problem.data.channels.iter().enumerate();
-        channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
-    }
-
-    pub fn identity(&self) -> Vec<String> {
-        let mut id: Vec<String> = self.effects.iter().map(Hypothesis::identity).collect();
-        id.sort();
-        id
     }
 }
 
@@ -166,8 +98,6 @@ const FITTED: usize = 6;
 const LINKED_BEAM: usize = 2;
 const LINKED_FITTED: usize = 4;
 const LINKED_EFFECTS: usize = 2;
-/// How often a fit of a drive with links starts again from records that were moved a little.
-const REALIGNED: usize = 3;
 /// Most effects.
 pub const MOST_EFFECTS: usize = 4;
 /// An effect whose score is worth less is not looked at further: positive evidence after Kass and Raftery 1995, no more. What
@@ -231,34 +161,6 @@ fn scale_of_zero(low: f64, high: f64) -> f64 {
     if width < 1e3 { (0.01 * width).max(1e-9) } else { 1.0 }
 }
 
-/// Fits, weighs channels by what is left of them, and fits again.
-pub fn fitted<'a>(
-    mut problem: Problem<'a>,
-    start: &Point,
-    own: &'a Data,
-    effects: Vec<Hypothesis>,
-    threads: usize,
-    iterations: usize,
-) -> Model<'a> {
-    let options = Options { iterations, threads };
-    let mut found = fit(&problem, start, options);
-    for _ in 0..REALIGNED {
-        let mut point = found.point.clone();
-        if problem.plant.is_none() || !problem.realign(&mut point, threads) {
-            break;
-        }
-        found = fit(&problem, &point, options);
-    }
-    if problem.channels.len() > 1 {
-        let left = judge::fitting(&problem, &found);
-        for (c, w) in problem.weights.iter_mut().enumerate() {
-            *w = stats::rms(&left[c]).max(problem.data.channels[c].noise).max(1e-12);
-        }
-        found = fit(&problem, &found.point, options);
-    }
-    Model::new(problem, found, effects, own, threads)
-}
-
 /// The baseline: from the drive's own numbers, and from some around them, so that no far minimum is missed.
 pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> Model<'a> {
     let mut start = problem.start();
@@ -282,12 +184,6 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
         }
     }
     best
-}
-
-/// Score of a model: deviance on what fits and what each number costs. Smaller is better.
-pub fn score(model: &Model, effective: &[f64], records: usize) -> f64 {
-    let n: f64 = effective.iter().sum();
-    judge::deviance(&model.left, effective) + model.freedom(records) as f64 * libm::log(n.max(2.0))
 }
 
 /// The whole search.
@@ -404,8 +300,6 @@ fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> 
     Some(Model::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
-/// So many times the noise is near it.
-const NEAR: f64 = 1.5;
 /// Short stretches in one: from the shortest by the longer ones to whole records.
 const TOGETHER: [usize; 2] = [1, 4];
 /// Hypotheses that are fitted to short stretches, and those of them that are then fitted to the whole records.
@@ -623,9 +517,3 @@ fn grow<'a>(
     models
 }
 
-/// A model with one hypothesis more, fitted.
-pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
-    let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, seed);
-    let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-    fitted(problem, &start, own, effects, threads, 40)
-}

@@ -1,8 +1,7 @@
 //! Whether an effect has the same size wherever it is looked at (Green et al.: let a constant number differ from window to
 //! window). A cause of its own has one size; what stands in for something else takes the size that each record wants of it.
 
-use super::accept::{globals_of, inflation};
-use super::search::Model;
+use super::model::{Model, globals_of, inflation};
 use crate::effects::Kind;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;

@@ -1,0 +1,222 @@
+//! A set of effects in a drive, fitted: what a search compares, with what it leaves of what fits and of what judges.
+
+use super::candidates::{self, Hypothesis};
+use super::fit::{Fit, Options, fit};
+use super::judge::{self, Residuals};
+use super::problem::{Point, Problem};
+use super::screen::Seed;
+use super::stats;
+use crate::effects::Kind;
+use crate::measurement::facts;
+use crate::measurement::segments::Data;
+use std::sync::OnceLock;
+
+/// A set of effects, fitted.
+#[derive(Clone, Debug)]
+pub struct Model<'a> {
+    pub problem: Problem<'a>,
+    pub fit: Fit,
+    pub effects: Vec<Hypothesis>,
+    /// What it leaves of what it was fitted to, channel by channel and part by part.
+    pub left: Vec<Vec<Vec<f64>>>,
+    own: &'a Data,
+    pub threads: usize,
+    judged: OnceLock<Residuals>,
+}
+
+impl<'a> Model<'a> {
+    /// `own` are the parts that only judge.
+    pub fn new(problem: Problem<'a>, fit: Fit, effects: Vec<Hypothesis>, own: &'a Data, threads: usize) -> Model<'a> {
+        let left = judge::fitting(&problem, &fit);
+        Model { problem, fit, effects, left, own, threads, judged: OnceLock::new() }
+    }
+
+    /// Residuals of everything: those that judge are found when they are asked for first.
+    pub fn residuals(&self) -> &Residuals {
+        self.judged.get_or_init(|| judge::residuals(&self.problem, &self.fit, self.own, self.threads))
+    }
+
+    /// Error of the first channel on what judges, where it was asked for.
+    pub fn known_judge_error(&self) -> Option<f64> {
+        self.judged.get().map(|r| r.rms(0).1)
+    }
+
+    pub fn freedom(&self, records: usize) -> usize {
+        let parts = self.problem.data.segments.iter().filter(|s| s.judge_from > 0).count();
+        self.effects.iter().map(|h| h.freedom(records, parts)).sum()
+    }
+
+    /// Of every channel that part of what is left on what fits that is not white noise (root mean square).
+    pub fn coloured(&self) -> Vec<f64> {
+        let of = |parts: &Vec<Vec<f64>>| {
+            let mut noises: Vec<f64> = parts.iter().map(|p| facts::noise(p)).collect();
+            let (rough, rms) = (facts::median(&mut noises), stats::rms(parts));
+            libm::sqrt((rms * rms - rough * rough).max(0.0))
+        };
+        self.left.iter().map(of).collect()
+    }
+
+    /// A drive with links of which one effect is known, and no more is left than what it does not repeat itself.
+    pub fn is_exhausted(&self) -> bool {
+        if self.problem.plant.is_none() || self.effects.is_empty() {
+            return false;
+        }
+        let unrepeated = self.problem.unrepeated(&self.fit.point);
+        self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
+    }
+
+    /// What is left on what fits is little more than noise.
+    pub fn is_near_the_floor(&self) -> bool {
+        let channels = self.problem.data.channels.iter().enumerate();
+        channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
+    }
+
+    pub fn identity(&self) -> Vec<String> {
+        let mut id: Vec<String> = self.effects.iter().map(Hypothesis::identity).collect();
+        id.sort();
+        id
+    }
+}
+
+/// So many times the noise is near it.
+const NEAR: f64 = 1.5;
+
+/// How often a fit of a drive with links starts again from records that were moved a little.
+const REALIGNED: usize = 3;
+
+/// Fits, weighs channels by what is left of them, and fits again.
+pub fn fitted<'a>(
+    mut problem: Problem<'a>,
+    start: &Point,
+    own: &'a Data,
+    effects: Vec<Hypothesis>,
+    threads: usize,
+    iterations: usize,
+) -> Model<'a> {
+    let options = Options { iterations, threads };
+    let mut found = fit(&problem, start, options);
+    for _ in 0..REALIGNED {
+        let mut point = found.point.clone();
+        if problem.plant.is_none() || !problem.realign(&mut point, threads) {
+            break;
+        }
+        found = fit(&problem, &point, options);
+    }
+    if problem.channels.len() > 1 {
+        let left = judge::fitting(&problem, &found);
+        for (c, w) in problem.weights.iter_mut().enumerate() {
+            *w = stats::rms(&left[c]).max(problem.data.channels[c].noise).max(1e-12);
+        }
+        found = fit(&problem, &found.point, options);
+    }
+    Model::new(problem, found, effects, own, threads)
+}
+
+/// Score of a model: deviance on what fits and what each number costs. Smaller is better.
+pub fn score(model: &Model, effective: &[f64], records: usize) -> f64 {
+    let n: f64 = effective.iter().sum();
+    judge::deviance(&model.left, effective) + model.freedom(records) as f64 * libm::log(n.max(2.0))
+}
+
+/// A model with one hypothesis more, fitted.
+pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
+    let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, seed);
+    let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
+    fitted(problem, &start, own, effects, threads, 40)
+}
+
+/// A model without one of its effects, fitted again from the others' numbers.
+pub fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &'a Data, threads: usize) -> Model<'a> {
+    let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
+    rebuilt(declared, model, &rest, None, own, threads)
+}
+
+/// A model with some of another's effects, and perhaps one more, fitted from their numbers.
+pub fn rebuilt<'a>(
+    declared: &Model<'a>,
+    model: &Model<'a>,
+    kept: &[usize],
+    more: Option<(&Hypothesis, &Seed)>,
+    own: &'a Data,
+    threads: usize,
+) -> Model<'a> {
+    let n_declared = declared.problem.globals.len();
+    let mut problem = declared.problem.clone();
+    problem.weights.clone_from(&model.problem.weights);
+    let mut point = declared.fit.point.clone();
+    point.globals.clone_from_slice(&model.fit.point.globals[..n_declared]);
+    // Locals of the declared model come first, then those of every effect.
+    let mut at_local = problem.locals.len();
+    for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
+        own.clone_from_slice(&from[..at_local]);
+    }
+    let records = problem.data.records.len();
+    let mut effects = Vec::new();
+    let mut at = n_declared;
+    for (i, h) in model.effects.iter().enumerate() {
+        let mut values = h.values.clone();
+        let mut phases = vec![0.0; records];
+        for (k, row) in h.rows.iter().enumerate() {
+            match row.kind {
+                Kind::Amplitude | Kind::Shape | Kind::PerMark => {
+                    values[k] = model.problem.globals[at].law.value(model.fit.point.globals[at]);
+                    at += 1;
+                }
+                Kind::Phase => {
+                    for phase in &mut phases {
+                        *phase = model.problem.globals[at].law.value(model.fit.point.globals[at]);
+                        at += 1;
+                    }
+                }
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
+            }
+        }
+        let locals = at_local..at_local + h.own_locals;
+        at_local = locals.end;
+        if kept.contains(&i) {
+            let seed = Seed { values, phases, travels: Vec::new() };
+            (problem, point) = candidates::with(&problem, &point, h, &seed);
+            for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
+                let first = own.len() - locals.len();
+                own[first..].clone_from_slice(&from[locals.clone()]);
+            }
+            effects.push(Hypothesis { values: seed.values, ..h.clone() });
+        }
+    }
+    if let Some((h, seed)) = more {
+        (problem, point) = candidates::with(&problem, &point, h, seed);
+        effects.push(h.clone());
+    }
+    problem.turn_starts(&mut point, threads);
+    fitted(problem, &point, own, effects, threads, 40)
+}
+
+/// Path under which an effect stands in the machine.
+pub fn placed_path(model: &Model, which: usize) -> String {
+    let h = &model.effects[which];
+    let base = h.path();
+    let same = model.effects[..which].iter().filter(|o| o.path() == base).count();
+    format!("{base}{}", "+".repeat(same))
+}
+
+/// Indices of an effect's globals.
+pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
+    let path = format!("{}.", placed_path(model, which));
+    (0..model.problem.globals.len())
+        .filter(|g| model.problem.machine.slots[model.problem.globals[*g].slot].path.starts_with(&path))
+        .collect()
+}
+
+/// Variance of the residuals as they are weighted, and by how much correlation makes standard errors larger.
+pub fn inflation(model: &Model) -> f64 {
+    let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
+    let n: usize = parts.iter().map(Vec::len).sum();
+    let free = model.problem.globals.len() + model.problem.locals.len() * parts.len();
+    let variance = parts.iter().flatten().map(|r| r * r).sum::<f64>() / n.saturating_sub(free).max(1) as f64;
+    variance * n as f64 / stats::effective(&parts)
+}
+
+/// Standard error of a global as the fit sees it.
+pub fn standard_error(model: &Model, global: usize) -> f64 {
+    libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
+}
