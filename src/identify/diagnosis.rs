@@ -34,12 +34,35 @@ pub struct StateLine {
     pub share: f64,
 }
 
+/// Amplitudes by periods per revolution of a body, the mean over parts, in the channel's unit: of every narrow range of orders
+/// the largest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OrderSpectrum {
+    pub body: String,
+    pub orders: Vec<f64>,
+    pub amplitudes: Vec<f64>,
+}
+
+/// The cumulated periodogram of what is left (Bartlett 1955): white noise stays within `band` of the diagonal in 95 of 100 cases.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Periodogram {
+    /// Share of the power at frequencies up to i + 1 of as many equal parts of half the sampling rate.
+    pub cumulated: Vec<f64>,
+    pub band: f64,
+    /// Largest distance from the diagonal.
+    pub farthest: f64,
+}
+
 /// What is left of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelLeft {
     pub channel: String,
+    pub unit: String,
     pub white: bool,
     pub lag1: f64,
+    pub periodogram: Periodogram,
+    #[serde(skip)]
+    pub by_order: Vec<OrderSpectrum>,
     /// Part of the squared error that is above the noise floor.
     pub above_floor: f64,
     pub orders: Vec<OrderLine>,
@@ -159,7 +182,8 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
     let samples: usize = all.iter().map(Vec::len).sum();
     let effective = stats::effective(&all).max(1.0);
     let told = |share: f64, numbers: usize| share > LITTLE && share > CHANCE * numbers as f64 / effective;
-    let (mut orders, mut states) = (Vec::new(), Vec::new());
+    let (mut orders, mut states, mut by_order) = (Vec::new(), Vec::new(), Vec::new());
+    let shown = problem.weights[c] * if problem.data.channels[c].relative { 100.0 } else { problem.data.channels[c].shown };
     for (i, b) in bodies.iter().enumerate() {
         let body = &m.bodies[*b];
         if !body.slides {
@@ -172,6 +196,11 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
                     looked.extend((1..=3).map(|k| (format!("chain loop {k} of {}", body.name), loops * f64::from(k))));
                 }
             }
+            by_order.extend(spectrum(parts, i, c, shown).map(|(orders, amplitudes)| OrderSpectrum {
+                body: body.path.clone(),
+                orders,
+                amplitudes,
+            }));
             for (name, order) in looked {
                 let found: Vec<(f64, f64, f64)> = parts.iter().filter_map(|p| line(p, i, c, order)).collect();
                 let share = found.iter().map(|f| f.0).sum::<f64>() / whole;
@@ -207,6 +236,9 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
     let noise = channel.noise / problem.weights[c];
     ChannelLeft {
         channel: channel.name.clone(),
+        unit: if channel.relative { "%".into() } else { channel.unit.clone() },
+        periodogram: periodogram(&all),
+        by_order,
         white: stats::white(&all),
         lag1: stats::neighbour_correlation(&all),
         above_floor: (1.0 - noise * noise * samples as f64 / whole).max(0.0),
@@ -260,6 +292,79 @@ fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, 
     Some((a * cr + b * sr, libm::hypot(a, b), speed))
 }
 
+/// Orders that are looked at for a spectrum, and lines that are drawn of it.
+const LOOKED: usize = 600;
+const DRAWN: usize = 200;
+
+/// Orders and amplitudes times `shown`; None where the body does not turn often enough.
+fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let turns = |p: &Part| p.moves[body].q.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / TAU;
+    let (longest, samples) =
+        parts.iter().map(|p| (turns(p), p.residuals[channel].len())).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    if longest < 6.0 || samples < 64 {
+        return None;
+    }
+    // Lines half as far apart as records of this length tell, as far as there are no more than are looked at.
+    let last = 0.45 * samples as f64 / longest;
+    let count = ((2.0 * longest * last) as usize).clamp(DRAWN, LOOKED);
+    let (mut orders, mut amplitudes) = (Vec::new(), Vec::new());
+    for bin in 0..DRAWN {
+        let inside = bin * count / DRAWN..(bin + 1) * count / DRAWN;
+        let of = |i: usize| {
+            let order = last * (i as f64 + 1.0) / count as f64;
+            let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, body, channel, order)).map(|l| l.1).collect();
+            let mean = lines.iter().sum::<f64>() / lines.len().max(1) as f64;
+            (order, mean * shown)
+        };
+        let (order, amplitude) = inside.map(of).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        orders.push(order);
+        amplitudes.push(amplitude);
+    }
+    Some((orders, amplitudes))
+}
+
+/// Samples of a block, and bands of the cumulated periodogram.
+const BLOCK: usize = 256;
+const BANDS: usize = 64;
+
+/// Of blocks of at most 256 samples, the mean of each taken away.
+fn periodogram(parts: &[Vec<f64>]) -> Periodogram {
+    let mut power = [0.0; BANDS];
+    let mut ordinates = 0;
+    for block in parts.iter().flat_map(|p| p.chunks(BLOCK)).filter(|b| b.len() >= 2 * BANDS) {
+        let (n, mean) = (block.len(), block.iter().sum::<f64>() / block.len() as f64);
+        let half = (n - 1) / 2;
+        ordinates += half;
+        // Turning by one angle again and again loses some 1e-13 over a block.
+        for k in 1..=half {
+            let (sin, cos) = crate::units::sin_cos(TAU * k as f64 / n as f64);
+            let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+            for x in block {
+                re += (x - mean) * c;
+                im += (x - mean) * s;
+                (c, s) = (c * cos - s * sin, s * cos + c * sin);
+            }
+            power[(2 * k * BANDS / n).min(BANDS - 1)] += (re * re + im * im) / n as f64;
+        }
+    }
+    let whole: f64 = power.iter().sum();
+    if ordinates == 0 || whole <= 0.0 {
+        return Periodogram::default();
+    }
+    let mut sum = 0.0;
+    let cumulated: Vec<f64> = power
+        .iter()
+        .map(|p| {
+            sum += p / whole;
+            sum
+        })
+        .collect();
+    let diagonal = |i: usize| (i + 1) as f64 / BANDS as f64;
+    let farthest = cumulated.iter().enumerate().map(|(i, c)| (c - diagonal(i)).abs()).fold(0.0, f64::max);
+    // 95 % point of Kolmogorov and Smirnov.
+    Periodogram { cumulated, band: 1.36 / libm::sqrt(ordinates as f64), farthest }
+}
+
 /// Slope of the logarithm of amplitude over that of speed, where speeds differ by a third at least.
 fn exponent(found: &[(f64, f64, f64)]) -> Option<f64> {
     let points: Vec<(f64, f64)> =
@@ -273,4 +378,31 @@ fn exponent(found: &[(f64, f64, f64)]) -> Option<f64> {
     let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
     let (xy, xx) = points.iter().fold((0.0, 0.0), |s, p| (s.0 + (p.0 - x) * (p.1 - y), s.1 + (p.0 - x) * (p.0 - x)));
     Some(xy / xx)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::stats::Random;
+
+    #[test]
+    fn white_noise_stays_near_the_diagonal_and_a_slow_wave_leaves_it() {
+        let mut random = Random::new(5);
+        let white: Vec<f64> = (0..4096).map(|_| random.below(2001) as f64 / 1000.0 - 1.0).collect();
+        let p = periodogram(std::slice::from_ref(&white));
+        assert!(p.farthest < p.band, "{} of {}", p.farthest, p.band);
+        let slow = white.iter().enumerate().map(|(i, x)| x + libm::sin(0.05 * i as f64)).collect();
+        let p = periodogram(&[slow]);
+        assert!(p.farthest > 10.0 * p.band, "{} of {}", p.farthest, p.band);
+    }
+
+    #[test]
+    fn a_wave_stands_at_its_order_with_its_amplitude() {
+        let q: Vec<f64> = (0..2000).map(|i| 0.1 * f64::from(i) + 1e-5 * f64::from(i * i)).collect();
+        let residuals = vec![q.iter().map(|q| 0.7 * libm::sin(3.0 * q + 0.4)).collect()];
+        let part = Part { residuals, moves: vec![Moves { v: vec![1.0; q.len()], q }] };
+        let (orders, amplitudes) = spectrum(&[part], 0, 0, 10.0).expect("turns often enough");
+        let top = (0..orders.len()).max_by(|a, b| amplitudes[*a].total_cmp(&amplitudes[*b])).expect("lines");
+        assert!((orders[top] - 3.0).abs() < 0.02 && (amplitudes[top] - 7.0).abs() < 0.7, "{} {}", orders[top], amplitudes[top]);
+    }
 }

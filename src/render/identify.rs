@@ -1,6 +1,7 @@
 //! The report of an identification: one HTML file that needs nothing else. Measured, before and after; the residual's spectrum
-//! before and after; the error budget.
+//! before and after, by frequency and by order; how white it is; what it follows; the error budget.
 
+use crate::identify::diagnosis::{ChannelLeft, OrderSpectrum};
 use crate::identify::report::{Curve, Report};
 use crate::identify::text;
 use std::f64::consts::PI;
@@ -48,6 +49,8 @@ pub fn html(report: &Report) -> String {
             page += &spectrum(report, c);
         }
     }
+    page += "<h2>What is left, by itself</h2>\n";
+    page += &left(report);
     let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(&text::text(report)));
     page
 }
@@ -193,4 +196,84 @@ fn spectrum(report: &Report, like: &Curve) -> String {
     svg += &line(&xs, &before, (0.0, 50.0), y, COLOURS[1], 1.2);
     svg += &line(&xs, &after, (0.0, 50.0), y, COLOURS[2], 1.2);
     format!("<h3>{}</h3>{svg}</svg>\n", escape(&like.channel))
+}
+
+/// Of every channel: residual by order of every body that turns, the cumulated periodogram, and the forms that it follows.
+fn left(report: &Report) -> String {
+    let mut page = String::new();
+    let after = report.diagnosis_after.as_ref();
+    for (c, before) in report.diagnosis.channels.iter().enumerate() {
+        let after = after.and_then(|d| d.channels.get(c));
+        for (b, orders) in before.by_order.iter().enumerate() {
+            let body = escape(&orders.body);
+            let _infallible = writeln!(page, "<h3>{}, by order of {body}</h3>", escape(&before.channel));
+            page += &by_order(orders, after.and_then(|a| a.by_order.get(b)), &before.unit);
+        }
+        if !before.periodogram.cumulated.is_empty() {
+            let _infallible = writeln!(
+                page,
+                "<h3>{}, cumulated periodogram: white noise stays between the dashed lines</h3>",
+                escape(&before.channel)
+            );
+            page += &cumulated(before, after);
+        }
+        for (left, colour) in [(Some(before), COLOURS[1]), (after, COLOURS[2])] {
+            page += &left.map_or_else(String::new, |l| shares(l, colour));
+        }
+    }
+    page
+}
+
+fn by_order(before: &OrderSpectrum, after: Option<&OrderSpectrum>, unit: &str) -> String {
+    let last = before.orders.last().copied().unwrap_or(1.0);
+    let y = (0.0, range(&[&before.amplitudes]).1);
+    let mut svg = frame((0.0, last, "per revolution"), (y.0, y.1, unit));
+    for (s, colour) in [(Some(before), COLOURS[1]), (after, COLOURS[2])] {
+        if let Some(s) = s {
+            svg += &line(&s.orders, &s.amplitudes, (0.0, last), y, colour, 1.2);
+        }
+    }
+    svg + "</svg>\n"
+}
+
+fn cumulated(before: &ChannelLeft, after: Option<&ChannelLeft>) -> String {
+    let x = (0.0, 50.0);
+    let mut svg = frame((x.0, x.1, "cycles per 100 samples"), (0.0, 1.0, "of the power"));
+    let band = before.periodogram.band;
+    for side in [-band, band] {
+        let (xs, ys) = ([x.0, x.1], [side, 1.0 + side]);
+        svg += &line(&xs, &ys, x, (0.0, 1.0), "#adb5bd", 1.0).replace("<polyline", "<polyline stroke-dasharray=\"5 4\"");
+    }
+    for (left, colour) in [(Some(before), COLOURS[1]), (after, COLOURS[2])] {
+        let Some(left) = left else { continue };
+        let all: Vec<f64> = std::iter::once(0.0).chain(left.periodogram.cumulated.iter().copied()).collect();
+        let xs: Vec<f64> = (0..all.len()).map(|i| x.1 * i as f64 / (all.len() - 1) as f64).collect();
+        svg += &line(&xs, &all, x, (0.0, 1.0), colour, 1.4);
+    }
+    svg + "</svg>\n"
+}
+
+/// Bars of what simple forms would take of a channel's squared error.
+fn shares(left: &ChannelLeft, colour: &str) -> String {
+    let orders = left.orders.iter().map(|o| (o.name.clone(), o.share));
+    let states = left.states.iter().map(|s| (format!("{} of {}", s.term, s.body), s.share));
+    let all: Vec<(String, f64)> = orders.chain(states).collect();
+    if all.is_empty() {
+        return String::new();
+    }
+    let height = 20 * all.len();
+    let mut svg = format!("<svg viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" font-size=\"12\">");
+    for (i, (name, share)) in all.iter().enumerate() {
+        let (y, width) = (20 * i + 3, 0.6 * WIDTH * share.clamp(0.0, 1.0));
+        let _infallible = write!(
+            svg,
+            "<rect x=\"0\" y=\"{y}\" width=\"{width:.1}\" height=\"14\" fill=\"{colour}\"/>\
+             <text x=\"{:.1}\" y=\"{}\">{} {:.0} %</text>",
+            width + 6.0,
+            y + 11,
+            escape(name),
+            100.0 * share
+        );
+    }
+    svg + "</svg>\n"
 }
