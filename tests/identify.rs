@@ -85,6 +85,13 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     let data = ["coupled_electric_drives/DATAUNIF.csv", "coupled_electric_drives/DATAPRBS.csv"];
     let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
+    // A free size for every half record gives much the same one.
+    let sizes = r.effects.iter().flat_map(|e| &e.sizes).map(|s| s.relative);
+    assert!(
+        sizes.clone().count() >= 8 && sizes.clone().all(|s| (0.6..1.5).contains(&s)),
+        "{:?}",
+        sizes.collect::<Vec<_>>()
+    );
     let families: Vec<&str> = r.effects.iter().map(|e| e.family.as_str()).collect();
     assert!(paths(&r).contains(&"effects.sign_blind.pulley"), "{families:?}");
     assert!(families.contains(&"friction") && families.iter().any(|f| f.starts_with("lag")), "{families:?}");
@@ -93,8 +100,8 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
         let of = r.error_after.iter().find(|e| e.record.as_deref() == Some(name));
         of.and_then(|e| e.held_out).expect("held out")
     };
-    // measured 0.0912 and 0.0999 ticks/s; declared 0.221 and 0.305
-    assert!(held_out("first") < 0.095 && held_out("second") < 0.105, "{} {}", held_out("first"), held_out("second"));
+    // measured 0.0821 and 0.0706 ticks/s; declared 0.221 and 0.305
+    assert!(held_out("first") <= 0.090 && held_out("second") <= 0.095, "{} {}", held_out("first"), held_out("second"));
     assert_eq!(r.transfer.len(), 3);
     assert!(r.transfer.iter().all(|t| t.refused), "{:?}", r.transfer);
 }

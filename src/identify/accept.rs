@@ -9,9 +9,9 @@ use super::candidates::Hypothesis;
 use super::crossed::{Pair, pair};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
+use super::model::{Model, globals_of, rebuilt, score, standard_error, without_effect};
 use super::problem::Problem;
 use super::screen::{Base, Seed, promise};
-use super::model::{Model, globals_of, rebuilt, score, standard_error, without_effect};
 use super::search::{Context, MOST_EFFECTS, Searched, Trial, WORTH};
 use super::stats::Random;
 use super::steady;
@@ -247,7 +247,9 @@ fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Op
     // Where all are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let effects: Vec<usize> = (0..best.effects.len()).collect();
-    let left = left_of(on_sensors, &best.problem, &pair(best, declared, &effects, own, threads)).above_floor.filter(|left| *left > MOST)?;
+    let left = left_of(on_sensors, &best.problem, &pair(best, declared, &effects, own, threads))
+        .above_floor
+        .filter(|left| *left > MOST)?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")
@@ -506,4 +508,3 @@ fn rivals<'a>(
     }
     rivals
 }
-

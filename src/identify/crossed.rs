@@ -3,8 +3,8 @@
 
 use super::fit::{Options, fit};
 use super::judge::{self, Residuals, fit_judging};
-use super::problem::{Point, Problem};
 use super::model::Model;
+use super::problem::{Point, Problem};
 use crate::measurement::segments::Data;
 
 /// Residuals with an effect and without it on what judges the two.
@@ -108,7 +108,8 @@ fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data,
     for placed in &problem.machine.placed {
         for slot in &placed.slots {
             let numbers = problem.globals.iter().zip(&point.globals);
-            let free = numbers.filter(|(g, _)| g.slot == *slot && g.record.is_none()).map(|(g, x)| g.law.value(*x)).next();
+            let free =
+                numbers.filter(|(g, _)| g.slot == *slot && g.record.is_none()).map(|(g, x)| g.law.value(*x)).next();
             without.machine.values[*slot] = free.unwrap_or(problem.machine.values[*slot]);
         }
     }

@@ -3,8 +3,8 @@
 //! the share of a channel's squared error that one simple form takes, fitted to what it is measured on.
 
 use super::fit::{Fit, parallel};
-use super::problem::Problem;
 use super::model::Model;
+use super::problem::Problem;
 use super::stats;
 use super::unnamed;
 use crate::machine::simulate::Samples;
@@ -183,7 +183,8 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
     let effective = stats::effective(&all).max(1.0);
     let told = |share: f64, numbers: usize| share > LITTLE && share > CHANCE * numbers as f64 / effective;
     let (mut orders, mut states, mut by_order) = (Vec::new(), Vec::new(), Vec::new());
-    let shown = problem.weights[c] * if problem.data.channels[c].relative { 100.0 } else { problem.data.channels[c].shown };
+    let shown =
+        problem.weights[c] * if problem.data.channels[c].relative { 100.0 } else { problem.data.channels[c].shown };
     for (i, b) in bodies.iter().enumerate() {
         let body = &m.bodies[*b];
         if !body.slides {
@@ -403,6 +404,11 @@ mod tests {
         let part = Part { residuals, moves: vec![Moves { v: vec![1.0; q.len()], q }] };
         let (orders, amplitudes) = spectrum(&[part], 0, 0, 10.0).expect("turns often enough");
         let top = (0..orders.len()).max_by(|a, b| amplitudes[*a].total_cmp(&amplitudes[*b])).expect("lines");
-        assert!((orders[top] - 3.0).abs() < 0.02 && (amplitudes[top] - 7.0).abs() < 0.7, "{} {}", orders[top], amplitudes[top]);
+        assert!(
+            (orders[top] - 3.0).abs() < 0.02 && (amplitudes[top] - 7.0).abs() < 0.7,
+            "{} {}",
+            orders[top],
+            amplitudes[top]
+        );
     }
 }

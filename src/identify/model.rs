@@ -126,7 +126,13 @@ pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a D
 }
 
 /// A model without one of its effects, fitted again from the others' numbers.
-pub fn without_effect<'a>(declared: &Model<'a>, model: &Model<'a>, which: usize, own: &'a Data, threads: usize) -> Model<'a> {
+pub fn without_effect<'a>(
+    declared: &Model<'a>,
+    model: &Model<'a>,
+    which: usize,
+    own: &'a Data,
+    threads: usize,
+) -> Model<'a> {
     let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
     rebuilt(declared, model, &rest, None, own, threads)
 }

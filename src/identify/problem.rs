@@ -375,9 +375,8 @@ impl<'a> Problem<'a> {
 
     /// Turns the starts of all parts round that fit better so.
     pub fn turn_starts(&self, point: &mut Point, threads: usize) {
-        let cost = |k: usize, locals: &[f64]| -> f64 {
-            self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum()
-        };
+        let cost =
+            |k: usize, locals: &[f64]| -> f64 { self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum() };
         let turned = super::fit::parallel(self.data.segments.len(), threads, |k| {
             let own = &point.locals[k];
             if self.data.segments[k].judge_from == 0 {

@@ -1,9 +1,9 @@
 //! What is said in the end: outcome, effects with their errors, what was tried and why it lost, error before and after.
 
 use super::accept::{Found, Rival};
-use super::model::{Model, placed_path, standard_error};
 use super::diagnosis::Diagnosis;
 use super::judge::Residuals;
+use super::model::{Model, placed_path, standard_error};
 use super::search::Trial;
 use super::steady::{self, Size};
 use super::structure::{self, Alike, Collision, Detectable};

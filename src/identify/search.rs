@@ -187,7 +187,12 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
 }
 
 /// The whole search.
-pub fn search<'a>(measurement: &Measurement, problem: Problem<'a>, own: &'a Data, context: &Context<'_>) -> Searched<'a> {
+pub fn search<'a>(
+    measurement: &Measurement,
+    problem: Problem<'a>,
+    own: &'a Data,
+    context: &Context<'_>,
+) -> Searched<'a> {
     let records = problem.data.records.len();
     context.say("fitting the declared model");
     let mut declared = baseline(problem, own, context);
@@ -516,4 +521,3 @@ fn grow<'a>(
     }
     models
 }
-

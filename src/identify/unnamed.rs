@@ -1,13 +1,12 @@
 //! What is left without a name: the residual force at the body where it is simplest, as a curve and as the shortest formula
 //! that holds on records it has not seen. It never gets a physical name.
 
-
 use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
 use super::judge::mean_error;
-use super::screen::{Base, promise};
 use super::model::{Model, placed_path, refit_with};
+use super::screen::{Base, promise};
 use super::search::Context;
 use crate::effects::{BodyAt, BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::machine::{Motion, Target};

@@ -403,7 +403,13 @@ fn check_values(
 }
 
 /// Speeds and positions at the start, as far as the channels tell.
-pub fn first_guess(machine: &Machine, channels: &[Channel], measured: &[Vec<f64>], step_s: f64, at_rest: bool) -> Start {
+pub fn first_guess(
+    machine: &Machine,
+    channels: &[Channel],
+    measured: &[Vec<f64>],
+    step_s: f64,
+    at_rest: bool,
+) -> Start {
     let n = machine.bodies.len();
     let mut start = Start { q: vec![0.0; n], v: vec![0.0; n], travel: 0.0 };
     if at_rest {

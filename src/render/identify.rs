@@ -242,7 +242,8 @@ fn cumulated(before: &ChannelLeft, after: Option<&ChannelLeft>) -> String {
     let band = before.periodogram.band;
     for side in [-band, band] {
         let (xs, ys) = ([x.0, x.1], [side, 1.0 + side]);
-        svg += &line(&xs, &ys, x, (0.0, 1.0), "#adb5bd", 1.0).replace("<polyline", "<polyline stroke-dasharray=\"5 4\"");
+        svg +=
+            &line(&xs, &ys, x, (0.0, 1.0), "#adb5bd", 1.0).replace("<polyline", "<polyline stroke-dasharray=\"5 4\"");
     }
     for (left, colour) in [(Some(before), COLOURS[1]), (after, COLOURS[2])] {
         let Some(left) = left else { continue };
@@ -262,7 +263,8 @@ fn shares(left: &ChannelLeft, colour: &str) -> String {
         return String::new();
     }
     let height = 20 * all.len();
-    let mut svg = format!("<svg viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" font-size=\"12\">");
+    let mut svg =
+        format!("<svg viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" font-size=\"12\">");
     for (i, (name, share)) in all.iter().enumerate() {
         let (y, width) = (20 * i + 3, 0.6 * WIDTH * share.clamp(0.0, 1.0));
         let _infallible = write!(
