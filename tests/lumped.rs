@@ -344,7 +344,9 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
     let show = |name: &str, value: f64| -> Vec<f64> {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
-        let (with, _) = m.with(e, &place, target, &[value]);
+        // What lags has a start beside its time.
+        let values = [value, 0.0];
+        let (with, _) = m.with(e, &place, target, &values[..e.parameters.len()]);
         run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0)
     };
     let (lagging, late) = (show("low_pass", 0.02), show("latency", 0.0125));
@@ -365,11 +367,19 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
     for (name, late_s) in [("low_pass", 0.02), ("latency", 0.0125)] {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
-        let (with, _) = m.with(e, &place, target, &[late_s]);
-        let shown = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0);
-        for (i, shown) in shown.iter().enumerate() {
-            let exact = 5.0 + 2.0 * (i as f64 * 1e-3 - late_s);
-            assert!((shown - exact).abs() < 1e-9, "{name}: {shown} for {exact} at {i} ms");
+        for beyond in [0.0, 0.7] {
+            let (with, _) = m.with(e, &place, target, &[late_s, beyond]);
+            let shown = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0);
+            for (i, shown) in shown.iter().enumerate() {
+                let t = i as f64 * 1e-3;
+                // What it remembers beyond that dies out, or is gone after its time.
+                let memory = match name {
+                    "low_pass" => (-t / late_s).exp(),
+                    _ => (1.0 - t / late_s).max(0.0),
+                };
+                let exact = 5.0 + 2.0 * (t - late_s) + beyond * memory;
+                assert!((shown - exact).abs() < 1e-9, "{name}: {shown} for {exact} at {i} ms");
+            }
         }
     }
 }

@@ -12,12 +12,19 @@ pub const ROW: Effect = Effect {
     order: "phase in proportion to frequency",
     speed_law: "none",
     channels: "all, in phase",
-    parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
+    parameters: &[
+        Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5]),
+        super::low_pass::START,
+    ],
     dissipative: false,
     physics: Physics::Input(pass),
     links: None,
 };
 
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, _held: bool) {
-    super::latency::shifted(u, p[0] / step_s, 0.0);
+    let steps = p[0] / step_s;
+    super::latency::shifted(u, steps, 0.0);
+    // Before the record begins the input stood at its first value and the start.
+    let late = u.len().min(libm::ceil(steps) as usize);
+    u[..late].iter_mut().for_each(|u| *u += p[1]);
 }

@@ -12,7 +12,10 @@ pub const ROW: Effect = Effect {
     order: "phase in proportion to frequency",
     speed_law: "none",
     channels: "this sensor only",
-    parameters: &[Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5])],
+    parameters: &[
+        Parameter::new("delay_ms", 1e-3, 0.0, 1e5, Kind::Amplitude).starts(Scale::SampleTime, &[0.5]),
+        super::low_pass::START,
+    ],
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
@@ -20,7 +23,8 @@ pub const ROW: Effect = Effect {
 
 fn pass(p: &[f64], trace: &mut Trace) {
     let steps = p[0] / trace.step_s;
-    let slope = past_slope(trace, steps);
+    // What it shows first lies beyond what the slope says by its start.
+    let slope = past_slope(trace, steps) - if steps > 0.0 { p[1] / steps } else { 0.0 };
     shifted(trace.values, steps, slope);
 }
 
