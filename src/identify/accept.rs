@@ -1,9 +1,9 @@
 //! What is believed of a search: the set that stands, the grounds of every effect in it, and its rivals.
 //!
 //! An effect stays when its score is worth it, when the error on what judges falls by a twentieth (that of its channel, for an
-//! effect on a sensor) or loses half of what was above the noise, and surely, when it explains more than a sham, and when its
-//! size is three standard errors from nothing. A set that leaves most of what is above the noise is a lead, no finding. A rival
-//! is what takes its place as well.
+//! effect on a sensor) or loses half of what was above the noise, and surely, when it explains more than a sham, when its size is
+//! three standard errors from nothing and one everywhere, and when no force of another form does better in its place. A set that
+//! leaves most of what is above the noise is a lead, no finding. A rival is what takes its place as well.
 
 use super::candidates::Hypothesis;
 use super::crossed::{Pair, pair};
@@ -18,7 +18,6 @@ use super::steady;
 use super::structure::{Alike, Detectable};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
-use crate::effects::Kind;
 use crate::measurement::segments::Data;
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -425,9 +424,7 @@ fn sigmas(model: &Model, which: usize) -> f64 {
     let amplitude = |g: &usize| {
         let key = model.problem.machine.slots[model.problem.globals[*g].slot].path.rsplit('.').next();
         let keys = model.problem.machine.keys(model.effects[which].effect, model.effects[which].target);
-        keys.iter().any(|(k, row)| {
-            Some(k.as_str()) == key && matches!(row.kind, Kind::Amplitude | Kind::PerMark) && row.off == 0.0
-        })
+        keys.iter().any(|(k, row)| Some(k.as_str()) == key && row.kind.is_amplitude() && row.off == 0.0)
     };
     let globals: Vec<usize> = globals_of(model, which).into_iter().filter(amplitude).collect();
     let size = |g: &usize| model.fit.point.globals[*g].abs() / standard_error(model, *g).max(1e-300);

@@ -48,8 +48,7 @@ impl Hypothesis {
 
     /// Indices of its amplitudes.
     pub fn amplitudes(&self) -> Vec<usize> {
-        let is = |k: Kind| matches!(k, Kind::Amplitude | Kind::PerMark);
-        (0..self.rows.len()).filter(|i| is(self.rows[*i].kind)).collect()
+        (0..self.rows.len()).filter(|i| self.rows[*i].kind.is_amplitude()).collect()
     }
 
     pub fn phase(&self) -> Option<usize> {

@@ -3,7 +3,7 @@
 
 use super::fit::{Options, fit};
 use super::judge::{self, Residuals, fit_judging};
-use super::model::Model;
+use super::model::{Model, placed_path};
 use super::problem::{Point, Problem};
 use crate::measurement::segments::Data;
 
@@ -57,7 +57,7 @@ pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, thread
 
 /// The model without an effect, all numbers held; None where no value of its own takes it away.
 fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
-    let path = super::model::placed_path(model, effect);
+    let path = placed_path(model, effect);
     let (mut problem, mut point) = (model.problem.clone(), model.fit.point.clone());
     let placed = problem.machine.placed.iter().find(|p| p.path == path)?;
     let keys = problem.machine.keys(placed.effect, placed.target);
@@ -104,7 +104,6 @@ fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data,
     let Some((held, at)) = fit_judging(&model.problem, &model.fit, own, threads) else { return false };
     // The same starts and numbers of records, and the machine without the effect.
     let mut without = held.clone();
-    without.machine.values.clone_from(&held.machine.values);
     for placed in &problem.machine.placed {
         for slot in &placed.slots {
             let numbers = problem.globals.iter().zip(&point.globals);

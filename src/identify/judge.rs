@@ -179,7 +179,8 @@ impl Residuals {
         (stats::rms(&self.fit[channel]), stats::rms(&self.judge[channel]))
     }
 
-    /// Ratio of the error on what judges to another's for the channel that gains most: an effect that one of many sensors sees is worth as much as one that all see.
+    /// Ratio of the error on what judges to another's for the channel that gains most: an effect that one of many sensors sees is
+    /// worth as much as one that all see.
     pub fn best_ratio(&self, before: &Residuals) -> f64 {
         let of = |c: usize| stats::rms(&self.judge[c]) / stats::rms(&before.judge[c]).max(1e-300);
         (0..self.judge.len()).map(of).fold(f64::INFINITY, f64::min)

@@ -19,6 +19,7 @@ pub struct Model<'a> {
     pub effects: Vec<Hypothesis>,
     /// What it leaves of what it was fitted to, channel by channel and part by part.
     pub left: Vec<Vec<Vec<f64>>>,
+    /// Parts that only judge, and on how many threads they are run when they are asked for.
     own: &'a Data,
     pub threads: usize,
     judged: OnceLock<Residuals>,

@@ -27,7 +27,7 @@ pub struct Global {
 pub enum Local {
     /// Where a drive with links stands in its period [pitches].
     Travel,
-    /// Of a body that an effect adds: beyond the body it hangs on.
+    /// Angle and speed at the start; of a body that an effect adds, those beyond the body it hangs on.
     Angle {
         body: usize,
         scale: f64,

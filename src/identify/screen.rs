@@ -228,7 +228,7 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     let mut gain = base.gain(&columns);
     for (i, row) in h.rows.iter().enumerate() {
         let (low, high) = (row.low * row.unit, row.high * row.unit);
-        if matches!(row.kind, Kind::Amplitude | Kind::PerMark) && (values[i] < low || values[i] > high) {
+        if row.kind.is_amplitude() && (values[i] < low || values[i] > high) {
             // Its sign is wrong, or it is larger than can be: small is where a fit starts.
             gain *= if values[i] < low { 0.05 } else { 0.5 };
             values[i] = (0.1 * h.values[i]).clamp(low, high);
