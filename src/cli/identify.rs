@@ -27,7 +27,7 @@ pub struct IdentifyArgs {
     /// Stop looking after so many model runs (2000) or so much time (90s, 5min); what was found so far is reported
     #[arg(long, value_parser = budget)]
     budget: Option<Budget>,
-    /// Threads; the result does not depend on them
+    /// Threads; the result does not depend on them, but where a budget ends it
     #[arg(long)]
     threads: Option<usize>,
     /// Only read and check the files, and print the fact sheet

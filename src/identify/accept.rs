@@ -88,7 +88,6 @@ fn smallest_that_stands<'a>(
     threads: usize,
 ) -> Model<'a> {
     let mut best = declared;
-    let records = declared.problem.data.records.len();
     for size in 1..=MOST_EFFECTS {
         if best.is_exhausted() {
             break;
@@ -98,7 +97,7 @@ fn smallest_that_stands<'a>(
         let next = all.iter().filter(looked_at).find(|m| {
             let is_new = |e: &usize| best.effects.iter().all(|o| o.identity() != m.effects[*e].identity());
             let new: Vec<usize> = (0..m.effects.len()).filter(is_new).collect();
-            let gain = score(best, effective, records) - score(m, effective, records);
+            let gain = score(best, effective) - score(m, effective);
             is_better(m, best, &new, gain, own, threads) && stands(m, all, effective, own, threads)
         });
         best = next.unwrap_or(best);
@@ -112,12 +111,28 @@ fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &
         return false;
     }
     let judged = pair(with, without, effects, own, threads);
-    // What judges was not fitted to: its likelihood counts in full, without a price for numbers.
+    // What judges tells the drive's numbers nothing: its likelihood counts in full, but for the numbers that its records and parts
+    // have of their own.
     let samples = effective_samples(&judged.with.judge);
-    let predicted = deviance(&judged.without.judge, &samples) - deviance(&judged.with.judge, &samples);
+    let price = own_numbers(with, effects, own) as f64 * libm::log(samples.iter().sum::<f64>().max(2.0));
+    let predicted = deviance(&judged.without.judge, &samples) - deviance(&judged.with.judge, &samples) - price;
     let on_sensor = effects.iter().any(|e| is_signal(with.effects[*e].effect));
     let left = left_of(on_sensor, &with.problem, &judged);
     gain + predicted >= WORTH && left.is_worth_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
+}
+
+/// Numbers of these effects that parts which only judge find for themselves: phases, and what was before they begin.
+fn own_numbers(model: &Model, effects: &[usize], own: &Data) -> usize {
+    let fits = |r: usize| model.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
+    let mut records: Vec<usize> = own.segments.iter().map(|s| s.record).filter(|r| !fits(*r)).collect();
+    records.sort_unstable();
+    records.dedup();
+    let of = |e: &usize| {
+        let h = &model.effects[*e];
+        let phases = if h.phase().is_some() { records.len() } else { 0 };
+        phases + h.own_locals * own.segments.len()
+    };
+    effects.iter().map(of).sum()
 }
 
 /// What a set leaves of another's error on what judges.
@@ -159,13 +174,12 @@ fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
 
 /// Whether every effect of a set improves on the set without it, as far as that one was fitted.
 fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: usize) -> bool {
-    let records = model.problem.data.records.len();
     (0..model.effects.len()).all(|e| {
         let mut rest: Vec<String> = model.identity();
         let id = model.effects[e].identity();
         rest.retain(|other| *other != id);
         let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
-        let gain = score(less, effective, records) - score(model, effective, records);
+        let gain = score(less, effective) - score(model, effective);
         is_better(model, less, &[e], gain, own, threads)
     })
 }
@@ -227,16 +241,16 @@ fn better_form<'a>(
     let records = declared.problem.data.records.len();
     let kept: Vec<usize> = (0..best.effects.len()).filter(|i| *i != which).collect();
     let forms = unnamed::in_place_of(best, which);
-    let own_score = score(best, effective, records);
+    let own_score = score(best, effective);
     let models = parallel(forms.len(), context.threads, |i| {
         let seed = Seed { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
         rebuilt(declared, best, &kept, Some((&forms[i], &seed)), own, 1)
     });
     let clear = models.iter().zip(&forms).filter(|(m, _)| {
-        let is_better = score(m, effective, records) < own_score - CLEAR;
+        let is_better = score(m, effective) < own_score - CLEAR;
         is_better && m.residuals().judge_ratio(best.residuals())[2] < 1.0
     });
-    let best_form = clear.min_by(|a, b| score(a.0, effective, records).total_cmp(&score(b.0, effective, records)));
+    let best_form = clear.min_by(|a, b| score(a.0, effective).total_cmp(&score(b.0, effective)));
     best_form.map(|(_, form)| form.effect.equation)
 }
 
@@ -329,7 +343,6 @@ fn pruned<'a>(
 
 /// What speaks for an effect of a set: the set with it against the set without.
 fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Data, threads: usize) -> Ground {
-    let records = best.problem.data.records.len();
     let (gain, sham) = shams(best, less, which, threads);
     let judged = pair(best, less, &[which], own, threads);
     let name = |r: &usize| best.problem.data.records[*r].clone();
@@ -338,7 +351,7 @@ fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Dat
         judge_ratio: judged.with.judge_ratio(&judged.without),
         left: left_of(is_signal(best.effects[which].effect), &best.problem, &judged),
         left_out: judged.left_out.iter().map(name).collect(),
-        score: score(less, effective, records) - score(best, effective, records),
+        score: score(less, effective) - score(best, effective),
         gain,
         sham,
     }
@@ -368,15 +381,18 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
 
 /// Says of every trial what became of it.
 fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
-    let records = best.problem.data.records.len();
-    let best_score = score(best, effective, records);
+    let best_score = score(best, effective);
     let accepted: Vec<String> = best.effects.iter().map(Hypothesis::identity).collect();
     for t in trials {
         let mut id = t.beside.clone();
         id.push(t.identity.clone());
         id.sort();
         let Some(m) = all.iter().find(|m| m.identity() == id) else { continue };
-        t.score = Some(score(m, effective, records) - best_score);
+        // Whatever was said of it on the way beside others.
+        if accepted.contains(&t.identity) && t.beside.iter().all(|b| accepted.contains(b)) {
+            t.why = "accepted".into();
+        }
+        t.score = Some(score(m, effective) - best_score);
         t.rms_judge = m.known_judge_error();
         if t.why.is_empty() {
             let times = mean_error(&m.left) / mean_error(&best.left);
@@ -455,8 +471,7 @@ fn rivals<'a>(
     context: &Context<'_>,
     trials: &mut [Trial],
 ) -> Vec<Vec<Rival>> {
-    let records = declared.problem.data.records.len();
-    let best_score = score(best, effective, records);
+    let best_score = score(best, effective);
     let mut rivals = Vec::new();
     for which in 0..best.effects.len() {
         let id = best.effects[which].identity();
@@ -489,7 +504,7 @@ fn rivals<'a>(
             Some(rebuilt(declared, best, &rest, Some((tried[i], &p.seed)), own, 1))
         });
         for m in models.into_iter().flatten() {
-            let worse = score(&m, effective, records) - best_score;
+            let worse = score(&m, effective) - best_score;
             let ratio = m.residuals().judge_ratio(best.residuals());
             let Some(h) = m.effects.last() else { continue };
             let as_good = worse < CLEAR && ratio[1] < 1.02;

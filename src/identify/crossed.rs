@@ -3,7 +3,7 @@
 
 use super::fit::{Options, fit};
 use super::judge::{self, Residuals, fit_judging};
-use super::model::{Model, placed_path};
+use super::model::{Model, globals_of, placed_path};
 use super::problem::{Point, Problem};
 use crate::measurement::segments::Data;
 
@@ -37,7 +37,9 @@ pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, thread
     fitting.dedup();
     let shown = |r: &usize| idle.iter().any(|off| fitting_shows(with, off, *r));
     let left_out: Vec<usize> = fitting.iter().copied().filter(shown).collect();
-    if fitting.len() < 2 || left_out.is_empty() {
+    // Where one record alone shows it, the others cannot tell its size, if it has one.
+    let sized = effects.iter().any(|e| !globals_of(with, *e).is_empty());
+    if fitting.len() < 2 || left_out.len() < if sized { 2 } else { 1 } {
         return usual;
     }
     let empty = |r: &Residuals| {
@@ -71,7 +73,7 @@ fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
         problem.machine.values[*slot] = *value;
         for (g, x) in problem.globals.iter().zip(&mut point.globals).filter(|(g, _)| g.slot == *slot) {
             *x = g.law.seen(*value);
-            if g.law.value(*x) != *value {
+            if (g.law.value(*x) - value).abs() > 1e-9 * value.abs() {
                 return None;
             }
         }
@@ -106,10 +108,12 @@ fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data,
     let mut without = held.clone();
     for placed in &problem.machine.placed {
         for slot in &placed.slots {
-            let numbers = problem.globals.iter().zip(&point.globals);
-            let free =
-                numbers.filter(|(g, _)| g.slot == *slot && g.record.is_none()).map(|(g, x)| g.law.value(*x)).next();
-            without.machine.values[*slot] = free.unwrap_or(problem.machine.values[*slot]);
+            let mut numbers = problem.globals.iter().zip(&point.globals).filter(|(g, _)| g.slot == *slot);
+            match numbers.next() {
+                Some((g, _)) if g.record.is_some() => {}
+                Some((g, x)) => without.held.push((None, *slot, g.law.value(*x))),
+                None => without.held.push((None, *slot, problem.machine.values[*slot])),
+            }
         }
     }
     (0..own.segments.len()).any(|k| shows((&held, &at), (&without, &at), k, false))

@@ -7,8 +7,8 @@ use super::model::Model;
 use super::problem::Problem;
 use super::stats;
 use super::unnamed;
+use crate::machine::Reads;
 use crate::machine::simulate::Samples;
-use crate::machine::{Reads, Sensor, Slot};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -132,18 +132,8 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
             Some(Part { residuals, moves: bodies.iter().map(steady).collect() })
         }
         Samples::Times { .. } => {
-            let mut shown = problem.clone();
-            let gain = shown.machine.values.len();
-            shown.machine.values.push(1.0);
-            shown.machine.slots.push(Slot { path: "looked at".into(), unit: 1.0, low: 1.0, high: 1.0 });
-            let first = shown.machine.sensors.len();
-            for b in bodies {
-                for reads in [Reads::Angle(*b), Reads::Speed(*b)] {
-                    let sensor = Sensor { name: String::new(), path: String::new(), reads, gain, unit: None };
-                    shown.machine.sensors.push(sensor);
-                }
-            }
-            shown.channels = (first..shown.machine.sensors.len()).collect();
+            let reads: Vec<Reads> = bodies.iter().flat_map(|b| [Reads::Angle(*b), Reads::Speed(*b)]).collect();
+            let shown = problem.with_sensors(&reads);
             let seen = shown.model(k, &fit.point.globals, &fit.point.locals[k], true).ok()?;
             let moves = seen.chunks(2).map(|of| Moves { q: of[0][..n].to_vec(), v: of[1][..n].to_vec() }).collect();
             Some(Part { residuals, moves })

@@ -183,7 +183,7 @@ fn keep_inside(problem: &Problem, point: &mut Point) {
     }
 }
 
-fn priors(problem: &Problem, point: &Point) -> f64 {
+pub(super) fn priors(problem: &Problem, point: &Point) -> f64 {
     let of = problem.globals.iter().zip(&point.globals);
     of.filter_map(|(g, x)| g.prior.map(|(mean, s)| ((x - mean) / s) * ((x - mean) / s))).sum()
 }

@@ -45,14 +45,14 @@ pub fn fit_judging<'a>(
                 // A record that fits too has told its numbers already.
                 let fits = problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
                 if fits {
-                    held.machine.values[g.slot] = g.law.value(*x);
+                    held.held.push((Some(r), g.slot, g.law.value(*x)));
                 } else {
                     kept.push(g.clone());
                     start.push(*x);
                 }
             }
             Some(_) => {}
-            None => held.machine.values[g.slot] = g.law.value(*x),
+            None => held.held.push((None, g.slot, g.law.value(*x))),
         }
     }
     held.globals = kept;
@@ -183,7 +183,9 @@ impl Residuals {
     /// worth as much as one that all see.
     pub fn best_ratio(&self, before: &Residuals) -> f64 {
         let of = |c: usize| stats::rms(&self.judge[c]) / stats::rms(&before.judge[c]).max(1e-300);
-        (0..self.judge.len()).map(of).fold(f64::INFINITY, f64::min)
+        let judged = (0..self.judge.len()).filter(|c| before.judge[*c].iter().any(|p| !p.is_empty()));
+        let best = judged.map(of).fold(f64::INFINITY, f64::min);
+        if best.is_finite() { best } else { 1.0 }
     }
 
     /// Ratio of the error on what judges to another's, all channels together (each by the other's size), with its interval.

@@ -46,7 +46,14 @@ pub fn identify(
     }
     let searched = search::search(measurement, problem, &own, context);
     let found = accept::accept(searched, &own, context);
+    let cut_short = found.cut_short || context.ends();
     let mut report = report::report(measurement, data, &found);
+    if search::is_at_most_steps(&found.best) {
+        let most = found.best.problem.most_steps;
+        report.warnings.push(format!(
+            "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not looked at: give the numbers of its springs and dampers their `low` and `high`"
+        ));
+    }
     context.say("looking at what is left by itself");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {
@@ -57,7 +64,7 @@ pub fn identify(
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);
-    report.budget_spent = found.cut_short && !report.interrupted;
+    report.budget_spent = cut_short && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);
     Ok(report)
 }

@@ -1,7 +1,7 @@
 //! A set of effects in a drive, fitted: what a search compares, with what it leaves of what fits and of what judges.
 
 use super::candidates::{self, Hypothesis};
-use super::fit::{Fit, Options, fit};
+use super::fit::{Fit, Options, fit, priors};
 use super::judge::{self, Residuals};
 use super::problem::{Point, Problem};
 use super::screen::Seed;
@@ -42,8 +42,14 @@ impl<'a> Model<'a> {
         self.judged.get().map(|r| r.rms(0).1)
     }
 
-    pub fn freedom(&self, records: usize) -> usize {
-        let parts = self.problem.data.segments.iter().filter(|s| s.judge_from > 0).count();
+    /// Numbers that its effects have more, with those of every record and part that fits.
+    pub fn freedom(&self) -> usize {
+        let fits: Vec<usize> =
+            self.problem.data.segments.iter().filter(|s| s.judge_from > 0).map(|s| s.record).collect();
+        let (parts, mut records) = (fits.len(), fits);
+        records.sort_unstable();
+        records.dedup();
+        let records = records.len();
         self.effects.iter().map(|h| h.freedom(records, parts)).sum()
     }
 
@@ -70,6 +76,13 @@ impl<'a> Model<'a> {
     pub fn is_near_the_floor(&self) -> bool {
         let channels = self.problem.data.channels.iter().enumerate();
         channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
+    }
+
+    /// Deviance on what fits, with its priors: what fits of the same numbers are compared by. Their costs are not alike, as every fit
+    /// weighs channels by what it leaves of them.
+    pub fn misfit(&self) -> f64 {
+        let samples: Vec<f64> = self.left.iter().map(|p| p.iter().map(Vec::len).sum::<usize>() as f64).collect();
+        judge::deviance(&self.left, &samples) + priors(&self.problem, &self.fit.point)
     }
 
     pub fn identity(&self) -> Vec<String> {
@@ -114,9 +127,9 @@ pub fn fitted<'a>(
 }
 
 /// Score of a model: deviance on what fits and what each number costs. Smaller is better.
-pub fn score(model: &Model, effective: &[f64], records: usize) -> f64 {
+pub fn score(model: &Model, effective: &[f64]) -> f64 {
     let n: f64 = effective.iter().sum();
-    judge::deviance(&model.left, effective) + model.freedom(records) as f64 * libm::log(n.max(2.0))
+    judge::deviance(&model.left, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
 }
 
 /// A model with one hypothesis more, fitted.
@@ -198,12 +211,15 @@ pub fn rebuilt<'a>(
     fitted(problem, &point, own, effects, threads, 40)
 }
 
-/// Path under which an effect stands in the machine.
+/// Path under which an effect stands in the machine: those of its kind that the drive declares at its place stand before it.
 pub fn placed_path(model: &Model, which: usize) -> String {
     let h = &model.effects[which];
     let base = h.path();
-    let same = model.effects[..which].iter().filter(|o| o.path() == base).count();
-    format!("{base}{}", "+".repeat(same))
+    let placed = &model.problem.machine.placed;
+    let own: Vec<&str> = placed.iter().map(|p| p.path.as_str()).filter(|p| p.trim_end_matches('+') == base).collect();
+    let alike = |effects: &[Hypothesis]| effects.iter().filter(|o| o.path() == base).count();
+    let declared = own.len().saturating_sub(alike(&model.effects));
+    own.get(declared + alike(&model.effects[..which])).map_or(base, |p| (*p).to_string())
 }
 
 /// Indices of an effect's globals.

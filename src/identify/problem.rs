@@ -6,8 +6,8 @@
 //! fit solves for them part by part.
 
 use super::plant::Plant;
-use crate::machine::simulate::{RunError, Start, run};
-use crate::machine::{Machine, Motion, Reads};
+use crate::machine::simulate::{RunError, Samples, Start, run};
+use crate::machine::{Machine, Motion, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, Segment};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -80,6 +80,8 @@ pub struct Problem<'a> {
     pub weights: Vec<f64>,
     pub globals: Vec<Global>,
     pub locals: Vec<Local>,
+    /// Numbers that are no longer free: record (None: all), slot and value. They count more than what records set.
+    pub held: Vec<(Option<usize>, usize, f64)>,
     /// Of a drive with links only what every pair of links does: to find where a record stands.
     pub folded: bool,
     /// Steps for one sample beyond which a model counts as too stiff.
@@ -107,9 +109,15 @@ impl<'a> Problem<'a> {
     /// The start of all free numbers: the drive's own.
     pub fn start(&self) -> Point {
         Point {
-            globals: self.globals.iter().map(|g| g.law.seen(self.machine.values[g.slot])).collect(),
+            globals: self.globals.iter().map(|g| g.law.seen(self.file_value(g))).collect(),
             locals: self.data.segments.iter().map(|s| self.local_start(s)).collect(),
         }
+    }
+
+    /// Where a free number starts: as its record sets it, or as the machine has it.
+    fn file_value(&self, g: &Global) -> f64 {
+        let set = g.record.and_then(|r| self.data.set[r].iter().find(|(slot, _)| *slot == g.slot));
+        set.map_or(self.machine.values[g.slot], |(_, value)| *value)
     }
 
     fn local_start(&self, s: &Segment) -> Vec<f64> {
@@ -134,6 +142,9 @@ impl<'a> Problem<'a> {
         let s = &self.data.segments[segment];
         let mut values = self.machine.values.clone();
         for (slot, value) in &self.data.set[s.record] {
+            values[*slot] = *value;
+        }
+        for (_, slot, value) in self.held.iter().filter(|(r, ..)| r.is_none_or(|r| r == s.record)) {
             values[*slot] = *value;
         }
         for (g, x) in self.globals.iter().zip(globals) {
@@ -195,6 +206,38 @@ impl<'a> Problem<'a> {
             return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.most_steps);
         }
         run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
+    }
+
+    /// The machine with sensors of unit gain on bodies beside its own, as the only channels.
+    pub fn with_sensors(&self, reads: &[Reads]) -> Problem<'a> {
+        let mut shown = self.clone();
+        let gain = shown.machine.values.len();
+        shown.machine.values.push(1.0);
+        shown.machine.slots.push(Slot { path: "looked at".into(), unit: 1.0, low: 1.0, high: 1.0 });
+        let first = shown.machine.sensors.len();
+        for reads in reads {
+            let (name, path, reads) = (String::new(), String::new(), *reads);
+            shown.machine.sensors.push(Sensor { name, path, reads, gain, unit: None });
+        }
+        shown.channels = (first..shown.machine.sensors.len()).collect();
+        shown
+    }
+
+    /// The least and the largest speed of a body in all parts that fit; where pulses are measured, of those that start them.
+    pub fn speeds_of(&self, point: &Point, body: usize) -> (f64, f64) {
+        let shown = self.with_sensors(&[Reads::Speed(body)]);
+        let fits = |k: &usize| self.data.segments[*k].judge_from > 0;
+        let of = |k: usize| {
+            let s = &self.data.segments[k];
+            let seen = match s.task.samples {
+                Samples::Times { .. } => shown.model(k, &point.globals, &point.locals[k], true).unwrap_or_default(),
+                Samples::Pulses { .. } => Vec::new(),
+            };
+            let started = vec![self.numbers(k, &point.globals, &point.locals[k]).1.v[body]];
+            seen.into_iter().next().unwrap_or(started)
+        };
+        let all = (0..self.data.segments.len()).filter(fits).flat_map(of);
+        all.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)))
     }
 
     /// Of every channel, what a drive with links does not repeat from period to period (root mean square over what fits): no model

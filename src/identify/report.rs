@@ -4,6 +4,7 @@ use super::accept::{Found, Rival};
 use super::diagnosis::Diagnosis;
 use super::judge::Residuals;
 use super::model::{Model, placed_path, standard_error};
+use super::problem::{Point, Problem};
 use super::search::Trial;
 use super::steady::{self, Size};
 use super::structure::{self, Alike, Collision, Detectable};
@@ -483,22 +484,18 @@ fn curves(found: &Found, data: &Data) -> Vec<Curve> {
     let mut order: Vec<usize> = (0..data.segments.len()).collect();
     order.sort_by_key(|k| (data.segments[*k].judge_from == data.segments[*k].len(), *k));
     let own = super::judge::judging(data);
-    let refit = |m: &Model| {
-        super::judge::fit_judging(&m.problem, &m.fit, &own, 1).map(|(p, point)| (p.machine, p.globals, point))
-    };
-    let (before, after) = (refit(&found.declared), refit(&found.best));
+    fn refit<'a>(m: &'a Model, own: &'a Data) -> Option<(Problem<'a>, Point)> {
+        super::judge::fit_judging(&m.problem, &m.fit, own, 1)
+    }
+    let (before, after) = (refit(&found.declared, &own), refit(&found.best, &own));
     let mut all = Vec::new();
     for k in order.into_iter().take(MOST_CURVES) {
         let s = &data.segments[k];
         let at = own.segments.iter().position(|o| o.record == s.record && o.start_s == s.start_s);
-        let series = |m: &Model, judged: &Option<_>| -> Vec<Vec<f64>> {
+        let series = |m: &Model, judged: &Option<(Problem, Point)>| -> Vec<Vec<f64>> {
             let model = match (judged, at) {
-                (Some((machine, globals, point)), Some(at)) if s.judge_from == 0 => {
-                    let point: &super::problem::Point = point;
-                    let mut p = m.problem.clone();
-                    p.machine = Clone::clone(machine);
-                    p.globals = Clone::clone(globals);
-                    p.data = data;
+                (Some((held, point)), Some(at)) if s.judge_from == 0 => {
+                    let p = Problem { data, ..held.clone() };
                     p.model(k, &point.globals, &point.locals[at], false)
                 }
                 _ => m.problem.model(k, &m.fit.point.globals, &m.fit.point.locals[k], false),

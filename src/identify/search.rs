@@ -17,7 +17,7 @@ use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
-use crate::measurement::segments::Data;
+use crate::measurement::segments::{Data, Segment};
 use crate::measurement::{Measurement, Scope};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -137,9 +137,10 @@ pub fn declared<'a>(
             Scope::Part => locals.push(super::problem::Local::Slot { slot, law }),
         }
     }
-    Problem {
+    let mut problem = Problem {
         machine: machine.clone(),
         plant: context.plant,
+        held: Vec::new(),
         folded: false,
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
@@ -148,7 +149,25 @@ pub fn declared<'a>(
         locals,
         most_steps: MOST_STEPS,
         runs: context.runs,
+    };
+    if problem.plant.is_none() {
+        let start = problem.start();
+        // What the measurement gives a range may go as far as that.
+        let mut most = FILE_STIFFER * needed(&problem, &start);
+        for spec in &measurement.fit {
+            let own = (0..problem.globals.len()).filter(|g| machine.slots[problem.globals[*g].slot].path == spec.path);
+            for g in own {
+                let unit = machine.slots[problem.globals[g].slot].unit;
+                for bound in [spec.low, spec.high].into_iter().flatten().filter(|x| x.is_finite() && *x != 0.0) {
+                    let mut at = start.clone();
+                    at.globals[g] = problem.globals[g].law.seen(bound * unit);
+                    most = most.max(needed(&problem, &at));
+                }
+            }
+        }
+        problem.most_steps = most.clamp(STIFF, MOST_STEPS);
     }
+    problem
 }
 
 /// A positive number is looked for within this factor of the file's, unless the measurement says in which range: without an end a
@@ -160,6 +179,9 @@ fn scale_of_zero(low: f64, high: f64) -> f64 {
     let width = (high - low).abs();
     if width < 1e3 { (0.01 * width).max(1e-9) } else { 1.0 }
 }
+
+/// Fits whose deviances differ by less are the same.
+const SAME: f64 = 1e-3;
 
 /// The baseline: from the drive's own numbers, and from some around them, so that no far minimum is missed.
 pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> Model<'a> {
@@ -179,7 +201,7 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
             *x += d;
         }
         let model = fitted(problem.clone(), &other, own, Vec::new(), context.threads, 40);
-        if model.fit.cost < best.fit.cost * (1.0 - 1e-6) {
+        if model.misfit() < best.misfit() - SAME {
             best = model;
         }
     }
@@ -193,7 +215,6 @@ pub fn search<'a>(
     own: &'a Data,
     context: &Context<'_>,
 ) -> Searched<'a> {
-    let records = problem.data.records.len();
     context.say("fitting the declared model");
     let mut declared = baseline(problem, own, context);
     if declared.problem.plant.is_none() {
@@ -208,7 +229,9 @@ pub fn search<'a>(
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
     let mut beam: Vec<Model<'a>> = vec![declared.clone()];
-    let mut seen: Vec<Vec<String>> = vec![Vec::new()];
+    // What was fitted: from sets near the file's numbers, and from sets far from them.
+    let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
+    let file = declared.problem.start();
     let mut all: Vec<Model<'a>> = vec![declared.clone()];
     let mut cut_short = false;
     let linked = declared.problem.plant.is_some();
@@ -227,29 +250,24 @@ pub fn search<'a>(
             let looked = first
                 .take()
                 .unwrap_or_else(|| looked(measurement, model, &Base::new(&model.problem, &model.fit), context));
-            let grown = grow(looked, model, own, context, &mut seen, &mut trials, &mut reasons);
+            let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
+            let grown = grow(looked, model, own, context, seen, &mut trials, &mut reasons);
             next.extend(grown);
         }
         if round == 1
             && let Some(near) = near_the_file(&declared, own, context)
         {
             context.say("round 1: looking again from the drive's own numbers");
-            let mut again = Vec::new();
             let looked = looked(measurement, &near, &Base::new(&near.problem, &near.fit), context);
-            next.extend(grow(looked, &near, own, context, &mut Vec::new(), &mut again, &mut reasons));
-            // The better try of the two is told.
-            for t in again.into_iter().filter(|t| t.rms_fit.is_some()) {
-                let fitted = |o: &Trial| o.rms_fit.unwrap_or(f64::INFINITY);
-                match trials.iter_mut().find(|o| o.identity == t.identity && o.beside == t.beside) {
-                    Some(old) if fitted(old) <= fitted(&t) => {}
-                    Some(old) => *old = t,
-                    None => trials.push(t),
-                }
-            }
+            next.extend(grow(looked, &near, own, context, &mut seen[0], &mut trials, &mut reasons));
         }
         if round == 1 && !next.iter().any(Model::is_near_the_floor) && !context.ends() {
             context.say("round 1: looking again in short stretches");
-            next.extend(from_stretches(measurement, &declared, own, context));
+            let found = from_stretches(measurement, &declared, own, context);
+            for m in &found {
+                tell(&mut trials, m.effects[0].identity(), &[], None, stats::rms(&m.left[0]));
+            }
+            next.extend(found);
         }
         if next.is_empty() {
             break;
@@ -257,7 +275,7 @@ pub fn search<'a>(
         // Effective samples by the best of them, the same for all.
         all.extend(next.iter().cloned());
         let effective = best_effective(&all);
-        next.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
+        next.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
         let mut kept: Vec<Vec<String>> = Vec::new();
         next.retain(|m| {
             let id = m.identity();
@@ -266,10 +284,10 @@ pub fn search<'a>(
             new
         });
         next.truncate(if linked { LINKED_BEAM } else { BEAM[(round - 1).min(BEAM.len() - 1)] });
-        let lead = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
-        next.retain(|m| score(m, &effective, records) <= lead + HOPE);
-        let before = beam.iter().map(|m| score(m, &effective, records)).fold(f64::MAX, f64::min);
-        let after = next.first().map_or(f64::MAX, |m| score(m, &effective, records));
+        let lead = next.first().map_or(f64::MAX, |m| score(m, &effective));
+        next.retain(|m| score(m, &effective) <= lead + HOPE);
+        let before = beam.iter().map(|m| score(m, &effective)).fold(f64::MAX, f64::min);
+        let after = next.first().map_or(f64::MAX, |m| score(m, &effective));
         if after > before - WORTH {
             break;
         }
@@ -278,21 +296,48 @@ pub fn search<'a>(
             break;
         }
     }
-    let effective = best_effective(&all);
-    all.sort_by(|a, b| score(a, &effective, records).total_cmp(&score(b, &effective, records)));
+    let sorted = |all: &mut Vec<Model<'a>>| {
+        let effective = best_effective(all);
+        all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
+        effective
+    };
+    sorted(&mut all);
+    let again: Vec<_> = all.iter().take(AGAIN).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
+    all.extend(again);
+    let effective = sorted(&mut all);
     Searched { declared, all, effective, trials, reasons, detectable, alike, cut_short }
 }
 
 /// A free number that fits only e to this from its file may hide what is missing.
 const FAR: f64 = 0.7;
 
+/// Whether a free number of the declared model, whose numbers are these in the file, is far from there.
+fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
+    let logarithms = (0..file.globals.len()).filter(|g| declared.globals[*g].law.logarithm);
+    let far = logarithms.map(|g| (file.globals[g] - at.globals[g]).abs()).fold(0.0, f64::max);
+    declared.plant.is_none() && far >= FAR
+}
+
+/// Sets at the head of all that are fitted once more from the file's numbers.
+const AGAIN: usize = 2;
+
+/// A set of effects fitted from the file's numbers, where it stands far from them: what was still missing when it left them is in
+/// it now.
+fn from_the_file<'a>(declared: &Model<'a>, model: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
+    let file = declared.problem.start();
+    if !is_far(&declared.problem, &file, &model.fit.point) || context.ends() {
+        return None;
+    }
+    let mut start = model.fit.point.clone();
+    start.globals[..file.globals.len()].copy_from_slice(&file.globals);
+    Some(fitted(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
+}
+
 /// The declared model with the numbers of its file, where the fit has carried one far from it: what is missing has a second try
 /// from there.
 fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
     let start = declared.problem.start();
-    let logarithms = (0..start.globals.len()).filter(|g| declared.problem.globals[*g].law.logarithm);
-    let far = logarithms.map(|g| (start.globals[g] - declared.fit.point.globals[g]).abs()).fold(0.0, f64::max);
-    if declared.problem.plant.is_some() || far < FAR || context.ends() {
+    if !is_far(&declared.problem, &start, &declared.fit.point) || context.ends() {
         return None;
     }
     // Without free numbers the machine's own hold, and only the parts' starts are fitted.
@@ -331,6 +376,9 @@ fn from_stretches<'a>(
     let found = fit(&shorter[0], &shorter[0].start(), options);
     let base = Base::new(&shorter[0], &found);
     let short = Model::new(shorter[0].clone(), found, Vec::new(), own, context.threads);
+    if context.ends() {
+        return Vec::new();
+    }
     let Looked { hypotheses, promises, .. } = looked(measurement, &short, &base, context);
     let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !promises[*i].columns.is_empty()).collect();
     order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
@@ -372,16 +420,32 @@ fn from_stretches<'a>(
     })
 }
 
+/// With so many steps a sample a spring swings faster than samples tell, and a damper is done between two of them: what is
+/// stiffer than this, and takes so many times the steps of the file's numbers, is not looked for.
+const STIFF: f64 = 40.0;
+const FILE_STIFFER: f64 = 16.0;
+/// What is added may take so many times the steps of what was fitted.
+const STIFFER: f64 = 4.0;
+
+/// Steps for a sample that runs with these numbers need, at least one.
+fn needed(problem: &Problem, point: &Point) -> f64 {
+    let of = |(k, s): (usize, &Segment)| {
+        let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
+        steps_needed(&problem.machine, &values, &s.task, &start)
+    };
+    problem.data.segments.iter().enumerate().map(of).fold(1.0, f64::max)
+}
+
+/// Whether a fit has come to where runs would take more steps than they may.
+pub fn is_at_most_steps(declared: &Model) -> bool {
+    declared.problem.plant.is_none()
+        && needed(&declared.problem, &declared.fit.point) > 0.9 * declared.problem.most_steps
+}
+
 /// What is added may be stiffer than what was declared, but not by so much that a search takes days.
 fn set_most_steps(problem: &mut Problem, fitted: &Point) {
-    let m = &problem.machine;
-    let mut values = m.values.clone();
-    for (g, x) in problem.globals.iter().zip(&fitted.globals).filter(|(g, _)| g.record.is_none()) {
-        values[g.slot] = g.law.value(*x);
-    }
-    let segments = &problem.data.segments;
-    let needed = segments.iter().flat_map(|s| [&m.values, &values].map(|v| steps_needed(m, v, &s.task, &s.start)));
-    problem.most_steps = (4.0 * needed.fold(1.0, f64::max)).clamp(16.0, MOST_STEPS);
+    let most = STIFFER * needed(problem, &problem.start()).max(needed(problem, fitted));
+    problem.most_steps = most.clamp(16.0, problem.most_steps);
 }
 
 /// What a model could be given, and what each would take of its error.
@@ -407,6 +471,22 @@ fn looked(measurement: &Measurement, model: &Model, base: &Base, context: &Conte
 fn best_effective(models: &[Model]) -> Vec<f64> {
     let error = |m: &Model| judge::mean_error(&m.left);
     models.iter().min_by(|a, b| error(a).total_cmp(&error(b))).map_or_else(Vec::new, |m| judge::effective(&m.left))
+}
+
+/// Writes down a fit; of several, other forms or from other numbers, the best.
+fn tell(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: Option<f64>, rms_fit: f64) {
+    let old = trials.iter_mut().find(|t| t.identity == identity && t.beside == beside);
+    let before = old.as_ref().and_then(|t| t.rms_fit);
+    if before.is_some_and(|rms| rms <= rms_fit) {
+        return;
+    }
+    let promised = promised.or(old.as_ref().map(|t| t.promised)).unwrap_or(0.0);
+    let (rms_fit, beside) = (Some(rms_fit), beside.to_vec());
+    let trial = Trial { identity, beside, promised, rms_fit, rms_judge: None, score: None, why: String::new() };
+    match old {
+        Some(old) => *old = trial,
+        None => trials.push(trial),
+    }
 }
 
 /// A model with one effect more, in every way that is worth a fit.
@@ -499,19 +579,10 @@ fn grow<'a>(
         let Some(mut m) = m else { continue };
         m.threads = context.threads;
         let id = m.identity();
-        let c = 0;
-        let rms_fit = stats::rms(&m.left[c]);
-        trials.push(Trial {
-            identity: hypotheses[*i].identity(),
-            beside: beside.clone(),
-            promised: promises[*i].gain,
-            rms_fit: Some(rms_fit),
-            rms_judge: None,
-            score: None,
-            why: String::new(),
-        });
+        let rms_fit = stats::rms(&m.left[0]);
+        tell(trials, hypotheses[*i].identity(), &beside, Some(promises[*i].gain), rms_fit);
         match models.iter_mut().find(|o| o.identity() == id) {
-            Some(o) if o.fit.cost > m.fit.cost => *o = m,
+            Some(o) if o.misfit() > m.misfit() => *o = m,
             Some(_) => {}
             None => models.push(m),
         }

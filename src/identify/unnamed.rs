@@ -110,14 +110,14 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
         })
         .collect();
     let formula = values.iter().map(|(term, x)| format!("{x:+.4e} {term}")).collect::<Vec<_>>().join(" ");
-    let speeds = || best.problem.data.segments.iter().map(|s| s.start.v[b]);
+    let speeds = best.problem.speeds_of(&best.fit.point, b);
     Some(Unnamed {
         body: m.bodies[b].path.clone(),
         formula: format!("r = {formula}"),
         terms: values,
         judge_ratio: model.residuals().judge_ratio(best.residuals()),
-        from_speed: speeds().fold(f64::MAX, f64::min),
-        to_speed: speeds().fold(f64::MIN, f64::max),
+        from_speed: speeds.0,
+        to_speed: speeds.1,
     })
 }
 

@@ -25,7 +25,8 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
     let (mut stretches, mut begins) = (Vec::new(), Vec::new());
     for (k, s) in data.segments.iter().enumerate().filter(|(_, s)| s.judge_from > 0) {
         let Samples::Times { t_s, step_s, even } = &s.task.samples else { return None };
-        let angles = angles(m, data, s, t_s)?;
+        let values = whole_values(problem, k);
+        let angles = angles((m, &values), data, s, t_s)?;
         let length = together * (s.judge_from / STRETCHES).max(SHORTEST);
         for i in 0..(s.judge_from / length).max(1) {
             let from = i * length;
@@ -39,7 +40,9 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
             part.judge_from = to - from;
             part.at_rest = s.at_rest && i == 0;
             part.start = first_guess(m, &data.channels, &part.measured, *step_s, part.at_rest);
-            part.start.q = angles.iter().map(|q| q[from]).collect();
+            if !part.at_rest {
+                part.start.q = angles.iter().map(|q| q[from]).collect();
+            }
             stretches.push(part);
             begins.push((k, from));
         }
@@ -58,9 +61,10 @@ pub fn problem<'a>(whole: &Problem<'a>, data: &'a Data) -> Problem<'a> {
         let first = ends.iter().copied().min().unwrap_or(0);
         group.iter_mut().filter(|g| ends.contains(g)).for_each(|g| *g = first);
     }
+    let grounded = |g: usize| m.springs.iter().any(|s| matches!(s.ends.as_slice(), [end] if group[end.body] == g));
     let anchored = |g: usize| {
         let own = (0..m.bodies.len()).filter(|b| group[*b] == g);
-        own.into_iter().any(|b| m.bodies[b].motion != Motion::Free || reads(Reads::Angle(b)))
+        own.into_iter().any(|b| m.bodies[b].motion != Motion::Free || reads(Reads::Angle(b))) || grounded(g)
     };
     let keeps = |b: usize| {
         let first = (0..m.bodies.len()).find(|o| group[*o] == group[b] && reads(Reads::Speed(*o)));
@@ -95,8 +99,14 @@ pub fn joined(
     locals
 }
 
+/// The machine's numbers in a part, as its record sets them.
+fn whole_values(problem: &Problem, k: usize) -> Vec<f64> {
+    let start = problem.start();
+    problem.numbers(k, &start.globals, &start.locals[k]).0
+}
+
 /// Angle or position of every body at the samples of a part, from what is measured; None where nothing tells one.
-fn angles(m: &Machine, data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<f64>>> {
+fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<f64>>> {
     let mut known: Vec<Option<Vec<f64>>> = vec![None; m.bodies.len()];
     let summed = |speed: &mut dyn FnMut(usize) -> f64| -> Vec<f64> {
         let (mut q, mut before) = (0.0, speed(0));
@@ -122,9 +132,9 @@ fn angles(m: &Machine, data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<
     for (c, channel) in data.channels.iter().enumerate() {
         let sensor = &m.sensors[channel.sensor];
         match sensor.reads {
-            Reads::Angle(b) => known[b] = Some(filled(c, m.values[sensor.gain])),
+            Reads::Angle(b) => known[b] = Some(filled(c, values[sensor.gain])),
             Reads::Speed(b) if known[b].is_none() => {
-                let speeds = filled(c, m.values[sensor.gain]);
+                let speeds = filled(c, values[sensor.gain]);
                 known[b] = Some(summed(&mut |i| speeds[i]));
             }
             _ => {}
@@ -139,7 +149,7 @@ fn angles(m: &Machine, data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<
     }
     for (b, body) in m.bodies.iter().enumerate() {
         if let Motion::Constant(slot) = body.motion {
-            known[b] = Some(t_s.iter().map(|t| m.values[slot] * (t - t_s[0])).collect());
+            known[b] = Some(t_s.iter().map(|t| values[slot] * (t - t_s[0])).collect());
         }
     }
     for _ in 0..m.bodies.len() {
@@ -147,7 +157,7 @@ fn angles(m: &Machine, data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<
             let [a, b] = spring.ends.as_slice() else { continue };
             for (from, to) in [(a, b), (b, a)] {
                 if let (Some(q), None) = (&known[from.body], &known[to.body]) {
-                    let ratio = m.values[from.gain] / m.values[to.gain];
+                    let ratio = values[from.gain] / values[to.gain];
                     known[to.body] = Some(q.iter().map(|q| q * ratio).collect());
                 }
             }

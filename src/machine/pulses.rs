@@ -39,14 +39,7 @@ pub(super) fn pulses(
         let mark = (first + k) % marks;
         (gap * ((first + k) as f64 + table[mark].0), table[mark].1)
     };
-    // As large as what the motion bears: a turn where nothing comes back by angle, else ten steps for a wave of the highest order.
-    let turn_s = interval_s * marks as f64;
-    let coarse = match ready.highest_order() {
-        Some(order) => turn_s / (10.0 * order),
-        None => turn_s,
-    };
-    let (omega, rate) = ready.rates(&start.v, true);
-    let h = coarse.min(0.2 / omega.max(1e-300)).min(0.1 / rate.max(1e-300));
+    let h = step_s(ready, start, interval_s, marks);
     if h < interval_s / ready.most_steps {
         return Err(RunError::Stiff { steps: interval_s / h });
     }
@@ -123,4 +116,15 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
         x = next;
     }
     x * h
+}
+
+/// As large as what the motion bears: a turn where nothing comes back by angle, else ten steps for a wave of the highest order.
+pub(super) fn step_s(ready: &Ready, start: &Start, interval_s: f64, marks: usize) -> f64 {
+    let turn_s = interval_s * marks as f64;
+    let coarse = match ready.highest_order() {
+        Some(order) => turn_s / (10.0 * order),
+        None => turn_s,
+    };
+    let (omega, rate) = ready.rates(&start.v, true);
+    coarse.min(0.2 / omega.max(1e-300)).min(0.1 / rate.max(1e-300))
 }

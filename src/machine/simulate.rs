@@ -4,7 +4,7 @@
 //! every friction slope stable, found from the machine's numbers before the run.
 
 use super::forces::{Acting, Ready};
-use super::pulses::pulses;
+use super::pulses::{self, pulses};
 use super::{InputKind, Machine, Motion, Reads, Target};
 use crate::effects::{Physics, Trace};
 use std::f64::consts::PI;
@@ -83,13 +83,18 @@ pub fn run(
     }
 }
 
-/// Steps that a sample of this task needs with these numbers.
+/// Steps that a sample of this task, or the shortest interval between pulses, needs with these numbers.
 pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> f64 {
+    let ready = Ready::new(m, values, MOST_STEPS);
     match &task.samples {
-        Samples::Times { step_s, .. } => {
-            steps(&Ready::new(m, values, MOST_STEPS), *step_s, &top_speeds(m, task, start))
+        Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start)),
+        Samples::Pulses { interval_s, .. } => {
+            let marks = m.sensors.iter().find_map(|s| match s.reads {
+                Reads::Pulses { marks, .. } => Some(marks),
+                _ => None,
+            });
+            interval_s / pulses::step_s(&ready, start, *interval_s, marks.unwrap_or(1))
         }
-        Samples::Pulses { .. } => 1.0,
     }
 }
 

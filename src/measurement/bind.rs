@@ -1,8 +1,8 @@
 //! What a measurement file names, bound to a drive: sensors, units, inputs, numbers. All mistakes come back at once.
 
-use super::Measurement;
 use super::segments::{Channel, DataError};
 use super::units::{Quantity, UNITS, shows, unit};
+use super::{Measurement, RecordSpec, Scope};
 use crate::diag::{Diag, nearest};
 use crate::machine::{InputKind, Machine, Reads};
 
@@ -154,6 +154,12 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
         if low >= high || value < low || value > high {
             let title = format!("the drive's {value} lies outside the bounds {low} .. {high} of `{}`", f.path);
             diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some("widen them".into())));
+        }
+        let fits = |r: &&RecordSpec| r.set.iter().any(|(path, _)| *path == f.path);
+        if let Some(r) = measurement.records.iter().find(fits).filter(|_| f.scope == Scope::All) {
+            let title = format!("`{}` is fitted, and record `{}` sets it", f.path, r.name);
+            let help = "one number for all records cannot be set by one: fit it `per = \"record\"`, or leave one of the two out";
+            diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some(help.into())));
         }
         if f.spread.is_some() && value == 0.0 {
             let title = format!("`spread_percent` of `{}`, which is zero", f.path);

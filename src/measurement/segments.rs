@@ -363,6 +363,16 @@ fn sampled_segment(
     }
     let step_s = if clock.rate_hz > 0.0 { 1.0 / clock.rate_hz } else { 1.0 };
     let start = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
+    if record.judge_from_row.is_some_and(|row| row > to) {
+        let title = format!("record `{}` has no row beyond {to}", record.name);
+        let help = "`judge_from_row` is the first row that judges";
+        diags.push(measurement.places.error(
+            &format!("records.{}.judge_from_row", record.name),
+            title,
+            Some(help.into()),
+        ));
+        return;
+    }
     let judge_from = match (record.usage, record.judge_from_row) {
         (Use::Judge | Use::Transfer, _) => 0,
         (Use::Fit, Some(row)) => row - 1 - from,
