@@ -182,6 +182,88 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     assert_eq!(again.values[slot], torque.value);
 }
 
+/// A second harmonic of an effect that the drive file has already stands beside it, with its own numbers, and is written so.
+#[test]
+fn a_second_harmonic_is_found_beside_the_one_that_is_declared() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.1);
+    let mut noise = pitchline::identify::stats::Random::new(11);
+    for (file, torque) in [("a.csv", 1.2), ("b.csv", 0.8), ("c.csv", 1.0)] {
+        let mut text = String::from("time_ms,torque,speed_rpm\n");
+        let (mut q, mut v) = (0.0_f64, torque / 0.08);
+        for i in 0..500 {
+            let uniform = noise.below(2001) as f64 / 1000.0 - 1.0;
+            text += &format!("{},{torque},{}\n", i * 5, (v + 0.05 * uniform) * 30.0 / std::f64::consts::PI);
+            for _ in 0..50 {
+                let ripple = 0.3 * q.cos() + 0.25 * (2.0 * q + 1.0).cos();
+                v += 0.005 / 50.0 * (torque + ripple - 0.08 * v) / 0.05;
+                q += 0.005 / 50.0 * v;
+            }
+        }
+        std::fs::write(folder.path().join(file), text).expect("written");
+    }
+    let drive = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
+    let drive = drive + "\n[effects.torque_ripple.disc]\ntorque_nm = 0.3\norder = 1\nphase_deg = 90.0\n";
+    std::fs::write(folder.path().join("rig.toml"), &drive).expect("written");
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    assert_eq!(paths(&r), ["effects.torque_ripple.disc+"]);
+    let numbers = &r.effects[0].parameters;
+    let of = |key: &str| numbers.iter().find(|n| n.path.ends_with(key)).map_or(f64::NAN, |n| n.value);
+    assert_eq!(of(".order"), 2.0);
+    assert!((of(".torque_nm").abs() - 0.25).abs() < 0.02, "{numbers:?}");
+    assert!(r.effects[0].sizes.len() == 4, "{:?}", r.effects[0].sizes);
+    let machine = Machine::parse("rig.toml", &drive, &[]).expect("a machine");
+    let updated = pitchline::identify::text::updated(&machine, &r).expect("written");
+    let again = Machine::parse("updated.toml", &updated, &[]).unwrap_or_else(|e| panic!("{e}\n{updated}"));
+    assert_eq!(again.placed.iter().filter(|p| p.effect.name == "torque_ripple").count(), 2);
+}
+
+/// Two records of a disc that runs down, each under a drag of its own: the parts that judge are run with their own record's.
+#[test]
+fn parts_that_judge_have_the_numbers_of_their_own_record() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut noise = pitchline::identify::stats::Random::new(5);
+    for (file, drag) in [("a.csv", 1.2e-4), ("b.csv", 2.0e-4)] {
+        let mut text = String::new();
+        for _ in 0..8 {
+            let mut v = 60.0_f64;
+            while v > 30.0 {
+                // In closed form: v falls by exp(-k/J dq) from mark to mark.
+                let (turn, rate) = (std::f64::consts::TAU / 6.0, drag / 0.02);
+                let interval_s = ((rate * turn).exp() - 1.0) / (rate * v);
+                v *= (-rate * turn).exp();
+                let uniform = noise.below(2001) as f64 / 1000.0 - 1.0;
+                text += &format!("{:.9}\n", interval_s * (1.0 + 1e-3 * uniform));
+            }
+            for i in 0..12 {
+                text += &format!("{:.9}\n", std::f64::consts::TAU / 6.0 / (30.0 + 2.5 * f64::from(i)));
+            }
+        }
+        std::fs::write(folder.path().join(file), text).expect("written");
+    }
+    let drive = "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.02\n[loads.quadratic.disc]\n\
+         torque_nm_s2_per_rad2 = 1.5e-4\n[sensors.pulse_pickup.disc]\nmarks = 6\n";
+    std::fs::write(folder.path().join("disc.toml"), drive).expect("written");
+    let record = |n: &str| format!("[records.{n}]\nfile = \"{n}\"\nsplit = \"coasting\"\njudge_share = 0.5\n");
+    let text = format!(
+        "title = \"disc\"\ndrive = \"disc.toml\"\n[files.a]\npath = \"a.csv\"\nheader = false\n[files.b]\npath = \"b.csv\"\nheader = false\n\
+         [channels.pickup]\nsensor = \"sensors.pulse_pickup.disc\"\ncolumn = \"1\"\nunit = \"s\"\n{}{}\
+         [fit.\"loads.quadratic.disc.torque_nm_s2_per_rad2\"]\nper = \"record\"\n",
+        record("a"),
+        record("b")
+    );
+    let path = folder.path().join("disc-measured.toml");
+    std::fs::write(&path, text).expect("written");
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    assert_eq!(r.outcome, Verdict::None, "{:?}", paths(&r));
+    for e in &r.error_before {
+        let (fit, held_out) = (e.fit.expect("fits"), e.held_out.expect("judges"));
+        assert!((held_out / fit - 1.0).abs() < 0.1, "{e:?}");
+    }
+}
+
 #[test]
 fn a_clean_record_is_explained_without_a_name_and_the_same_input_gives_the_same_report() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -270,7 +352,7 @@ fn mistakes_are_told_before_a_model_is_run() {
         let path = rotor_with_friction(folder, 0.0, 0.1);
         (std::fs::read_to_string(&path).expect("text"), path)
     };
-    let cases: [(&str, &str, &str); 9] = [
+    let cases: [(&str, &str, &str); 11] = [
         ("column = \"speed_rpm\"", "column = \"speed\"", "did you mean \"speed_rpm\"?"),
         ("unit = \"rpm\"", "unit = \"m/s\"", "is a speed, and `sensors.tachometer.disc` shows an angular speed"),
         ("unit = \"rpm\"", "unit = \"furlongs\"", "the unit `furlongs` is not known"),
@@ -280,6 +362,12 @@ fn mistakes_are_told_before_a_model_is_run() {
         ("use = \"fit\"", "use = \"judge\"", "every record judges, none fits"),
         ("title = \"rig\"", "titel = \"rig\"", "did you mean `title`?"),
         ("path = \"a.csv\"", "path = \"x.csv\"", "cannot read"),
+        ("use = \"fit\"", "use = \"fit\"\njudge_from_row = 4000", "record `a` has no row beyond 600"),
+        (
+            "[records.a]",
+            "[records.a]\nset.\"rotors.disc.inertia_kg_m2\" = 0.06",
+            "`rotors.disc.inertia_kg_m2` is fitted, and record `a` sets it",
+        ),
     ];
     for (from, to, says) in cases {
         let folder = tempfile::tempdir().expect("a folder");
