@@ -54,6 +54,7 @@ pub fn identify(
             "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not looked at: give the numbers of its springs and dampers their `low` and `high`"
         ));
     }
+    report.warnings.extend(search::far_numbers(&found.declared, &found.best));
     context.say("looking at what is left by itself");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {

@@ -318,6 +318,25 @@ fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
     declared.plant.is_none() && far >= FAR
 }
 
+/// So far from the file a number is hard to believe, where its plate or drawing does not say how well it is known: a factor of 5.
+const HARD_TO_BELIEVE: f64 = 1.6;
+
+/// What is to be said of declared numbers that the fit with all that was found has carried far from their file.
+pub fn far_numbers(declared: &Model, best: &Model) -> Vec<String> {
+    let file = declared.problem.start();
+    let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
+    let far =
+        numbers.filter(|(g, (from, to))| g.law.logarithm && g.prior.is_none() && (*from - *to).abs() > HARD_TO_BELIEVE);
+    let told = |(g, (from, to)): (&Global, (&f64, &f64))| {
+        let path = &declared.problem.machine.slots[g.slot].path;
+        let times = libm::exp(to - from);
+        format!(
+            "the fit has carried `{path}` to {times:.3} times the file's value: what is missing may hide in it; `low` and `high`, or `spread_percent`, would hold it"
+        )
+    };
+    far.map(told).collect()
+}
+
 /// Sets at the head of all that are fitted once more from the file's numbers.
 const AGAIN: usize = 2;
 

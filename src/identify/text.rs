@@ -210,6 +210,9 @@ fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
             if a.at_bound { "  AT ITS BOUND" } else { "" }
         )?;
     }
+    for w in &r.warnings {
+        writeln!(t, "warning: {w}")?;
+    }
     Ok(())
 }
 
