@@ -8,8 +8,8 @@ pub const ROW: Effect = Effect {
     title: "Backlash",
     part: Part::Shaft,
     on: On::Span,
-    equation: "force -= k clamp(stretch, -gap/2, gap/2)",
-    source: "Dead-zone spring",
+    equation: "force = k (stretch -+ gap/2) + c rate beyond the gap, 0 within",
+    source: "Dead zone with the damper behind it (Nordin & Gutman 2002)",
     order: "2, 3 ... times what drives it, at reversals",
     speed_law: "0, with a threshold",
     channels: "speeds at torque reversal",
@@ -21,5 +21,5 @@ pub const ROW: Effect = Effect {
 
 fn force(p: &[f64], at: SpanAt) -> f64 {
     let half = 0.5 * p[0];
-    -at.stiffness * at.stretch.clamp(-half, half)
+    if at.stretch.abs() < half { -at.force } else { -at.stiffness * half.copysign(at.stretch) }
 }

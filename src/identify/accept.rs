@@ -18,6 +18,7 @@ use super::steady;
 use super::structure::{Alike, Detectable};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
+use crate::effects::Kind;
 use crate::measurement::segments::Data;
 
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -185,10 +186,21 @@ fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: 
     })
 }
 
+/// With forms a thirtieth as wide: as good as a jump or a step, where that is what they round off.
+fn sharper(h: &Hypothesis) -> Hypothesis {
+    let mut sharp = h.clone();
+    for (value, row) in sharp.values.iter_mut().zip(&h.rows) {
+        if row.kind == Kind::Shape {
+            *value /= 30.0;
+        }
+    }
+    sharp
+}
+
 /// Judges what a search saw.
 pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) -> Found<'a> {
     context.say("holding what was found against what it has not seen");
-    let Searched { declared, all, effective, mut trials, reasons, detectable, alike, cut_short } = searched;
+    let Searched { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } = searched;
     let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
     (best, grounds) = of_known_form(&declared, (best, grounds), &effective, own, context, &mut trials);
     if let Some(why) = only_a_lead(&declared, &best, own, context.threads) {
@@ -198,7 +210,7 @@ pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) 
         }
         (best, grounds) = (declared.clone(), Vec::new());
     }
-    let rivals = rivals(&declared, &best, &all, &effective, own, context, &mut trials);
+    let rivals = rivals(&declared, &best, &all, (&hypotheses, &alike), &effective, own, context, &mut trials);
     told(&best, &all, &effective, &mut trials);
     Found { declared, best, rivals, trials, reasons, grounds, detectable, alike, cut_short }
 }
@@ -467,6 +479,7 @@ fn rivals<'a>(
     declared: &Model<'a>,
     best: &Model<'a>,
     all: &[Model<'a>],
+    (hypotheses, alike): (&[Hypothesis], &[Alike]),
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
@@ -480,15 +493,20 @@ fn rivals<'a>(
         let mut mine: Vec<Rival> = Vec::new();
         context.say("looking for rivals");
         let less = without_effect(declared, best, which, own, context.threads);
-        // Those that were fitted somewhere on the way.
-        let mut tried: Vec<&Hypothesis> = Vec::new();
-        for m in all {
-            for h in &m.effects {
-                let own_id = h.identity();
-                let taken = best.effects.iter().any(|b| b.identity() == own_id);
-                if !taken && own_id != id && tried.iter().all(|t| t.identity() != own_id) {
-                    tried.push(h);
-                }
+        // Those that were fitted somewhere on the way, and those that looked alike from the beginning, as they were and with
+        // sharper forms: however little that explained as it was.
+        let taken = |other: &str| best.effects.iter().any(|b| b.identity() == other);
+        let twin = |h: &&Hypothesis| {
+            let other = h.identity();
+            let is_pair = |a: &Alike| (a.a == id && a.b == other) || (a.b == id && a.a == other);
+            declared.problem.plant.is_none() && !taken(&other) && alike.iter().any(is_pair)
+        };
+        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), sharper(h)]).collect();
+        let mut tried: Vec<&Hypothesis> = twins.iter().collect();
+        for h in all.iter().flat_map(|m| &m.effects) {
+            let own_id = h.identity();
+            if !taken(&own_id) && own_id != id && tried.iter().all(|t| t.identity() != own_id) {
+                tried.push(h);
             }
         }
         let base = Base::new(&less.problem, &less.fit);
@@ -517,6 +535,12 @@ fn rivals<'a>(
             }
         }
         mine.sort_by(|a, b| a.score.total_cmp(&b.score));
+        let mut known: Vec<String> = Vec::new();
+        mine.retain(|r| {
+            let new = !known.contains(&r.identity);
+            known.push(r.identity.clone());
+            new
+        });
         rivals.push(mine);
     }
     rivals

@@ -32,6 +32,8 @@ const CONVERGED: f64 = 2e-6;
 /// (Broyden 1965) instead of a new one, so often in a row: a run instead of one for every number.
 const GOOD_GAIN: f64 = 0.3;
 const MOST_UPDATES: usize = 4;
+/// So many times the iterations asked for, while a fit still comes down.
+const STILL_FALLING: usize = 3;
 /// Most steps for a drive with links, whose model is close to linear in what is looked for.
 const LINKED_ITERATIONS: usize = 8;
 
@@ -77,6 +79,11 @@ pub struct Options {
     pub threads: usize,
 }
 
+/// Whether the last five iterations have taken a tenth of the cost or more.
+fn falls(costs: &[f64]) -> bool {
+    costs.len() > 5 && costs[costs.len() - 1] < 0.9 * costs[costs.len() - 6]
+}
+
 /// Fits from `start`.
 pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let segments = &problem.data.segments;
@@ -97,8 +104,10 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
         None => (CONVERGED, options.iterations),
     };
     let mut taken = 0;
-    while taken < most {
+    let mut costs = vec![cost];
+    while taken < most || (taken < STILL_FALLING * most && falls(&costs)) {
         taken += 1;
+        costs.push(cost);
         let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
             lambda *= 10.0;
             if lambda > 1e12 {
@@ -191,6 +200,15 @@ pub(super) fn priors(problem: &Problem, point: &Point) -> f64 {
 /// Residuals of all parts.
 fn evaluated(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Vec<f64>> {
     parallel(parts.len(), options.threads, |i| problem.residuals(parts[i], &point.globals, &point.locals[parts[i]]))
+}
+
+/// What a fit that starts here comes down from.
+pub fn cost_at(problem: &Problem, point: &Point, threads: usize) -> f64 {
+    let segments = &problem.data.segments;
+    let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
+    let mut point = point.clone();
+    keep_inside(problem, &mut point);
+    total(problem, &point, &evaluated(problem, &point, &parts, Options { iterations: 0, threads }))
 }
 
 fn total(problem: &Problem, point: &Point, residuals: &[Vec<f64>]) -> f64 {

@@ -134,7 +134,7 @@ pub fn score(model: &Model, effective: &[f64]) -> f64 {
 
 /// A model with one hypothesis more, fitted.
 pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
-    let (problem, start) = candidates::with(&model.problem, &model.fit.point, h, seed);
+    let (problem, start) = candidates::begun(&model.problem, &model.fit.point, h, seed, threads);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
     fitted(problem, &start, own, effects, threads, 40)
 }
@@ -204,7 +204,7 @@ pub fn rebuilt<'a>(
         }
     }
     if let Some((h, seed)) = more {
-        (problem, point) = candidates::with(&problem, &point, h, seed);
+        (problem, point) = candidates::begun(&problem, &point, h, seed, threads);
         effects.push(h.clone());
     }
     problem.turn_starts(&mut point, threads);

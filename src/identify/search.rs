@@ -85,6 +85,8 @@ pub struct Searched<'a> {
     pub reasons: Vec<(String, String)>,
     pub detectable: Vec<Detectable>,
     pub alike: Vec<Alike>,
+    /// What the declared model could be given, every form.
+    pub hypotheses: Vec<Hypothesis>,
     pub cut_short: bool,
 }
 
@@ -225,6 +227,7 @@ pub fn search<'a>(
     let first = looked(measurement, &declared, &base, context);
     let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.promises);
     let alike = structure::alike(&first.hypotheses, &first.promises);
+    let hypotheses = first.hypotheses.clone();
     let mut first = Some(first);
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
@@ -305,7 +308,7 @@ pub fn search<'a>(
     let again: Vec<_> = all.iter().take(AGAIN).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
     all.extend(again);
     let effective = sorted(&mut all);
-    Searched { declared, all, effective, trials, reasons, detectable, alike, cut_short }
+    Searched { declared, all, effective, trials, reasons, detectable, alike, hypotheses, cut_short }
 }
 
 /// A free number that fits only e to this from its file may hide what is missing.
@@ -584,7 +587,12 @@ fn grow<'a>(
         }
         let h = &hypotheses[jobs[job]];
         let p = &promises[jobs[job]];
-        let (problem, mut start) = candidates::with(&model.problem, &model.fit.point, h, &p.seed);
+        // What could not be screened starts from a form of its own, not from what is left.
+        let (base, point) = (&model.problem, &model.fit.point);
+        let (problem, mut start) = match p.columns.is_empty() {
+            true => candidates::with(base, point, h, &p.seed),
+            false => candidates::begun(base, point, h, &p.seed, 1),
+        };
         if p.columns.is_empty() && is_signal(h.effect) {
             problem.turn_starts(&mut start, 1);
         }

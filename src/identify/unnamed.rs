@@ -122,7 +122,7 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
 }
 
 /// Forms in a body's speed that could stand in the place of an effect's load, each as large as it at the body's usual speed; none
-/// where the effect is no load by speed.
+/// where the effect is no load by speed, and never its own law (one that is rounded off otherwise is the same friction).
 pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
     let h = &model.effects[which];
     let (Target::Body(body), Physics::BodyForce(law)) = (h.target, h.effect.physics) else { return Vec::new() };
@@ -140,7 +140,8 @@ pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
     let sizes = super::candidates::Sizes::of(&model.problem, &model.fit.point);
     let at = BodyAt { q: 0.0, v: sizes.speed(body) };
     let force = law(&numbers, at);
-    let by_speed = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0));
+    let own_form = OWN_FORM.iter().find(|(name, _)| *name == h.effect.name).map(|(_, form)| *form);
+    let by_speed = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0) && Some(LIBRARY[*t].0) != own_form);
     by_speed
         .map(|t| {
             let size = force / LIBRARY[t].1(&[1.0], at);
@@ -152,6 +153,10 @@ pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
 
 /// Forms of the library that go by speed alone.
 const IN_SPEED: [&str; 4] = ["v", "v |v|", "v^3", "sign(v)"];
+
+/// Effects that are such a form themselves.
+const OWN_FORM: [(&str, &str); 3] =
+    [("viscous_friction", "v"), ("quadratic_drag", "v |v|"), ("coulomb_friction", "sign(v)")];
 
 /// How much of what a model leaves a small force of every form on every free body would take.
 pub fn forces(model: &Model, threads: usize) -> Vec<StateLine> {

@@ -96,9 +96,11 @@ impl Scene<'_> {
         let mut tension = m.stiffness * stretch + m.damping * rate;
         for f in self.faults {
             match f.law {
-                // Within the gap only the damper carries.
-                Law::Backlash if stretch.abs() < 0.5 * f.size => tension -= m.stiffness * stretch,
-                Law::Backlash => tension -= m.stiffness * 0.5 * f.size.copysign(stretch),
+                // Within the gap nothing carries, the damper neither.
+                Law::Backlash => {
+                    let play = stretch.abs() - 0.5 * f.size;
+                    tension = if play > 0.0 { m.stiffness * play.copysign(stretch) + m.damping * rate } else { 0.0 };
+                }
                 Law::Hardening => tension += f.size * stretch * stretch.abs(),
                 Law::Hysteresis => {
                     // Bouc 1967, Wen 1976: elastic at first, then it yields at the form's stretch.
