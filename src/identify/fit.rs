@@ -34,6 +34,8 @@ const GOOD_GAIN: f64 = 0.3;
 const MOST_UPDATES: usize = 4;
 /// So many times the iterations asked for, while a fit still comes down.
 const STILL_FALLING: usize = 3;
+/// At the end of its iterations a fit that has lost no more than this share of its cost in the last two has converged too.
+const STANDS: f64 = 1e-4;
 /// Most steps for a drive with links, whose model is close to linear in what is looked for.
 const LINKED_ITERATIONS: usize = 8;
 
@@ -169,6 +171,9 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             }
         }
     }
+    // Numbers that samples hardly tell wander on where the cost stands still.
+    let stands = |two_ago: &f64| two_ago - cost < STANDS * cost;
+    converged |= taken >= most && taken > 2 && costs.iter().nth_back(1).is_some_and(stands);
     if updates > 0 {
         let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
         jacobian = linearised(problem, &point, &parts, residuals, options);
