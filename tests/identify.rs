@@ -86,6 +86,7 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     let data = ["coupled_electric_drives/DATAUNIF.csv", "coupled_electric_drives/DATAPRBS.csv"];
     let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
+    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
     // A free size for every half record gives much the same one.
     let sizes = r.effects.iter().flat_map(|e| &e.sizes).map(|s| s.relative);
     assert!(
