@@ -6,8 +6,9 @@
 //! link otherwise. Forces are the means over a step that the scheme works with. First touch of a kind: the first step of the
 //! pass in which it carries force; its speed is the approach speed there.
 
+use crate::elements::contact_law::PeakMeter;
 use crate::elements::end_contact::LinkContour;
-use crate::integrate::explicit::Scratch;
+use crate::integrate::explicit::{Part, Scratch};
 use crate::model::{Model, Toothing};
 use crate::state::State;
 use std::f64::consts::PI;
@@ -55,9 +56,11 @@ pub struct Pass {
     pub first_touch: [Option<(f64, f64)>; KINDS.len()],
     /// Mean force per bin of u, from [`PASS_FROM`] on, per kind [N].
     pub force_n: Vec<[f64; KINDS.len()]>,
-    /// Largest force in any step per bin, per kind [N].
+    /// Largest force per bin, per kind [N].
     pub peak_n: Vec<[f64; KINDS.len()]>,
     samples: Vec<u32>,
+    last_bin: Option<usize>,
+    meters: [PeakMeter; PARTS],
 }
 
 /// Watches passes over one sprocket.
@@ -108,6 +111,8 @@ impl Pass {
             force_n: vec![[0.0; KINDS.len()]; bins],
             peak_n: vec![[0.0; KINDS.len()]; bins],
             samples: vec![0; bins],
+            last_bin: None,
+            meters: [PeakMeter::default(); PARTS],
         }
     }
 
@@ -250,12 +255,20 @@ impl Watch {
             self.done.push(pass);
             return;
         }
-        pass.samples[bin] += 1;
-        let share = 1.0 / f64::from(pass.samples[bin]);
-        for (kind, (force, approach)) in forces(model, scratch, link, self.follows_joints).into_iter().enumerate() {
-            pass.force_n[bin][kind] += (force - pass.force_n[bin][kind]) * share;
-            pass.peak_n[bin][kind] = pass.peak_n[bin][kind].max(force);
-            if force > 0.0 && pass.first_touch[kind].is_none() {
+        // A step may be longer than a bin.
+        let from = pass.last_bin.map_or(bin, |last| (last + 1).min(bin));
+        pass.last_bin = Some(bin);
+        for bin in from..=bin {
+            pass.samples[bin] += 1;
+        }
+        let seen = forces(model, scratch, link, self.follows_joints, &mut pass.meters);
+        for (kind, Seen { force, top, approach, touches }) in seen.into_iter().enumerate() {
+            for bin in from..=bin {
+                let share = 1.0 / f64::from(pass.samples[bin]);
+                pass.force_n[bin][kind] += (force - pass.force_n[bin][kind]) * share;
+                pass.peak_n[bin][kind] = pass.peak_n[bin][kind].max(top);
+            }
+            if touches && pass.first_touch[kind].is_none() {
                 pass.first_touch[kind] = Some((u, approach));
             }
         }
@@ -303,31 +316,76 @@ impl Sums {
     }
 }
 
-/// Force and approach speed of every kind, of a link (or of the joint at its front).
-fn forces(model: &Model, scratch: &Scratch, link: usize, joints: bool) -> [(f64, f64); KINDS.len()] {
-    let mut all = [(0.0, 0.0); KINDS.len()];
-    let (bushes, _) = scratch.memories();
-    let ends = scratch.contour_memories();
-    let abutments = matches!(model.contour, Some(LinkContour::Abutments { .. }));
-    if joints || abutments {
-        all[Kind::Bush as usize] = (bushes.normal_force[link], bushes.approach[link]);
+/// What one kind of part of a link feels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Mean over the step, and the largest since the step before [N].
+    force: f64,
+    top: f64,
+    /// At its first touch [m/s].
+    approach: f64,
+    touches: bool,
+}
+
+/// Parts that are looked at.
+const PARTS: usize = 7;
+
+/// Kinds and the parts that they are, per chain: of several the one with the larger force counts.
+fn parts(model: &Model, joints: bool) -> &'static [(Kind, Part)] {
+    const BUSH: (Kind, Part) = (Kind::Bush, Part::Bushes);
+    const ABUTMENTS: [(Kind, Part); 5] = [
+        BUSH,
+        (Kind::RingFront, Part::Contours(0)),
+        (Kind::RingRear, Part::Contours(1)),
+        (Kind::Guide, Part::Contours(4)),
+        (Kind::Guide, Part::Contours(5)),
+    ];
+    const FLANKS: [(Kind, Part); 5] = [
+        (Kind::FlankLeading, Part::Contours(0)),
+        (Kind::FlankTrailing, Part::Contours(1)),
+        (Kind::InnerFlank, Part::Contours(2)),
+        (Kind::InnerFlank, Part::Contours(3)),
+        BUSH,
+    ];
+    match (&model.contour, joints) {
+        (Some(LinkContour::Abutments { .. }), _) => &ABUTMENTS,
+        (Some(_), true) => &FLANKS,
+        (Some(_), false) => &FLANKS[..4],
+        (None, true) => &ABUTMENTS[..1],
+        (None, false) => &[],
     }
-    if model.contour.is_none() {
-        return all;
-    }
-    let of = |set: usize| {
-        let m = &ends[set];
-        if m.is_empty() { (0.0, 0.0) } else { (m.normal_force[link], m.approach[link]) }
-    };
-    let larger = |a: (f64, f64), b: (f64, f64)| if a.0 > b.0 { a } else { b };
-    if !abutments {
-        all[Kind::FlankLeading as usize] = of(0);
-        all[Kind::FlankTrailing as usize] = of(1);
-        all[Kind::InnerFlank as usize] = larger(of(2), of(3));
-    } else {
-        all[Kind::RingFront as usize] = of(0);
-        all[Kind::RingRear as usize] = of(1);
-        all[Kind::Guide as usize] = larger(of(4), of(5));
+}
+
+/// What every kind of part of a link feels.
+fn forces(
+    model: &Model,
+    scratch: &Scratch,
+    link: usize,
+    joints: bool,
+    meters: &mut [PeakMeter; PARTS],
+) -> [Seen; KINDS.len()] {
+    let mut all = [Seen::default(); KINDS.len()];
+    for ((kind, part), meter) in parts(model, joints).iter().zip(meters) {
+        let memory = scratch.memory(*part);
+        if memory.is_empty() {
+            continue;
+        }
+        let (force, approach) = (memory.normal_force[link], memory.approach[link]);
+        let touch = scratch.touch(*part, link);
+        let law = touch.and_then(|_| scratch.law(model, *part, link));
+        let top = match law {
+            Some(law) => meter.look(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
+            None => {
+                *meter = PeakMeter::default();
+                0.0
+            }
+        };
+        let seen = &mut all[*kind as usize];
+        if force >= seen.force {
+            (seen.force, seen.approach) = (force, approach);
+        }
+        seen.top = seen.top.max(top);
+        seen.touches |= touch.is_some();
     }
     all
 }

@@ -4,8 +4,8 @@
 //! * tooth period: pitch / nominal chain speed.
 //! * first touch: the first step in which it carries force after two tooth periods without any. Its time is that step's; its
 //!   approach speed is the closing speed along the normal there.
-//! * peak: the largest normal force of any step within the two tooth periods from the first touch on, whatever it touches in
-//!   between; forces are the means over a step that the scheme works with.
+//! * peak: the largest normal force within the two tooth periods from the first touch on, whatever it touches in between, at nodes
+//!   and between them ([`PeakMeter`]; Hertz's law: the largest mean over a step).
 //! * impulse: integral of the force from the first touch until, after its peak, it has fallen to half of it.
 //! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a step
 //!   before the first touch.
@@ -14,6 +14,7 @@
 //! A part that touches already when the watch begins is not counted before it has come free. Of a watch that begins in the middle
 //! of a run nobody knows what was free before: parts count as having touched just then.
 
+use crate::elements::contact_law::PeakMeter;
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
@@ -39,8 +40,11 @@ struct Open {
     parts: usize,
     lane: usize,
     placed: bool,
-    /// Normal force of every step since the first touch [N].
+    /// Normal force of every step since the first touch, mean over the step and largest since the step before [N].
     force_n: Vec<f64>,
+    top_n: Vec<f64>,
+    meter: PeakMeter,
+    best_n: f64,
 }
 
 /// Watches a run. Look at every step, after its evaluation.
@@ -120,7 +124,7 @@ impl ImpactWatch {
             }
         }
         self.started = true;
-        self.follow(scratch, step);
+        self.follow(model, scratch, step);
         if self.unplaced > 0 {
             self.place(model, &contacts_at(model, state, scratch));
         }
@@ -137,7 +141,16 @@ impl ImpactWatch {
             approach_speed_m_s: approach_m_s,
             ..Impact::default()
         };
-        let open = Open { impact, parts, lane, placed: false, force_n: Vec::new() };
+        let open = Open {
+            impact,
+            parts,
+            lane,
+            placed: false,
+            force_n: Vec::new(),
+            top_n: Vec::new(),
+            meter: PeakMeter::default(),
+            best_n: 0.0,
+        };
         self.unplaced += 1;
         let at = match self.free.pop() {
             Some(at) => at,
@@ -152,7 +165,7 @@ impl ImpactWatch {
         self.parts[parts].open[lane] = Some(at);
     }
 
-    fn follow(&mut self, scratch: &Scratch, step: u64) {
+    fn follow(&mut self, model: &Model, scratch: &Scratch, step: u64) {
         let window = (WATCHED_PERIODS * self.period_steps) as u64;
         if !self.follows_forces && step < self.next_close {
             return;
@@ -168,9 +181,21 @@ impl ImpactWatch {
             if !self.follows_forces {
                 continue;
             }
-            let memory = scratch.memory(self.parts[open.parts].of);
-            let touches = memory.age[open.lane] > 0.0;
-            open.force_n.push(if touches { memory.normal_force[open.lane] } else { 0.0 });
+            let (part, lane) = (self.parts[open.parts].of, open.lane);
+            let memory = scratch.memory(part);
+            let mean = if memory.age[lane] > 0.0 { memory.normal_force[lane] } else { 0.0 };
+            open.force_n.push(mean);
+            let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
+            let law = touch.and_then(|_| scratch.law(model, part, lane));
+            let top = match law {
+                Some(law) => open.meter.look(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),
+                None => {
+                    open.meter = PeakMeter::default();
+                    0.0
+                }
+            };
+            open.best_n = open.best_n.max(top);
+            open.top_n.push(top);
         }
     }
 
@@ -286,21 +311,21 @@ fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
 
 fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {
     let mut impact = open.impact;
-    let f = &open.force_n;
+    let (f, top) = (&open.force_n, &open.top_n);
     let (at, peak) =
-        f.iter().copied().enumerate().fold((0, 0.0), |best, (i, f)| if f > best.1 { (i, f) } else { best });
+        top.iter().copied().enumerate().fold((0, 0.0), |best, (i, f)| if f > best.1 { (i, f) } else { best });
     impact.peak_force_n = peak;
     impact.peak_after_s = at as f64 * step_s;
     let until = (at..f.len()).find(|i| f[*i] <= 0.5 * peak).unwrap_or(f.len());
     impact.impulse_n_s = f[..until].iter().sum::<f64>() * step_s;
-    let force = |i: usize| if i == 0 { 0.0 } else { f[i - 1] };
+    let force = |i: usize| if i == 0 { 0.0 } else { top[i - 1] };
     // Where the force crosses a level between steps i - 1 and i, counted from the step before the touch.
     let crossing = |i: usize, level: f64| {
         let (a, b) = (force(i - 1), force(i));
         (i - 1) as f64 + if b > a { (level - a) / (b - a) } else { 0.0 }
     };
     if peak > 0.0 {
-        let high = (1..=f.len()).find(|i| force(*i) >= 0.9 * peak).unwrap_or(1);
+        let high = (1..=top.len()).find(|i| force(*i) >= 0.9 * peak).unwrap_or(1);
         let low = (1..=high).rev().find(|i| force(i - 1) <= 0.1 * peak).unwrap_or(1);
         impact.rise_time_s = (crossing(high, 0.9 * peak) - crossing(low, 0.1 * peak)) * step_s;
     }

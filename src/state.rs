@@ -38,6 +38,10 @@ pub struct LinkState {
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
     pub alpha: Vec<f64>,
+    /// The share of the joints in them, from a first look at positions and speeds of that node.
+    pub joint_ax: Vec<f64>,
+    pub joint_ay: Vec<f64>,
+    pub joint_alpha: Vec<f64>,
 }
 
 /// What a set of contact lanes remembers from one step to the next, and what it has lost so far.
@@ -82,6 +86,8 @@ pub struct State {
     /// Links without padding.
     pub n_links: usize,
     pub links: LinkState,
+    /// Largest friction torque that every joint could have exerted one step back [N m].
+    pub joint_limit: Vec<f64>,
     /// Lost in the pin joints since the ledger was opened, per joint [J].
     pub lost_pin_damping: Vec<f64>,
     pub lost_pin_friction: Vec<f64>,
@@ -140,7 +146,11 @@ impl State {
                 ax: zeros(),
                 ay: zeros(),
                 alpha: zeros(),
+                joint_ax: zeros(),
+                joint_ay: zeros(),
+                joint_alpha: zeros(),
             },
+            joint_limit: zeros(),
             lost_pin_damping: zeros(),
             lost_pin_friction: zeros(),
             bushes: ContactMemory::new(padded_len),
@@ -165,6 +175,7 @@ impl State {
             step: _,
             n_links,
             links,
+            joint_limit,
             lost_pin_damping,
             lost_pin_friction,
             bushes,
@@ -173,7 +184,7 @@ impl State {
             rotors,
         } = self;
         let n = *n_links;
-        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
+        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
         let named = [
             ("x", x),
             ("y", y),
@@ -185,10 +196,14 @@ impl State {
             ("ax", ax),
             ("ay", ay),
             ("alpha", alpha),
+            ("joint_ax", joint_ax),
+            ("joint_ay", joint_ay),
+            ("joint_alpha", joint_alpha),
         ];
         for (name, column) in named {
             f(ColumnName { set: "links", name }, &column[..n]);
         }
+        f(ColumnName { set: "joints", name: "friction_limit" }, &joint_limit[..n]);
         f(ColumnName { set: "joints", name: "lost_pin_damping" }, &lost_pin_damping[..n]);
         f(ColumnName { set: "joints", name: "lost_pin_friction" }, &lost_pin_friction[..n]);
         let sets = [
@@ -291,6 +306,7 @@ impl State {
             step: _,
             n_links: _,
             links,
+            joint_limit,
             lost_pin_damping,
             lost_pin_friction,
             bushes,
@@ -298,9 +314,10 @@ impl State {
             contour_ends,
             rotors,
         } = self;
-        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha } = links;
+        let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
-            vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, lost_pin_damping, lost_pin_friction];
+            vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
+        columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
         for memory in std::iter::once(bushes).chain(guide_ends).chain(contour_ends) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);

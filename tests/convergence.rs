@@ -3,7 +3,6 @@
 mod common;
 
 use common::{EngagementWatch, assembled, drive_without_guides, for_step, watch};
-use pitchline::elements::contact_law::ContactLaw;
 use pitchline::model::Model;
 use pitchline::recording::capture::contacts_at;
 use pitchline::state::State;
@@ -14,8 +13,7 @@ fn peaks(model: &Model, start: &State, start_step_s: f64, step_s: f64, window_s:
     model.step_s = step_s;
     let mut state = for_step(start, start_step_s, step_s);
     let tooth_period_s = 8e-3 / model.chain_speed_m_s;
-    let ContactLaw::Linear { damping_n_s_per_m, .. } = model.sprockets[0].body.law else { panic!("a linear law") };
-    let mut engagements = EngagementWatch::new(0, tooth_period_s, damping_n_s_per_m);
+    let mut engagements = EngagementWatch::new(0, tooth_period_s, model.sprockets[0].body.law, step_s);
     let steps = (window_s.1 / step_s) as u64;
     let looking = model.clone();
     watch(&model, &mut state, steps, |state, scratch| {

@@ -142,7 +142,9 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
     let span = model.route.as_ref().expect("a route").spans[1];
     let (mut pull, mut pulls) = (0.0, 0.0);
     let mut last_seen = vec![f64::NEG_INFINITY; 90];
+    let mut free = state.links.clone();
     watch(&a.model, &mut state, loop_steps(&model, 1.0), |state, scratch| {
+        let before = std::mem::replace(&mut free, state.links.clone());
         let c = contacts_at(&model, state, scratch);
         let t = state.step as f64 * model.step_s;
         for j in 0..state.n_links {
@@ -171,9 +173,9 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
             let arm = Vec2::new(l.cos[link], l.sin[link]) * (model.chain.lever[link] * if front { 1.0 } else { -1.0 });
             let d = Vec2::new(l.x[link], l.y[link]) + arm - driver.body.centre;
             let turn = |v: Vec2| Vec2::new(-v.y, v.x);
-            // Velocities of half a step before, when the touch was felt.
-            let v = Vec2::new(l.vx[link], l.vy[link]) + turn(arm) * l.omega[link] - turn(d) * omega;
-            let ahead = l.omega[(joint + 1) % 90];
+            // Velocities before the step in which it touched.
+            let v = Vec2::new(before.vx[link], before.vy[link]) + turn(arm) * before.omega[link] - turn(d) * omega;
+            let ahead = before.omega[(joint + 1) % 90];
             touches.approach.push(c.approach_speed_m_s[i]);
             touches.along_normal.push(c.approach_speed_m_s[i] / (v.x * c.normal_x[i] + v.y * c.normal_y[i]).abs());
             touches.relative.push(v.norm() / (8e-3 * (omega - ahead).abs()));
@@ -331,6 +333,10 @@ fn positions_without_contact_converge_with_the_second_order() {
             state.links.ax.clone_from(&scratch.ax);
             state.links.ay.clone_from(&scratch.ay);
             state.links.alpha.clone_from(&scratch.alpha);
+            state.links.joint_ax.clone_from(&scratch.joint_ax);
+            state.links.joint_ay.clone_from(&scratch.joint_ay);
+            state.links.joint_alpha.clone_from(&scratch.joint_alpha);
+            state.joint_limit.clone_from(&scratch.joint_limit);
         }
         for i in 0..n {
             state.links.vx[i] -= 0.5 * h * state.links.ax[i];

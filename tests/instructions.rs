@@ -4,7 +4,7 @@ use std::process::Command;
 
 /// Instructions for each link and step of the bundled drive, AVX2 path (valgrind knows no AVX-512), everything included that
 /// grows with the number of steps. When a change moves it, re-measure, and say in the commit why.
-const INSTRUCTIONS_PER_LINK_STEP: f64 = 264.3;
+const INSTRUCTIONS_PER_LINK_STEP: f64 = 273.2;
 /// Measured twice the same to 1e-4; the C library's copies differ between systems.
 const TOLERANCE: f64 = 0.05;
 
@@ -47,15 +47,15 @@ fn a_step_takes_no_more_instructions_than_it_did() {
 /// on the wider one, alternated with runs without: mostly 0 to 5 %, some readings up to 8, energies 5 to 10 %; beside recording, none
 /// that can be measured. A frame in every step would take five times a step.
 const LOOKS: [(&str, f64); 13] = [
-    ("energy.error > 10 %", 9.5),
-    ("contact.penetration > 1 mm", 5.7),
-    ("contact.normal_force > 10 kN", 6.6),
-    ("contact.body == \"driver\" and contact.tooth == 70", 8.0),
-    ("contact.segment == \"tip land\"", 10.6),
-    ("contact.tangential_force > 10 kN", 6.6),
-    ("contact.tangential_speed > 1000 m/s", 7.5),
-    ("sprocket.driver.chain_torque > 1000 Nm", 8.5),
-    ("link.tension > 10 kN", 4.8),
+    ("energy.error > 10 %", 9.2),
+    ("contact.penetration > 1 mm", 6.3),
+    ("contact.normal_force > 10 kN", 7.2),
+    ("contact.body == \"driver\" and contact.tooth == 70", 10.0),
+    ("contact.segment == \"tip land\"", 12.8),
+    ("contact.tangential_force > 10 kN", 7.2),
+    ("contact.tangential_speed > 1000 m/s", 8.0),
+    ("sprocket.driver.chain_torque > 1000 Nm", 9.0),
+    ("link.tension > 10 kN", 4.9),
     ("link.speed > 1000 m/s", 4.4),
     ("abs(link.angle) > 4 rad", 4.4),
     ("joint.force > 10 kN", 3.9),

@@ -228,18 +228,24 @@ fn tension_n(model: &Model, state: &State, scratch: &Scratch, link: usize) -> f6
 }
 
 /// Position and velocity at the node of an end of a link.
-fn end_at(model: &Model, state: &State, link: usize, front: bool) -> (Vec2, Vec2) {
-    let (l, half) = (&state.links, 0.5 * model.step_s);
+fn end_at(model: &Model, state: &State, scratch: &Scratch, link: usize, front: bool) -> (Vec2, Vec2) {
+    let l = &state.links;
     let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
     let arm = Vec2::new(l.cos[link], l.sin[link]) * lever;
-    // The predicted velocity that the step works with: with the accelerations of the step before.
-    let v = Vec2::new(l.vx[link] + half * l.ax[link], l.vy[link] + half * l.ay[link]);
-    let omega = l.omega[link] + half * l.alpha[link];
+    let (v, omega) = velocity_at(model, state, scratch, link);
     (Vec2::new(l.x[link], l.y[link]) + arm, v + perp(arm) * omega)
 }
 
-fn omega_at(model: &Model, state: &State, link: usize) -> f64 {
-    state.links.omega[link] + 0.5 * model.step_s * state.links.alpha[link]
+/// Velocity and angular velocity of a link that the contacts of a step work with: with the accelerations of the step before and
+/// what the joints have changed since.
+fn velocity_at(model: &Model, state: &State, scratch: &Scratch, link: usize) -> (Vec2, f64) {
+    let (l, half, quarter) = (&state.links, 0.5 * model.step_s, 0.25 * model.step_s);
+    let change = |now: &[f64], past: &[f64]| quarter * (now[link] - past[link]);
+    let v = Vec2::new(
+        l.vx[link] + half * l.ax[link] + change(&scratch.joint_ax, &l.joint_ax),
+        l.vy[link] + half * l.ay[link] + change(&scratch.joint_ay, &l.joint_ay),
+    );
+    (v, l.omega[link] + half * l.alpha[link] + change(&scratch.joint_alpha, &l.joint_alpha))
 }
 
 /// Speed of a rotor at the node [rad/s].
@@ -264,15 +270,15 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let spin = if rotor { rotor_speed(model, state, touch.body) } else { 0.0 };
     let centre = if rotor { model.sprockets[touch.body].body.centre } else { Vec2::zeros() };
     let surface = |p: Vec2| perp(p - centre) * spin;
-    let parts = if lane.part == Part::Bushes {
+    let mut parts = if lane.part == Part::Bushes {
         let links = model.chain.n_links;
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s >= 0.0;
         let ahead = if forwards { (lane.lane + 1) % links } else { lane.lane };
-        let (p, v) = end_at(model, state, link, front);
-        let (here, v_here) = end_at(model, state, ahead, !forwards);
-        let (seat, v_seat) = end_at(model, state, ahead, forwards);
-        let (r, w) = (here - seat, omega_at(model, state, ahead));
+        let (p, v) = end_at(model, state, scratch, link, front);
+        let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
+        let (seat, v_seat) = end_at(model, state, scratch, ahead, forwards);
+        let (r, w) = (here - seat, velocity_at(model, state, scratch, ahead).1);
         vec![
             part("articulation: a straight span onto the turning sprocket", -perp(r) * spin),
             part("the arriving link turns already (sideways motion of the span)", perp(r) * w),
@@ -281,8 +287,8 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
         ]
     } else {
         // A flank, an abutment or a plate end goes round the joint ahead of its link.
-        let (joint, v_joint) = end_at(model, state, link, model.chain_speed_m_s >= 0.0);
-        let (r, w) = (touch.point - joint, omega_at(model, state, link));
+        let (joint, v_joint) = end_at(model, state, scratch, link, model.chain_speed_m_s >= 0.0);
+        let (r, w) = (touch.point - joint, velocity_at(model, state, scratch, link).1);
         let turns = part("the arriving link turns already (sideways motion of the span)", perp(r) * w);
         if rotor {
             vec![
@@ -294,7 +300,10 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
             vec![turns, part("the joint ahead moves towards the guide", v_joint)]
         }
     };
-    Some((parts.iter().map(|p| p.speed_m_s).sum(), parts))
+    let node_m_s: f64 = parts.iter().map(|p| p.speed_m_s).sum();
+    let closing_m_s = scratch.memory(lane.part).approach[lane.lane];
+    parts.push(ApproachPart { cause: "gained from this step until the touch", speed_m_s: closing_m_s - node_m_s });
+    Some((closing_m_s, parts))
 }
 
 /// What a lane touches, by exact detection.
@@ -361,7 +370,7 @@ fn free_body(
     for (joint, front, neighbour) in [(link, true, (link + 1) % n), ((link + n - 1) % n, false, (link + n - 1) % n)] {
         let (x, y, torque) = scratch.joint_force(joint);
         let sign = if front { -1.0 } else { 1.0 };
-        let (at, _) = end_at(model, state, link, front);
+        let (at, _) = end_at(model, state, scratch, link, front);
         let cause = format!("{} joint, to link {neighbour}", if front { "front" } else { "rear" });
         forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, torque * sign));
     }

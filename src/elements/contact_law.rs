@@ -17,14 +17,20 @@
 //! follows by Newton's method. Holds while a << R and below the load where d(q) would turn; outside it is an error.
 //!
 //! # The mean force over a step
-//! What sets the error of an explicit step is where inside it first touch falls: the damping force jumps there. So the
-//! force that enters a step is its mean over [t_n - h/2, t_n + h/2] with the gap taken linear in time, in closed form for the
-//! linear law and by quadrature for the others. With w, the inverse effective mass along the normal, contact and link end are
-//! locally an oscillator d'' = a - w F, a from everything else. The velocity at t_n is solved for with the force since the
-//! touch; while the contact stays closed the mean gains (h^2/24) F''; in the step of first touch the mean of the linear law is
-//! the series of that oscillator from the touch on. Without the series, and with the own force reckoned over the whole half
-//! step, a single impact at omega h = 0.5 has a peak 0.4 % and a rebound 0.6 % too high, averaged over all phases of the
-//! touch; with them -0.2 % and -0.1 %.
+//! What sets the error of an explicit step is where inside it first touch falls: the damping force jumps there. Positions of a
+//! leapfrog are those of the true motion where its acceleration is the true one's mean with weights that fall from 1/h at the node
+//! to zero a step h before and after it: x(t + h) - 2 x(t) + x(t - h) is h^2 times that mean, and its velocities are means over the
+//! steps. So that mean is what a contact gives. With w, the inverse effective mass along the normal, contact and link end are
+//! locally an oscillator d'' = a - w F, a from everything else; of the linear law the mean is a series of it in closed form:
+//! ```text
+//! closed throughout     F + h^2/12 F''
+//! touch within h ahead  q^2 (F_0/2 + q (F_0'/6 + q F_0''/24)) / h^2, F_0 ... at the touch, q the time left after it
+//! touched within h      the first less the second with q the time before the touch, negative
+//! parts within h        the first less q^3 (F_1'/6 + q F_1''/24) / h^2, F_1 ... where the force ends, q the time left after it
+//! ```
+//! The closing speed at the node is solved for with force, slope and bend since the touch. A single impact, averaged over all
+//! phases of the touch, has its peak right to 0.03 % at omega h = 0.8 (scatter 0.05 %) and its rebound to 0.4 %
+//! (scatter 0.06 %). Other laws: quadrature with the same weights, the gap linear in time.
 
 use std::f64::consts::PI;
 
@@ -218,12 +224,14 @@ impl ContactLaw {
 pub struct StepInput {
     /// Penetration at the node [m], negative: gap.
     pub penetration: f64,
-    /// Closing speed at the node if this contact had exerted no force since half a step before [m/s].
+    /// Closing speed at the node if this contact had exerted no force since the middle of the last step [m/s].
     pub free_rate: f64,
     /// Acceleration of the penetration by everything else [m/s2].
     pub free_acceleration: f64,
     /// Inverse effective mass along the normal [1/kg].
     pub mobility: f64,
+    /// Mean force of this contact a step ago [N].
+    pub past_force: f64,
     /// Approach speed at first touch [m/s].
     pub approach: f64,
     /// Step h [s].
@@ -233,55 +241,142 @@ pub struct StepInput {
 /// What a contact does over one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepForce {
-    /// Mean force over [t_n - h/2, t_n + h/2] [N].
+    /// Mean force with weights that fall to zero a step before and after the node [N].
     pub mean_force: f64,
     /// Closing speed at the node [m/s].
     pub rate: f64,
+    /// Closing speed at the touch, where it lies within a step ahead [m/s].
+    pub touch_rate: f64,
     /// Energy lost to damping over the step [J].
     pub lost: f64,
+}
+
+/// Where the linear law stands at a node: closing speed [m/s], force [N], its slope [N/s] and bend [N/s2].
+#[derive(Clone, Copy)]
+struct AtNode {
+    rate: f64,
+    force: f64,
+    slope: f64,
+    bend: f64,
+}
+
+/// Of a contact that has been closed for `share` of the last step.
+#[inline(always)]
+fn at_node(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> AtNode {
+    let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
+    // Closing speed r: that of the last step, and what the force since the touch adds to its mean. Force, slope and bend at
+    // the node are linear in r: k d + c r, p r + c e, and k e - c^2 w e - c w (k + p) r.
+    let first = h * share * (1.0 - share * 0.5);
+    let second = h * h * share * share * (0.5 - share * (1.0 / 3.0));
+    let third = h * h * h * share * share * share * (1.0 / 6.0 - share * 0.125);
+    let e = others - w * k * d;
+    let p = k - c * c * w;
+    let fixed = first * k * d - second * c * e + third * p * e;
+    let factor = first * c - second * p - third * c * w * (k + p);
+    let rate = if closed { (s.free_rate - w * fixed) / (1.0 + w * factor) } else { s.free_rate };
+    let force = k * d + c * rate;
+    let acceleration = others - w * force;
+    let slope = k * rate + c * acceleration;
+    AtNode { rate, force, slope, bend: k * acceleration - c * w * slope }
+}
+
+/// How fast the gap has closed over the last step, without this contact's force since the node before; and the gap there.
+#[inline(always)]
+fn before(s: StepInput) -> (f64, f64) {
+    let mean_rate = s.free_rate - 0.5 * s.step * s.free_acceleration;
+    (mean_rate, s.step * mean_rate - s.penetration)
+}
+
+/// As [`linear_step`] to the bit, where the second value is true: for a contact that was closed at the node before (as far as
+/// these numbers tell) and stays closed until the next one, or is open throughout. Most are, and this takes a third of the time.
+/// `old`: the contact's approach speed is known.
+#[inline(always)]
+pub fn plain_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
+    let h = s.step;
+    let closed = s.penetration > 0.0;
+    let (_, gap_before) = before(s);
+    let AtNode { rate, force, slope, bend } = at_node(k, c, s, closed, 1.0);
+    let square = h * h;
+    let mean = (square * (force + square * (1.0 / 12.0) * bend)) * (1.0 / square);
+    let mean = if mean > 0.0 { mean } else { 0.0 };
+    // Forces a step ahead of the node or behind it: by their slope, and with their bend. The margin is far above rounding.
+    let sense = if closed { h } else { 0.0 - h };
+    let straight = force + sense * slope;
+    let bent = straight + 0.5 * square * bend;
+    let nearer = if straight < bent { straight } else { bent };
+    let further = if straight > bent { straight } else { bent };
+    let margin = 1e-9 * if force < 0.0 { 0.0 - force } else { force };
+    let stays = old & (gap_before <= 0.0) & (force > 0.0) & (nearer > margin);
+    let speed = if s.free_rate > 0.0 { s.free_rate } else { 0.0 };
+    let pushed = if s.free_acceleration > 0.0 { s.free_acceleration } else { 0.0 };
+    let out_of_reach = s.penetration + 1.001 * (h * speed + 0.5 * square * pushed) < 0.0;
+    let gone = (s.free_rate > 0.0) | (further < 0.0 - margin);
+    let plain = if closed { stays } else { out_of_reach & gone };
+    let lost = c * rate * rate * (2.0 * square) * (0.5 * (1.0 / h));
+    let given = if closed { mean } else { 0.0 };
+    (StepForce { mean_force: given, rate, touch_rate: 0.0, lost: if closed { lost } else { 0.0 } }, plain)
 }
 
 /// Mean force of the linear law over the step, in closed form. Branch-free, so that lanes of contacts vectorise.
 #[inline(always)]
 pub fn linear_step(k: f64, c: f64, s: StepInput) -> StepForce {
-    let half = 0.5 * s.step;
-    let d = s.penetration;
-    // Velocity at the node with this contact's own force over the closed part of the half step before it.
+    let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
+    let (per_step, square) = (1.0 / h, h * h);
     let closed = d > 0.0;
-    let since_touch = if closed & (s.free_rate * half > d) { d / s.free_rate } else { half };
-    let node_force = (k * d + c * s.free_rate) / (1.0 + c * s.mobility * since_touch);
-    let own = if closed & (node_force > 0.0) { since_touch * s.mobility * node_force } else { 0.0 };
-    let rate = s.free_rate - own;
-    // F(tau) = a + b tau on the part of [-half, half] where the gap is closed and the force does not pull.
-    let a = k * d + c * rate;
-    let b = k * rate;
-    let safe_rate = if rate.abs() < 1e-12 { 1e-12 } else { rate };
-    let closing = safe_rate > 0.0;
-    let root_numerator = if closing { d } else { a / k };
-    let root = -root_numerator / safe_rate;
-    let root = if root > half { half } else { root };
-    let root = if root < -half { -half } else { root };
-    let low = if closing { root } else { -half };
-    let high = if closing { half } else { root };
-    let span = high - low;
-    let mean = (a * span + 0.5 * b * (high - low) * (high + low)) / s.step;
-    // While closed throughout: curvature of the force from the local oscillator, (h^2/24) F''.
-    let w = s.mobility;
-    let acceleration = s.free_acceleration - w * a;
-    let slope = k * rate + c * acceleration;
+    let (mean_rate, gap_before) = before(s);
+    let free_before = mean_rate + w * h * s.past_force;
+    let fresh = closed & (gap_before > 0.0);
+    // From the node before to the touch; where the gap is open, from this node to the touch: at constant acceleration.
+    let (way, speed) = if closed { (gap_before, free_before - 0.5 * h * others) } else { (0.0 - d, s.free_rate) };
+    let reach = speed * speed + 2.0 * others * way;
+    let reached = reach > 0.0;
+    let touch_rate = if reached { reach } else { 0.0 }.sqrt();
+    let sum = speed + touch_rate;
+    let until = 2.0 * way / if reached & (sum > 1e-12) { sum } else { 1e-12 };
+    let until = if until > h { h } else { until };
+    let until = if until < 0.0 { 0.0 } else { until };
+    // The oscillator at the touch: force, its slope and bend. From there its part inside the window of weights, where the touch
+    // lies ahead; the part before the touch, which is no force, where it lies behind.
+    let force = c * touch_rate;
+    let acceleration = others - w * force;
+    let slope = k * touch_rate + c * acceleration;
     let bend = k * acceleration - c * w * slope;
-    let full = span >= s.step;
-    let through = mean + s.step * s.step * bend / 24.0;
-    // Touched within this step: series of the same oscillator from the touch, where d = 0 and the rate is still free.
-    let force0 = c * s.free_rate;
-    let acceleration0 = s.free_acceleration - w * force0;
-    let slope0 = k * s.free_rate + c * acceleration0;
-    let bend0 = k * acceleration0 - c * w * slope0;
-    let entry = span * (force0 + span * (0.5 * slope0 + span * (bend0 / 6.0))) / s.step;
-    let mean = if closing & (span > 0.0) { entry } else { mean };
-    let mean = if full { through } else { mean };
+    let q = if closed { 0.0 - until } else { h - until };
+    let part = q * q * (0.5 * force + q * (slope * (1.0 / 6.0) + q * (bend * (1.0 / 24.0))));
+    let share = if fresh { 1.0 - until * per_step } else { 1.0 };
+    let AtNode { rate, force, slope, bend } = at_node(k, c, s, closed, share);
+    // Where the force ends, ahead of the node or behind it.
+    let parting = slope < 0.0;
+    let safe_slope = if parting { slope } else { -1e-12 };
+    let end = (0.0 - force) / safe_slope;
+    let end = if end > h { h } else { end };
+    let end = if end < 0.0 - h { 0.0 - h } else { end };
+    // Newton's second step, on force, slope and bend.
+    let slope_there = slope + bend * end;
+    let falling = parting & (slope_there < 0.0);
+    let beyond = (force + end * (slope + 0.5 * bend * end)) / if falling { slope_there } else { -1.0 };
+    let end = if falling { end - beyond } else { end };
+    let end = if end > h { h } else { end };
+    let end = if end < 0.0 - h { 0.0 - h } else { end };
+    let (rest, sense) = if end > 0.0 { (h - end, -1.0) } else { (h + end, 1.0) };
+    let slope_there = if falling { slope + bend * end } else { slope };
+    let bend_there = if falling { sense * bend } else { 0.0 };
+    let tail = rest * rest * rest * (bend_there * rest * (1.0 / 24.0) - slope_there * (1.0 / 6.0));
+    let tail = if parting { tail } else { 0.0 };
+    let touching = closed & (force > 0.0);
+    let coming = !closed & (s.free_rate > 0.0);
+    let missed = if fresh { part } else { 0.0 };
+    let whole = square * (force + square * (1.0 / 12.0) * bend) - missed + tail;
+    let sum = if coming { part } else { tail };
+    let sum = if touching { whole } else { sum };
+    let mean = sum * (1.0 / square);
     let mean = if mean > 0.0 { mean } else { 0.0 };
-    StepForce { mean_force: mean, rate, lost: c * rate * rate * span }
+    // Time that the weights give to the closed part, twice.
+    let gone = if parting { rest * rest } else { 0.0 };
+    let lacking = if fresh { until * until } else { 0.0 } + gone;
+    let time = if coming { q * q } else { gone };
+    let time = if touching { 2.0 * square - lacking } else { time };
+    StepForce { mean_force: mean, rate, touch_rate, lost: c * rate * rate * time * (0.5 * per_step) }
 }
 
 /// Mean force of any law over the step, by Gauss-Legendre quadrature on the closed part.
@@ -289,36 +384,152 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     // 3 points (Abramowitz & Stegun 25.4.29).
     const NODES: [(f64, f64); 3] =
         [(-0.774_596_669_241_483_4, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.774_596_669_241_483_4, 5.0 / 18.0)];
-    let half = 0.5 * s.step;
+    let half = s.step;
     let d = s.penetration;
     let elastic = law.elastic(d, radii);
     let g = law.rate_coefficient(elastic.force_n, s.approach);
-    let since_touch = if d > 0.0 && s.free_rate * half > d { d / s.free_rate } else { half };
-    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * since_touch);
-    let own = if d > 0.0 && node_force > 0.0 { since_touch * s.mobility * node_force } else { 0.0 };
+    let since_touch = if d > 0.0 && s.free_rate * s.step > d { d / s.free_rate } else { s.step };
+    let felt = since_touch * (1.0 - since_touch / (2.0 * s.step));
+    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * felt);
+    let own = if d > 0.0 && node_force > 0.0 { felt * s.mobility * node_force } else { 0.0 };
     let rate = s.free_rate - own;
     let root = if rate.abs() < 1e-12 { if d > 0.0 { -half } else { half } } else { (-d / rate).clamp(-half, half) };
     let (low, high) = if rate >= 0.0 { (root, half) } else { (-half, root) };
     let span = high - low;
     if span <= 0.0 {
-        return StepForce { mean_force: 0.0, rate, lost: 0.0 };
+        return StepForce { mean_force: 0.0, rate, touch_rate: rate, lost: 0.0 };
     }
     let (mut mean, mut lost) = (0.0, 0.0);
-    for (x, w) in NODES {
-        let tau = low + 0.5 * span * (x + 1.0);
-        let at = law.elastic(d + rate * tau, radii).force_n;
-        let force = at + law.rate_coefficient(at, s.approach) * rate;
-        let force = if force > 0.0 { force } else { 0.0 };
-        mean += w * force * span / s.step;
-        lost += w * (force - at) * rate * span;
+    // Weights fall to both sides of the node: each side for itself.
+    for (from, to) in [(low, high.min(0.0)), (low.max(0.0), high)] {
+        let span = to - from;
+        if span <= 0.0 {
+            continue;
+        }
+        for (x, w) in NODES {
+            let tau = from + 0.5 * span * (x + 1.0);
+            let at = law.elastic(d + rate * tau, radii).force_n;
+            let force = at + law.rate_coefficient(at, s.approach) * rate;
+            let force = if force > 0.0 { force } else { 0.0 };
+            let share = w * span * (1.0 - tau.abs() / s.step);
+            mean += share * force / s.step;
+            lost += share * (force - at) * rate;
+        }
     }
-    if span >= s.step {
+    if span >= 2.0 * s.step {
         let acceleration = s.free_acceleration - s.mobility * node_force;
         let k = elastic.stiffness_n_per_m;
         let jerk_force = k * rate + g * acceleration;
         let second = k * acceleration - g * s.mobility * jerk_force;
         // Quadrature already holds the curvature that comes from the law's own shape; this is the gap's.
-        mean = (mean + s.step * s.step * second / 24.0).max(0.0);
+        mean = (mean + s.step * s.step * second / 12.0).max(0.0);
     }
-    StepForce { mean_force: mean, rate, lost }
+    StepForce { mean_force: mean, rate, touch_rate: rate, lost }
+}
+
+/// The largest force of a contact between nodes, from what is known at them: penetration by Hermite's cubic through
+/// penetrations and closing speeds, the law on it. At a twentieth of the contact's period a step, the largest value at nodes is up
+/// to 1 % low, at a seventh 10 %; this is right to 0.3 % there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PeakMeter {
+    /// Penetration [m] and closing speed [m/s] at the node before, where it touched.
+    before: Option<(f64, f64)>,
+}
+
+impl PeakMeter {
+    /// Points between two nodes, those included.
+    const POINTS: u32 = 8;
+
+    /// Largest force since the node before [N]. `now`: penetration [m] and closing speed [m/s] where it touches; `approach_m_s` at first
+    /// touch. `None` for a law that depends on what else is known of the pair (Hertz). Less than `best`, the largest so far, is not
+    /// found exactly: then the force at the node is good enough.
+    pub fn look(
+        &mut self,
+        law: &ContactLaw,
+        now: Option<(f64, f64)>,
+        approach_m_s: f64,
+        step_s: f64,
+        best: f64,
+    ) -> Option<f64> {
+        if matches!(law, ContactLaw::HertzLine(_)) {
+            return None;
+        }
+        let before = std::mem::replace(&mut self.before, now.filter(|(d, _)| *d > 0.0));
+        let Some((d1, r1)) = self.before else { return Some(0.0) };
+        // Where it was open at the node before, from the touch on.
+        let (h, (d0, r0)) = match before {
+            Some(before) => (step_s, before),
+            None => ((2.0 * d1 / (approach_m_s + r1).max(1e-9)).min(step_s), (0.0, approach_m_s)),
+        };
+        let radii = PairRadii { bush_m: 1.0, body_m: f64::INFINITY };
+        // The cubic lies at most h/4 times the largest slope above its ends, and is at most three times as steep as its chord and ends.
+        let fastest = r0.abs().max(r1.abs()).max((d1 - d0).abs() / h.max(1e-12));
+        if law.force(d0.max(d1) + 0.25 * h * fastest, 3.0 * fastest, approach_m_s, radii) < best {
+            return Some(law.force(d1, r1, approach_m_s, radii));
+        }
+        let mut largest = 0.0_f64;
+        for i in 0..Self::POINTS {
+            let u = f64::from(i) / f64::from(Self::POINTS - 1);
+            let (u2, u3) = (u * u, u * u * u);
+            let d = d0 * (2.0 * u3 - 3.0 * u2 + 1.0)
+                + d1 * (3.0 * u2 - 2.0 * u3)
+                + h * (r0 * (u3 - 2.0 * u2 + u) + r1 * (u3 - u2));
+            let rate = (d1 - d0) * (6.0 * u - 6.0 * u2) / h.max(1e-12)
+                + r0 * (3.0 * u2 - 4.0 * u + 1.0)
+                + r1 * (3.0 * u2 - 2.0 * u);
+            // At the touch itself the damping already acts.
+            largest = largest.max(law.force(d.max(1e-15), rate, approach_m_s, radii));
+        }
+        Some(largest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the short way says that it holds, it gives the bits of the long one; and it does hold in contact and far from it.
+    #[test]
+    fn the_short_way_gives_the_bits_of_the_long_one() {
+        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut random = |low: f64, high: f64| {
+            seed ^= seed >> 12;
+            seed ^= seed << 25;
+            seed ^= seed >> 27;
+            low + (high - low) * (seed.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let (mut plain_closed, mut plain_open, mut special) = (0, 0, 0);
+        for _ in 0..1_000_000 {
+            let (k, c) = (random(1e7, 2e8), random(0.0, 600.0));
+            // From deep in the contact to far off, most of them near the touch.
+            let near = random(-1.0, 1.0);
+            let input = StepInput {
+                penetration: 20e-6 * near * near * near,
+                free_rate: random(-3.0, 3.0),
+                free_acceleration: random(-3e5, 3e5),
+                mobility: random(100.0, 1000.0),
+                past_force: random(0.0, 1000.0),
+                approach: 1.0,
+                step: random(1e-6, 4e-6),
+            };
+            let (short, holds) = plain_step(k, c, input, true);
+            let long = linear_step(k, c, input);
+            if !holds {
+                special += 1;
+                continue;
+            }
+            if input.penetration > 0.0 {
+                plain_closed += 1
+            } else {
+                plain_open += 1
+            }
+            assert_eq!(short.mean_force.to_bits(), long.mean_force.to_bits(), "{input:?}");
+            assert_eq!(short.rate.to_bits(), long.rate.to_bits(), "{input:?}");
+            if short.mean_force > 0.0 {
+                assert_eq!(short.lost.to_bits(), long.lost.to_bits(), "{input:?}");
+            }
+        }
+        println!("{plain_closed} closed, {plain_open} open, {special} others");
+        assert!(plain_closed > 50_000 && plain_open > 50_000 && special > 50_000);
+    }
 }

@@ -7,15 +7,14 @@
 //! velocity at the end of half a step can be solved for in closed form: with kappa = (h/2) w_t mu N, w_t the inverse
 //! effective mass along the tangent and v* the velocity without this force, v_t = v* - (h/2) w_t |F_t| gives
 //! F_t = -mu N clamp(v* / (v_s + kappa), -1, 1). A single force so solved never overshoots, whatever the step. But a link has
-//! four of them (two joints, two bushes), each of which would stop it alone, and each sees the others one step late: where
-//! kappa > v_s / 2 they overshoot together, and at mu = 0.2 did, with 1 % of the work in the ledger's error. So v_s is taken
-//! as at least 3 kappa. Tried and rejected: 4 kappa always; it is stable too, but makes stick depend on the step everywhere,
-//! and the transverse motion of the spans with it (first order in h).
+//! four of them (two joints, two bushes), each of which would stop it alone, and each sees the others one step late: v_s is at
+//! least kappa. That is stable up to mu = 0.3 at the largest step (tests/drive.rs); at 3 kappa losses and the silent chain's
+//! asymmetry depend on the step (0.2063 at 2.5 us, 0.2104 at 4.9 us with one kappa and at 0.5 us).
 //! Source: regularised Coulomb law of multibody dynamics (e.g. Marques et al. 2016, section 2); the local
 //! solution is derived here.
 
-/// Least ratio of stick speed to kappa: three other forces on the same link are seen one step late.
-const STICK_PER_KAPPA: f64 = 3.0;
+/// Least ratio of stick speed to kappa.
+const STICK_PER_KAPPA: f64 = 1.0;
 
 /// Friction force on the link [N], opposite to `free_speed`.
 ///
@@ -39,7 +38,7 @@ pub fn solved_force(
 }
 
 /// Friction force on the link [N] from the speed at the node, this force included: for forces that keep no memory. The stick
-/// speed is at least four kappa, which keeps the explicit force from overshooting.
+/// speed is at least two kappa, which keeps the explicit force from overshooting.
 #[inline(always)]
 pub fn explicit_force(
     coefficient: f64,
@@ -55,4 +54,20 @@ pub fn explicit_force(
     let ratio = if ratio > 1.0 { 1.0 } else { ratio };
     let ratio = if ratio < -1.0 { -1.0 } else { ratio };
     0.0 - limit * ratio
+}
+
+/// As [`explicit_force`], without a division: `per_speed` is the limit over the stick speed, `grip` what [`grip`] gives.
+#[inline(always)]
+pub fn gripped_force(limit: f64, speed: f64, per_speed: f64, grip: f64) -> f64 {
+    let slope = if per_speed < grip { per_speed } else { grip };
+    let force = slope * speed;
+    let force = if force > limit { limit } else { force };
+    let force = if force < 0.0 - limit { 0.0 - limit } else { force };
+    0.0 - force
+}
+
+/// Largest force per speed that does not overshoot [N s/m].
+#[inline(always)]
+pub fn grip(half_step_mobility: f64) -> f64 {
+    1.0 / ((STICK_PER_KAPPA + 1.0) * half_step_mobility)
 }

@@ -46,7 +46,7 @@ pub fn any_within(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool 
     near != 0
 }
 
-/// Whether any joint touches the guide, touched it (`held`: its force then), or may within half a step. Errs on the safe
+/// Whether any joint touches the guide, touched it (`held`: its force then), or may within a step. Errs on the safe
 /// side: over the face twice the actual closing speed is reckoned with, and over the relief arcs `reach_m`. `motion`: x, y, vx, vy of the joints.
 #[inline(always)]
 pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motion: [Column; 4]) -> bool {
@@ -64,7 +64,7 @@ pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motio
         let foot = if along > body.length_m { body.length_m } else { along };
         let foot = if foot < 0.0 { 0.0 } else { foot };
         let (dx, dy) = (along - foot, height + body.end_radius_m);
-        let reach = total + if dx == 0.0 { step_s * speed } else { reach_m };
+        let reach = total + if dx == 0.0 { 1.01 * step_s * speed } else { reach_m };
         let within = (dx * dx + dy * dy < reach * reach) & (height > -body.plate_radius_m);
         near |= u64::from(within | (held[i] != 0.0));
     }
@@ -84,13 +84,15 @@ pub fn penetrations(body: &GuideBody, lanes: &mut Lanes) {
         let (dx, dy) = (along - foot, above + body.end_radius_m);
         let d2 = dx * dx + dy * dy;
         let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
-        let (nx, ny) = (dx / distance, dy / distance);
+        let inverse = 1.0 / distance;
+        let (nx, ny) = (dx * inverse, dy * inverse);
         // A joint further behind the face than a plate's radius belongs to the other side of the loop.
         let beyond = (dx > body.relief_m) | (dx < -body.relief_m);
         let here = (above > -body.plate_radius_m) & !beyond;
         lanes.penetration[i] = if here { total - distance } else { -body.plate_radius_m };
         lanes.normal_x[i] = nx * tx - ny * ty;
         lanes.normal_y[i] = nx * ty + ny * tx;
+        lanes.curvature[i] = if dx == 0.0 { 0.0 } else { 0.0 - inverse };
         lanes.body_radius[i] = body.end_radius_m;
     }
 }

@@ -183,6 +183,8 @@ pub struct Lanes {
     pub free_acceleration: Column,
     pub mobility: Column,
     pub body_radius: Column,
+    /// Of the joint's path while it slides along the element: inverse distance from the centre, positive on concave ones [1/m].
+    pub curvature: Column,
     /// Closing speed at the node; sliding speed there, before the forces change it.
     pub rate: Column,
     pub slide: Column,
@@ -217,7 +219,7 @@ impl Lanes {
 
 /// Whether any of these points is inside the circle of radius `reach_m` about the sprocket's axis.
 #[inline(always)]
-pub fn any_inside(body: &ToothedBody, reach_m: f64, x: Column, y: Column) -> bool {
+pub fn any_inside(body: &ToothedBody, reach_m: f64, x: &Column, y: &Column) -> bool {
     let reach2 = reach_m * reach_m;
     let mut inside = 0_u64;
     for i in 0..LANES {
@@ -267,8 +269,9 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
         let (ex, ey) = (u - cx, radial - cy);
         let d2 = ex * ex + ey * ey;
         let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
-        let scale = -sense / distance;
-        let (nu, nr) = (ex * scale * side, ey * scale);
+        let curvature = sense / distance;
+        let (nu, nr) = (-(ex * curvature) * side, -(ey * curvature));
+        lanes.curvature[i] = curvature;
         lanes.penetration[i] = sense * (distance - bb);
         // Lateral direction in the world is the gap axis turned by +90 degrees.
         lanes.normal_x[i] = nr * gx - nu * gy;
@@ -300,7 +303,8 @@ pub fn segments(body: &ToothedBody, turning: Turning, lanes: &Lanes) -> Column {
 
 /// Rates and effective masses of all lanes.
 #[inline(always)]
-fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
+fn rates(step: f64, omega: f64, lanes: &mut Lanes) {
+    let half_step = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
@@ -309,18 +313,18 @@ fn rates(half_step: f64, omega: f64, lanes: &mut Lanes) {
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
         lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny);
-        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny);
-        let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
-        let fresh = lanes.age[i] == 0.0;
-        let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
-        lanes.approach[i] = if touching { approach } else { 0.0 };
-        lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
+        // The normal turns with the body, and with the joint round the centre of the element's curvature.
+        let turned = omega * ((lanes.vy[i] + vy) * nx - (lanes.vx[i] + vx) * ny);
+        let along = vy * nx - vx * ny;
+        lanes.free_acceleration[i] =
+            own - (lanes.ax[i] * nx + lanes.ay[i] * ny) - turned + lanes.curvature[i] * along * along;
     }
 }
 
 /// The same where the contact point lies off the normal through the joint.
 #[inline(always)]
-fn contour_rates(half_step: f64, omega: f64, off: &OffJoint, lanes: &mut Lanes) {
+fn contour_rates(step: f64, omega: f64, off: &OffJoint, lanes: &mut Lanes) {
+    let half_step = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
@@ -330,12 +334,8 @@ fn contour_rates(half_step: f64, omega: f64, off: &OffJoint, lanes: &mut Lanes) 
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
         lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny - (lanes.omega[i] - omega) * offset);
-        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny - off.alpha[i] * offset);
-        let touching = (lanes.penetration[i] > 0.0) | (lanes.penetration[i] + half_step * lanes.free_rate[i] > 0.0);
-        let fresh = lanes.age[i] == 0.0;
-        let approach = if fresh { lanes.free_rate[i] } else { lanes.approach[i] };
-        lanes.approach[i] = if touching { approach } else { 0.0 };
-        lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
+        let turned = omega * ((lanes.vy[i] + vy) * nx - (lanes.vx[i] + vx) * ny);
+        lanes.free_acceleration[i] = own - (lanes.ax[i] * nx + lanes.ay[i] * ny - off.alpha[i] * offset) - turned;
     }
 }
 
@@ -372,18 +372,39 @@ fn any_forces<const CONTOUR: bool>(
 ) {
     let half = 0.5 * step;
     if CONTOUR {
-        contour_rates(half, omega, off, lanes);
+        contour_rates(step, omega, off, lanes);
     } else {
-        rates(half, omega, lanes);
+        rates(step, omega, lanes);
     }
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
+        let (k, c) = (stiffness_n_per_m, damping_n_s_per_m);
+        let [mut force, mut rate, mut touch_rate, mut lost] = [[0.0; LANES]; 4];
+        let mut special = 0_u64;
         for i in 0..LANES {
-            let out = contact_law::linear_step(stiffness_n_per_m, damping_n_s_per_m, step_input(lanes, i, step));
-            lanes.normal_force[i] = out.mean_force;
-            lanes.rate[i] = out.rate;
-            lanes.lost_damping[i] = if out.mean_force > 0.0 { out.lost } else { 0.0 };
+            let (out, plain) = contact_law::plain_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
+            (force[i], rate[i], lost[i]) = (out.mean_force, out.rate, out.lost);
+            special |= u64::from(!plain);
         }
+        if special != 0 {
+            for i in 0..LANES {
+                let out = contact_law::linear_step(k, c, step_input(lanes, i, step));
+                (force[i], rate[i], touch_rate[i], lost[i]) = (out.mean_force, out.rate, out.touch_rate, out.lost);
+            }
+        }
+        let (mut age, mut approach) = (lanes.age, lanes.approach);
+        for i in 0..LANES {
+            // What has just parted belongs to its contact as long as it gives force.
+            let (now, then) = (lanes.penetration[i], lanes.penetration[i] + step * lanes.free_rate[i]);
+            let near = if now > then { now } else { then };
+            let touching = if near > force[i] { near } else { force[i] };
+            let first = if age[i] == 0.0 { touch_rate[i] } else { approach[i] };
+            approach[i] = if touching > 0.0 { first } else { 0.0 };
+            age[i] = if touching > 0.0 { age[i] + 1.0 } else { 0.0 };
+            lost[i] = if force[i] > 0.0 { lost[i] } else { 0.0 };
+        }
+        (lanes.age, lanes.approach, lanes.lost_damping) = (age, approach, lost);
+        (lanes.normal_force, lanes.rate) = (force, rate);
     } else {
         quadrature(law, one_radius, step, lanes);
     }
@@ -416,6 +437,10 @@ fn any_forces<const CONTOUR: bool>(
 #[inline(never)]
 fn quadrature(law: &ContactLaw, radius: f64, step: f64, lanes: &mut Lanes) {
     for i in 0..LANES {
+        let touching = lanes.penetration[i] > 0.0 || lanes.penetration[i] + step * lanes.free_rate[i] > 0.0;
+        let approach = if lanes.age[i] == 0.0 { lanes.free_rate[i] } else { lanes.approach[i] };
+        lanes.approach[i] = if touching { approach } else { 0.0 };
+        lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
         let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
         let out = (lanes.age[i] != 0.0).then(|| contact_law::quadrature_step(law, radii, step_input(lanes, i, step)));
         lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
@@ -431,6 +456,7 @@ fn step_input(lanes: &Lanes, i: usize, step: f64) -> StepInput {
         free_rate: lanes.free_rate[i],
         free_acceleration: lanes.free_acceleration[i],
         mobility: lanes.mobility[i],
+        past_force: lanes.normal_force[i],
         approach: lanes.approach[i],
         step,
     }

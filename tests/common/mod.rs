@@ -3,6 +3,7 @@
 
 use pitchline::assemble::{Assembly, assemble};
 use pitchline::drive::{BUNDLED, Drive};
+use pitchline::elements::contact_law::{ContactLaw, PeakMeter};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::Model;
 use pitchline::recording::frame::{Contacts, Feature};
@@ -76,29 +77,29 @@ pub struct Engagement {
 pub struct EngagementWatch {
     body: u32,
     window_s: f64,
-    /// Damping of the linear law [N s/m]: its force at the touch itself is this times the approach speed.
-    damping: f64,
+    law: ContactLaw,
+    step_s: f64,
     open: BTreeMap<(u32, u32), Follow>,
     last_seen: BTreeMap<(u32, u32), f64>,
     pub done: Vec<Engagement>,
 }
 
-/// An engagement being watched, with its force at the two nodes before.
+/// An engagement being watched.
 struct Follow {
     engagement: Engagement,
-    before: [f64; 2],
-    now: f64,
+    meter: PeakMeter,
+    now: Option<(f64, f64)>,
 }
 
 impl EngagementWatch {
-    pub fn new(body: u32, tooth_period_s: f64, damping: f64) -> EngagementWatch {
+    pub fn new(body: u32, tooth_period_s: f64, law: ContactLaw, step_s: f64) -> EngagementWatch {
         let (open, last_seen) = (BTreeMap::new(), BTreeMap::new());
-        EngagementWatch { body, window_s: 2.0 * tooth_period_s, damping, open, last_seen, done: Vec::new() }
+        EngagementWatch { body, window_s: 2.0 * tooth_period_s, law, step_s, open, last_seen, done: Vec::new() }
     }
 
     pub fn look(&mut self, t_s: f64, c: &Contacts) {
         for follow in self.open.values_mut() {
-            follow.now = 0.0;
+            follow.now = None;
         }
         for i in 0..c.link.len() {
             if c.body[i] != self.body || c.feature[i] > Feature::FrontBush as u32 {
@@ -116,22 +117,19 @@ impl EngagementWatch {
                     approach: c.approach_speed_m_s[i],
                     normal: (c.normal_x[i], c.normal_y[i]),
                     slide: c.tangential_speed_m_s[i],
-                    peak: self.damping * c.approach_speed_m_s[i],
+                    peak: 0.0,
                 };
-                self.open.insert(key, Follow { engagement, before: [0.0; 2], now: 0.0 });
+                self.open.insert(key, Follow { engagement, meter: PeakMeter::default(), now: None });
             }
             if let Some(follow) = self.open.get_mut(&key) {
-                follow.now = c.normal_force_n[i];
+                follow.now = Some((c.penetration_m[i], c.normal_speed_m_s[i]));
             }
         }
         let window = self.window_s;
         for follow in self.open.values_mut() {
-            let ([a, b], c) = (follow.before, follow.now);
-            // Vertex of the parabola through three nodes, where the middle one is the highest.
-            let bend = a - 2.0 * b + c;
-            let top = if b >= a && b >= c && a > 0.0 && bend < 0.0 { b - (a - c) * (a - c) / (8.0 * bend) } else { c };
+            let approach = follow.engagement.approach;
+            let top = follow.meter.look(&self.law, follow.now, approach, self.step_s, 0.0).expect("no Hertz law");
             follow.engagement.peak = follow.engagement.peak.max(top);
-            follow.before = [b, c];
         }
         let ended = |f: &Follow| t_s - f.engagement.start_s > window;
         self.done.extend(self.open.values().filter(|f| ended(f)).map(|f| f.engagement));

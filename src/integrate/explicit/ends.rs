@@ -39,9 +39,9 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                     }
                     let lanes = &mut *own_lanes;
                     if near {
-                        load_ends(model, state, scratch, at, sign, body.origin, lanes);
+                        load_ends(model, scratch, at, sign, body.origin, lanes);
                         let mut off = OffJoint::default();
-                        off.alpha.copy_from_slice(&state.links.alpha[at..at + LANES]);
+                        off.alpha.copy_from_slice(&scratch.wrapped.alpha[at..at + LANES]);
                         place(&touches, lanes, &mut off);
                         for (tooth, touch) in scratch.contour_tooth[set][at..].iter_mut().zip(&touches) {
                             *tooth = touch.map_or(*tooth, |t| t.tooth);

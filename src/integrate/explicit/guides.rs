@@ -1,7 +1,7 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
 use super::watch::Noted;
-use super::{Part, Scratch, Window, keep, keep_own, put, recall, send_away, shift_and_lever, sum, take};
+use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, sum, take};
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, LANES, Lanes};
 use crate::geometry::Vec2;
@@ -12,7 +12,7 @@ use crate::state::State;
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.guides[k].body;
-    let n = model.chain.padded;
+    let count = model.chain.padded / LANES;
     let reach_m = scratch.fastest_m_s * model.step_s;
     let mut own_lanes = scratch.lanes.take().unwrap_or_default();
     let lanes = &mut *own_lanes;
@@ -26,21 +26,25 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
                 if !shared && !within {
-                    clear_block(state, scratch, set, at);
+                    if scratch.stale_blocks[set][block] != 0 {
+                        memory(state, scratch, set, count).forget(block);
+                    }
                     continue;
                 }
                 let held = take(&state.guide_ends[set].normal_force, at);
                 let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
                 if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion) {
-                    clear_block(state, scratch, set, at);
+                    if scratch.stale_blocks[set][block] != 0 {
+                        memory(state, scratch, set, count).forget(block);
+                    }
                     continue;
                 }
-                load_ends(model, state, scratch, at, sign, body.origin, lanes);
+                load_ends(model, scratch, at, sign, body.origin, lanes);
                 if shared {
                     send_away(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
                 guide_contact::penetrations(body, lanes);
-                recall(&state.guide_ends[set], at, lanes);
+                memory(state, scratch, set, count).recall(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 add_guide_forces(scratch, at, lanes);
@@ -53,13 +57,13 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         scratch.guide_rate[set][at + i] = lanes.rate[i];
                         scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
-                    keep_own(nearest, k, lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], at);
+                    let (now, stale) = (&mut scratch.guide_ends[set], &mut scratch.stale_blocks[set]);
+                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).keep_own(nearest, k, block, lanes);
                 } else {
                     put(&mut scratch.guide_rate[set], at, lanes.rate);
                     put(&mut scratch.guide_depth[set], at, lanes.penetration);
-                    keep(lanes, &state.guide_ends[set], &mut scratch.guide_ends[set], n, at);
+                    memory(state, scratch, set, count).keep(block, lanes);
                 }
-                scratch.stale_blocks[set][at / LANES] = 2;
             }
         }
     }
@@ -101,36 +105,15 @@ pub(super) fn add_guide_forces(scratch: &mut Scratch, at: usize, lanes: &Lanes) 
     scratch.guide_blocks.push(at);
 }
 
-/// A block of guide ends that nothing touches: forgets old contacts in the memory of this step, once for each of the two
-/// memories that change hands.
+/// What a set of guide ends remembers.
 #[inline(always)]
-fn clear_block(state: &State, scratch: &mut Scratch, set: usize, at: usize) {
-    let stale = &mut scratch.stale_blocks[set][at / LANES];
-    if *stale == 0 {
-        return;
-    }
-    *stale -= 1;
-    let (past, memory) = (&state.guide_ends[set], &mut scratch.guide_ends[set]);
-    let nothing = [0.0; LANES];
-    put(&mut memory.normal_force, at, nothing);
-    put(&mut memory.tangential_force, at, nothing);
-    put(&mut memory.age, at, nothing);
-    put(&mut memory.approach, at, nothing);
-    put(&mut memory.lost_damping, at, take(&past.lost_damping, at));
-    put(&mut memory.lost_friction, at, take(&past.lost_friction, at));
+fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
+    MemoryBlocks::new(&state.guide_ends[set], &mut scratch.guide_ends[set], &mut scratch.stale_blocks[set], count)
 }
 
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
 #[inline(always)]
-pub(super) fn load_ends(
-    model: &Model,
-    state: &State,
-    scratch: &Scratch,
-    at: usize,
-    sign: f64,
-    origin: Vec2,
-    lanes: &mut Lanes,
-) {
+pub(super) fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec2, lanes: &mut Lanes) {
     let c = &model.chain;
     let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
     lanes.x = take(&ends.x, at);
@@ -140,14 +123,14 @@ pub(super) fn load_ends(
     lanes.omega = take(&scratch.omega, at);
     lanes.cos = take(&scratch.wrapped.cos, at);
     lanes.sin = take(&scratch.wrapped.sin, at);
-    lanes.ax = take(&state.links.ax, at);
-    lanes.ay = take(&state.links.ay, at);
+    lanes.ax = take(&scratch.wrapped.ax, at);
+    lanes.ay = take(&scratch.wrapped.ay, at);
     lanes.lever = take(&c.lever, at);
     lanes.inverse_mass = take(&c.inverse_mass, at);
     lanes.inverse_inertia = take(&c.inverse_inertia, at);
     for lever in &mut lanes.lever {
         *lever *= sign;
     }
-    let alpha = take(&state.links.alpha, at);
+    let alpha = take(&scratch.wrapped.alpha, at);
     shift_and_lever(lanes, &alpha, origin.x, origin.y);
 }

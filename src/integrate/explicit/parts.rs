@@ -1,6 +1,7 @@
 //! What a step knows of every part of a link that touches something: for those who watch a run step by step.
 
 use super::{Scratch, Window};
+use crate::elements::contact_law::ContactLaw;
 use crate::model::Model;
 use crate::recording::frame::Feature;
 use crate::state::ContactMemory;
@@ -164,7 +165,7 @@ impl Scratch {
 
     /// Forces of the joints, x and y [N], and friction torques [N m], shifted by one: joint j at j + 1, the last one also at 0.
     pub fn joint_columns(&self) -> (&[f64], &[f64], &[f64]) {
-        (&self.joint_x, &self.joint_y, &self.joint_torque)
+        (self.joint_x.before(), self.joint_y.before(), self.joint_torque.before())
     }
 
     /// Bushes that have changed their tooth gap in flight since the start.
@@ -202,6 +203,23 @@ impl Scratch {
                 let body = model.end_bodies.get(self.nearest_end[set / 2][lane])?;
                 Some((body.body, self.contour_tooth[set][lane]))
             }
+        }
+    }
+
+    /// Penetration [m] and closing speed [m/s] at this node, where a lane touches.
+    pub fn touch(&self, part: Part, lane: usize) -> Option<(f64, f64)> {
+        let depth = self.depth(part, lane);
+        (self.memory(part).age[lane] > 0.0 && depth > 0.0).then(|| (depth, self.closing_speed(part, lane)))
+    }
+
+    /// Contact law between a lane with an age and what it touches.
+    pub fn law<'a>(&self, model: &'a Model, part: Part, lane: usize) -> Option<&'a ContactLaw> {
+        match part {
+            Part::Bushes => self.partner(model, part, lane).map(|(k, _)| &model.sprockets[k].body.law),
+            Part::Guides(_) => {
+                self.partner(model, part, lane).map(|(k, _)| &model.guides[k - model.sprockets.len()].body.law)
+            }
+            Part::Contours(set) => model.end_bodies.get(self.nearest_end[set / 2][lane]).map(|b| &b.law),
         }
     }
 

@@ -19,16 +19,23 @@ pub struct Scratch {
     pub(super) front: Ends,
     pub(super) rear: Ends,
     pub(super) omega: Vec<f64>,
+    /// Ends and speeds as joints feel them on the mean over a step.
+    pub(super) felt_front: Ends,
+    pub(super) felt_rear: Ends,
+    pub(super) felt_omega: Vec<f64>,
     pub(super) wrapped: Wrapped,
-    pub(super) joint_x: Vec<f64>,
-    pub(super) joint_y: Vec<f64>,
-    pub(super) joint_torque: Vec<f64>,
+    pub(super) joint_x: ByJoint,
+    pub(super) joint_y: ByJoint,
+    pub(super) joint_torque: ByJoint,
     pub(super) joint_power_damping: Vec<f64>,
+    /// Largest friction torque of every joint [N m].
+    pub joint_limit: Vec<f64>,
+    /// Largest friction torque per relative speed of every joint that does not overshoot [N m s/rad].
+    pub(super) joint_grip: Vec<f64>,
     pub(super) joint_power_friction: Vec<f64>,
-    /// Per joint, shifted by one like the joint forces.
-    pub(super) bush_x: Vec<f64>,
-    pub(super) bush_y: Vec<f64>,
-    pub(super) bush_moment: Vec<f64>,
+    pub(super) bush_x: ByJoint,
+    pub(super) bush_y: ByJoint,
+    pub(super) bush_moment: ByJoint,
     /// Closing speed of every bush at the node, per joint, and of every guide end [m/s]; penetrations [m]. Stale where the
     /// contact's age is zero.
     pub(super) bush_rate: Vec<f64>,
@@ -75,9 +82,47 @@ pub struct Scratch {
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
     pub alpha: Vec<f64>,
+    /// What joints give at this node, at a first look.
+    pub joint_ax: Vec<f64>,
+    pub joint_ay: Vec<f64>,
+    pub joint_alpha: Vec<f64>,
     pub rotor_alpha: Vec<f64>,
     /// Torque of the chain on each sprocket, mean over the step [N m].
     pub chain_torque: Vec<f64>,
+}
+
+/// One value per joint, and the last joint's again before the first's: of the joint behind every link, and of the one before it.
+pub(super) struct ByJoint(Vec<f64>);
+
+impl ByJoint {
+    /// Where the first joint stands: at the beginning of a cache line.
+    const FIRST: usize = LANES;
+
+    fn new(n: usize) -> ByJoint {
+        ByJoint(vec![0.0; Self::FIRST + n])
+    }
+
+    pub(super) fn own(&self) -> &[f64] {
+        &self.0[Self::FIRST..]
+    }
+
+    pub(super) fn own_mut(&mut self) -> &mut [f64] {
+        &mut self.0[Self::FIRST..]
+    }
+
+    /// Shifted by one: joint j at j + 1, the last one at 0.
+    pub(super) fn before(&self) -> &[f64] {
+        &self.0[Self::FIRST - 1..]
+    }
+
+    /// To be called when all joints of a chain have their values.
+    pub(super) fn close(&mut self, n_links: usize) {
+        self.0[Self::FIRST - 1] = self.0[Self::FIRST + n_links - 1];
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.0.fill(0.0);
+    }
 }
 
 /// Positions and velocities of one end of every link, one value longer.
@@ -88,7 +133,7 @@ pub(super) struct Ends {
     pub(super) vy: Vec<f64>,
 }
 
-/// Columns of the State, one value longer.
+/// Headings, and the accelerations that contacts reckon with, one value longer.
 pub(super) struct Wrapped {
     pub(super) cos: Vec<f64>,
     pub(super) sin: Vec<f64>,
@@ -128,15 +173,20 @@ impl Scratch {
             front: Ends::new(n + 1),
             rear: Ends::new(n + 1),
             omega: longer(),
+            felt_front: Ends::new(n + 1),
+            felt_rear: Ends::new(n + 1),
+            felt_omega: longer(),
             wrapped: Wrapped { cos: longer(), sin: longer(), ax: longer(), ay: longer(), alpha: longer() },
-            joint_x: longer(),
-            joint_y: longer(),
-            joint_torque: longer(),
+            joint_x: ByJoint::new(n),
+            joint_y: ByJoint::new(n),
+            joint_torque: ByJoint::new(n),
             joint_power_damping: column(),
+            joint_limit: column(),
+            joint_grip: column(),
             joint_power_friction: column(),
-            bush_x: longer(),
-            bush_y: longer(),
-            bush_moment: longer(),
+            bush_x: ByJoint::new(n),
+            bush_y: ByJoint::new(n),
+            bush_moment: ByJoint::new(n),
             bush_rate: column(),
             guide_rate: std::array::from_fn(|_| column()),
             bush_depth: column(),
@@ -170,6 +220,9 @@ impl Scratch {
             ax: column(),
             ay: column(),
             alpha: column(),
+            joint_ax: column(),
+            joint_ay: column(),
+            joint_alpha: column(),
             rotor_alpha: vec![0.0; model.sprockets.len()],
             chain_torque: vec![0.0; model.sprockets.len()],
         }
@@ -182,7 +235,7 @@ impl Scratch {
 
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
     pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
-        (self.joint_x[j + 1], self.joint_y[j + 1], self.joint_torque[j + 1])
+        (self.joint_x.own()[j], self.joint_y.own()[j], self.joint_torque.own()[j])
     }
 
     /// Of every sprocket: angular acceleration [rad/s2], and torque of the chain on it [N m].

@@ -1,27 +1,55 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
-use super::watch::Noted;
-use super::{Part, Scratch, Window, keep, keep_own, put, send_away, shift_and_lever, take};
-use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning};
+use super::watch::{Noted, Watched};
+use super::{MemoryBlocks, Part, Scratch, Window, send_away};
+use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning, blocks, blocks_mut};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
 
-/// Everything that the bushes near a sprocket are loaded from and stored to; all slices of one length, so that one bounds
-/// check does for a block. Rear columns and outputs begin at the next joint.
-struct BushColumns<'a> {
-    on_front: &'a [f64],
-    front: [&'a [f64]; 10],
-    rear: [&'a [f64]; 10],
-    constants: [&'a [f64]; 7],
-    memory: [&'a [f64]; 4],
+/// What the bushes near a sprocket are loaded from: blocks of columns of one length, so that one bounds check does for all.
+/// Of the link before each joint, and of the link behind it.
+struct Sources<'a> {
+    on_front: &'a [Column],
+    x: [&'a [Column]; 2],
+    y: [&'a [Column]; 2],
+    vx: [&'a [Column]; 2],
+    vy: [&'a [Column]; 2],
+    omega: [&'a [Column]; 2],
+    cos: [&'a [Column]; 2],
+    sin: [&'a [Column]; 2],
+    ax: [&'a [Column]; 2],
+    ay: [&'a [Column]; 2],
+    alpha: [&'a [Column]; 2],
+    lever: &'a [Column],
+    inverse_mass: &'a [Column],
+    inverse_inertia: &'a [Column],
+}
+
+/// Tooth gaps of the joints near a sprocket: direction of their axes, how far they lie beside their place, number.
+struct Seats<'a> {
+    cos: &'a mut [Column],
+    sin: &'a mut [Column],
+    out: &'a mut [Column],
+    left: &'a mut [Column],
+    index: &'a mut [u32],
+    reseats: &'a mut u64,
+}
+
+/// What bushes give to their links, and what is known of them at the node.
+struct Results<'a> {
+    force_x: &'a mut [Column],
+    force_y: &'a mut [Column],
+    moment: &'a mut [Column],
+    rate: &'a mut [Column],
+    depth: &'a mut [Column],
 }
 
 /// Contacts of all bushes near sprocket `k`.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.sprockets[k].body;
-    let n = model.chain.padded;
+    let (c, count) = (&model.chain, model.chain.padded / LANES);
     let r = &state.rotors;
     let omega = r.omega[k] + 0.5 * model.step_s * r.alpha[k];
     let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
@@ -33,26 +61,65 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         + reach_m
         + model.chain.joint.clearance_m
         + JOINT_STRETCH_M;
+    let s = scratch;
+    let sources = Sources {
+        on_front: blocks(&c.bush_on_front[1..], count),
+        x: [blocks(&s.front.x, count), blocks(&s.rear.x[1..], count)],
+        y: [blocks(&s.front.y, count), blocks(&s.rear.y[1..], count)],
+        vx: [blocks(&s.front.vx, count), blocks(&s.rear.vx[1..], count)],
+        vy: [blocks(&s.front.vy, count), blocks(&s.rear.vy[1..], count)],
+        omega: [blocks(&s.omega, count), blocks(&s.omega[1..], count)],
+        cos: [blocks(&s.wrapped.cos, count), blocks(&s.wrapped.cos[1..], count)],
+        sin: [blocks(&s.wrapped.sin, count), blocks(&s.wrapped.sin[1..], count)],
+        ax: [blocks(&s.wrapped.ax, count), blocks(&s.wrapped.ax[1..], count)],
+        ay: [blocks(&s.wrapped.ay, count), blocks(&s.wrapped.ay[1..], count)],
+        alpha: [blocks(&s.wrapped.alpha, count), blocks(&s.wrapped.alpha[1..], count)],
+        lever: blocks(&c.bush_lever, count),
+        inverse_mass: blocks(&c.bush_inverse_mass, count),
+        inverse_inertia: blocks(&c.bush_inverse_inertia, count),
+    };
+    let mut seats = Seats {
+        cos: blocks_mut(&mut s.seat_cos[k], count),
+        sin: blocks_mut(&mut s.seat_sin[k], count),
+        out: blocks_mut(&mut s.seat_out[k], count),
+        left: blocks_mut(&mut s.seat_left[k], count),
+        index: &mut s.seat_index[k],
+        reseats: &mut s.reseats,
+    };
+    let mut memory = MemoryBlocks::new(&state.bushes, &mut s.bushes, &mut s.stale_bushes, count);
+    let results = Results {
+        force_x: blocks_mut(s.bush_x.own_mut(), count),
+        force_y: blocks_mut(s.bush_y.own_mut(), count),
+        moment: blocks_mut(s.bush_moment.own_mut(), count),
+        rate: blocks_mut(&mut s.bush_rate, count),
+        depth: blocks_mut(&mut s.bush_depth, count),
+    };
+    let lanes: &mut Lanes = s.lanes.get_or_insert_default();
     let mut partial = [0.0; LANES];
-    let mut own_lanes = scratch.lanes.take().unwrap_or_default();
-    let lanes = &mut *own_lanes;
-    for w in 0..scratch.tooth_windows[k].len() {
-        let Window { start, end, shared } = scratch.tooth_windows[k][w];
-        for block in start / LANES..end / LANES {
-            let at = block * LANES;
-            if !shared
-                && !tooth_contact::any_inside(body, tip_reach_m, take(&scratch.front.x, at), take(&scratch.front.y, at))
-            {
-                clear_bushes(state, scratch, n, at);
+    for Window { start, end, shared } in &s.tooth_windows[k] {
+        for at in start / LANES..(end / LANES).min(count) {
+            let nearest = &s.nearest_sprocket[at * LANES..];
+            if !shared && !tooth_contact::any_inside(body, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
+                // Outside the tip circle.
+                if memory.forget(at) {
+                    let nothing = [0.0; LANES];
+                    results.force_x[at] = nothing;
+                    results.force_y[at] = nothing;
+                    results.moment[at] = nothing;
+                }
                 continue;
             }
-            scratch.stale_bushes[at / LANES] = 2;
-            load_bushes(&bush_columns(model, state, scratch, k), n, at, body.centre, lanes);
-            if shared {
-                send_away(&scratch.nearest_sprocket[at..at + LANES], k, lanes);
+            load(&sources, at, body.centre, lanes);
+            lanes.seat_cos = seats.cos[at];
+            lanes.seat_sin = seats.sin[at];
+            lanes.seat_out = seats.out[at];
+            lanes.seat_left = seats.left[at];
+            memory.recall(at, lanes);
+            if *shared {
+                send_away(nearest, k, lanes);
             }
             if !tooth_contact::penetrations(body, turning, lanes) {
-                reseat(model, scratch, k, turning, at, lanes);
+                reseat(model, &mut seats, k, turning, at, lanes);
                 tooth_contact::penetrations(body, turning, lanes);
             }
             if tooth_contact::any_within(reach_m, lanes) {
@@ -64,41 +131,47 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             } else {
                 lanes.let_go();
             }
-            if WATCHED {
-                watch(model, scratch, k, (at, shared), turning, lanes);
+            if WATCHED && let Some(watched) = &mut s.watched {
+                watch(model, watched, nearest, k, (at * LANES, *shared), turning, lanes);
             }
-            if shared {
-                for i in (0..LANES).filter(|i| scratch.nearest_sprocket[at + i] == k) {
-                    scratch.bush_rate[at + i] = lanes.rate[i];
-                    scratch.bush_depth[at + i] = lanes.penetration[i];
+            if *shared {
+                for i in (0..LANES).filter(|i| nearest[*i] == k) {
+                    results.rate[at][i] = lanes.rate[i];
+                    results.depth[at][i] = lanes.penetration[i];
                 }
-                keep_own(&scratch.nearest_sprocket[at..at + LANES], k, lanes, &state.bushes, &mut scratch.bushes, at);
+                memory.keep_own(nearest, k, at, lanes);
                 for i in 0..LANES {
-                    scratch.bush_x[at + 1 + i] += lanes.force_x[i];
-                    scratch.bush_y[at + 1 + i] += lanes.force_y[i];
-                    scratch.bush_moment[at + 1 + i] += lanes.moment[i];
+                    results.force_x[at][i] += lanes.force_x[i];
+                    results.force_y[at][i] += lanes.force_y[i];
+                    results.moment[at][i] += lanes.moment[i];
                 }
             } else {
-                put(&mut scratch.bush_rate, at, lanes.rate);
-                put(&mut scratch.bush_depth, at, lanes.penetration);
-                put(&mut scratch.bush_x[1..n + 1], at, lanes.force_x);
-                put(&mut scratch.bush_y[1..n + 1], at, lanes.force_y);
-                put(&mut scratch.bush_moment[1..n + 1], at, lanes.moment);
-                keep(lanes, &state.bushes, &mut scratch.bushes, n, at);
+                results.rate[at] = lanes.rate;
+                results.depth[at] = lanes.penetration;
+                results.force_x[at] = lanes.force_x;
+                results.force_y[at] = lanes.force_y;
+                results.moment[at] = lanes.moment;
+                memory.keep(at, lanes);
             }
         }
     }
-    scratch.lanes = Some(own_lanes);
-    scratch.chain_torque[k] = partial.iter().sum();
+    s.chain_torque[k] = partial.iter().sum();
 }
 
 /// For those who look at every step.
 #[inline(always)]
-fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), turning: Turning, lanes: &Lanes) {
-    let Some(watched) = &mut scratch.watched else { return };
+fn watch(
+    model: &Model,
+    watched: &mut Watched,
+    nearest: &[usize],
+    k: usize,
+    (at, shared): (usize, bool),
+    turning: Turning,
+    lanes: &Lanes,
+) {
     let (body, n) = (&model.sprockets[k].body, model.chain.n_links);
-    let own: Option<[bool; LANES]> = (shared || at + LANES > n)
-        .then(|| std::array::from_fn(|i| at + i < n && (!shared || scratch.nearest_sprocket[at + i] == k)));
+    let own: Option<[bool; LANES]> =
+        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[i] == k)));
     if watched.wants_segments() && lanes.age != [0.0; LANES] {
         let segments = tooth_contact::segments(body, turning, lanes);
         watched.note_segments(Part::Bushes, at, segments, own.as_ref());
@@ -108,109 +181,44 @@ fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, b
     watched.note(&noted, own.as_ref());
 }
 
-#[inline(always)]
-fn bush_columns<'a>(model: &'a Model, state: &'a State, scratch: &'a Scratch, k: usize) -> BushColumns<'a> {
-    let n = model.chain.padded;
-    let (c, s, m) = (&model.chain, scratch, &state.bushes);
-    let (f, r) = (&s.front, &s.rear);
-    let w = &s.wrapped;
-    BushColumns {
-        on_front: &c.bush_on_front[1..n + 1],
-        front: [
-            &f.x[..n],
-            &f.y[..n],
-            &f.vx[..n],
-            &f.vy[..n],
-            &s.omega[..n],
-            &w.cos[..n],
-            &w.sin[..n],
-            &w.ax[..n],
-            &w.ay[..n],
-            &w.alpha[..n],
-        ],
-        rear: [
-            &r.x[1..n + 1],
-            &r.y[1..n + 1],
-            &r.vx[1..n + 1],
-            &r.vy[1..n + 1],
-            &s.omega[1..n + 1],
-            &w.cos[1..n + 1],
-            &w.sin[1..n + 1],
-            &w.ax[1..n + 1],
-            &w.ay[1..n + 1],
-            &w.alpha[1..n + 1],
-        ],
-        constants: [
-            &c.bush_lever[..n],
-            &c.bush_inverse_mass[..n],
-            &c.bush_inverse_inertia[..n],
-            &s.seat_cos[k][..n],
-            &s.seat_sin[k][..n],
-            &s.seat_out[k][..n],
-            &s.seat_left[k][..n],
-        ],
-        memory: [&m.normal_force[..n], &m.tangential_force[..n], &m.age[..n], &m.approach[..n]],
-    }
-}
-
 /// Joints that stretch further than this are found torn soon [m].
 const JOINT_STRETCH_M: f64 = 0.5e-3;
 
-/// A block of bushes outside the tip circle: forgets old contacts, once for each of the two memories that change hands.
+/// The bushes of the joints of block `at` as seen from `centre`.
 #[inline(always)]
-fn clear_bushes(state: &State, scratch: &mut Scratch, n: usize, at: usize) {
-    let stale = &mut scratch.stale_bushes[at / LANES];
-    if *stale == 0 {
-        return;
+fn load(from: &Sources<'_>, at: usize, centre: Vec2, lanes: &mut Lanes) {
+    let owner = &from.on_front[at];
+    let (mut x, mut y) = (chosen(owner, from.x, at), chosen(owner, from.y, at));
+    (lanes.vx, lanes.vy) = (chosen(owner, from.vx, at), chosen(owner, from.vy, at));
+    lanes.omega = chosen(owner, from.omega, at);
+    let (cos, sin, lever) = (chosen(owner, from.cos, at), chosen(owner, from.sin, at), from.lever[at]);
+    let (mut ax, mut ay) = (chosen(owner, from.ax, at), chosen(owner, from.ay, at));
+    let alpha = chosen(owner, from.alpha, at);
+    for i in 0..LANES {
+        x[i] -= centre.x;
+        y[i] -= centre.y;
+        ax[i] -= alpha[i] * lever[i] * sin[i];
+        ay[i] += alpha[i] * lever[i] * cos[i];
     }
-    *stale -= 1;
-    let nothing = [0.0; LANES];
-    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
-        put(&mut column[1..n + 1], at, nothing);
-    }
-    let (past, memory) = (&state.bushes, &mut scratch.bushes);
-    for column in [&mut memory.normal_force, &mut memory.tangential_force, &mut memory.age, &mut memory.approach] {
-        put(column, at, nothing);
-    }
-    put(&mut memory.lost_damping, at, take(&past.lost_damping, at));
-    put(&mut memory.lost_friction, at, take(&past.lost_friction, at));
+    lanes.x = x;
+    lanes.y = y;
+    lanes.ax = ax;
+    lanes.ay = ay;
+    lanes.cos = cos;
+    lanes.sin = sin;
+    lanes.lever = lever;
+    lanes.inverse_mass = from.inverse_mass[at];
+    lanes.inverse_inertia = from.inverse_inertia[at];
 }
 
-/// The bushes of joints `at` .. `at + LANES` as seen from `centre`.
+/// Of the link before each joint where `owner` is one, of that behind it where it is zero.
 #[inline(always)]
-fn load_bushes(c: &BushColumns<'_>, n: usize, at: usize, centre: Vec2, lanes: &mut Lanes) {
-    assert!(at + LANES <= n, "block {at} of {n} lanes");
-    let on_front = take(c.on_front, at);
-    let pick = |i: usize| chosen(on_front, take(c.front[i], at), take(c.rear[i], at));
-    lanes.x = pick(0);
-    lanes.y = pick(1);
-    lanes.vx = pick(2);
-    lanes.vy = pick(3);
-    lanes.omega = pick(4);
-    lanes.cos = pick(5);
-    lanes.sin = pick(6);
-    lanes.ax = pick(7);
-    lanes.ay = pick(8);
-    let alpha = pick(9);
-    lanes.lever = take(c.constants[0], at);
-    lanes.inverse_mass = take(c.constants[1], at);
-    lanes.inverse_inertia = take(c.constants[2], at);
-    lanes.seat_cos = take(c.constants[3], at);
-    lanes.seat_sin = take(c.constants[4], at);
-    lanes.seat_out = take(c.constants[5], at);
-    lanes.seat_left = take(c.constants[6], at);
-    lanes.normal_force = take(c.memory[0], at);
-    lanes.tangential_force = take(c.memory[1], at);
-    lanes.age = take(c.memory[2], at);
-    lanes.approach = take(c.memory[3], at);
-    shift_and_lever(lanes, &alpha, centre.x, centre.y);
-}
-
-#[inline(always)]
-fn chosen(on_front: Column, front: Column, rear: Column) -> Column {
+fn chosen(owner: &Column, [front, rear]: [&[Column]; 2], at: usize) -> Column {
+    // By value: of references one would be chosen lane by lane.
+    let (front, rear): (Column, Column) = (front[at], rear[at]);
     let mut out = [0.0; LANES];
     for i in 0..LANES {
-        out[i] = if on_front[i] != 0.0 { front[i] } else { rear[i] };
+        out[i] = if owner[i] != 0.0 { front[i] } else { rear[i] };
     }
     out
 }
@@ -218,22 +226,21 @@ fn chosen(on_front: Column, front: Column, rear: Column) -> Column {
 /// Gives every lane of a block that has left its tooth gap the one it is in.
 #[cold]
 #[inline(never)]
-fn reseat(model: &Model, scratch: &mut Scratch, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
+fn reseat(model: &Model, seats: &mut Seats<'_>, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
     let body = &model.sprockets[k].body;
-    scratch.reseats += 1;
+    *seats.reseats += 1;
     for i in 0..LANES {
-        let j = at + i;
         let seat = seat_of(model, k, turning.cos, turning.sin, lanes.x[i], lanes.y[i]);
-        scratch.seat_cos[k][j] = body.seat_cos[seat];
-        scratch.seat_sin[k][j] = body.seat_sin[seat];
-        scratch.seat_out[k][j] = body.seat_out[seat];
-        scratch.seat_left[k][j] = body.seat_left[seat];
-        scratch.seat_index[k][j] = seat as u32;
-        lanes.seat_out[i] = scratch.seat_out[k][j];
-        lanes.seat_left[i] = scratch.seat_left[k][j];
-        lanes.seat_cos[i] = scratch.seat_cos[k][j];
-        lanes.seat_sin[i] = scratch.seat_sin[k][j];
+        seats.cos[at][i] = body.seat_cos[seat];
+        seats.sin[at][i] = body.seat_sin[seat];
+        seats.out[at][i] = body.seat_out[seat];
+        seats.left[at][i] = body.seat_left[seat];
+        seats.index[at * LANES + i] = seat as u32;
     }
+    lanes.seat_cos = seats.cos[at];
+    lanes.seat_sin = seats.sin[at];
+    lanes.seat_out = seats.out[at];
+    lanes.seat_left = seats.left[at];
 }
 
 pub(super) fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize {

@@ -1,0 +1,382 @@
+//! The part of a step that concerns links and their joints, in loops over blocks of links. One loop that keeps a block's values in
+//! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
+
+use super::scratch::{Ends, Wrapped};
+use super::{RunIn, Scratch};
+use crate::elements::friction;
+use crate::elements::link_joint::{self, JointEnds};
+use crate::elements::tooth_contact::{LANES, blocks, blocks_mut};
+use crate::model::Model;
+use crate::state::{LinkState, State};
+
+/// What the joints give at this node, and what contacts may reckon with: accelerations of a step ago with the change that the
+/// joints have made since, and the velocities that come of it.
+#[inline(always)]
+pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
+    first_look(model, state, scratch);
+    let quarter = 0.25 * model.step_s;
+    let (c, s, last) = (&model.chain, &state.links, model.chain.n_links);
+    let count = c.padded / LANES;
+    let Scratch {
+        front,
+        rear,
+        omega,
+        wrapped,
+        joint_x,
+        joint_y,
+        joint_torque,
+        joint_ax: now_x,
+        joint_ay: now_y,
+        joint_alpha: now_turn,
+        ..
+    } = scratch;
+    let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
+    let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
+    let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
+    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
+    let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
+    let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
+    let (past_x, past_y) = (blocks(&s.joint_ax, count), blocks(&s.joint_ay, count));
+    let past_turn = blocks(&s.joint_alpha, count);
+    let (now_x, now_y) = (blocks_mut(now_x, count), blocks_mut(now_y, count));
+    let now_turn = blocks_mut(now_turn, count);
+    let (lead_x, lead_y) = (blocks_mut(&mut wrapped.ax, count), blocks_mut(&mut wrapped.ay, count));
+    let lead_turn = blocks_mut(&mut wrapped.alpha, count);
+    let (front_vx, front_vy) = (blocks_mut(&mut front.vx, count), blocks_mut(&mut front.vy, count));
+    let (rear_vx, rear_vy) = (blocks_mut(&mut rear.vx, count), blocks_mut(&mut rear.vy, count));
+    let turning = blocks_mut(omega, count);
+    for at in 0..count {
+        let (fx0, fx1, fy0, fy1, fm0, fm1) = (fx0[at], fx1[at], fy0[at], fy1[at], fm0[at], fm1[at]);
+        let (cos, sin, lever, im, ij) = (cos[at], sin[at], lever[at], im[at], ij[at]);
+        let (past_x, past_y, past_turn) = (past_x[at], past_y[at], past_turn[at]);
+        let (mut ax, mut ay, mut alpha) = (ax[at], ay[at], alpha[at]);
+        let (mut a, mut b, mut e, mut f) = (front_vx[at], front_vy[at], rear_vx[at], rear_vy[at]);
+        let mut w = turning[at];
+        let zero = [0.0; LANES];
+        let (mut x, mut y, mut turn) = (zero, zero, zero);
+        for i in 0..LANES {
+            let (sum_x, sum_y) = (fx0[i] + fx1[i], fy0[i] + fy1[i]);
+            x[i] = (fx0[i] - fx1[i]) * im[i];
+            y[i] = (fy0[i] - fy1[i]) * im[i];
+            let moment = lever[i] * (sin[i] * sum_x - cos[i] * sum_y) + (fm0[i] - fm1[i]);
+            turn[i] = moment * ij[i];
+            let (dx, dy, dt) = (x[i] - past_x[i], y[i] - past_y[i], turn[i] - past_turn[i]);
+            ax[i] += dx;
+            ay[i] += dy;
+            alpha[i] += dt;
+            let (u, v, o) = (quarter * dx, quarter * dy, quarter * dt);
+            let (os, oc) = (o * lever[i] * sin[i], o * lever[i] * cos[i]);
+            a[i] += u - os;
+            b[i] += v + oc;
+            e[i] += u + os;
+            f[i] += v - oc;
+            w[i] += o;
+        }
+        (now_x[at], now_y[at], now_turn[at]) = (x, y, turn);
+        (lead_x[at], lead_y[at], lead_turn[at]) = (ax, ay, alpha);
+        (front_vx[at], front_vy[at], rear_vx[at], rear_vy[at]) = (a, b, e, f);
+        turning[at] = w;
+    }
+    let Wrapped { ax, ay, alpha, .. } = wrapped;
+    for column in [&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha] {
+        column[last] = column[0];
+    }
+}
+
+/// Forces of the joints at the node, with the friction that their forces of a step ago allow: that saves a root.
+#[inline(always)]
+fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
+    let (c, last) = (&model.chain, model.chain.n_links);
+    let count = c.padded / LANES;
+    let Scratch { front, rear, omega, joint_x, joint_y, joint_torque, joint_grip, .. } = scratch;
+    let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
+    let per_speed = 1.0 / c.joint.stick_speed_rad_s;
+    let (limit, grip) = (blocks(&state.joint_limit, count), blocks(joint_grip, count));
+    let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
+    {
+        let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
+        let fm = blocks_mut(joint_torque.own_mut(), count);
+        for at in 0..count {
+            let force = ends.block(&c.joint, at, count);
+            let (limit, grip, w0, w1) = (limit[at], grip[at], w0[at], w1[at]);
+            let mut torque = [0.0; LANES];
+            for i in 0..LANES {
+                torque[i] = friction::gripped_force(limit[i], w1[i] - w0[i], limit[i] * per_speed, grip[i]);
+            }
+            (fx[at], fy[at], fm[at]) = (force.x, force.y, torque);
+        }
+    }
+    for column in [joint_x, joint_y, joint_torque] {
+        column.close(last);
+    }
+}
+
+/// What contacts give, into the accelerations; ends and speeds as joints feel them on the mean over the step with these and
+/// with what the joints gave at first.
+#[inline(always)]
+pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
+    let (quarter, shift) = (0.25 * model.step_s, model.step_s * model.step_s / 12.0);
+    let c = &model.chain;
+    let s = &state.links;
+    let n = c.padded;
+    let count = n / LANES;
+    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
+    {
+        let Scratch {
+            bush_x,
+            bush_y,
+            bush_moment,
+            guide_x,
+            guide_y,
+            guide_moment,
+            ax,
+            ay,
+            alpha,
+            stale_bushes,
+            guide_blocks,
+            ..
+        } = &mut *scratch;
+        let (bx0, bx1) = (blocks(bush_x.before(), count), blocks(bush_x.own(), count));
+        let (by0, by1) = (blocks(bush_y.before(), count), blocks(bush_y.own(), count));
+        let (bm0, bm1) = (blocks(bush_moment.before(), count), blocks(bush_moment.own(), count));
+        let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
+        let (gx, gy, gm) = (blocks(guide_x, count), blocks(guide_y, count), blocks(guide_moment, count));
+        let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
+        let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
+        let stale = &stale_bushes[..count];
+        // Where no bush and no guide end touches, nothing is given.
+        let mut before = stale[(c.n_links - 1) / LANES];
+        for at in 0..count {
+            let idle = stale[at] | before == 0;
+            before = stale[at];
+            let zero = [0.0; LANES];
+            if idle && !guide_blocks.contains(&(at * LANES)) {
+                (ax[at], ay[at], al[at]) = (zero, zero, zero);
+                continue;
+            }
+            let (on0, on1, im, ij) = (on0[at], on1[at], im[at], ij[at]);
+            let (bx0, bx1, by0, by1, bm0, bm1) = (bx0[at], bx1[at], by0[at], by1[at], bm0[at], bm1[at]);
+            let (gx, gy, gm, lever, cos, sin) = (gx[at], gy[at], gm[at], lever[at], cos[at], sin[at]);
+            let (mut x, mut y, mut turn) = (zero, zero, zero);
+            for i in 0..LANES {
+                let rear_owns = 1.0 - on0[i];
+                let (fx, fy) = (on1[i] * bx1[i], on1[i] * by1[i]);
+                let (rx, ry) = (rear_owns * bx0[i], rear_owns * by0[i]);
+                let moment = on1[i] * bm1[i] + rear_owns * bm0[i] + gm[i];
+                x[i] = (fx + rx + gx[i]) * im[i];
+                y[i] = (fy + ry + gy[i]) * im[i];
+                turn[i] = (lever[i] * (cos[i] * (fy - ry) - sin[i] * (fx - rx)) + moment) * ij[i];
+            }
+            (ax[at], ay[at], al[at]) = (x, y, turn);
+        }
+    }
+    if scratch.run_in != RunIn::OFF {
+        let rate = scratch.run_in.link_rate_per_s;
+        let (ax, ay) = (&mut scratch.ax[..n], &mut scratch.ay[..n]);
+        for i in 0..c.n_links {
+            ax[i] -= rate * (s.vx[i] - model.chain_speed_m_s * s.cos[i]);
+            ay[i] -= rate * (s.vy[i] - model.chain_speed_m_s * s.sin[i]);
+        }
+    }
+    let Scratch {
+        front, rear, felt_front, felt_rear, felt_omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha, ..
+    } = scratch;
+    let (cx, cy, ct) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
+    let (jx, jy, jt) = (blocks(joint_ax, count), blocks(joint_ay, count), blocks(joint_alpha, count));
+    let (px, py, pt) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
+    let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+    let (fx, fy) = (blocks(&front.x, count), blocks(&front.y, count));
+    let (rx, ry) = (blocks(&rear.x, count), blocks(&rear.y, count));
+    let (felt_fx, felt_fy) = (blocks_mut(&mut felt_front.x, count), blocks_mut(&mut felt_front.y, count));
+    let (felt_fvx, felt_fvy) = (blocks_mut(&mut felt_front.vx, count), blocks_mut(&mut felt_front.vy, count));
+    let (felt_rx, felt_ry) = (blocks_mut(&mut felt_rear.x, count), blocks_mut(&mut felt_rear.y, count));
+    let (felt_rvx, felt_rvy) = (blocks_mut(&mut felt_rear.vx, count), blocks_mut(&mut felt_rear.vy, count));
+    let turning = blocks_mut(felt_omega, count);
+    for at in 0..count {
+        let (l, c, sn) = (lever[at], cos[at], sin[at]);
+        let (cx, cy, ct) = (cx[at], cy[at], ct[at]);
+        let (jx, jy, jt) = (jx[at], jy[at], jt[at]);
+        let (px, py, pt) = (px[at], py[at], pt[at]);
+        let (mut u, mut v, mut o) = (vx[at], vy[at], w[at]);
+        let (mut ax, mut ay, mut bx, mut by) = (fx[at], fy[at], rx[at], ry[at]);
+        let zero = [0.0; LANES];
+        let (mut avx, mut avy, mut bvx, mut bvy) = (zero, zero, zero, zero);
+        for i in 0..LANES {
+            let (x, y, t) = (cx[i] + jx[i], cy[i] + jy[i], ct[i] + jt[i]);
+            u[i] += quarter * (x + px[i]);
+            v[i] += quarter * (y + py[i]);
+            o[i] += quarter * (t + pt[i]);
+            let (lc, ls) = (l[i] * c[i], l[i] * sn[i]);
+            let (oc, os) = (o[i] * lc, o[i] * ls);
+            (avx[i], avy[i]) = (u[i] - os, v[i] + oc);
+            (bvx[i], bvy[i]) = (u[i] + os, v[i] - oc);
+            let (x, y, ts, tc) = (shift * x, shift * y, shift * t * ls, shift * t * lc);
+            ax[i] += x - ts;
+            ay[i] += y + tc;
+            bx[i] += x + ts;
+            by[i] += y - tc;
+        }
+        (felt_fx[at], felt_fy[at], felt_rx[at], felt_ry[at]) = (ax, ay, bx, by);
+        (felt_fvx[at], felt_fvy[at], felt_rvx[at], felt_rvy[at]) = (avx, avy, bvx, bvy);
+        turning[at] = o;
+    }
+    let last = model.chain.n_links;
+    let Ends { x, y, vx, vy } = felt_rear;
+    for column in [x, y, vx, vy, felt_omega] {
+        column[last] = column[0];
+    }
+}
+
+/// Positions and predicted velocities of both ends of every link at the node; headings and accelerations with the first
+/// link again after the last, where joint n - 1 closes the loop.
+#[inline(always)]
+pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
+    let Scratch { front, rear, omega, wrapped, .. } = scratch;
+    ends_kernel(0.5 * model.step_s, &model.chain.lever, &state.links, front, rear, omega, wrapped);
+    let last = model.chain.n_links;
+    let Wrapped { cos, sin, .. } = wrapped;
+    let Ends { x, y, vx, vy } = rear;
+    for column in [x, y, vx, vy, omega, cos, sin] {
+        column[last] = column[0];
+    }
+}
+
+#[inline(always)]
+fn ends_kernel(
+    half: f64,
+    lever: &[f64],
+    s: &LinkState,
+    front: &mut Ends,
+    rear: &mut Ends,
+    omega: &mut [f64],
+    wrapped: &mut Wrapped,
+) {
+    let count = lever.len() / LANES;
+    let (lever, x, y) = (blocks(lever, count), blocks(&s.x, count), blocks(&s.y, count));
+    let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
+    let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
+    let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
+    let (fx, fy) = (blocks_mut(&mut front.x, count), blocks_mut(&mut front.y, count));
+    let (fvx, fvy) = (blocks_mut(&mut front.vx, count), blocks_mut(&mut front.vy, count));
+    let (rx, ry) = (blocks_mut(&mut rear.x, count), blocks_mut(&mut rear.y, count));
+    let (rvx, rvy) = (blocks_mut(&mut rear.vx, count), blocks_mut(&mut rear.vy, count));
+    let omega = blocks_mut(omega, count);
+    let (wrapped_cos, wrapped_sin) = (blocks_mut(&mut wrapped.cos, count), blocks_mut(&mut wrapped.sin, count));
+    for at in 0..count {
+        let (l, c, s) = (lever[at], cos[at], sin[at]);
+        let (a, b, e) = (ax[at], ay[at], alpha[at]);
+        let (px, py) = (x[at], y[at]);
+        let (mut u, mut v, mut o) = (vx[at], vy[at], w[at]);
+        let zero = [0.0; LANES];
+        let (mut ax, mut ay, mut avx, mut avy) = (zero, zero, zero, zero);
+        let (mut bx, mut by, mut bvx, mut bvy) = (zero, zero, zero, zero);
+        for i in 0..LANES {
+            u[i] += half * a[i];
+            v[i] += half * b[i];
+            o[i] += half * e[i];
+            let (lc, ls) = (l[i] * c[i], l[i] * s[i]);
+            let (oc, os) = (o[i] * lc, o[i] * ls);
+            (ax[i], ay[i]) = (px[i] + lc, py[i] + ls);
+            (bx[i], by[i]) = (px[i] - lc, py[i] - ls);
+            (avx[i], avy[i]) = (u[i] - os, v[i] + oc);
+            (bvx[i], bvy[i]) = (u[i] + os, v[i] - oc);
+        }
+        (fx[at], fy[at], fvx[at], fvy[at]) = (ax, ay, avx, avy);
+        (rx[at], ry[at], rvx[at], rvy[at]) = (bx, by, bvx, bvy);
+        omega[at] = o;
+        (wrapped_cos[at], wrapped_sin[at]) = (c, s);
+    }
+}
+
+/// Forces of the joints on ends and speeds as they feel them, and the accelerations that these add to those from contacts.
+#[inline(always)]
+pub(super) fn joints(model: &Model, state: &State, scratch: &mut Scratch) {
+    second_look(model, scratch);
+    let (c, s, count) = (&model.chain, &state.links, model.chain.padded / LANES);
+    let Scratch { joint_x, joint_y, joint_torque, ax, ay, alpha, .. } = &mut *scratch;
+    let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
+    let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
+    let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
+    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
+    let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
+    let (ax, ay, alpha) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
+    for at in 0..count {
+        let (fx0, fx1, fy0, fy1, fm0, fm1) = (fx0[at], fx1[at], fy0[at], fy1[at], fm0[at], fm1[at]);
+        let (cos, sin, lever, im, ij) = (cos[at], sin[at], lever[at], im[at], ij[at]);
+        let (mut a, mut b, mut e) = (ax[at], ay[at], alpha[at]);
+        for i in 0..LANES {
+            let (sum_x, sum_y) = (fx0[i] + fx1[i], fy0[i] + fy1[i]);
+            a[i] += (fx0[i] - fx1[i]) * im[i];
+            b[i] += (fy0[i] - fy1[i]) * im[i];
+            e[i] += (lever[i] * (sin[i] * sum_x - cos[i] * sum_y) + (fm0[i] - fm1[i])) * ij[i];
+        }
+        (ax[at], ay[at], alpha[at]) = (a, b, e);
+    }
+    tight_joints(model, scratch);
+}
+
+/// Forces of the joints and the power they lose, on ends and speeds as they feel them.
+#[inline(always)]
+fn second_look(model: &Model, scratch: &mut Scratch) {
+    let (c, last) = (&model.chain, model.chain.n_links);
+    let count = c.padded / LANES;
+    let Scratch {
+        felt_front: front,
+        felt_rear: rear,
+        felt_omega: omega,
+        joint_x,
+        joint_y,
+        joint_torque,
+        joint_power_damping,
+        joint_power_friction,
+        joint_limit,
+        joint_grip,
+        ..
+    } = scratch;
+    let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
+    let arm = c.joint.friction_arm_m;
+    let per_speed = 1.0 / c.joint.stick_speed_rad_s;
+    let (w0, w1, grip) = (blocks(omega, count), blocks(&omega[1..], count), blocks(joint_grip, count));
+    {
+        let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
+        let (fm, limits) = (blocks_mut(joint_torque.own_mut(), count), blocks_mut(joint_limit, count));
+        let (pd, pf) = (blocks_mut(joint_power_damping, count), blocks_mut(joint_power_friction, count));
+        for at in 0..count {
+            let force = ends.block(&c.joint, at, count);
+            let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            if arm > 0.0 {
+                let (w0, w1, grip) = (w0[at], w1[at], grip[at]);
+                for i in 0..LANES {
+                    let relative = w1[i] - w0[i];
+                    limit[i] = arm * (force.x[i] * force.x[i] + force.y[i] * force.y[i]).sqrt();
+                    torque[i] = friction::gripped_force(limit[i], relative, limit[i] * per_speed, grip[i]);
+                    lost[i] = 0.0 - torque[i] * relative;
+                }
+            }
+            (fx[at], fy[at], fm[at], limits[at]) = (force.x, force.y, torque, limit);
+            (pd[at], pf[at]) = (force.lost, lost);
+        }
+    }
+    for column in [joint_x, joint_y, joint_torque] {
+        column.close(last);
+    }
+}
+
+/// Friction of the joints that turn hard, beside that of all.
+#[inline(always)]
+fn tight_joints(model: &Model, scratch: &mut Scratch) {
+    let (c, last) = (&model.chain, model.chain.n_links);
+    for (j, torque_nm) in &c.tight {
+        let (j, next) = (*j, if *j + 1 == last { 0 } else { *j + 1 });
+        let relative = scratch.felt_omega[j + 1] - scratch.felt_omega[j];
+        let inverse = &c.inverse_inertia;
+        let mobility = 0.5 * model.step_s * (inverse[j] + inverse[j + 1]);
+        let own = link_joint::tightened(&c.joint, *torque_nm, relative, mobility);
+        scratch.joint_limit[j] += *torque_nm;
+        scratch.joint_torque.own_mut()[j] += own;
+        scratch.joint_torque.close(last);
+        scratch.joint_power_friction[j] -= own * relative;
+        scratch.alpha[j] -= own * inverse[j];
+        scratch.alpha[next] += own * inverse[next];
+    }
+}
