@@ -5,7 +5,7 @@
 //! v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half of this step's.
 
 use super::frame::{
-    BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, Joints, LinkInfo, Links, Outline,
+    BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
     OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
@@ -25,9 +25,14 @@ use crate::units::atan2;
 #[derive(Clone, Debug, Default)]
 pub struct Camera {
     origin: Option<Energy>,
+    /// Frames that nobody needs any more: their memory is used again. Asking the system for 40 columns a frame took a tenth of a
+    /// recorded run.
+    spare: Vec<Frame>,
+    rows: Vec<Row>,
 }
 
 /// One contact before it is put into columns.
+#[derive(Clone, Debug)]
 struct Row {
     link: usize,
     feature: Feature,
@@ -73,70 +78,77 @@ impl Camera {
 
     /// For frames whose ledger was opened with these energies.
     pub fn since(origin: Option<Energy>) -> Camera {
-        Camera { origin }
+        Camera { origin, ..Camera::default() }
     }
 
     /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
     pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
         let n = state.n_links;
-        let links = links_at(model, state, scratch);
-        let mut joints = Joints::default();
-        for j in 0..n {
-            let (x, y, torque) = scratch.joint_force(j);
-            joints.force_x_n.push(x);
-            joints.force_y_n.push(y);
-            joints.friction_torque_nm.push(torque);
-        }
+        let mut frame = self.spare.pop().unwrap_or_default();
+        fill_links(model, state, scratch, &mut frame.links);
+        let (x, y, torque) = scratch.joint_columns();
+        fill(&mut frame.joints.force_x_n, x[1..n + 1].iter().copied());
+        fill(&mut frame.joints.force_y_n, y[1..n + 1].iter().copied());
+        fill(&mut frame.joints.friction_torque_nm, torque[1..n + 1].iter().copied());
         let speeds = speeds_at(model, state, scratch);
-        let rows = rows_at(model, state, scratch, &links, &speeds);
-        let rotors = rotor_rows(model, state, &speeds, &rows);
-        let total = ledger(model, state, scratch, &links, &speeds, &rows);
-        let origin = *self.origin.get_or_insert(total);
-        Frame {
-            step: state.step,
-            t_s: state.step as f64 * model.step_s,
-            state_hash: state.hash(),
-            crank_angle_rad: model
-                .sprockets
-                .get(model.driver)
-                .map_or(0.0, |d| d.nominal_speed_rad_s * state.step as f64 * model.step_s),
-            links,
-            joints,
-            contacts: columns(&rows),
-            rotors,
-            energy: since(&total, &origin),
-            sensors: model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)).collect(),
-        }
+        find_rows(model, state, scratch, &frame.links, &speeds, &mut self.rows);
+        frame.rotors = rotor_rows(model, state, &speeds, &self.rows);
+        let total = ledger(model, state, scratch, &frame.links, &speeds, &self.rows);
+        frame.energy = since(&total, self.origin.get_or_insert(total));
+        fill_contacts(&self.rows, &mut frame.contacts);
+        frame.step = state.step;
+        frame.t_s = state.step as f64 * model.step_s;
+        frame.state_hash = state.hash();
+        let driver = model.sprockets.get(model.driver);
+        frame.crank_angle_rad = driver.map_or(0.0, |d| d.nominal_speed_rad_s * state.step as f64 * model.step_s);
+        fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
+        frame
     }
+
+    /// Takes a frame back that is not needed any more.
+    pub fn give_back(&mut self, frame: Frame) {
+        self.spare.push(frame);
+    }
+}
+
+/// New values for a column that keeps its memory.
+fn fill<T>(column: &mut Vec<T>, values: impl Iterator<Item = T>) {
+    column.clear();
+    column.extend(values);
 }
 
 /// All energies at `state`: where a ledger begins that is opened there.
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
     crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
-    let (links, speeds) = (links_at(model, state, &scratch), speeds_at(model, state, &scratch));
-    let rows = rows_at(model, state, &scratch, &links, &speeds);
+    let (mut links, speeds) = (Links::default(), speeds_at(model, state, &scratch));
+    fill_links(model, state, &scratch, &mut links);
+    let mut rows = Vec::new();
+    find_rows(model, state, &scratch, &links, &speeds, &mut rows);
     Ok(ledger(model, state, &scratch, &links, &speeds, &rows))
 }
 
 /// The contacts alone, for looking at every step.
 pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts {
-    let links = links_at(model, state, scratch);
-    columns(&rows_at(model, state, scratch, &links, &speeds_at(model, state, scratch)))
+    let (mut links, mut rows, mut contacts) = (Links::default(), Vec::new(), Contacts::default());
+    fill_links(model, state, scratch, &mut links);
+    find_rows(model, state, scratch, &links, &speeds_at(model, state, scratch), &mut rows);
+    fill_contacts(&rows, &mut contacts);
+    contacts
 }
 
-fn links_at(model: &Model, state: &State, scratch: &Scratch) -> Links {
+fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links) {
     let (n, half) = (state.n_links, 0.5 * model.step_s);
     let s = &state.links;
-    let at_node = |v: &[f64], a: &[f64]| -> Vec<f64> { (0..n).map(|i| v[i] + half * a[i]).collect() };
-    Links {
-        x_m: s.x[..n].to_vec(),
-        y_m: s.y[..n].to_vec(),
-        angle_rad: (0..n).map(|i| atan2(s.sin[i], s.cos[i])).collect(),
-        vx_m_s: at_node(&s.vx, &scratch.ax),
-        vy_m_s: at_node(&s.vy, &scratch.ay),
-        omega_rad_s: at_node(&s.omega, &scratch.alpha),
-    }
+    let at_node = |column: &mut Vec<f64>, v: &[f64], a: &[f64]| {
+        fill(column, v[..n].iter().zip(&a[..n]).map(|(v, a)| v + half * a));
+    };
+    fill(&mut links.x_m, s.x[..n].iter().copied());
+    fill(&mut links.y_m, s.y[..n].iter().copied());
+    fill(&mut links.angle_rad, s.sin[..n].iter().zip(&s.cos[..n]).map(|(sin, cos)| atan2(*sin, *cos)));
+    at_node(&mut links.vx_m_s, &s.vx, &scratch.ax);
+    at_node(&mut links.vy_m_s, &s.vy, &scratch.ay);
+    at_node(&mut links.omega_rad_s, &s.omega, &scratch.alpha);
 }
 
 fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
@@ -144,13 +156,12 @@ fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
     (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect()
 }
 
-fn rows_at(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64]) -> Vec<Row> {
-    let mut rows = Vec::new();
-    sprocket_contacts(model, state, scratch, links, speeds, &mut rows);
-    guide_contacts(model, state, scratch, links, &mut rows);
-    end_contacts(model, state, scratch, links, speeds, &mut rows);
-    rows.sort_by_key(|r| (r.link, r.feature as u32, r.body));
-    rows
+fn find_rows(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &mut Vec<Row>) {
+    rows.clear();
+    sprocket_contacts(model, state, scratch, links, speeds, rows);
+    guide_contacts(model, state, scratch, links, rows);
+    end_contacts(model, state, scratch, links, speeds, rows);
+    rows.sort_unstable_by_key(|r| (r.link, r.feature as u32, r.body));
 }
 
 /// Position and velocity of one end of link `i`.
@@ -329,30 +340,26 @@ fn row(
     }
 }
 
-fn columns(rows: &[Row]) -> Contacts {
-    let column = |f: &dyn Fn(&Row) -> f64| -> Vec<f64> { rows.iter().map(f).collect() };
-    let index = |f: &dyn Fn(&Row) -> u32| -> Vec<u32> { rows.iter().map(f).collect() };
-    Contacts {
-        link: index(&|r| r.link as u32),
-        feature: index(&|r| r.feature as u32),
-        body: index(&|r| r.body as u32),
-        tooth: index(&|r| r.tooth),
-        segment: index(&|r| r.segment as u32),
-        point_body_x_m: column(&|r| r.on_body.x),
-        point_body_y_m: column(&|r| r.on_body.y),
-        point_link_x_m: column(&|r| r.on_link.x),
-        point_link_y_m: column(&|r| r.on_link.y),
-        normal_x: column(&|r| r.normal.x),
-        normal_y: column(&|r| r.normal.y),
-        penetration_m: column(&|r| r.penetration),
-        approach_speed_m_s: column(&|r| r.approach),
-        normal_speed_m_s: column(&|r| r.normal_speed),
-        tangential_speed_m_s: column(&|r| r.slide),
-        normal_force_n: column(&|r| r.normal_force),
-        tangential_force_n: column(&|r| r.friction_force),
-        stick: rows.iter().map(|r| r.stick).collect(),
-        age_s: column(&|r| r.age_s),
-    }
+fn fill_contacts(rows: &[Row], c: &mut Contacts) {
+    fill(&mut c.link, rows.iter().map(|r| r.link as u32));
+    fill(&mut c.feature, rows.iter().map(|r| r.feature as u32));
+    fill(&mut c.body, rows.iter().map(|r| r.body as u32));
+    fill(&mut c.tooth, rows.iter().map(|r| r.tooth));
+    fill(&mut c.segment, rows.iter().map(|r| r.segment as u32));
+    fill(&mut c.point_body_x_m, rows.iter().map(|r| r.on_body.x));
+    fill(&mut c.point_body_y_m, rows.iter().map(|r| r.on_body.y));
+    fill(&mut c.point_link_x_m, rows.iter().map(|r| r.on_link.x));
+    fill(&mut c.point_link_y_m, rows.iter().map(|r| r.on_link.y));
+    fill(&mut c.normal_x, rows.iter().map(|r| r.normal.x));
+    fill(&mut c.normal_y, rows.iter().map(|r| r.normal.y));
+    fill(&mut c.penetration_m, rows.iter().map(|r| r.penetration));
+    fill(&mut c.approach_speed_m_s, rows.iter().map(|r| r.approach));
+    fill(&mut c.normal_speed_m_s, rows.iter().map(|r| r.normal_speed));
+    fill(&mut c.tangential_speed_m_s, rows.iter().map(|r| r.slide));
+    fill(&mut c.normal_force_n, rows.iter().map(|r| r.normal_force));
+    fill(&mut c.tangential_force_n, rows.iter().map(|r| r.friction_force));
+    fill(&mut c.age_s, rows.iter().map(|r| r.age_s));
+    fill(&mut c.stick, rows.iter().map(|r| r.stick));
 }
 
 fn rotor_rows(model: &Model, state: &State, speeds: &[f64], rows: &[Row]) -> Rotors {

@@ -40,7 +40,7 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
 /// zstd level: negative ones skip the entropy coding of literals, which mantissas of forces and positions do not reward. The
 /// writer takes it unsigned and hands its bits on as a signed number.
-const FAST_LEVEL: i32 = -3;
+const FAST_LEVEL: i32 = -8;
 
 /// Topics in the order in which they are registered.
 pub const TOPICS: [(&str, &str); 9] = [
