@@ -324,9 +324,9 @@ fn the_verb_draws_svg_and_png_and_says_what() {
         assert!(json["frames"][0][key].is_number(), "{key}");
     }
     assert!(json["force_scale_n_per_mm"].as_f64() > Some(0.0) && json["joint_force_scale_n_per_mm"].is_null());
-    assert_eq!(said, "", "a frame every 99 us lies within half of that");
+    assert_eq!(said, "", "there is a frame at 1 ms");
     let text = std::fs::read_to_string(&svg).expect("drawn");
-    assert!(text.contains("around sprockets.driver") && text.contains("20 teeth") && text.contains("t = 0.99"));
+    assert!(text.contains("around sprockets.driver") && text.contains("20 teeth") && text.contains("t = 1.0000 ms"));
     let (json, _) = draw(&png, &["--at", "0.8ms..1.3ms/6", "--around", "link:50", "--joints"]);
     assert_eq!(json["frames"].as_array().map(Vec::len), Some(6));
     let bytes = std::fs::read(&png).expect("drawn");
