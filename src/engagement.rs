@@ -3,8 +3,8 @@
 //! A pass begins when the link's front joint comes within two pitches of the sprocket and is counted in tooth periods:
 //! u = 0 where the joint passes `origin_m` along the arriving span, measured from the foot of the sprocket's axis (for an
 //! abutment chain the end of the straight path, else the foot itself). What is followed is the joint of a bush chain, the
-//! link otherwise. Forces are the means over a step that the scheme works with. First touch of a kind: the first step of the
-//! pass in which it carries force; its speed is the approach speed there.
+//! link otherwise. Peaks are the largest force of the law between two steps ([`PeakMeter`]), sums the means that the scheme works
+//! with. First touch of a kind: the first step of the pass in which it overlaps; its speed is the approach speed there.
 
 use crate::elements::contact_law::PeakMeter;
 use crate::elements::end_contact::LinkContour;
@@ -381,7 +381,7 @@ fn forces(
             }
         };
         let seen = &mut all[*kind as usize];
-        if force >= seen.force {
+        if force > seen.force || (touch.is_some() && !seen.touches) {
             (seen.force, seen.approach) = (force, approach);
         }
         seen.top = seen.top.max(top);

@@ -316,7 +316,7 @@ fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {
         top.iter().copied().enumerate().fold((0, 0.0), |best, (i, f)| if f > best.1 { (i, f) } else { best });
     impact.peak_force_n = peak;
     impact.peak_after_s = at as f64 * step_s;
-    let until = (at..f.len()).find(|i| f[*i] <= 0.5 * peak).unwrap_or(f.len());
+    let until = (at..top.len()).find(|i| top[*i] <= 0.5 * peak).unwrap_or(f.len());
     impact.impulse_n_s = f[..until].iter().sum::<f64>() * step_s;
     let force = |i: usize| if i == 0 { 0.0 } else { top[i - 1] };
     // Where the force crosses a level between steps i - 1 and i, counted from the step before the touch.

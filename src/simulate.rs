@@ -78,7 +78,7 @@ pub struct Summary {
     pub steps: u64,
     pub frames: u64,
     pub state_hash: u64,
-    /// At the last frame.
+    /// At the last frame; of a run that breaks while nobody records it, up to 63 frames before.
     pub energy: Energy,
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
@@ -363,7 +363,8 @@ impl Recorder<'_, '_> {
     /// Takes the frame of a step, and a keyframe where one is due.
     fn frame(&mut self, state: &State, scratch: &Scratch, last: bool) {
         // Without a sink only the ledger is asked for: at the end, or near it where a run breaks.
-        if self.sinks.is_empty() && !last && !self.frames.is_multiple_of(FRAMES_PER_LEDGER) {
+        let nobody = self.sinks.is_empty() && self.hold_steps == 0;
+        if nobody && !last && !self.frames.is_multiple_of(FRAMES_PER_LEDGER) {
             self.frames += 1;
             return;
         }

@@ -5,7 +5,8 @@
 //! contacts), so that their sum is mass times the change of velocity over the step, to rounding: what remains is printed. The
 //! moment is taken about the centre of mass.
 //!
-//! The closing speed of a bush at first touch, n the normal out of the tooth, is split without remainder. Let a be the joint
+//! The closing speed of a bush at the node of its first touch, n the normal out of the tooth, is split without remainder; what it has gained
+//! from there to the touch is told beside it. Let a be the joint
 //! ahead of the bush (the one that is on the sprocket already), r its distance from it along the link between them, which turns
 //! at w; the sprocket turns at W about its axis c:
 //! ```text

@@ -384,7 +384,7 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     // 3 points (Abramowitz & Stegun 25.4.29).
     const NODES: [(f64, f64); 3] =
         [(-0.774_596_669_241_483_4, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.774_596_669_241_483_4, 5.0 / 18.0)];
-    let half = s.step;
+    let reach = s.step;
     let d = s.penetration;
     let elastic = law.elastic(d, radii);
     let g = law.rate_coefficient(elastic.force_n, s.approach);
@@ -393,8 +393,8 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * felt);
     let own = if d > 0.0 && node_force > 0.0 { felt * s.mobility * node_force } else { 0.0 };
     let rate = s.free_rate - own;
-    let root = if rate.abs() < 1e-12 { if d > 0.0 { -half } else { half } } else { (-d / rate).clamp(-half, half) };
-    let (low, high) = if rate >= 0.0 { (root, half) } else { (-half, root) };
+    let root = if rate.abs() < 1e-12 { if d > 0.0 { -reach } else { reach } } else { (-d / rate).clamp(-reach, reach) };
+    let (low, high) = if rate >= 0.0 { (root, reach) } else { (-reach, root) };
     let span = high - low;
     if span <= 0.0 {
         return StepForce { mean_force: 0.0, rate, touch_rate: rate, lost: 0.0 };

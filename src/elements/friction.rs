@@ -8,7 +8,7 @@
 //! effective mass along the tangent and v* the velocity without this force, v_t = v* - (h/2) w_t |F_t| gives
 //! F_t = -mu N clamp(v* / (v_s + kappa), -1, 1). A single force so solved never overshoots, whatever the step. But a link has
 //! four of them (two joints, two bushes), each of which would stop it alone, and each sees the others one step late: v_s is at
-//! least kappa. That is stable up to mu = 0.3 at the largest step (tests/drive.rs); at 3 kappa losses and the silent chain's
+//! least kappa. That was stable up to mu = 0.3 at the largest step; at 3 kappa losses and the silent chain's
 //! asymmetry depend on the step (0.2063 at 2.5 us, 0.2104 at 4.9 us with one kappa and at 0.5 us).
 //! Source: regularised Coulomb law of multibody dynamics (e.g. Marques et al. 2016, section 2); the local
 //! solution is derived here.

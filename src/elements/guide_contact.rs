@@ -47,9 +47,10 @@ pub fn any_within(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool 
 }
 
 /// Whether any joint touches the guide, touched it (`held`: its force then), or may within a step. Errs on the safe
-/// side: over the face twice the actual closing speed is reckoned with, and over the relief arcs `reach_m`. `motion`: x, y, vx, vy of the joints.
+/// side: over the relief arcs `reach_m` is reckoned with, and accelerations whatever their sense. `motion`: x, y, vx, vy of the joints;
+/// `push`: at most how fast each is accelerated [m/s2].
 #[inline(always)]
-pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motion: [Column; 4]) -> bool {
+pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motion: [Column; 4], push: Column) -> bool {
     let (tx, ty) = (body.along.x, body.along.y);
     let base = body.origin.y * tx - body.origin.x * ty;
     let start = body.origin.x * tx + body.origin.y * ty;
@@ -64,7 +65,8 @@ pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motio
         let foot = if along > body.length_m { body.length_m } else { along };
         let foot = if foot < 0.0 { 0.0 } else { foot };
         let (dx, dy) = (along - foot, height + body.end_radius_m);
-        let reach = total + if dx == 0.0 { 1.01 * step_s * speed } else { reach_m };
+        let way = if dx == 0.0 { 1.01 * step_s * speed } else { reach_m };
+        let reach = total + way + 0.51 * step_s * step_s * push[i];
         let within = (dx * dx + dy * dy < reach * reach) & (height > -body.plate_radius_m);
         near |= u64::from(within | (held[i] != 0.0));
     }

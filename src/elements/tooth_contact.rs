@@ -398,7 +398,10 @@ fn any_forces<const CONTOUR: bool>(
             let (now, then) = (lanes.penetration[i], lanes.penetration[i] + step * lanes.free_rate[i]);
             let near = if now > then { now } else { then };
             let touching = if near > force[i] { near } else { force[i] };
-            let first = if age[i] == 0.0 { touch_rate[i] } else { approach[i] };
+            // A contact that is slowed down before it touches comes with the speed that it has now.
+            let free = if lanes.free_rate[i] > 0.0 { lanes.free_rate[i] } else { 0.0 };
+            let touch = if touch_rate[i] > 0.0 { touch_rate[i] } else { free };
+            let first = if age[i] == 0.0 { touch } else { approach[i] };
             approach[i] = if touching > 0.0 { first } else { 0.0 };
             age[i] = if touching > 0.0 { age[i] + 1.0 } else { 0.0 };
             lost[i] = if force[i] > 0.0 { lost[i] } else { 0.0 };

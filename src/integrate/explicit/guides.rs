@@ -3,7 +3,7 @@
 use super::watch::Noted;
 use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, sum, take};
 use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, LANES, Lanes};
+use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -33,7 +33,8 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 }
                 let held = take(&state.guide_ends[set].normal_force, at);
                 let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
-                if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion) {
+                let push = pushes(model, scratch, at);
+                if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion, push) {
                     if scratch.stale_blocks[set][block] != 0 {
                         memory(state, scratch, set, count).forget(block);
                     }
@@ -103,6 +104,19 @@ pub(super) fn add_guide_forces(scratch: &mut Scratch, at: usize, lanes: &Lanes) 
         put(column, at, total);
     }
     scratch.guide_blocks.push(at);
+}
+
+/// Accelerations of the ends of the links `at` .. `at + LANES`, at most [m/s2].
+#[inline(always)]
+fn pushes(model: &Model, scratch: &Scratch, at: usize) -> Column {
+    let w = &scratch.wrapped;
+    let (ax, ay, alpha) = (take(&w.ax, at), take(&w.ay, at), take(&w.alpha, at));
+    let lever = take(&model.chain.lever, at);
+    let mut push = [0.0; LANES];
+    for i in 0..LANES {
+        push[i] = ax[i].abs() + ay[i].abs() + lever[i] * alpha[i].abs();
+    }
+    push
 }
 
 /// What a set of guide ends remembers.

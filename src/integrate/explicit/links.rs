@@ -227,8 +227,8 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     }
 }
 
-/// Positions and predicted velocities of both ends of every link at the node; headings and accelerations with the first
-/// link again after the last, where joint n - 1 closes the loop.
+/// Positions and predicted velocities of both ends of every link at the node, and headings, with the first link again after the
+/// last, where joint n - 1 closes the loop.
 #[inline(always)]
 pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
     let Scratch { front, rear, omega, wrapped, .. } = scratch;

@@ -14,7 +14,7 @@ pub struct Scratch {
     pub refresh_steps: u64,
     pub run_in: RunIn,
     pub(super) next_refresh: u64,
-    /// Fastest joint at the last look [m/s]; nothing that is further off than this times the step touches within half a step.
+    /// Fastest joint at the last look [m/s]; nothing that is further off than this times the step touches within one.
     pub(super) fastest_m_s: f64,
     pub(super) front: Ends,
     pub(super) rear: Ends,

@@ -371,7 +371,7 @@ impl Watched {
                 }
             }
             for i in 0..LANES {
-                // A contact may begin and end half a step away from a node; frames show what overlaps at the node.
+                // A contact may begin and end up to a step away from a node; frames show what overlaps at the node.
                 keys[i] = if age[i] > 0.0 { keys[i] } else { 0.0 };
                 keys[i] = if own(i) { keys[i] } else { 0.0 };
             }
@@ -407,12 +407,17 @@ fn velocity_change(half: f64, (on_link, on_sprocket): (f64, f64), state: &State,
     let (s, count) = (&state.links, scratch.ax.len() / LANES);
     let (ax, ay, alpha) = (blocks(&scratch.ax, count), blocks(&scratch.ay, count), blocks(&scratch.alpha, count));
     let (ax0, ay0, alpha0) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
+    // Contacts are given speeds that know already half of what the joints change: v + h/2 a(n-1) + h/4 (J_n - J(n-1)).
+    let (jx, jy) = (blocks(&scratch.joint_ax, count), blocks(&scratch.joint_ay, count));
+    let (jx0, jy0) = (blocks(&s.joint_ax, count), blocks(&s.joint_ay, count));
+    let (jt, jt0) = (blocks(&scratch.joint_alpha, count), blocks(&s.joint_alpha, count));
     let mut most = [0.0; LANES];
     for b in 0..count {
         for i in 0..LANES {
-            let change = (ax[b][i] - ax0[b][i]).abs()
-                + (ay[b][i] - ay0[b][i]).abs()
-                + on_link * (alpha[b][i] - alpha0[b][i]).abs();
+            let x = ax[b][i] - ax0[b][i] - 0.5 * (jx[b][i] - jx0[b][i]);
+            let y = ay[b][i] - ay0[b][i] - 0.5 * (jy[b][i] - jy0[b][i]);
+            let turn = alpha[b][i] - alpha0[b][i] - 0.5 * (jt[b][i] - jt0[b][i]);
+            let change = x.abs() + y.abs() + on_link * turn.abs();
             most[i] = if change > most[i] { change } else { most[i] };
         }
     }
