@@ -48,12 +48,12 @@ fn a_step_takes_no_more_instructions_than_it_did() {
 /// that can be measured. A frame in every step would take five times a step.
 const LOOKS: [(&str, f64); 13] = [
     ("energy.error > 10 %", 9.2),
-    ("contact.penetration > 1 mm", 6.3),
-    ("contact.normal_force > 10 kN", 7.2),
+    ("contact.penetration > 1 mm", 6.5),
+    ("contact.normal_force > 10 kN", 7.4),
     ("contact.body == \"driver\" and contact.tooth == 70", 10.0),
     ("contact.segment == \"tip land\"", 12.8),
-    ("contact.tangential_force > 10 kN", 7.2),
-    ("contact.tangential_speed > 1000 m/s", 8.0),
+    ("contact.tangential_force > 10 kN", 7.4),
+    ("contact.tangential_speed > 1000 m/s", 9.4),
     ("sprocket.driver.chain_torque > 1000 Nm", 9.0),
     ("link.tension > 10 kN", 4.9),
     ("link.speed > 1000 m/s", 4.4),
