@@ -327,8 +327,8 @@ struct Seen {
     touches: bool,
 }
 
-/// Parts that are looked at.
-const PARTS: usize = 7;
+/// Parts that are looked at, at most.
+const PARTS: usize = 5;
 
 /// Kinds and the parts that they are, per chain: of several the one with the larger force counts.
 fn parts(model: &Model, joints: bool) -> &'static [(Kind, Part)] {

@@ -69,7 +69,7 @@ pub struct Engagement {
     pub normal: (f64, f64),
     /// Sliding speed along the tooth at first touch [m/s].
     pub slide: f64,
-    /// Largest normal force within two tooth periods [N]: by a parabola through three nodes, or at the touch itself.
+    /// Largest normal force within two tooth periods [N], between nodes as at them.
     pub peak: f64,
 }
 
