@@ -286,6 +286,11 @@ pub fn seat_index(sprocket: &Sprocket, p: Vec2) -> u32 {
 pub fn gap_contact(sprocket: &Sprocket, centre: Vec2, bush_radius_m: f64) -> GapTouch {
     let tooth = seat_index(sprocket, centre);
     let axis = crate::geometry::unit(f64::from(tooth) * sprocket.pitch_angle_rad());
+    contact_in_gap(sprocket, (tooth, axis), centre, bush_radius_m)
+}
+
+/// As [`gap_contact`], of the gap that the bush is known to be in: its index, and the direction of its axis.
+pub fn contact_in_gap(sprocket: &Sprocket, (tooth, axis): (u32, Vec2), centre: Vec2, bush_radius_m: f64) -> GapTouch {
     let shift = sprocket.gap_shift_m(tooth);
     let radial = centre.dot(&axis) - shift.x;
     let lateral = cross(axis, centre) - shift.y;

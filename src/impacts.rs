@@ -19,8 +19,8 @@ use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
-use crate::recording::capture::contacts_at;
-use crate::recording::frame::{Contacts, Impact};
+use crate::recording::capture::contacts_of;
+use crate::recording::frame::Impact;
 use crate::state::{ContactMemory, State};
 
 /// Tooth periods for which an impact is watched, and for which a part must have been free before.
@@ -58,6 +58,8 @@ pub struct ImpactWatch {
     started: bool,
     parts: Vec<Parts>,
     open: Vec<Option<Open>>,
+    /// Columns of impacts that are over: asking the system for new ones took longer than filling them.
+    spare: Vec<[Vec<f64>; 2]>,
     free: Vec<usize>,
     unplaced: usize,
     /// Blocks of lanes with a change, while they are looked at.
@@ -83,6 +85,7 @@ impl ImpactWatch {
                 .map(|of| Parts { of, last: vec![None; n], open: vec![None; n] })
                 .collect(),
             open: Vec::new(),
+            spare: Vec::new(),
             free: Vec::new(),
             unplaced: 0,
             changed: Vec::new(),
@@ -126,7 +129,7 @@ impl ImpactWatch {
         self.started = true;
         self.follow(model, scratch, step);
         if self.unplaced > 0 {
-            self.place(model, &contacts_at(model, state, scratch));
+            self.place(model, state, scratch);
         }
     }
 
@@ -141,16 +144,9 @@ impl ImpactWatch {
             approach_speed_m_s: approach_m_s,
             ..Impact::default()
         };
-        let open = Open {
-            impact,
-            parts,
-            lane,
-            placed: false,
-            force_n: Vec::new(),
-            top_n: Vec::new(),
-            meter: PeakMeter::default(),
-            best_n: 0.0,
-        };
+        let [force_n, top_n] = self.spare.pop().unwrap_or_default();
+        let open =
+            Open { impact, parts, lane, placed: false, force_n, top_n, meter: PeakMeter::default(), best_n: 0.0 };
         self.unplaced += 1;
         let at = match self.free.pop() {
             Some(at) => at,
@@ -183,7 +179,13 @@ impl ImpactWatch {
             }
             let (part, lane) = (self.parts[open.parts].of, open.lane);
             let memory = scratch.memory(part);
-            let mean = if memory.age[lane] > 0.0 { memory.normal_force[lane] } else { 0.0 };
+            if memory.age[lane] == 0.0 {
+                open.meter = PeakMeter::default();
+                open.force_n.push(0.0);
+                open.top_n.push(0.0);
+                continue;
+            }
+            let mean = memory.normal_force[lane];
             open.force_n.push(mean);
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
             let law = touch.and_then(|_| scratch.law(model, part, lane));
@@ -200,10 +202,11 @@ impl ImpactWatch {
     }
 
     /// Finds what was touched: from the first node at which the two overlap.
-    fn place(&mut self, model: &Model, contacts: &Contacts) {
+    fn place(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         for open in self.open.iter_mut().flatten().filter(|o| !o.placed) {
             let (link, feature) = (open.impact.link, open.impact.feature);
             let part = self.parts[open.parts].of;
+            let contacts = contacts_of(model, state, scratch, Some(link as usize));
             let same = |i: &usize| {
                 contacts.link[*i] == link
                     && contacts.feature[*i] == feature
@@ -228,7 +231,10 @@ impl ImpactWatch {
             self.unplaced -= 1;
             return;
         }
-        self.done.push(measured(open, self.step_s, self.period_steps));
+        self.done.push(measured(&open, self.step_s, self.period_steps));
+        let mut columns = [open.force_n, open.top_n];
+        columns.iter_mut().for_each(Vec::clear);
+        self.spare.push(columns);
     }
 
     /// Impacts that have begun and whose place is known, each once; forces are not known yet.
@@ -309,7 +315,7 @@ fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
     }
 }
 
-fn measured(open: Open, step_s: f64, period_steps: f64) -> Impact {
+fn measured(open: &Open, step_s: f64, period_steps: f64) -> Impact {
     let mut impact = open.impact;
     let (f, top) = (&open.force_n, &open.top_n);
     let (at, peak) =

@@ -485,6 +485,71 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
     assert!(touching > 300, "{touching}");
 }
 
+/// Frames look only where the step's windows and blocks say that something may touch, and only into the gap that the kernel holds a
+/// bush to be in. A look at every bush in every gap and at every plate end on every guide finds the same contacts.
+#[test]
+fn frames_hold_every_contact_that_a_look_at_everything_finds() {
+    use pitchline::contact::{Contour, gap_contact};
+    use pitchline::recording::frame::Feature;
+    let assembly = common::assembled(&common::drive(&[]));
+    let (model, mut state) = (assembly.model, assembly.state);
+    let profile = |g: &pitchline::model::GuideModel| Contour::new(g.geometry.profile().expect("a contour"));
+    let guides: Vec<Contour> = model.guides.iter().map(profile).collect();
+    let turned = |(cos, sin): (f64, f64), v: Vec2| Vec2::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x);
+    let (mut scratch, mut seen) = (Scratch::new(&model), [0, 0]);
+    for step in 0..9000 {
+        explicit::evaluate(&model, &state, &mut scratch).expect("the run holds");
+        if step % 10 == 0 {
+            let l = &state.links;
+            let end = |i: usize, front: bool| {
+                let lever = model.chain.lever[i] * if front { 1.0 } else { -1.0 };
+                Vec2::new(l.x[i] + lever * l.cos[i], l.y[i] + lever * l.sin[i])
+            };
+            let mut all = Vec::new();
+            for (k, sprocket) in model.sprockets.iter().enumerate() {
+                let axes = (state.rotors.cos[k], state.rotors.sin[k]);
+                for j in 0..model.chain.n_links {
+                    let (link, front) = model.chain.bush_carrier(j);
+                    let d = turned(axes, end(link, front) - sprocket.body.centre);
+                    let hit = gap_contact(sprocket.geometry.iso().expect("teeth"), d, sprocket.body.bush_radius_m);
+                    // What is nearer to the axis than the root lies in no gap.
+                    if hit.touch.penetration_m > 0.0 && d.norm() > 0.9 * sprocket.geometry.root_radius_m() {
+                        let feature = if front { Feature::FrontBush } else { Feature::RearBush };
+                        all.push((link as u32, feature as u32, k as u32, hit.tooth, hit.touch.penetration_m));
+                        seen[0] += 1;
+                    }
+                }
+            }
+            for (k, guide) in model.guides.iter().enumerate() {
+                let axes = (guide.body.along.x, guide.body.along.y);
+                for (link, front) in (0..model.chain.n_links).flat_map(|i| [(i, true), (i, false)]) {
+                    let d = turned(axes, end(link, front) - guide.geometry.origin);
+                    let touches = guides[k].circle(d, guide.body.plate_radius_m);
+                    let Some(deepest) = touches.iter().map(|t| t.penetration_m).max_by(f64::total_cmp) else {
+                        continue;
+                    };
+                    let feature = if front { Feature::FrontPlateEnd } else { Feature::RearPlateEnd };
+                    all.push((link as u32, feature as u32, (model.sprockets.len() + k) as u32, 0, deepest));
+                    seen[1] += 1;
+                }
+            }
+            all.sort_by_key(|r| (r.0, r.1, r.2));
+            let c = contacts_at(&model, &state, &scratch);
+            let found: Vec<_> = (0..c.link.len())
+                .map(|i| (c.link[i], c.feature[i], c.body[i], c.tooth[i], c.penetration_m[i]))
+                .collect();
+            let keys =
+                |rows: &[(u32, u32, u32, u32, f64)]| rows.iter().map(|r| (r.0, r.1, r.2, r.3)).collect::<Vec<_>>();
+            assert_eq!(keys(&found), keys(&all), "step {step}");
+            let off = found.iter().zip(&all).map(|(a, b)| (a.4 - b.4).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-15, "step {step}: {off:e} m apart");
+        }
+        explicit::advance(&model, &mut state, &mut scratch);
+    }
+    println!("{} contacts with teeth, {} with guides", seen[0], seen[1]);
+    assert!(seen[0] > 20_000 && seen[1] > 40, "{seen:?}");
+}
+
 /// A tight joint loses its torque times the angles it turns through: twice 2 pi / z on every sprocket.
 #[test]
 fn a_tight_joint_loses_its_torque_times_its_turns() {

@@ -14,10 +14,11 @@ use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::EndShape;
 use crate::elements::rotor::Rotor;
+use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{Part, Scratch, ends};
-use crate::model::Model;
+use crate::model::{Model, SprocketModel};
 use crate::state::{ContactMemory, State};
 use crate::units::atan2;
 
@@ -28,7 +29,62 @@ pub struct Camera {
     /// Frames that nobody needs any more: their memory is used again. Asking the system for 40 columns a frame took a tenth of a
     /// recorded run.
     spare: Vec<Frame>,
+    rows: Rows,
+}
+
+/// Contacts of a node, and the order in which they are recorded: by link, feature, body.
+#[derive(Clone, Debug, Default)]
+struct Rows {
     rows: Vec<Row>,
+    /// Sorted instead of the rows, which are long.
+    order: Vec<((usize, Feature, usize), usize)>,
+}
+
+impl Rows {
+    fn find(&mut self, node: &Node<'_>) {
+        self.rows.clear();
+        sprocket_contacts(node, &mut self.rows);
+        guide_contacts(node, &mut self.rows);
+        end_contacts(node, &mut self.rows);
+        let keys = self.rows.iter().enumerate().map(|(i, r)| ((r.link, r.feature, r.body), i));
+        fill(&mut self.order, keys);
+        self.order.sort_unstable();
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &Row> {
+        self.order.iter().map(|(_, i)| &self.rows[*i])
+    }
+}
+
+/// A State at its node, after its evaluation. Speeds are those there, not half a step before.
+struct Node<'a> {
+    model: &'a Model,
+    state: &'a State,
+    scratch: &'a Scratch,
+    /// Of the sprockets [rad/s].
+    speeds: &'a [f64],
+    /// The one link whose contacts are asked for; None: all.
+    only: Option<usize>,
+}
+
+impl Node<'_> {
+    fn is_asked(&self, link: usize) -> bool {
+        link < self.model.chain.n_links && self.only.is_none_or(|only| only == link)
+    }
+
+    fn omega(&self, i: usize) -> f64 {
+        self.state.links.omega[i] + 0.5 * self.model.step_s * self.scratch.alpha[i]
+    }
+
+    /// Position and velocity of one end of link `i`.
+    fn end(&self, i: usize, front: bool) -> (Vec2, Vec2) {
+        let (s, half) = (&self.state.links, 0.5 * self.model.step_s);
+        let lever = self.model.chain.lever[i] * if front { 1.0 } else { -1.0 };
+        let (cos, sin) = (s.cos[i] * lever, s.sin[i] * lever);
+        let (vx, vy) = (s.vx[i] + half * self.scratch.ax[i], s.vy[i] + half * self.scratch.ay[i]);
+        let omega = self.omega(i);
+        (Vec2::new(s.x[i] + cos, s.y[i] + sin), Vec2::new(vx - sin * omega, vy + cos * omega))
+    }
 }
 
 /// One contact before it is put into columns.
@@ -91,9 +147,10 @@ impl Camera {
         fill(&mut frame.joints.force_y_n, y[1..n + 1].iter().copied());
         fill(&mut frame.joints.friction_torque_nm, torque[1..n + 1].iter().copied());
         let speeds = speeds_at(model, state, scratch);
-        find_rows(model, state, scratch, &frame.links, &speeds, &mut self.rows);
-        frame.rotors = rotor_rows(model, state, &speeds, &self.rows);
-        let total = ledger(model, state, scratch, &frame.links, &speeds, &self.rows);
+        let node = Node { model, state, scratch, speeds: &speeds, only: None };
+        self.rows.find(&node);
+        fill_rotors(&node, &self.rows, &mut frame.rotors);
+        let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
         fill_contacts(&self.rows, &mut frame.contacts);
         frame.step = state.step;
@@ -121,18 +178,22 @@ fn fill<T>(column: &mut Vec<T>, values: impl Iterator<Item = T>) {
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
     crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
-    let (mut links, speeds) = (Links::default(), speeds_at(model, state, &scratch));
+    let (mut links, speeds, mut rows) = (Links::default(), speeds_at(model, state, &scratch), Rows::default());
     fill_links(model, state, &scratch, &mut links);
-    let mut rows = Vec::new();
-    find_rows(model, state, &scratch, &links, &speeds, &mut rows);
-    Ok(ledger(model, state, &scratch, &links, &speeds, &rows))
+    let node = Node { model, state, scratch: &scratch, speeds: &speeds, only: None };
+    rows.find(&node);
+    Ok(ledger(&node, &links, &rows))
 }
 
 /// The contacts alone, for looking at every step.
 pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts {
-    let (mut links, mut rows, mut contacts) = (Links::default(), Vec::new(), Contacts::default());
-    fill_links(model, state, scratch, &mut links);
-    find_rows(model, state, scratch, &links, &speeds_at(model, state, scratch), &mut rows);
+    contacts_of(model, state, scratch, None)
+}
+
+/// As [`contacts_at`], of one link where one is given.
+pub fn contacts_of(model: &Model, state: &State, scratch: &Scratch, only: Option<usize>) -> Contacts {
+    let (mut rows, mut contacts) = (Rows::default(), Contacts::default());
+    rows.find(&Node { model, state, scratch, speeds: &speeds_at(model, state, scratch), only });
     fill_contacts(&rows, &mut contacts);
     contacts
 }
@@ -156,30 +217,8 @@ fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
     (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect()
 }
 
-fn find_rows(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &mut Vec<Row>) {
-    rows.clear();
-    sprocket_contacts(model, state, scratch, links, speeds, rows);
-    guide_contacts(model, state, scratch, links, rows);
-    end_contacts(model, state, scratch, links, speeds, rows);
-    rows.sort_unstable_by_key(|r| (r.link, r.feature as u32, r.body));
-}
-
-/// Position and velocity of one end of link `i`.
-fn end_of(model: &Model, state: &State, links: &Links, i: usize, front: bool) -> (Vec2, Vec2) {
-    let lever = model.chain.lever[i] * if front { 1.0 } else { -1.0 };
-    let arm = Vec2::new(state.links.cos[i], state.links.sin[i]) * lever;
-    let p = Vec2::new(state.links.x[i], state.links.y[i]) + arm;
-    (p, Vec2::new(links.vx_m_s[i], links.vy_m_s[i]) + perp(arm) * links.omega_rad_s[i])
-}
-
-fn sprocket_contacts(
-    model: &Model,
-    state: &State,
-    scratch: &Scratch,
-    links: &Links,
-    speeds: &[f64],
-    rows: &mut Vec<Row>,
-) {
+fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
+    let Node { model, state, scratch, speeds, .. } = *node;
     let memory = scratch.memories().0;
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
@@ -188,13 +227,18 @@ fn sprocket_contacts(
         let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m + sprocket.body.most_shift_m;
         for j in scratch.joints_near(k).filter(|j| *j < model.chain.n_links) {
             let (link, front) = model.chain.bush_carrier(j);
-            let (p, v) = end_of(model, state, links, link, front);
+            if scratch.is_idle(Part::Bushes, j / LANES) || !node.is_asked(link) {
+                continue;
+            }
+            let (p, v) = node.end(link, front);
             let d = p - sprocket.body.centre;
             if d.norm_squared() > reach * reach {
                 continue;
             }
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
-            let hit = contact::gap_contact(teeth, in_frame, sprocket.body.bush_radius_m);
+            let tooth = scratch.seat_index(k, j);
+            let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
+            let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
             if hit.touch.penetration_m <= 0.0 {
                 continue;
             }
@@ -217,19 +261,23 @@ fn sprocket_contacts(
             let surface = perp(p - normal * pair.radius - sprocket.body.centre) * speeds[k];
             let shape = (hit.tooth, hit.segment, hit.body_radius_m);
             let points = (on_body, p - normal * pair.radius);
-            rows.push(row(model, &pair, shape, points, normal, hit.touch.penetration_m, v - surface, links));
+            rows.push(row(node, &pair, shape, points, normal, hit.touch.penetration_m, v - surface));
         }
     }
 }
 
-fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, rows: &mut Vec<Row>) {
+fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
+    let Node { model, scratch, .. } = *node;
     let memories = scratch.memories().1;
     for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         let up = perp(b.along);
-        for link in scratch.links_near(k).filter(|i| *i < model.chain.n_links) {
+        for link in scratch.links_near(k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
-                let (p, v) = end_of(model, state, links, link, front);
+                if scratch.is_idle(Part::Guides(2 * b.side + usize::from(!front)), link / LANES) {
+                    continue;
+                }
+                let (p, v) = node.end(link, front);
                 let d = p - b.origin;
                 let (along, above) = (d.dot(&b.along), d.dot(&up));
                 if above <= -b.plate_radius_m || along < -b.relief_m || along > b.length_m + b.relief_m {
@@ -260,25 +308,26 @@ fn guide_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links
                 let segment = guide.segment(along);
                 let shape = (0, segment, b.end_radius_m);
                 let points = (on_body, p - normal * pair.radius);
-                rows.push(row(model, &pair, shape, points, normal, penetration, v, links));
+                rows.push(row(node, &pair, shape, points, normal, penetration, v));
             }
         }
     }
 }
 
 /// Links' own contours: abutments and toothed flanks.
-fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &mut Vec<Row>) {
+fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
+    let Node { model, state, scratch, speeds, .. } = *node;
     let Some(contour) = &model.contour else { return };
     for (k, body) in model.end_bodies.iter().enumerate() {
         let (rotor, _) = ends::turning(model, state, body);
-        for link in scratch.ends_near(model, k) {
+        for link in scratch.ends_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
                 let pose = ends::pose(model, state, body, link, front);
                 let Some(t) = body.touch(contour, &pose, rotor, 0.0).filter(|t| t.penetration_m > 0.0) else {
                     continue;
                 };
                 let set = 2 * body.set + usize::from(!front);
-                let (p, v) = end_of(model, state, links, link, front);
+                let (p, v) = node.end(link, front);
                 let point = t.point + body.origin;
                 let pair = Pair {
                     link,
@@ -296,7 +345,7 @@ fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, 
                 let surface = body.rotor.map_or(Vec2::zeros(), |r| perp(t.point) * speeds[r]);
                 let shape = (t.tooth, t.segment, t.body_radius_m);
                 let on_body = point + t.normal * t.penetration_m;
-                rows.push(row(model, &pair, shape, (on_body, point), t.normal, t.penetration_m, v - surface, links));
+                rows.push(row(node, &pair, shape, (on_body, point), t.normal, t.penetration_m, v - surface));
             }
         }
     }
@@ -304,16 +353,15 @@ fn end_contacts(model: &Model, state: &State, scratch: &Scratch, links: &Links, 
 
 /// A contact; `relative`: velocity of the joint less that of the body's surface at the contact.
 fn row(
-    model: &Model,
+    node: &Node<'_>,
     pair: &Pair<'_>,
     (tooth, segment, body_radius): (u32, Segment, f64),
     (on_body, on_link): (Vec2, Vec2),
     normal: Vec2,
     penetration: f64,
     relative: Vec2,
-    links: &Links,
 ) -> Row {
-    let v = relative + perp(on_link - pair.centre) * links.omega_rad_s[pair.link];
+    let v = relative + perp(on_link - pair.centre) * node.omega(pair.link);
     let rate = pair.rate;
     let slide = v.dot(&perp(normal));
     let radii = PairRadii { bush_m: pair.radius, body_m: body_radius };
@@ -335,12 +383,12 @@ fn row(
         normal_force,
         friction_force: -pair.friction * normal_force * (slide / pair.stick_speed).clamp(-1.0, 1.0),
         stick: slide.abs() < pair.stick_speed,
-        age_s: pair.memory.age[pair.lane] * model.step_s,
+        age_s: pair.memory.age[pair.lane] * node.model.step_s,
         stored_j: pair.law.elastic(penetration, radii).energy_j,
     }
 }
 
-fn fill_contacts(rows: &[Row], c: &mut Contacts) {
+fn fill_contacts(rows: &Rows, c: &mut Contacts) {
     fill(&mut c.link, rows.iter().map(|r| r.link as u32));
     fill(&mut c.feature, rows.iter().map(|r| r.feature as u32));
     fill(&mut c.body, rows.iter().map(|r| r.body as u32));
@@ -362,40 +410,56 @@ fn fill_contacts(rows: &[Row], c: &mut Contacts) {
     fill(&mut c.stick, rows.iter().map(|r| r.stick));
 }
 
-fn rotor_rows(model: &Model, state: &State, speeds: &[f64], rows: &[Row]) -> Rotors {
-    let mut rotors = Rotors::default();
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let chain_torque: f64 = rows
-            .iter()
-            .filter(|r| r.body == k)
-            .map(|r| {
-                let force = r.normal * r.normal_force + perp(r.normal) * r.friction_force;
-                -crate::geometry::cross(r.on_link - sprocket.body.centre, force)
-            })
-            .sum();
-        rotors.angle_rad.push(state.rotors.angle[k]);
-        rotors.speed_rad_s.push(speeds[k]);
-        rotors.chain_torque_nm.push(chain_torque);
-        rotors.outer_torque_nm.push(match sprocket.rotor {
+fn fill_rotors(node: &Node<'_>, rows: &Rows, rotors: &mut Rotors) {
+    let Node { model, state, speeds, .. } = *node;
+    fill(&mut rotors.angle_rad, state.rotors.angle.iter().copied());
+    fill(&mut rotors.speed_rad_s, speeds.iter().copied());
+    let on_sprocket = |(k, sprocket): (usize, &SprocketModel)| -> f64 {
+        let of_row = |r: &Row| {
+            let force = r.normal * r.normal_force + perp(r.normal) * r.friction_force;
+            -crate::geometry::cross(r.on_link - sprocket.body.centre, force)
+        };
+        rows.iter().filter(|r| r.body == k).map(of_row).sum()
+    };
+    fill(&mut rotors.chain_torque_nm, model.sprockets.iter().enumerate().map(on_sprocket));
+    let outer =
+        model.sprockets.iter().zip(&rotors.chain_torque_nm).map(|(sprocket, chain_torque)| match sprocket.rotor {
             Rotor::Driven { .. } => -chain_torque,
             Rotor::Free { torque_nm, .. } => torque_nm,
         });
+    fill(&mut rotors.outer_torque_nm, outer);
+}
+
+/// Sum in eight parts: of one part, every term waits for the one before.
+#[inline(always)]
+fn sum_of(n: usize, term: impl Fn(usize) -> f64) -> f64 {
+    let mut parts = [0.0; LANES];
+    let whole = n - n % LANES;
+    for at in (0..whole).step_by(LANES) {
+        for i in 0..LANES {
+            parts[i] += term(at + i);
+        }
     }
-    rotors
+    for i in whole..n {
+        parts[i - whole] += term(i);
+    }
+    parts.iter().sum()
 }
 
 /// All energies at the node; losses and work since the State's ledger was opened.
-fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds: &[f64], rows: &[Row]) -> Energy {
+fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
+    let Node { model, state, scratch, speeds, .. } = *node;
     let (n, h) = (state.n_links, model.step_s);
     let c = &model.chain;
     let mut e = Energy::default();
-    for i in 0..n {
-        let v2 = links.vx_m_s[i].powi(2) + links.vy_m_s[i].powi(2);
+    e.kinetic_j = sum_of(n, |i| {
+        let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
         let held = c.inverse_mass[i] == 0.0;
-        e.kinetic_j += if held { 0.0 } else { 0.5 * (c.mass[i] * v2 + c.inertia[i] * links.omega_rad_s[i].powi(2)) };
-        let (front, rear) = (end_of(model, state, links, i, true).0, end_of(model, state, links, (i + 1) % n, false).0);
-        e.elastic_joint_j += c.joint.force(front.x - rear.x, front.y - rear.y, 0.0, 0.0).stored;
-    }
+        let omega = links.omega_rad_s[i];
+        if held { 0.0 } else { 0.5 * (c.mass[i] * v2 + c.inertia[i] * omega * omega) }
+    });
+    let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
+    e.elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let half_step_turn = 0.5 * h * speeds[k];
         e.work_in_j += state.rotors.work_in[k];
@@ -409,13 +473,16 @@ fn ledger(model: &Model, state: &State, scratch: &Scratch, links: &Links, speeds
         }
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();
-    let (pin_damping, pin_friction) = scratch.joint_power();
-    e.lost_pin_damping_j = state.lost_pin_damping[..n].iter().sum::<f64>() + 0.5 * h * pin_damping;
-    e.lost_pin_friction_j = state.lost_pin_friction[..n].iter().sum::<f64>() + 0.5 * h * pin_friction;
+    let (pin_damping, pin_friction) = scratch.joint_powers();
+    let own = |column: &[f64]| {
+        let column = &column[..n.min(column.len())];
+        sum_of(column.len(), |i| column[i])
+    };
+    e.lost_pin_damping_j = own(&state.lost_pin_damping) + 0.5 * h * own(pin_damping);
+    e.lost_pin_friction_j = own(&state.lost_pin_friction) + 0.5 * h * own(pin_friction);
     let (bushes, ends) = scratch.memories();
     // Totals before and after this step: at the node in its middle, their mean.
     // Behind the last link a ghost of the first stands in the padding: what that loses is nobody's.
-    let own = |column: &[f64]| column[..n.min(column.len())].iter().sum::<f64>();
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
     e.lost_contact_damping_j = lost(&state.bushes.lost_damping, &bushes.lost_damping);
     e.lost_contact_friction_j = lost(&state.bushes.lost_friction, &bushes.lost_friction);

@@ -8,6 +8,7 @@ use super::mcap::{
 };
 use super::{PictureClock, Sink, ViewOptions, foxglove_scene as scene, live};
 use anyhow::Context as _;
+use foxglove::messages::FrameTransforms;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
 use prost::Message;
@@ -34,6 +35,7 @@ pub struct FoxgloveSink {
     greeter: Arc<Greeter>,
     header: Header,
     clock: PictureClock,
+    transforms: FrameTransforms,
     buffer: Vec<u8>,
     last_clock: Option<Instant>,
     has_client: bool,
@@ -99,6 +101,7 @@ impl FoxgloveSink {
             greeter,
             header: header.clone(),
             clock: PictureClock::new(view),
+            transforms: scene::transforms(header),
             buffer: Vec::new(),
             last_clock: None,
             has_client: true,
@@ -151,10 +154,12 @@ impl Sink for FoxgloveSink {
         self.send(FRAME, t_ns, frame);
         self.send(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()));
         if self.clock.due(frame.t_s) {
-            let (transforms, forces) =
-                (scene::transforms(&self.header, frame, t_ns), scene::forces(&self.header, frame, t_ns));
+            // Taken out for as long as it is sent.
+            let mut transforms = std::mem::take(&mut self.transforms);
+            scene::place(&mut transforms, &self.header, frame, t_ns);
             self.send(TRANSFORMS, t_ns, &transforms);
-            self.send(SCENE, t_ns, &forces);
+            self.transforms = transforms;
+            self.send(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
         }
         Ok(())
     }

@@ -86,23 +86,42 @@ fn about_z(angle_rad: f64) -> Quaternion {
     Quaternion { x: 0.0, y: 0.0, z, w }
 }
 
-/// Where every link, sprocket and guide stands.
-pub fn transforms(header: &Header, frame: &Frame, t_ns: u64) -> FrameTransforms {
-    let at = |child: String, x: f64, y: f64, angle: f64| FrameTransform {
-        timestamp: timestamp(t_ns),
+/// About z from the x-axis to (x, y), which is `length` long: half the angle without the angle.
+fn along(x: f64, y: f64, length: f64) -> Quaternion {
+    let (cos, sin) = if length > 0.0 { (x / length, y / length) } else { (1.0, 0.0) };
+    // Of the two roots the larger one; the other follows from sin = 2 z w.
+    let larger = (0.5 * (1.0 + cos.abs())).sqrt();
+    let other = 0.5 * sin / larger;
+    let (z, w) = if cos >= 0.0 { (other, larger) } else { (larger.copysign(sin), other.abs()) };
+    Quaternion { x: 0.0, y: 0.0, z, w }
+}
+
+/// Transforms of every link, sprocket and guide, for [`place`]: asking for their names with every picture takes longer than
+/// the rest of it.
+pub fn transforms(header: &Header) -> FrameTransforms {
+    let links = (0..header.links.len()).map(|i| format!("link/{i}"));
+    let named = |child_frame_id| FrameTransform {
         parent_frame_id: WORLD.to_string(),
-        child_frame_id: child,
-        translation: Some(Vector3 { x, y, z: 0.0 }),
-        rotation: Some(about_z(angle)),
+        child_frame_id,
+        ..FrameTransform::default()
     };
+    let bodies = header.bodies.iter().map(|b| b.path.clone());
+    FrameTransforms { transforms: links.chain(bodies).map(named).collect() }
+}
+
+/// Where everything stands in `frame`.
+pub fn place(transforms: &mut FrameTransforms, header: &Header, frame: &Frame, t_ns: u64) {
     let l = &frame.links;
-    let mut transforms: Vec<FrameTransform> =
-        (0..l.x_m.len()).map(|i| at(format!("link/{i}"), l.x_m[i], l.y_m[i], l.angle_rad[i])).collect();
-    for (k, body) in header.bodies.iter().enumerate() {
+    let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
+    let bodies = header.bodies.iter().enumerate().map(|(k, body)| {
         let turned = if body.rotor { frame.rotors.angle_rad.get(k).copied().unwrap_or(0.0) } else { 0.0 };
-        transforms.push(at(body.path.clone(), body.x_m, body.y_m, body.angle_rad + turned));
+        (body.x_m, body.y_m, body.angle_rad + turned)
+    });
+    for (transform, (x, y, angle_rad)) in transforms.transforms.iter_mut().zip(links.chain(bodies)) {
+        transform.timestamp = timestamp(t_ns);
+        transform.translation = Some(Vector3 { x, y, z: 0.0 });
+        transform.rotation = Some(about_z(angle_rad));
     }
-    FrameTransforms { transforms }
 }
 
 /// Contact forces on the links as arrows.
@@ -114,9 +133,11 @@ pub fn forces(header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
             let (nx, ny) = (c.normal_x[i], c.normal_y[i]);
             let (n, t) = (c.normal_force_n[i], c.tangential_force_n[i]);
             let (fx, fy) = (n * nx - t * ny, n * ny + t * nx);
-            let size = fx.hypot(fy) * metres_per_newton;
+            let force_n = (fx * fx + fy * fy).sqrt();
+            let size = force_n * metres_per_newton;
+            let position = Vector3 { x: c.point_body_x_m[i], y: c.point_body_y_m[i], z: 0.0 };
             ArrowPrimitive {
-                pose: Some(pose(c.point_body_x_m[i], c.point_body_y_m[i], fy.atan2(fx))),
+                pose: Some(Pose { position: Some(position), orientation: Some(along(fx, fy, force_n)) }),
                 shaft_length: 0.8 * size,
                 shaft_diameter: 0.25e-3,
                 head_length: 0.2 * size,

@@ -567,12 +567,13 @@ impl Signals {
                 *largest = largest.max(*force);
             }
         }
-        let forces = || frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n).map(|(x, y)| x.hypot(*y));
+        // Squares: one root for the largest, one for the smallest.
+        let squares = || frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n).map(|(x, y)| x * x + y * y);
         Signals {
             t_s: frame.t_s,
             crank_angle_deg: frame.crank_angle_rad.to_degrees(),
-            joint_force_max_n: forces().fold(0.0, f64::max),
-            joint_force_min_n: forces().fold(f64::INFINITY, f64::min),
+            joint_force_max_n: squares().fold(0.0, f64::max).sqrt(),
+            joint_force_min_n: squares().fold(f64::INFINITY, f64::min).sqrt(),
             contact_force_max_n,
             rotor_speed_rpm: frame.rotors.speed_rad_s.iter().map(|w| w / crate::units::RPM).collect(),
             contacts: frame.contacts.link.len() as u32,

@@ -17,6 +17,7 @@ use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::Context;
+use foxglove::messages::FrameTransforms;
 use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
 use std::borrow::Cow;
@@ -73,6 +74,7 @@ pub struct McapSink {
     channels: [u16; TOPICS.len()],
     header: Header,
     clock: PictureClock,
+    transforms: FrameTransforms,
     buffer: Vec<u8>,
     sequence: u32,
     /// Bytes in the open chunk.
@@ -101,6 +103,7 @@ impl McapSink {
             channels: [0; TOPICS.len()],
             header: header.clone(),
             clock: PictureClock::new(view),
+            transforms: scene::transforms(header),
             buffer: Vec::new(),
             sequence: 0,
             waiting: 0,
@@ -144,8 +147,12 @@ impl McapSink {
     }
 
     fn write(&mut self, channel: usize, t_ns: u64, message: &impl Message) -> mcap::McapResult<()> {
+        self.write_bytes(channel, t_ns, |buffer| message.encode_raw(buffer))
+    }
+
+    fn write_bytes(&mut self, channel: usize, t_ns: u64, encode: impl FnOnce(&mut Vec<u8>)) -> mcap::McapResult<()> {
         self.buffer.clear();
-        message.encode_raw(&mut self.buffer);
+        encode(&mut self.buffer);
         self.waiting += self.buffer.len();
         let Some(writer) = &mut self.writer else { return Err(mcap::McapError::AttemptedWriteAfterFailure) };
         let header = MessageHeader {
@@ -182,10 +189,14 @@ impl McapSink {
 
     fn write_frame(&mut self, frame: &Frame) -> mcap::McapResult<()> {
         let t_ns = nanoseconds(frame.t_s);
-        self.write(FRAME, t_ns, frame)?;
+        self.write_bytes(FRAME, t_ns, |buffer| frame.put_bytes(buffer))?;
         self.write(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()))?;
         if self.clock.due(frame.t_s) {
-            self.write(TRANSFORMS, t_ns, &scene::transforms(&self.header, frame, t_ns))?;
+            // Taken out for as long as it is written.
+            let mut transforms = std::mem::take(&mut self.transforms);
+            scene::place(&mut transforms, &self.header, frame, t_ns);
+            self.write(TRANSFORMS, t_ns, &transforms)?;
+            self.transforms = transforms;
             self.write(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns))?;
         }
         self.frames += 1;

@@ -7,6 +7,7 @@ pub mod channels;
 pub mod foxglove_live;
 pub mod foxglove_scene;
 pub mod frame;
+mod frame_bytes;
 pub mod live;
 pub mod mcap;
 pub mod reader;

@@ -247,12 +247,7 @@ impl Scratch {
         &self.chain_torque
     }
 
-    /// Power lost in all joints at this node [W]: damping, friction.
-    pub fn joint_power(&self) -> (f64, f64) {
-        (self.joint_power_damping.iter().sum(), self.joint_power_friction.iter().sum())
-    }
-
-    /// By joint.
+    /// Power lost in each joint at this node [W]: damping, friction.
     pub fn joint_powers(&self) -> (&[f64], &[f64]) {
         (&self.joint_power_damping, &self.joint_power_friction)
     }
