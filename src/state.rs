@@ -358,10 +358,10 @@ impl State {
     pub fn first_not_finite(&self) -> Option<String> {
         let mut found = None;
         self.for_each_column(|name, column| {
-            if found.is_none()
-                && let Some(i) = column.iter().position(|v| !v.is_finite())
-            {
-                found = Some(format!("{name}[{i}]"));
+            // Without a way out half-way, so that it is done many at a time.
+            let all = column.iter().fold(true, |all, v| all & v.is_finite());
+            if !all && found.is_none() {
+                found = column.iter().position(|v| !v.is_finite()).map(|i| format!("{name}[{i}]"));
             }
         });
         found

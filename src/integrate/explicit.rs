@@ -352,7 +352,10 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     }
     std::mem::swap(&mut state.bushes, &mut scratch.bushes);
     std::mem::swap(&mut state.guide_ends, &mut scratch.guide_ends);
-    std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
+    // 36 empty columns where there are no contours.
+    if model.contour.is_some() {
+        std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
+    }
     rotors(model, state, scratch);
     state.step += 1;
 }
