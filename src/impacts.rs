@@ -40,11 +40,24 @@ struct Open {
     parts: usize,
     lane: usize,
     placed: bool,
-    /// Normal force of every step since the first touch, mean over the step and largest since the step before [N].
+    /// Normal force of every step since the first touch, mean over the step and largest since the step before [N]; steps without
+    /// force are put in when one with force comes, or at the end.
     force_n: Vec<f64>,
     top_n: Vec<f64>,
     meter: PeakMeter,
     best_n: f64,
+}
+
+impl Open {
+    /// Steps without force up to the `steps`th; whether there were any.
+    fn fill(&mut self, steps: u64) -> bool {
+        let without = self.force_n.len() < steps as usize;
+        if without {
+            self.force_n.resize(steps as usize, 0.0);
+            self.top_n.resize(steps as usize, 0.0);
+        }
+        without
+    }
 }
 
 /// Watches a run. Look at every step, after its evaluation.
@@ -53,6 +66,8 @@ pub struct ImpactWatch {
     step_s: f64,
     /// False: only first touches are wanted.
     pub follows_forces: bool,
+    /// Last step that was looked at.
+    step: u64,
     /// Step at which the next impact has been watched for long enough.
     next_close: u64,
     started: bool,
@@ -78,6 +93,7 @@ impl ImpactWatch {
             period_steps: (period_s / model.step_s).max(1.0),
             step_s: model.step_s,
             follows_forces: true,
+            step: 0,
             next_close: u64::MAX,
             started: false,
             parts: Part::of(model)
@@ -106,6 +122,7 @@ impl ImpactWatch {
     /// Looks at the step that has just been evaluated.
     pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let step = state.step;
+        self.step = step;
         let apart = (WATCHED_PERIODS * self.period_steps) as u64;
         for p in 0..self.parts.len() {
             let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
@@ -180,12 +197,12 @@ impl ImpactWatch {
             let (part, lane) = (self.parts[open.parts].of, open.lane);
             let memory = scratch.memory(part);
             if memory.age[lane] == 0.0 {
-                open.meter = PeakMeter::default();
-                open.force_n.push(0.0);
-                open.top_n.push(0.0);
                 continue;
             }
             let mean = memory.normal_force[lane];
+            if open.fill(step - open.impact.step) {
+                open.meter = PeakMeter::default();
+            }
             open.force_n.push(mean);
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
             let law = touch.and_then(|_| scratch.law(model, part, lane));
@@ -223,7 +240,11 @@ impl ImpactWatch {
     }
 
     fn close(&mut self, at: usize) {
-        let Some(open) = self.open[at].take() else { return };
+        let Some(mut open) = self.open[at].take() else { return };
+        if self.follows_forces {
+            let window = (WATCHED_PERIODS * self.period_steps) as u64;
+            open.fill((self.step + 1 - open.impact.step).min(window));
+        }
         self.free.push(at);
         self.parts[open.parts].open[open.lane] = None;
         if !open.placed {

@@ -8,7 +8,6 @@ use super::mcap::{
 };
 use super::{PictureClock, Sink, ViewOptions, foxglove_scene as scene, live};
 use anyhow::Context as _;
-use foxglove::messages::FrameTransforms;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
 use prost::Message;
@@ -35,7 +34,7 @@ pub struct FoxgloveSink {
     greeter: Arc<Greeter>,
     header: Header,
     clock: PictureClock,
-    transforms: FrameTransforms,
+    transforms: scene::Transforms,
     buffer: Vec<u8>,
     last_clock: Option<Instant>,
     has_client: bool,
@@ -101,7 +100,7 @@ impl FoxgloveSink {
             greeter,
             header: header.clone(),
             clock: PictureClock::new(view),
-            transforms: scene::transforms(header),
+            transforms: scene::Transforms::new(header),
             buffer: Vec::new(),
             last_clock: None,
             has_client: true,
@@ -110,12 +109,15 @@ impl FoxgloveSink {
     }
 
     fn send(&mut self, channel: usize, t_ns: u64, message: &impl Message) {
-        let channel = &self.greeter.channels[channel];
-        if channel.has_sinks() {
+        if self.greeter.channels[channel].has_sinks() {
             self.buffer.clear();
             message.encode_raw(&mut self.buffer);
-            channel.log_with_meta(&self.buffer, PartialMetadata::with_log_time(t_ns));
+            self.send_buffer(channel, t_ns);
         }
+    }
+
+    fn send_buffer(&self, channel: usize, t_ns: u64) {
+        self.greeter.channels[channel].log_with_meta(&self.buffer, PartialMetadata::with_log_time(t_ns));
     }
 
     /// Sets the app's clock to simulated time, and looks whether anybody is there.
@@ -154,11 +156,9 @@ impl Sink for FoxgloveSink {
         self.send(FRAME, t_ns, frame);
         self.send(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()));
         if self.clock.due(frame.t_s) {
-            // Taken out for as long as it is sent.
-            let mut transforms = std::mem::take(&mut self.transforms);
-            scene::place(&mut transforms, &self.header, frame, t_ns);
-            self.send(TRANSFORMS, t_ns, &transforms);
-            self.transforms = transforms;
+            self.buffer.clear();
+            self.transforms.put_bytes(&self.header, frame, t_ns, &mut self.buffer);
+            self.send_buffer(TRANSFORMS, t_ns);
             self.send(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
         }
         Ok(())

@@ -7,6 +7,8 @@ use foxglove::messages::{
     ArrowPrimitive, Color, FrameTransform, FrameTransforms, LinePrimitive, Log, Point3, Pose, Quaternion, SceneEntity,
     SceneUpdate, Timestamp, Vector3, line_primitive,
 };
+use prost::Message;
+use prost::encoding::{WireType, encode_key, encode_varint};
 use std::borrow::Cow;
 
 /// Name of the frame that stands still.
@@ -96,32 +98,67 @@ fn along(x: f64, y: f64, length: f64) -> Quaternion {
     Quaternion { x: 0.0, y: 0.0, z, w }
 }
 
-/// Transforms of every link, sprocket and guide, for [`place`]: asking for their names with every picture takes longer than
-/// the rest of it.
-pub fn transforms(header: &Header) -> FrameTransforms {
-    let links = (0..header.links.len()).map(|i| format!("link/{i}"));
-    let named = |child_frame_id| FrameTransform {
-        parent_frame_id: WORLD.to_string(),
-        child_frame_id,
-        ..FrameTransform::default()
-    };
-    let bodies = header.bodies.iter().map(|b| b.path.clone());
-    FrameTransforms { transforms: links.chain(bodies).map(named).collect() }
+/// Where every link, sprocket and guide stands: bytes of `foxglove.FrameTransforms`, of which names are encoded once.
+pub struct Transforms {
+    names: Vec<Vec<u8>>,
 }
 
-/// Where everything stands in `frame`.
-pub fn place(transforms: &mut FrameTransforms, header: &Header, frame: &Frame, t_ns: u64) {
+impl Transforms {
+    pub fn new(header: &Header) -> Transforms {
+        let links = (0..header.links.len()).map(|i| format!("link/{i}"));
+        let bodies = header.bodies.iter().map(|b| b.path.clone());
+        let named = |child_frame_id| FrameTransform {
+            parent_frame_id: WORLD.to_string(),
+            child_frame_id,
+            ..FrameTransform::default()
+        };
+        Transforms { names: links.chain(bodies).map(|child| named(child).encode_to_vec()).collect() }
+    }
+
+    /// Appends the transforms of `frame`.
+    pub fn put_bytes(&self, header: &Header, frame: &Frame, t_ns: u64, out: &mut Vec<u8>) {
+        let stamp = FrameTransform { timestamp: timestamp(t_ns), ..FrameTransform::default() }.encode_to_vec();
+        for (name, (x, y, angle_rad)) in self.names.iter().zip(poses(header, frame)) {
+            let Quaternion { z, w, .. } = about_z(angle_rad);
+            let len = stamp.len() + name.len() + pair_len(x, y) + pair_len(z, w);
+            encode_key(1, WireType::LengthDelimited, out);
+            encode_varint(len as u64, out);
+            out.extend_from_slice(&stamp);
+            out.extend_from_slice(name);
+            put_pair(4, [(1, x), (2, y)], out);
+            put_pair(5, [(3, z), (4, w)], out);
+        }
+    }
+}
+
+/// Position and heading of every link, then of every body.
+fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)> {
     let l = &frame.links;
     let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
     let bodies = header.bodies.iter().enumerate().map(|(k, body)| {
         let turned = if body.rotor { frame.rotors.angle_rad.get(k).copied().unwrap_or(0.0) } else { 0.0 };
         (body.x_m, body.y_m, body.angle_rad + turned)
     });
-    for (transform, (x, y, angle_rad)) in transforms.transforms.iter_mut().zip(links.chain(bodies)) {
-        transform.timestamp = timestamp(t_ns);
-        transform.translation = Some(Vector3 { x, y, z: 0.0 });
-        transform.rotation = Some(about_z(angle_rad));
+    links.chain(bodies)
+}
+
+/// Bytes of a message of two doubles with its head: zeros are left out.
+fn pair_len(a: f64, b: f64) -> usize {
+    2 + 9 * (usize::from(a != 0.0) + usize::from(b != 0.0))
+}
+
+/// Such a message; its own tag and those of its values are below 16.
+fn put_pair(tag: u8, values: [(u8, f64); 2], out: &mut Vec<u8>) {
+    let [(_, a), (_, b)] = values;
+    let (mut bytes, len) = ([0; 20], pair_len(a, b));
+    bytes[..2].copy_from_slice(&[(tag << 3) | WireType::LengthDelimited as u8, (len - 2) as u8]);
+    let mut at = 2;
+    for (tag, value) in values.into_iter().filter(|(_, value)| *value != 0.0) {
+        bytes[at] = (tag << 3) | WireType::SixtyFourBit as u8;
+        bytes[at + 1..at + 9].copy_from_slice(&value.to_le_bytes());
+        at += 9;
     }
+    out.extend_from_slice(&bytes[..len]);
 }
 
 /// Contact forces on the links as arrows.
@@ -164,5 +201,61 @@ pub fn log(event: &Event, t_ns: u64) -> Log {
         message: event.text.clone(),
         name: event.kind.clone(),
         ..Log::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::frame::{BodyInfo, LinkInfo, Links, Rotors};
+
+    #[test]
+    fn bytes_of_transforms_are_those_of_the_message() {
+        let body =
+            |path: &str, rotor, x_m| BodyInfo { path: path.into(), rotor, x_m, angle_rad: 0.3, ..BodyInfo::default() };
+        let long = "guides.fixed.".repeat(12);
+        let header = Header {
+            links: vec![LinkInfo::default(); 3],
+            bodies: vec![body("sprockets.driver", true, 0.0), body(&long, false, 0.1)],
+            ..Header::default()
+        };
+        let frame = Frame {
+            links: Links {
+                x_m: vec![0.0, 1.5, -2.0],
+                y_m: vec![0.5, 0.0, 0.1],
+                angle_rad: vec![0.0, 3.0, -1.0],
+                ..Links::default()
+            },
+            rotors: Rotors { angle_rad: vec![700.0], ..Rotors::default() },
+            ..Frame::default()
+        };
+        for t_ns in [0, 1, 3_000_000_123] {
+            let mut bytes = vec![7];
+            Transforms::new(&header).put_bytes(&header, &frame, t_ns, &mut bytes);
+            let names = ["link/0", "link/1", "link/2", "sprockets.driver", &long];
+            let transforms =
+                names.into_iter().zip(poses(&header, &frame)).map(|(name, (x, y, angle_rad))| FrameTransform {
+                    timestamp: timestamp(t_ns),
+                    parent_frame_id: "world".into(),
+                    child_frame_id: name.into(),
+                    translation: Some(Vector3 { x, y, z: 0.0 }),
+                    rotation: Some(about_z(angle_rad)),
+                });
+            let message = FrameTransforms { transforms: transforms.collect() };
+            assert_eq!(bytes[1..], message.encode_to_vec(), "{t_ns} ns");
+        }
+    }
+
+    #[test]
+    fn arrows_point_along_their_forces() {
+        for k in -8..=8 {
+            let angle = f64::from(k) * std::f64::consts::PI / 8.0;
+            let (sin, cos) = angle.sin_cos();
+            let (q, expected) = (along(3.0 * cos, 3.0 * sin, 3.0), about_z(angle));
+            // A half turn either way is the same direction.
+            let same = q.z * expected.z + q.w * expected.w;
+            assert!((same.abs() - 1.0).abs() < 1e-15 && q.w >= 0.0, "{angle}: {q:?}, not {expected:?}");
+        }
+        assert_eq!(along(0.0, 0.0, 0.0), about_z(0.0));
     }
 }

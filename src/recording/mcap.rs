@@ -17,7 +17,6 @@ use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use super::{PictureClock, Sink, ViewOptions};
 use anyhow::Context;
-use foxglove::messages::FrameTransforms;
 use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
 use std::borrow::Cow;
@@ -74,7 +73,7 @@ pub struct McapSink {
     channels: [u16; TOPICS.len()],
     header: Header,
     clock: PictureClock,
-    transforms: FrameTransforms,
+    transforms: scene::Transforms,
     buffer: Vec<u8>,
     sequence: u32,
     /// Bytes in the open chunk.
@@ -103,7 +102,7 @@ impl McapSink {
             channels: [0; TOPICS.len()],
             header: header.clone(),
             clock: PictureClock::new(view),
-            transforms: scene::transforms(header),
+            transforms: scene::Transforms::new(header),
             buffer: Vec::new(),
             sequence: 0,
             waiting: 0,
@@ -147,12 +146,19 @@ impl McapSink {
     }
 
     fn write(&mut self, channel: usize, t_ns: u64, message: &impl Message) -> mcap::McapResult<()> {
-        self.write_bytes(channel, t_ns, |buffer| message.encode_raw(buffer))
+        self.encode(|_, buffer| message.encode_raw(buffer));
+        self.write_buffer(channel, t_ns)
     }
 
-    fn write_bytes(&mut self, channel: usize, t_ns: u64, encode: impl FnOnce(&mut Vec<u8>)) -> mcap::McapResult<()> {
-        self.buffer.clear();
-        encode(&mut self.buffer);
+    /// Fills the buffer, which is taken out meanwhile.
+    fn encode(&mut self, put_bytes: impl FnOnce(&Self, &mut Vec<u8>)) {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        buffer.clear();
+        put_bytes(self, &mut buffer);
+        self.buffer = buffer;
+    }
+
+    fn write_buffer(&mut self, channel: usize, t_ns: u64) -> mcap::McapResult<()> {
         self.waiting += self.buffer.len();
         let Some(writer) = &mut self.writer else { return Err(mcap::McapError::AttemptedWriteAfterFailure) };
         let header = MessageHeader {
@@ -189,14 +195,12 @@ impl McapSink {
 
     fn write_frame(&mut self, frame: &Frame) -> mcap::McapResult<()> {
         let t_ns = nanoseconds(frame.t_s);
-        self.write_bytes(FRAME, t_ns, |buffer| frame.put_bytes(buffer))?;
+        self.encode(|_, buffer| frame.put_bytes(buffer));
+        self.write_buffer(FRAME, t_ns)?;
         self.write(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()))?;
         if self.clock.due(frame.t_s) {
-            // Taken out for as long as it is written.
-            let mut transforms = std::mem::take(&mut self.transforms);
-            scene::place(&mut transforms, &self.header, frame, t_ns);
-            self.write(TRANSFORMS, t_ns, &transforms)?;
-            self.transforms = transforms;
+            self.encode(|sink, buffer| sink.transforms.put_bytes(&sink.header, frame, t_ns, buffer));
+            self.write_buffer(TRANSFORMS, t_ns)?;
             self.write(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns))?;
         }
         self.frames += 1;
