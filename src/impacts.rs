@@ -307,16 +307,18 @@ impl Look for Changes<'_> {
     #[inline(always)]
     fn look(self) {
         let Changes { scratch, of, past, now, changed } = self;
+        let touching = scratch.touching_blocks(of);
+        let is_busy = |block: usize| touching.get(block).is_none_or(|t| *t != 0);
         let columns = || past.as_chunks::<LANES>().0.iter().zip(now.as_chunks::<LANES>().0).enumerate();
         let mut sums = [0.0; LANES];
-        for (_, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+        for (_, (before, after)) in columns().filter(|(block, _)| is_busy(*block)) {
             changes(before, after, &mut sums);
         }
         // In most steps nothing changes.
         if sums.iter().sum::<f64>() == 0.0 {
             return;
         }
-        for (block, (before, after)) in columns().filter(|(block, _)| !scratch.is_idle(of, *block)) {
+        for (block, (before, after)) in columns().filter(|(block, _)| is_busy(*block)) {
             let mut sums = [0.0; LANES];
             changes(before, after, &mut sums);
             if sums.iter().sum::<f64>() > 0.0 {

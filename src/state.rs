@@ -7,6 +7,7 @@
 //! Arrays are padded with inert links to a multiple of the lane width; padding is neither hashed nor saved.
 
 use crate::recording::frame::{Keyframe, StateColumn};
+use std::hash::Hasher;
 
 /// Name of a column: `set.name`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -250,10 +251,10 @@ impl State {
 
     /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`].
     pub fn hash(&self) -> u64 {
-        let mut hasher = xxhash_rust::xxh3::Xxh3Default::new();
-        hasher.update(&self.step.to_le_bytes());
-        self.for_each_column(|_, column| hasher.update(bytemuck::cast_slice(column)));
-        hasher.digest()
+        let mut hasher = twox_hash::XxHash3_64::new();
+        hasher.write(&self.step.to_le_bytes());
+        self.for_each_column(|_, column| hasher.write(bytemuck::cast_slice(column)));
+        hasher.finish()
     }
 
     /// The whole State as a message.

@@ -383,7 +383,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
         budget_spent: false,
         model_runs: 0,
         held_out_hash: held_out_hash(data),
-        drive_hash: format!("{:016x}", xxhash_rust::xxh3::xxh3_64(machine.text.as_bytes())),
+        drive_hash: format!("{:016x}", twox_hash::XxHash3_64::oneshot(machine.text.as_bytes())),
         curves: curves(found, data),
     }
 }
@@ -396,7 +396,7 @@ fn held_out_hash(data: &Data) -> String {
             all.extend(&m[s.judge_from.min(m.len())..]);
         }
     }
-    format!("{:016x}", xxhash_rust::xxh3::xxh3_64(bytemuck::cast_slice(&all)))
+    format!("{:016x}", twox_hash::XxHash3_64::oneshot(bytemuck::cast_slice(&all)))
 }
 
 /// Error on records that neither fitted nor judged: only their starts are found.

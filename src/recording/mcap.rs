@@ -94,6 +94,8 @@ impl McapSink {
             .compression_level(FAST_LEVEL.cast_unsigned())
             .compression_threads(0)
             .chunk_size(None)
+            // Chunks have their own.
+            .calculate_data_section_crc(false)
             .disable_seeking(true);
         let writer = mcap::Writer::with_options(BufWriter::new(file), options);
         let mut sink = McapSink {

@@ -264,7 +264,7 @@ impl Drop for RerunSink {
 /// The same run has the same id; runs that differ in anything a header tells can be open side by side.
 fn recording_id(header: &Header) -> String {
     let bytes = prost::Message::encode_to_vec(header);
-    format!("{}-{:016x}", header.drive_name, xxhash_rust::xxh3::xxh3_64(&bytes))
+    format!("{}-{:016x}", header.drive_name, twox_hash::XxHash3_64::oneshot(&bytes))
 }
 
 /// What the viewer's log shows, and the numbers behind it.

@@ -17,7 +17,7 @@ pub struct Series<'a> {
 pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
     let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
     let writer = Writer::new(file)?;
-    let id = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(name.as_bytes()));
+    let id = format!("{:016x}", twox_hash::XxHash3_64::oneshot(name.as_bytes()));
     let (_, store, properties, batching, hooks, _) =
         RecordingStreamBuilder::new("pitchline").recording_id(id.as_str()).into_args();
     let stream = RecordingStream::new(store, properties, batching, hooks, Box::new(writer.clone()))?;
