@@ -451,15 +451,15 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     let Node { model, state, scratch, speeds, .. } = *node;
     let (n, h) = (state.n_links, model.step_s);
     let c = &model.chain;
-    let mut e = Energy::default();
-    e.kinetic_j = sum_of(n, |i| {
+    let kinetic_j = sum_of(n, |i| {
         let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
         let held = c.inverse_mass[i] == 0.0;
         let omega = links.omega_rad_s[i];
         if held { 0.0 } else { 0.5 * (c.mass[i] * v2 + c.inertia[i] * omega * omega) }
     });
     let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
-    e.elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
+    let elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
+    let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let half_step_turn = 0.5 * h * speeds[k];
         e.work_in_j += state.rotors.work_in[k];
