@@ -70,6 +70,7 @@ pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(
 /// Forces and accelerations at the node of `state`, into Scratch.
 pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     if state.step >= scratch.next_refresh || scratch.next_refresh == 0 {
+        scratch.constants.read(model);
         links::ends(model, state, scratch);
         let fastest_m_s = check(model, state, scratch)?;
         scratch.fastest_m_s = fastest_m_s;

@@ -1,7 +1,7 @@
 //! The part of a step that concerns links and their joints, in loops over blocks of links. One loop that keeps a block's values in
 //! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
 
-use super::scratch::{Ends, Wrapped};
+use super::scratch::{Constants, Ends, Wrapped};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
 use crate::elements::link_joint::{self, JointEnds};
@@ -25,6 +25,7 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
         joint_x,
         joint_y,
         joint_torque,
+        constants,
         joint_ax: now_x,
         joint_ay: now_y,
         joint_alpha: now_turn,
@@ -33,8 +34,7 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
     let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
     let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
     let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
-    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
-    let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
+    let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
     let (past_x, past_y) = (blocks(&s.joint_ax, count), blocks(&s.joint_ay, count));
     let past_turn = blocks(&s.joint_alpha, count);
@@ -47,7 +47,8 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
     let turning = blocks_mut(omega, count);
     for at in 0..count {
         let (fx0, fx1, fy0, fy1, fm0, fm1) = (fx0[at], fx1[at], fy0[at], fy1[at], fm0[at], fm1[at]);
-        let (cos, sin, lever, im, ij) = (cos[at], sin[at], lever[at], im[at], ij[at]);
+        let (cos, sin, own) = (cos[at], sin[at], constants.block(at));
+        let (lever, im, ij) = (own.lever, own.inverse_mass, own.inverse_inertia);
         let (past_x, past_y, past_turn) = (past_x[at], past_y[at], past_turn[at]);
         let (mut ax, mut ay, mut alpha) = (ax[at], ay[at], alpha[at]);
         let (mut a, mut b, mut e, mut f) = (front_vx[at], front_vy[at], rear_vx[at], rear_vy[at]);
@@ -88,17 +89,17 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
 fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
     let (c, last) = (&model.chain, model.chain.n_links);
     let count = c.padded / LANES;
-    let Scratch { front, rear, omega, joint_x, joint_y, joint_torque, joint_grip, .. } = scratch;
+    let Scratch { front, rear, omega, joint_x, joint_y, joint_torque, constants, .. } = scratch;
     let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
     let per_speed = 1.0 / c.joint.stick_speed_rad_s;
-    let (limit, grip) = (blocks(&state.joint_limit, count), blocks(joint_grip, count));
+    let limit = blocks(&state.joint_limit, count);
     let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let fm = blocks_mut(joint_torque.own_mut(), count);
         for at in 0..count {
             let force = ends.block(&c.joint, at, count);
-            let (limit, grip, w0, w1) = (limit[at], grip[at], w0[at], w1[at]);
+            let (limit, grip, w0, w1) = (limit[at], constants.block(at).grip, w0[at], w1[at]);
             let mut torque = [0.0; LANES];
             for i in 0..LANES {
                 torque[i] = friction::gripped_force(limit[i], w1[i] - w0[i], limit[i] * per_speed, grip[i]);
@@ -120,7 +121,7 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     let s = &state.links;
     let n = c.padded;
     let count = n / LANES;
-    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
+    let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     {
         let Scratch {
             bush_x,
@@ -134,6 +135,7 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
             alpha,
             stale_bushes,
             guide_blocks,
+            constants,
             ..
         } = &mut *scratch;
         let (bx0, bx1) = (blocks(bush_x.before(), count), blocks(bush_x.own(), count));
@@ -141,7 +143,6 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         let (bm0, bm1) = (blocks(bush_moment.before(), count), blocks(bush_moment.own(), count));
         let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
         let (gx, gy, gm) = (blocks(guide_x, count), blocks(guide_y, count), blocks(guide_moment, count));
-        let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
         let stale = &stale_bushes[..count];
         // Where no bush and no guide end touches, nothing is given.
@@ -154,9 +155,10 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
                 (ax[at], ay[at], al[at]) = (zero, zero, zero);
                 continue;
             }
-            let (on0, on1, im, ij) = (on0[at], on1[at], im[at], ij[at]);
+            let (on0, on1, own) = (on0[at], on1[at], constants.block(at));
+            let (lever, im, ij) = (own.lever, own.inverse_mass, own.inverse_inertia);
             let (bx0, bx1, by0, by1, bm0, bm1) = (bx0[at], bx1[at], by0[at], by1[at], bm0[at], bm1[at]);
-            let (gx, gy, gm, lever, cos, sin) = (gx[at], gy[at], gm[at], lever[at], cos[at], sin[at]);
+            let (gx, gy, gm, cos, sin) = (gx[at], gy[at], gm[at], cos[at], sin[at]);
             let (mut x, mut y, mut turn) = (zero, zero, zero);
             for i in 0..LANES {
                 let rear_owns = 1.0 - on0[i];
@@ -179,27 +181,27 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     let Scratch {
-        front, rear, felt_front, felt_rear, felt_omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha, ..
+        felt_front, felt_rear, felt_omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha, constants, ..
     } = scratch;
     let (cx, cy, ct) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
     let (jx, jy, jt) = (blocks(joint_ax, count), blocks(joint_ay, count), blocks(joint_alpha, count));
     let (px, py, pt) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
     let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
-    let (fx, fy) = (blocks(&front.x, count), blocks(&front.y, count));
-    let (rx, ry) = (blocks(&rear.x, count), blocks(&rear.y, count));
+    let (mid_x, mid_y) = (blocks(&s.x, count), blocks(&s.y, count));
     let (felt_fx, felt_fy) = (blocks_mut(&mut felt_front.x, count), blocks_mut(&mut felt_front.y, count));
     let (felt_fvx, felt_fvy) = (blocks_mut(&mut felt_front.vx, count), blocks_mut(&mut felt_front.vy, count));
     let (felt_rx, felt_ry) = (blocks_mut(&mut felt_rear.x, count), blocks_mut(&mut felt_rear.y, count));
     let (felt_rvx, felt_rvy) = (blocks_mut(&mut felt_rear.vx, count), blocks_mut(&mut felt_rear.vy, count));
     let turning = blocks_mut(felt_omega, count);
     for at in 0..count {
-        let (l, c, sn) = (lever[at], cos[at], sin[at]);
+        let (l, c, sn) = (constants.block(at).lever, cos[at], sin[at]);
         let (cx, cy, ct) = (cx[at], cy[at], ct[at]);
         let (jx, jy, jt) = (jx[at], jy[at], jt[at]);
         let (px, py, pt) = (px[at], py[at], pt[at]);
         let (mut u, mut v, mut o) = (vx[at], vy[at], w[at]);
-        let (mut ax, mut ay, mut bx, mut by) = (fx[at], fy[at], rx[at], ry[at]);
+        let (mid_x, mid_y) = (mid_x[at], mid_y[at]);
         let zero = [0.0; LANES];
+        let (mut ax, mut ay, mut bx, mut by) = (zero, zero, zero, zero);
         let (mut avx, mut avy, mut bvx, mut bvy) = (zero, zero, zero, zero);
         for i in 0..LANES {
             let (x, y, t) = (cx[i] + jx[i], cy[i] + jy[i], ct[i] + jt[i]);
@@ -211,10 +213,8 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
             (avx[i], avy[i]) = (u[i] - os, v[i] + oc);
             (bvx[i], bvy[i]) = (u[i] + os, v[i] - oc);
             let (x, y, ts, tc) = (shift * x, shift * y, shift * t * ls, shift * t * lc);
-            ax[i] += x - ts;
-            ay[i] += y + tc;
-            bx[i] += x + ts;
-            by[i] += y - tc;
+            (ax[i], ay[i]) = ((mid_x[i] + lc) + (x - ts), (mid_y[i] + ls) + (y + tc));
+            (bx[i], by[i]) = ((mid_x[i] - lc) + (x + ts), (mid_y[i] - ls) + (y - tc));
         }
         (felt_fx[at], felt_fy[at], felt_rx[at], felt_ry[at]) = (ax, ay, bx, by);
         (felt_fvx[at], felt_fvy[at], felt_rvx[at], felt_rvy[at]) = (avx, avy, bvx, bvy);
@@ -231,8 +231,8 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
 /// last, where joint n - 1 closes the loop.
 #[inline(always)]
 pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
-    let Scratch { front, rear, omega, wrapped, .. } = scratch;
-    ends_kernel(0.5 * model.step_s, &model.chain.lever, &state.links, front, rear, omega, wrapped);
+    let Scratch { front, rear, omega, wrapped, constants, .. } = scratch;
+    ends_kernel(0.5 * model.step_s, constants, &state.links, front, rear, omega, wrapped, model.chain.padded / LANES);
     let last = model.chain.n_links;
     let Wrapped { cos, sin, .. } = wrapped;
     let Ends { x, y, vx, vy } = rear;
@@ -244,15 +244,15 @@ pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
 #[inline(always)]
 fn ends_kernel(
     half: f64,
-    lever: &[f64],
+    constants: &Constants,
     s: &LinkState,
     front: &mut Ends,
     rear: &mut Ends,
     omega: &mut [f64],
     wrapped: &mut Wrapped,
+    count: usize,
 ) {
-    let count = lever.len() / LANES;
-    let (lever, x, y) = (blocks(lever, count), blocks(&s.x, count), blocks(&s.y, count));
+    let (x, y) = (blocks(&s.x, count), blocks(&s.y, count));
     let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
     let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
@@ -263,7 +263,7 @@ fn ends_kernel(
     let omega = blocks_mut(omega, count);
     let (wrapped_cos, wrapped_sin) = (blocks_mut(&mut wrapped.cos, count), blocks_mut(&mut wrapped.sin, count));
     for at in 0..count {
-        let (l, c, s) = (lever[at], cos[at], sin[at]);
+        let (l, c, s) = (constants.block(at).lever, cos[at], sin[at]);
         let (a, b, e) = (ax[at], ay[at], alpha[at]);
         let (px, py) = (x[at], y[at]);
         let (mut u, mut v, mut o) = (vx[at], vy[at], w[at]);
@@ -292,17 +292,17 @@ fn ends_kernel(
 #[inline(always)]
 pub(super) fn joints(model: &Model, state: &State, scratch: &mut Scratch) {
     second_look(model, scratch);
-    let (c, s, count) = (&model.chain, &state.links, model.chain.padded / LANES);
-    let Scratch { joint_x, joint_y, joint_torque, ax, ay, alpha, .. } = &mut *scratch;
+    let (s, count) = (&state.links, model.chain.padded / LANES);
+    let Scratch { joint_x, joint_y, joint_torque, ax, ay, alpha, constants, .. } = &mut *scratch;
     let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
     let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
     let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
-    let (cos, sin, lever) = (blocks(&s.cos, count), blocks(&s.sin, count), blocks(&c.lever, count));
-    let (im, ij) = (blocks(&c.inverse_mass, count), blocks(&c.inverse_inertia, count));
+    let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     let (ax, ay, alpha) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
     for at in 0..count {
         let (fx0, fx1, fy0, fy1, fm0, fm1) = (fx0[at], fx1[at], fy0[at], fy1[at], fm0[at], fm1[at]);
-        let (cos, sin, lever, im, ij) = (cos[at], sin[at], lever[at], im[at], ij[at]);
+        let (cos, sin, own) = (cos[at], sin[at], constants.block(at));
+        let (lever, im, ij) = (own.lever, own.inverse_mass, own.inverse_inertia);
         let (mut a, mut b, mut e) = (ax[at], ay[at], alpha[at]);
         for i in 0..LANES {
             let (sum_x, sum_y) = (fx0[i] + fx1[i], fy0[i] + fy1[i]);
@@ -330,13 +330,13 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
         joint_power_damping,
         joint_power_friction,
         joint_limit,
-        joint_grip,
+        constants,
         ..
     } = scratch;
     let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
     let arm = c.joint.friction_arm_m;
     let per_speed = 1.0 / c.joint.stick_speed_rad_s;
-    let (w0, w1, grip) = (blocks(omega, count), blocks(&omega[1..], count), blocks(joint_grip, count));
+    let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let (fm, limits) = (blocks_mut(joint_torque.own_mut(), count), blocks_mut(joint_limit, count));
@@ -345,7 +345,7 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
             let force = ends.block(&c.joint, at, count);
             let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
             if arm > 0.0 {
-                let (w0, w1, grip) = (w0[at], w1[at], grip[at]);
+                let (w0, w1, grip) = (w0[at], w1[at], constants.block(at).grip);
                 for i in 0..LANES {
                     let relative = w1[i] - w0[i];
                     limit[i] = arm * (force.x[i] * force.x[i] + force.y[i] * force.y[i]).sqrt();

@@ -2,7 +2,8 @@
 
 use super::watch::Watched;
 use super::{RunIn, Window};
-use crate::elements::tooth_contact::{LANES, Lanes};
+use crate::elements::friction;
+use crate::elements::tooth_contact::{Column, LANES, Lanes, take};
 use crate::integrate::Isa;
 use crate::model::Model;
 use crate::state::ContactMemory;
@@ -30,8 +31,7 @@ pub struct Scratch {
     pub(super) joint_power_damping: Vec<f64>,
     /// Largest friction torque of every joint [N m].
     pub joint_limit: Vec<f64>,
-    /// Largest friction torque per relative speed of every joint that does not overshoot [N m s/rad].
-    pub(super) joint_grip: Vec<f64>,
+    pub(super) constants: Constants,
     pub(super) joint_power_friction: Vec<f64>,
     pub(super) bush_x: ByJoint,
     pub(super) bush_y: ByJoint,
@@ -125,6 +125,54 @@ impl ByJoint {
     }
 }
 
+/// What links and joints do not change, by block: most blocks of a chain are alike, and one that is read for all of them stays in the
+/// processor's nearest memory. Columns of their own were a tenth of what a step reads.
+#[derive(Default)]
+pub(super) struct Constants {
+    /// Blocks that differ from the first one, and the first.
+    kinds: Vec<BlockConstants>,
+    /// Which of them each block is.
+    kind: Vec<usize>,
+}
+
+/// Of a block of links and of the joints behind them.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct BlockConstants {
+    pub(super) lever: Column,
+    pub(super) inverse_mass: Column,
+    pub(super) inverse_inertia: Column,
+    /// Largest friction torque per relative speed of every joint that does not overshoot [N m s/rad].
+    pub(super) grip: Column,
+}
+
+impl Constants {
+    pub(super) fn read(&mut self, model: &Model) {
+        let (c, half) = (&model.chain, 0.5 * model.step_s);
+        self.kinds.clear();
+        self.kind.clear();
+        for at in (0..c.padded).step_by(LANES) {
+            let inverse = &c.inverse_inertia;
+            let block = BlockConstants {
+                lever: take(&c.lever, at),
+                inverse_mass: take(&c.inverse_mass, at),
+                inverse_inertia: take(inverse, at),
+                grip: std::array::from_fn(|i| friction::grip(half * (inverse[at + i] + inverse[at + i + 1]))),
+            };
+            if self.kinds.first() == Some(&block) {
+                self.kind.push(0);
+            } else {
+                self.kind.push(self.kinds.len());
+                self.kinds.push(block);
+            }
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn block(&self, at: usize) -> &BlockConstants {
+        &self.kinds[self.kind[at]]
+    }
+}
+
 /// Positions and velocities of one end of every link, one value longer.
 pub(super) struct Ends {
     pub(super) x: Vec<f64>,
@@ -182,7 +230,7 @@ impl Scratch {
             joint_torque: ByJoint::new(n),
             joint_power_damping: column(),
             joint_limit: column(),
-            joint_grip: column(),
+            constants: Constants::default(),
             joint_power_friction: column(),
             bush_x: ByJoint::new(n),
             bush_y: ByJoint::new(n),

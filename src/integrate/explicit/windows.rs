@@ -3,17 +3,12 @@
 
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
-use crate::elements::friction;
 use crate::model::Model;
 use crate::state::{ContactMemory, State};
 
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     let n = model.chain.n_links;
-    let (half, inverse) = (0.5 * model.step_s, &model.chain.inverse_inertia);
-    for (j, grip) in scratch.joint_grip.iter_mut().enumerate() {
-        *grip = friction::grip(half * (inverse[j] + inverse[j + 1]));
-    }
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
