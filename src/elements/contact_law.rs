@@ -288,7 +288,8 @@ fn before(s: StepInput) -> (f64, f64) {
 }
 
 /// As [`linear_step`] to the bit, where the second value is true: for a contact that was closed at the node before (as far as
-/// these numbers tell) and stays closed until the next one, or is open throughout. Nearly all are: what remains for the long way is 0.15 % of a run.
+/// these numbers tell) and stays closed until the next one, or is open throughout. Nearly all are: what takes the long way
+/// costs 0.15 % of a run.
 /// `old`: the contact's approach speed is known.
 #[inline(always)]
 pub fn plain_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {

@@ -1,7 +1,7 @@
 //! Takes a Frame: everything at the node of a State, computed from State and Scratch and changing neither.
 //!
-//! Contacts are found again here by the exact detection of [`crate::contact`], not copied from the kernels, and their forces
-//! are those of the node (k d + c d'), while the step works with means over the step. Velocities at the node are
+//! Contacts are found again here by the exact detection of [`crate::contact`], not copied from the kernels, which only say where
+//! something may touch, and their forces are those of the node (k d + c d'), while the step works with means over the step. Velocities at the node are
 //! v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half of this step's.
 
 use super::frame::{
@@ -225,7 +225,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m + sprocket.body.most_shift_m;
-        for j in scratch.joints_near(k).filter(|j| *j < model.chain.n_links) {
+        for (j, gap) in scratch.joints_near(k).filter(|(j, _)| *j < model.chain.n_links) {
             let (link, front) = model.chain.bush_carrier(j);
             if scratch.is_idle(Part::Bushes, j / LANES) || !node.is_asked(link) {
                 continue;
@@ -236,7 +236,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 continue;
             }
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
-            let tooth = scratch.seat_index(k, j);
+            let tooth = gap.unwrap_or_else(|| contact::seat_index(teeth, in_frame));
             let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
             let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
             if hit.touch.penetration_m <= 0.0 {

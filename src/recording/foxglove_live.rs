@@ -156,9 +156,11 @@ impl Sink for FoxgloveSink {
         self.send(FRAME, t_ns, frame);
         self.send(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()));
         if self.clock.due(frame.t_s) {
-            self.buffer.clear();
-            self.transforms.put_bytes(&self.header, frame, t_ns, &mut self.buffer);
-            self.send_buffer(TRANSFORMS, t_ns);
+            if self.greeter.channels[TRANSFORMS].has_sinks() {
+                self.buffer.clear();
+                self.transforms.put_bytes(&self.header, frame, t_ns, &mut self.buffer);
+                self.send_buffer(TRANSFORMS, t_ns);
+            }
             self.send(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
         }
         Ok(())

@@ -67,63 +67,86 @@ fn put_columns(tag: u32, columns: &[Column<'_>], out: &mut Vec<u8>) {
 impl Frame {
     /// Appends what `prost::Message::encode_raw` would.
     pub fn put_bytes(&self, out: &mut Vec<u8>) {
-        if self.step != 0 {
-            uint64::encode(1, &self.step, out);
+        let Frame { step, t_s, state_hash, crank_angle_rad, links, joints, contacts, rotors, energy, sensors } = self;
+        if *step != 0 {
+            uint64::encode(1, step, out);
         }
-        if self.t_s != 0.0 {
-            double::encode(2, &self.t_s, out);
+        if *t_s != 0.0 {
+            double::encode(2, t_s, out);
         }
-        if self.state_hash != 0 {
-            fixed64::encode(3, &self.state_hash, out);
+        if *state_hash != 0 {
+            fixed64::encode(3, state_hash, out);
         }
-        if self.crank_angle_rad != 0.0 {
-            double::encode(4, &self.crank_angle_rad, out);
+        if *crank_angle_rad != 0.0 {
+            double::encode(4, crank_angle_rad, out);
         }
-        put_columns(5, &links(&self.links), out);
-        put_columns(6, &joints(&self.joints), out);
-        put_columns(7, &contacts(&self.contacts), out);
-        message::encode(8, &self.rotors, out);
-        message::encode(9, &self.energy, out);
-        Doubles(&self.sensors).put(10, out);
+        put_columns(5, &of_links(links), out);
+        put_columns(6, &of_joints(joints), out);
+        put_columns(7, &of_contacts(contacts), out);
+        message::encode(8, rotors, out);
+        message::encode(9, energy, out);
+        Doubles(sensors).put(10, out);
     }
 }
 
-fn links(l: &Links) -> [Column<'_>; 6] {
+fn of_links(l: &Links) -> [Column<'_>; 6] {
     let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s } = l;
     [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s].map(|column| Doubles(column))
 }
 
-fn joints(j: &Joints) -> [Column<'_>; 3] {
+fn of_joints(j: &Joints) -> [Column<'_>; 3] {
     let Joints { force_x_n, force_y_n, friction_torque_nm } = j;
     [force_x_n, force_y_n, friction_torque_nm].map(|column| Doubles(column))
 }
 
-fn contacts(c: &Contacts) -> [Column<'_>; 19] {
+fn of_contacts(c: &Contacts) -> [Column<'_>; 19] {
+    let Contacts {
+        link,
+        feature,
+        body,
+        tooth,
+        segment,
+        point_body_x_m,
+        point_body_y_m,
+        point_link_x_m,
+        point_link_y_m,
+        normal_x,
+        normal_y,
+        penetration_m,
+        approach_speed_m_s,
+        normal_speed_m_s,
+        tangential_speed_m_s,
+        normal_force_n,
+        tangential_force_n,
+        stick,
+        age_s,
+    } = c;
     [
-        Numbers(&c.link),
-        Numbers(&c.feature),
-        Numbers(&c.body),
-        Numbers(&c.tooth),
-        Numbers(&c.segment),
-        Doubles(&c.point_body_x_m),
-        Doubles(&c.point_body_y_m),
-        Doubles(&c.point_link_x_m),
-        Doubles(&c.point_link_y_m),
-        Doubles(&c.normal_x),
-        Doubles(&c.normal_y),
-        Doubles(&c.penetration_m),
-        Doubles(&c.approach_speed_m_s),
-        Doubles(&c.normal_speed_m_s),
-        Doubles(&c.tangential_speed_m_s),
-        Doubles(&c.normal_force_n),
-        Doubles(&c.tangential_force_n),
-        Flags(&c.stick),
-        Doubles(&c.age_s),
+        Numbers(link),
+        Numbers(feature),
+        Numbers(body),
+        Numbers(tooth),
+        Numbers(segment),
+        Doubles(point_body_x_m),
+        Doubles(point_body_y_m),
+        Doubles(point_link_x_m),
+        Doubles(point_link_y_m),
+        Doubles(normal_x),
+        Doubles(normal_y),
+        Doubles(penetration_m),
+        Doubles(approach_speed_m_s),
+        Doubles(normal_speed_m_s),
+        Doubles(tangential_speed_m_s),
+        Doubles(normal_force_n),
+        Doubles(tangential_force_n),
+        Flags(stick),
+        Doubles(age_s),
     ]
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::frame::{Energy, Rotors};
     use super::*;
     use prost::Message;
 
@@ -167,8 +190,14 @@ mod tests {
                     stick: (0..n).map(|i| i % 3 == 0).collect(),
                     age_s: column(22),
                 },
-                sensors: column(23),
-                ..Frame::default()
+                rotors: Rotors {
+                    angle_rad: column(23),
+                    speed_rad_s: column(24),
+                    chain_torque_nm: column(25),
+                    outer_torque_nm: column(26),
+                },
+                energy: Energy { kinetic_j: n as f64, error_j: -0.5, ..Energy::default() },
+                sensors: column(27),
             };
             let mut bytes = vec![1, 2, 3];
             frame.put_bytes(&mut bytes);

@@ -168,11 +168,6 @@ impl Scratch {
         (self.joint_x.before(), self.joint_y.before(), self.joint_torque.before())
     }
 
-    /// Tooth gap of sprocket `k` in which the bush of a joint near it is.
-    pub fn seat_index(&self, k: usize, joint: usize) -> u32 {
-        self.seat_index[k][joint]
-    }
-
     /// Bushes that have changed their tooth gap in flight since the start.
     pub fn reseats(&self) -> u64 {
         self.reseats

@@ -138,7 +138,9 @@ pub(super) struct Constants {
 /// Of a block of links and of the joints behind them.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct BlockConstants {
+    /// Half the pitch [m].
     pub(super) lever: Column,
+    /// [1/kg], [1/(kg m2)].
     pub(super) inverse_mass: Column,
     pub(super) inverse_inertia: Column,
     /// Largest friction torque per relative speed of every joint that does not overshoot [N m s/rad].
@@ -276,7 +278,7 @@ impl Scratch {
         }
     }
 
-    /// Forgets who is near whom: needed when the State was replaced from outside.
+    /// Forgets who is near whom and what does not change: needed when the State was replaced from outside, or the Model changed.
     pub fn forget(&mut self) {
         self.next_refresh = 0;
     }
@@ -317,9 +319,13 @@ impl Scratch {
         near.filter(move |i| *i < model.chain.n_links && self.nearest_end[set][*i] == k)
     }
 
-    /// Joints that are near sprocket `k`.
-    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
-        self.tooth_windows[k].iter().flat_map(|w| w.start..w.end)
+    /// Joints that are near sprocket `k`, and the tooth gap that the bush of each is in. None where another sprocket is nearer: the
+    /// step follows a bush in the gaps of the nearest one only.
+    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = (usize, Option<u32>)> + '_ {
+        self.tooth_windows[k].iter().flat_map(move |w| {
+            (w.start..w.end)
+                .map(move |j| (j, (!w.shared || self.nearest_sprocket[j] == k).then(|| self.seat_index[k][j])))
+        })
     }
 
     /// Links that are near guide `k`.
