@@ -1,5 +1,6 @@
 //! Speed of the bundled drive, beside a fixed calibration loop timed in the same run. Prints CPU seconds of this process
-//! (user and system, all threads) per simulated second.
+//! (user and system, all threads) per simulated second: the lowest of several runs, since other work on the machine and pages
+//! that the system hands out for the first time only add to them.
 //!
 //! cargo bench --bench speed
 
@@ -14,31 +15,46 @@ use std::sync::atomic::AtomicBool;
 #[global_allocator]
 static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
 
-/// CPU time of this process so far [s], by /proc (0 where there is none).
-fn cpu_s() -> f64 {
+/// Runs of each kind.
+const RUNS: usize = 5;
+
+/// CPU time of this process so far [s]: all of it, and the system's part; by /proc (0 where there is none).
+fn cpu_s() -> [f64; 2] {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let after = stat.rsplit(')').next().unwrap_or_default();
     let ticks: Vec<f64> = after.split_whitespace().filter_map(|w| w.parse().ok()).collect();
     // utime and stime are fields 14 and 15; the state letter after the name is no number.
-    (ticks.get(10).unwrap_or(&0.0) + ticks.get(11).unwrap_or(&0.0)) / 100.0
+    let (user, system) = (ticks.get(10).unwrap_or(&0.0), ticks.get(11).unwrap_or(&0.0));
+    [(user + system) / 100.0, system / 100.0]
 }
 
-/// CPU time of `f` [s].
-fn timed(f: impl FnOnce()) -> f64 {
-    let before = cpu_s();
-    f();
-    cpu_s() - before
+/// CPU time of what `prepare` hands over [s]: the lowest of several runs, the system's part of it, and the highest.
+fn lowest<P>(mut prepare: impl FnMut() -> P, work: impl Fn(P)) -> [f64; 3] {
+    let mut runs: Vec<[f64; 2]> = (0..RUNS)
+        .map(|_| {
+            let prepared = prepare();
+            let before = cpu_s();
+            work(prepared);
+            let after = cpu_s();
+            [after[0] - before[0], after[1] - before[1]]
+        })
+        .collect();
+    runs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    [runs[0][0], runs[0][1], runs[RUNS - 1][0]]
 }
 
 /// A chain of dependent multiplications, divisions and square roots: the same work on every machine.
-fn calibration() -> f64 {
-    timed(|| {
-        let mut x = 1.5_f64;
-        for i in 0..60_000_000_u32 {
-            x = (x * 1.000_000_1 + 1.0 / (1.0 + f64::from(i & 7))).sqrt();
-        }
-        std::hint::black_box(x);
-    })
+fn calibration() -> [f64; 3] {
+    lowest(
+        || (),
+        |()| {
+            let mut x = 1.5_f64;
+            for i in 0..60_000_000_u32 {
+                x = (x * 1.000_000_1 + 1.0 / (1.0 + f64::from(i & 7))).sqrt();
+            }
+            std::hint::black_box(x);
+        },
+    )
 }
 
 fn drive(overrides: &[&str]) -> Drive {
@@ -51,23 +67,18 @@ fn assembled(drive: &Drive) -> Assembly {
 }
 
 fn main() {
-    let calibration_s = calibration();
-    println!("calibration loop: {calibration_s:.2} CPU s");
+    let [calibration_s, _, slowest_s] = calibration();
+    println!(
+        "calibration loop: {calibration_s:.2} CPU s (lowest of {RUNS} runs here and below; the highest {slowest_s:.2})"
+    );
     let duration = 1.0;
     let a = assembled(&drive(&[]));
     let steps = (duration / a.model.step_s) as u64;
-    let per_link_step = |cpu: f64, links: f64, steps: f64| cpu / links / steps * 1e9;
     for isa in Isa::available() {
-        let mut state = a.state.clone();
-        let mut scratch = Scratch::with_isa(&a.model, isa);
-        let cpu = timed(|| {
-            for _ in 0..steps {
-                explicit::step(&a.model, &mut state, &mut scratch).expect("holds");
-            }
-        });
+        let [cpu, _, most] = stepped(&a, isa, steps);
         println!(
-            "{isa:?}: {cpu:.2} CPU s per simulated s, {:.1} ns per link and step, {:.2} calibrations",
-            per_link_step(cpu, 90.0, steps as f64),
+            "{isa:?}: {cpu:.2} CPU s per simulated s, {:.1} ns per link and step, {:.2} calibrations; the highest {most:.2}",
+            cpu / 90.0 / steps as f64 * 1e9,
             cpu / calibration_s
         );
     }
@@ -77,21 +88,26 @@ fn main() {
             continue;
         }
         let drive = drive(&[]);
-        let Assembly { model, mut state, report } = assembled(&drive);
-        let span = Span::new(duration, 50e-6, model.step_s);
-        let header = capture::header(&drive, &model, &report, span.steps_per_frame);
+        let span = Span::new(duration, 50e-6, a.model.step_s);
+        let header = capture::header(&drive, &a.model, &a.report, span.steps_per_frame);
         let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
-        let cpu = timed(|| {
-            let mut sinks: Vec<_> =
-                paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
-            let mut scratch = Scratch::new(&model);
-            let stop = AtomicBool::new(false);
-            run(&model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
-            for sink in &mut sinks {
-                sink.finish().expect("finishes");
-            }
-        });
-        println!("with {}: {cpu:.2} CPU s per simulated s", names.join(" and "));
+        let [cpu, system, most] = lowest(
+            || a.state.clone(),
+            |mut state| {
+                let mut sinks: Vec<_> =
+                    paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+                let mut scratch = Scratch::new(&a.model);
+                let stop = AtomicBool::new(false);
+                run(&a.model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
+                for sink in &mut sinks {
+                    sink.finish().expect("finishes");
+                }
+            },
+        );
+        println!(
+            "with {}: {cpu:.2} CPU s per simulated s, {system:.2} of them the system's; the highest {most:.2}",
+            names.join(" and ")
+        );
     }
     // Longer chains: what an added link costs.
     let mut last: Option<(f64, f64)> = None;
@@ -101,13 +117,8 @@ fn main() {
             format!("sprockets.driven.x_mm={}", 238.6 + 4.0 * f64::from(links - 90)),
         ];
         let a = assembled(&drive(&set.iter().map(String::as_str).collect::<Vec<_>>()));
-        let (mut state, mut scratch) = (a.state.clone(), Scratch::new(&a.model));
-        let steps = (0.3 / a.model.step_s) as u64;
-        let cpu = timed(|| {
-            for _ in 0..steps {
-                explicit::step(&a.model, &mut state, &mut scratch).expect("holds");
-            }
-        });
+        let steps = (duration / a.model.step_s) as u64;
+        let [cpu, ..] = stepped(&a, Isa::detect(), steps);
         let step_ns = cpu / steps as f64 * 1e9;
         let added = last.map_or(String::new(), |(n, ns)| {
             format!(", {:.1} ns a step for every added link", (step_ns - ns) / (f64::from(links) - n))
@@ -115,4 +126,16 @@ fn main() {
         println!("{links} links: {step_ns:.0} ns a step{added}");
         last = Some((f64::from(links), step_ns));
     }
+}
+
+/// CPU time of so many steps, without recording.
+fn stepped(a: &Assembly, isa: Isa, steps: u64) -> [f64; 3] {
+    lowest(
+        || (a.state.clone(), Scratch::with_isa(&a.model, isa)),
+        |(mut state, mut scratch)| {
+            for _ in 0..steps {
+                explicit::step(&a.model, &mut state, &mut scratch).expect("holds");
+            }
+        },
+    )
 }

@@ -46,7 +46,7 @@ pub struct LinkState {
 }
 
 /// What a set of contact lanes remembers from one step to the next, and what it has lost so far.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct ContactMemory {
     /// Mean normal force over the last step [N].
     pub normal_force: Vec<f64>,
@@ -99,6 +99,25 @@ pub struct State {
     /// Ends of links' own contours: per set of `elements::end_contact` front, rear. Empty where a drive has none.
     pub contour_ends: [ContactMemory; 6],
     pub rotors: RotorState,
+}
+
+impl Clone for ContactMemory {
+    fn clone(&self) -> ContactMemory {
+        let mut copy = ContactMemory::new(0);
+        copy.clone_from(self);
+        copy
+    }
+
+    /// Into the columns that there are: steps do this now and then, and ask for no memory.
+    fn clone_from(&mut self, from: &ContactMemory) {
+        let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = from;
+        self.normal_force.clone_from(normal_force);
+        self.tangential_force.clone_from(tangential_force);
+        self.age.clone_from(age);
+        self.approach.clone_from(approach);
+        self.lost_damping.clone_from(lost_damping);
+        self.lost_friction.clone_from(lost_friction);
+    }
 }
 
 impl ContactMemory {

@@ -345,7 +345,7 @@ impl StepValues<'_> {
             What::Omega => Some(l.omega[i] + half * s.alpha[i]),
             What::X => Some(l.x[i]),
             What::Y => Some(l.y[i]),
-            What::Angle => Some(crate::units::atan2(l.sin[i], l.cos[i])),
+            What::Angle => Some(crate::units::direction(l.sin[i], l.cos[i])),
             What::Link => Some(i as f64),
             _ => None,
         }

@@ -20,7 +20,7 @@ use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{Part, Scratch, ends};
 use crate::model::{Model, SprocketModel};
 use crate::state::{ContactMemory, State};
-use crate::units::atan2;
+use crate::units::direction;
 
 /// Takes frames of one run; remembers where its ledger began.
 #[derive(Clone, Debug, Default)]
@@ -206,7 +206,7 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
     };
     fill(&mut links.x_m, s.x[..n].iter().copied());
     fill(&mut links.y_m, s.y[..n].iter().copied());
-    fill(&mut links.angle_rad, s.sin[..n].iter().zip(&s.cos[..n]).map(|(sin, cos)| atan2(*sin, *cos)));
+    fill(&mut links.angle_rad, s.sin[..n].iter().zip(&s.cos[..n]).map(|(sin, cos)| direction(*sin, *cos)));
     at_node(&mut links.vx_m_s, &s.vx, &scratch.ax);
     at_node(&mut links.vy_m_s, &s.vy, &scratch.ay);
     at_node(&mut links.omega_rad_s, &s.omega, &scratch.alpha);

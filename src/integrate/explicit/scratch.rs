@@ -245,10 +245,11 @@ impl Scratch {
             guide_x: column(),
             guide_y: column(),
             guide_moment: column(),
+            // All joints in gap 0 until somebody looks.
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
-            seat_out: vec![column(); model.sprockets.len()],
-            seat_left: vec![column(); model.sprockets.len()],
+            seat_out: model.sprockets.iter().map(|s| vec![s.body.seat_out.first().map_or(0.0, |v| *v); n]).collect(),
+            seat_left: model.sprockets.iter().map(|s| vec![s.body.seat_left.first().map_or(0.0, |v| *v); n]).collect(),
             seat_index: vec![vec![0; n]; model.sprockets.len()],
             reseats: 0,
             nearest_sprocket: vec![0; n],

@@ -44,13 +44,22 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             dx * dx + dy * dy < reach * reach
         };
         let windows = aligned_windows(n, model.chain.padded, near);
+        let body = &sprocket.body;
+        let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
+        let is_new = scratch.next_refresh == 0;
         for j in windows.iter().flat_map(|w| w.start..w.end) {
             let (dx, dy) = offset(j);
-            let seat = seat_of(model, k, state.rotors.cos[k], state.rotors.sin[k], dx, dy);
-            scratch.seat_cos[k][j] = sprocket.body.seat_cos[seat];
-            scratch.seat_sin[k][j] = sprocket.body.seat_sin[seat];
-            scratch.seat_out[k][j] = sprocket.body.seat_out[seat];
-            scratch.seat_left[k][j] = sprocket.body.seat_left[seat];
+            let (seat_cos, seat_sin) = (scratch.seat_cos[k][j], scratch.seat_sin[k][j]);
+            let (gx, gy) = (cos * seat_cos - sin * seat_sin, sin * seat_cos + cos * seat_sin);
+            // Still in the gap that is written down.
+            if !is_new && (gx * dy - gy * dx).abs() <= body.half_gap_tan * (dx * gx + dy * gy) {
+                continue;
+            }
+            let seat = seat_of(model, k, cos, sin, dx, dy);
+            scratch.seat_cos[k][j] = body.seat_cos[seat];
+            scratch.seat_sin[k][j] = body.seat_sin[seat];
+            scratch.seat_out[k][j] = body.seat_out[seat];
+            scratch.seat_left[k][j] = body.seat_left[seat];
             scratch.reseats += u64::from(scratch.seat_index[k][j] != seat as u32);
             scratch.seat_index[k][j] = seat as u32;
         }
