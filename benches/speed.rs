@@ -92,7 +92,10 @@ fn main() {
         let header = capture::header(&drive, &a.model, &a.report, span.steps_per_frame);
         let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
         let [cpu, system, most] = lowest(
-            || a.state.clone(),
+            || {
+                paths.iter().for_each(|p| _ = std::fs::remove_file(p));
+                a.state.clone()
+            },
             |mut state| {
                 let mut sinks: Vec<_> =
                     paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();

@@ -14,7 +14,7 @@
 //! A part that touches already when the watch begins is not counted before it has come free. Of a watch that begins in the middle
 //! of a run nobody knows what was free before: parts count as having touched just then.
 
-use crate::elements::contact_law::{ContactLaw, PeakMeter};
+use crate::elements::contact_law::PeakMeter;
 use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
@@ -205,8 +205,11 @@ impl ImpactWatch {
             }
             open.force_n.push(mean);
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
-            let known = open.placed.then_some(open.impact.body as usize).and_then(|body| law_on(model, part, body));
-            let law = touch.and_then(|_| known.or_else(|| scratch.law(model, part, lane)));
+            let law = touch.and_then(|_| match part {
+                // All sprockets have the drive's one law: no need to find out which it is now.
+                Part::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
+                _ => scratch.law(model, part, lane),
+            });
             let top = match law {
                 Some(law) => open.meter.look(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),
                 None => {
@@ -281,15 +284,6 @@ impl ImpactWatch {
     pub fn finish(&mut self) -> Vec<Impact> {
         (0..self.open.len()).for_each(|at| self.close(at));
         self.take_done()
-    }
-}
-
-/// Contact law between a part and a body; None for contours, whose ends have laws of their own.
-fn law_on(model: &Model, part: Part, body: usize) -> Option<&ContactLaw> {
-    match part {
-        Part::Bushes => Some(&model.sprockets[body].body.law),
-        Part::Guides(_) => Some(&model.guides[body - model.sprockets.len()].body.law),
-        Part::Contours(_) => None,
     }
 }
 

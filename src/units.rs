@@ -20,7 +20,7 @@ pub fn sin_cos(angle_rad: f64) -> (f64, f64) {
     libm::sincos(angle_rad)
 }
 
-/// Angle of (x, y) in (-pi, pi], the same bits on every CPU.
+/// Angle of (x, y) in [-pi, pi], the same bits on every CPU.
 pub fn atan2(y: f64, x: f64) -> f64 {
     libm::atan2(y, x)
 }
@@ -38,7 +38,7 @@ pub fn direction(sin: f64, cos: f64) -> f64 {
         -7.691_876_205_044_83e-2,
         6.661_073_137_387_531e-2,
         -5.833_570_133_790_573_5e-2,
-        4.976_877_994_615_932e-2,
+        4.976_877_994_615_932_4e-2,
         -3.653_157_274_421_691_6e-2,
         1.628_582_011_536_578_2e-2,
     ];

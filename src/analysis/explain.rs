@@ -428,7 +428,7 @@ fn free_body(
         inertia_kg_m2: model.chain.inertia[link],
         x_m: centre.x,
         y_m: centre.y,
-        angle_rad: crate::units::atan2(l.sin[link], l.cos[link]),
+        angle_rad: crate::units::direction(l.sin[link], l.cos[link]),
         forces,
         sum_x_n: 0.0,
         sum_y_n: 0.0,

@@ -4,7 +4,7 @@
 pub const CHANNELS: [(&str, &str, &str); 44] = [
     ("links.x_m", "m", "Centre of mass, x."),
     ("links.y_m", "m", "Centre of mass, y."),
-    ("links.angle_rad", "rad", "Heading of the link, rear pin to front pin, in (-pi, pi]."),
+    ("links.angle_rad", "rad", "Heading of the link, rear pin to front pin, in [-pi, pi]."),
     ("links.vx_m_s", "m/s", "Velocity of the centre of mass, x."),
     ("links.vy_m_s", "m/s", "Velocity of the centre of mass, y."),
     ("links.omega_rad_s", "rad/s", "Angular velocity, counterclockwise positive."),

@@ -235,7 +235,7 @@ pub struct Links {
     pub x_m: Vec<f64>,
     #[prost(double, repeated, tag = "2")]
     pub y_m: Vec<f64>,
-    /// Heading of the link, rear pin to front pin [rad], in (-pi, pi].
+    /// Heading of the link, rear pin to front pin [rad], in [-pi, pi].
     #[prost(double, repeated, tag = "3")]
     pub angle_rad: Vec<f64>,
     #[prost(double, repeated, tag = "4")]

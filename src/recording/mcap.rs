@@ -94,7 +94,7 @@ impl McapSink {
             .compression_level(FAST_LEVEL.cast_unsigned())
             .compression_threads(0)
             .chunk_size(None)
-            // Chunks and attachments have their own; the metadata beside them repeat the header.
+            // Chunks and attachments have their own; the metadata beside them repeats the header.
             .calculate_data_section_crc(false)
             .disable_seeking(true);
         let writer = mcap::Writer::with_options(BufWriter::new(file), options);

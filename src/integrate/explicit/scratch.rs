@@ -279,11 +279,6 @@ impl Scratch {
         }
     }
 
-    /// Forgets who is near whom and what does not change: needed when the State was replaced from outside, or the Model changed.
-    pub fn forget(&mut self) {
-        self.next_refresh = 0;
-    }
-
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
     pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
         (self.joint_x.own()[j], self.joint_y.own()[j], self.joint_torque.own()[j])

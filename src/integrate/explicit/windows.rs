@@ -46,13 +46,12 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         let windows = aligned_windows(n, model.chain.padded, near);
         let body = &sprocket.body;
         let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
-        let is_new = scratch.next_refresh == 0;
         for j in windows.iter().flat_map(|w| w.start..w.end) {
             let (dx, dy) = offset(j);
             let (seat_cos, seat_sin) = (scratch.seat_cos[k][j], scratch.seat_sin[k][j]);
             let (gx, gy) = (cos * seat_cos - sin * seat_sin, sin * seat_cos + cos * seat_sin);
             // Still in the gap that is written down.
-            if !is_new && (gx * dy - gy * dx).abs() <= body.half_gap_tan * (dx * gx + dy * gy) {
+            if (gx * dy - gy * dx).abs() <= body.half_gap_tan * (dx * gx + dy * gy) {
                 continue;
             }
             let seat = seat_of(model, k, cos, sin, dx, dy);
