@@ -1,8 +1,9 @@
 //! Takes a Frame: everything at the node of a State, computed from State and Scratch and changing neither.
 //!
 //! Contacts are found again here by the exact detection of [`crate::contact`], not copied from the kernels, which only say where
-//! something may touch, and their forces are those of the node (k d + c d'), while the step works with means over the step. Velocities at the node are
-//! v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half of this step's.
+//! something may touch, and their forces are those of the node (k d + c d'), while the step works with means over the step.
+//! Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half
+//! of this step's.
 
 use super::frame::{
     BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
