@@ -23,6 +23,7 @@ pub mod lumping;
 pub mod machine;
 pub mod measurement;
 pub mod model;
+pub mod output;
 pub mod recording;
 pub mod render;
 pub mod replay;

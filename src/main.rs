@@ -8,6 +8,9 @@ use std::process::ExitCode;
 static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
 
 fn main() -> ExitCode {
+    // A limit on the size of files is then an error of the write that meets it, and ends no program half-way.
+    #[cfg(unix)]
+    let _set = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
     let cli = match pitchline::cli::Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => {

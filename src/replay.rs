@@ -158,6 +158,8 @@ fn first_origin(reader: &mut Reader, model: &Model) -> anyhow::Result<Option<Ene
 pub struct Verdict {
     pub frames: u64,
     pub keyframes: u64,
+    /// Frames between the first and the last that should have been recorded and are not there.
+    pub missing_frames: u64,
     /// Frames and keyframes that the run does not reproduce.
     pub mismatches: u64,
     /// True: the drive was assembled anew and gave the first State; false: it began with a keyframe of its parent.
@@ -211,6 +213,8 @@ pub fn verify(
     let mut scratch = Scratch::new(model);
     let mut evaluated = false;
     let mut stopped = false;
+    // Step of the last frame, and steps between two.
+    let (mut seen, rhythm) = (None, replay.header().steps_per_frame);
     let wanted = Wanted { frames: true, keyframes: true, ..Wanted::default() };
     replay.reader.each(wanted, WHOLE, |entry| {
         if stop.load(Ordering::Relaxed) {
@@ -229,6 +233,8 @@ pub fn verify(
                     stated_s * 1e3
                 );
                 while state.step < theirs.step {
+                    let due = rhythm > 0 && state.step.is_multiple_of(rhythm);
+                    verdict.missing_frames += u64::from(due && seen.is_some_and(|seen| state.step > seen));
                     if stop.load(Ordering::Relaxed) {
                         stopped = true;
                         return Ok(Flow::Enough);
@@ -248,6 +254,7 @@ pub fn verify(
                     note(&mut verdict, frame, theirs.step, theirs.t_s, frame_difference(theirs, &ours));
                 }
                 verdict.frames += 1;
+                seen = Some(theirs.step);
                 progress(theirs.step);
             }
             Entry::Keyframe(theirs) => {

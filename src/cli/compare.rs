@@ -131,8 +131,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         outputs = record(&runs, &args.output)?;
         let page = args.output.join("compare.html");
         let shown: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
-        std::fs::write(&page, crate::render::compare::html(&runs, &claims, &sweep, &shown))
-            .map_err(|e| Failure::World(format!("cannot write {}: {e}", page.display())))?;
+        crate::output::write(&page, crate::render::compare::html(&runs, &claims, &sweep, &shown).as_bytes())?;
         outputs.push(page);
     }
     let holds = claims.iter().filter(|c| !c.contrast).all(|c| c.holds);
@@ -265,6 +264,7 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
             }
         }
         sink.finish()?;
+        sink.publish()?;
         paths.push(path);
     }
     Ok(paths)

@@ -1,6 +1,6 @@
 //! `pitchline diff`: where two recordings part.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::diff::{Difference, diff};
 use std::path::PathBuf;
 
@@ -17,16 +17,9 @@ pub struct DiffArgs {
 
 pub fn run(args: &DiffArgs) -> Result<Outcome, Failure> {
     let (mut a, mut b) = (super::open_recording(&args.a)?, super::open_recording(&args.b)?);
-    for loss in [a.loss(), b.loss()].into_iter().flatten() {
-        eprintln!("note: {loss}");
-    }
     let difference = diff(&mut a, &mut b)?;
-    if args.json {
-        print_json(&serde_json::json!(difference))?;
-    } else {
-        print_out(&text(args, &difference))?;
-    }
-    Ok(if difference.equal { Outcome::Done } else { Outcome::Differs })
+    let found = if args.json { Answer::Json(serde_json::json!(difference)) } else { Answer::Text(text(args, &difference)) };
+    answer(&[&a, &b], found, if difference.equal { Outcome::Done } else { Outcome::Differs })
 }
 
 fn text(args: &DiffArgs, d: &Difference) -> String {

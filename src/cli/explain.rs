@@ -1,7 +1,7 @@
 //! `pitchline explain`: the free body of one link at one instant, and why its contacts are what they are.
 
 use super::run::instant;
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::explain::{FreeBody, explain};
 use crate::recording::frame::Feature;
 use crate::render::{free_body, png};
@@ -60,28 +60,25 @@ pub fn run(args: &ExplainArgs) -> Result<Outcome, Failure> {
     if let Some(path) = &args.output {
         draw(path, &args.recording, &replay, &body)?;
     }
-    if args.json {
-        return print_json(&serde_json::json!(body));
-    }
-    let mut text = text(&body);
-    if let Some(path) = &args.output {
-        text += &format!("  drawn in {}\n", path.display());
-    }
-    print_out(&text)
+    let found = if args.json {
+        Answer::Json(serde_json::json!(body))
+    } else {
+        let drawn = args.output.iter().map(|path| format!("  drawn in {}\n", path.display()));
+        Answer::Text(text(&body) + &drawn.collect::<String>())
+    };
+    answer(&[&replay.reader], found, Outcome::Done)
 }
 
 fn draw(path: &Path, recording: &Path, replay: &Replay, body: &FreeBody) -> Result<(), Failure> {
     let shown = path.display();
-    if path.is_dir() || path.canonicalize().is_ok_and(|p| recording.canonicalize().is_ok_and(|r| p == r)) {
-        return Err(Failure::Input(format!("{shown} cannot be written: it is a folder, or the recording itself")));
-    }
+    super::check_outputs([path], [recording])?;
     let svg = free_body::svg(replay.header(), body);
     let bytes = match path.extension().and_then(|e| e.to_str()) {
         Some("svg") => svg.into_bytes(),
         Some("png") => png::encode(&svg, 2.0)?,
         _ => return Err(Failure::Input(format!("{shown}: drawings end in .svg or .png"))),
     };
-    std::fs::write(path, bytes).map_err(|e| Failure::World(format!("cannot write {shown}: {e}")))
+    Ok(crate::output::write(path, &bytes)?)
 }
 
 fn text(b: &FreeBody) -> String {

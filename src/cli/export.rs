@@ -1,9 +1,9 @@
 //! `pitchline export`: a recording as tables for other programs, Parquet or CSV.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Answer, Failure, Outcome, answer};
 use crate::recording::Output;
 use crate::recording::frame::{Event, Frame, Header, Impact};
-use crate::recording::reader::{Entry, Flow, WHOLE, Wanted};
+use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use crate::recording::table::{Format, Moment, TABLES, Table, TableWriter};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub fn run(args: &ExportArgs) -> Result<Outcome, Failure> {
     let plan = plan(args)?;
     let stop = super::run::stop_on_interrupt();
     let mut export = Export::new(&plan);
-    let complete = read(&args.recording, |item| {
+    let reader = read(&args.recording, |item| {
         if stop.load(Ordering::Relaxed) {
             return Ok(ControlFlow::Break(()));
         }
@@ -58,18 +58,12 @@ pub fn run(args: &ExportArgs) -> Result<Outcome, Failure> {
         return Err(Failure::Input(format!("{shown} has no frame in that time; it ends at {:.6} ms", last_s * 1e3)));
     }
     let outputs = publish(writers)?;
-    if !complete {
-        eprintln!(
-            "warning: {} was cut off; exported up to its last whole chunk, at {:.6} ms",
-            args.recording.display(),
-            last_s * 1e3
-        );
-    }
-    if args.json {
-        print_json(&json(&header, frames, complete, &outputs))
+    let found = if args.json {
+        Answer::Json(json(&header, frames, reader.complete(), &outputs))
     } else {
-        print_out(&text(&header, frames, &outputs))
-    }
+        Answer::Text(text(&header, frames, &outputs))
+    };
+    answer(&[&reader], found, Outcome::Done)
 }
 
 /// What is to be written, checked before anything is read.
@@ -140,18 +134,7 @@ fn kind_of_output(output: &Path) -> (&str, bool) {
 }
 
 fn check_files(recording: &Path, tables: &[(Table, PathBuf)]) -> Result<(), Failure> {
-    for (_, path) in tables {
-        let shown = path.display();
-        if path.is_dir() {
-            return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
-        }
-        if let (Ok(a), Ok(b)) = (path.canonicalize(), recording.canonicalize())
-            && a == b
-        {
-            return Err(Failure::Input(format!("{shown} is the recording itself; it is not overwritten")));
-        }
-    }
-    Ok(())
+    super::check_outputs(tables.iter().map(|(_, path)| path.as_path()), [recording])
 }
 
 /// What a recording consists of, in the order in which it is handed over: the header comes first.
@@ -162,8 +145,8 @@ enum Item<'a> {
     Impact(&'a Impact),
 }
 
-/// Hands over a recording piece by piece until `take` breaks off; true when it ends as a finished one does.
-fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, Failure>) -> Result<bool, Failure> {
+/// Hands over a recording piece by piece until `take` breaks off; the reader knows what it lacks.
+fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, Failure>) -> Result<Reader, Failure> {
     let mut reader = super::open_recording(path)?;
     let header = reader.header().clone();
     let mut failed = None;
@@ -188,7 +171,7 @@ fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, F
     }
     match failed {
         Some(failure) => Err(failure),
-        None => Ok(reader.complete()),
+        None => Ok(reader),
     }
 }
 

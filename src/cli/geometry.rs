@@ -125,8 +125,7 @@ fn iso_606_sprocket(args: &SprocketArgs) -> Result<Outcome, Failure> {
             return Err(Failure::Input(format!("{}: drawings end in .svg", path.display())));
         }
         let profile = sprocket.profile().map_err(|e| Failure::World(e.to_string()))?;
-        std::fs::write(path, crate::render::sprocket_svg(&sprocket, &profile))
-            .map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))?;
+        crate::output::write(path, crate::render::sprocket_svg(&sprocket, &profile).as_bytes())?;
     }
     let s = &sprocket;
     if args.json {

@@ -255,5 +255,5 @@ fn write_drawing(path: &Path, svg: &str) -> Result<(), Failure> {
     if path.extension().and_then(|e| e.to_str()) != Some("svg") {
         return Err(Failure::Input(format!("{}: drawings end in .svg", path.display())));
     }
-    std::fs::write(path, svg).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))
+    Ok(crate::output::write(path, svg.as_bytes())?)
 }

@@ -82,7 +82,7 @@ pub fn run(args: &SmartchainArgs) -> Result<Outcome, Failure> {
         }
         let drawing = crate::render::smartchain_svg(&abutment, ring.as_ref())
             .map_err(|e| Failure::Input(format!("no drawing at this size: {e}")))?;
-        std::fs::write(path, drawing).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))?;
+        crate::output::write(path, drawing.as_bytes())?;
     }
     if args.json {
         print_json(&as_json(&abutment, ring.as_ref()))

@@ -116,15 +116,10 @@ fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), F
     let folder = args.measurement.parent().map_or_else(PathBuf::new, PathBuf::from);
     let mut inputs = vec![args.measurement.clone(), folder.join(&measurement.drive)];
     inputs.extend(measurement.files.iter().map(|f| folder.join(&f.path)));
-    let same = |a: &Path, b: &Path| match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => a == b,
-    };
-    for out in args.output.iter().chain(&args.report) {
+    let outputs = || args.output.iter().chain(&args.report);
+    super::check_outputs(outputs().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path))?;
+    for out in outputs() {
         let shown = out.display();
-        if inputs.iter().any(|i| same(i, out)) {
-            return Err(Failure::Input(format!("{shown} is an input; it is not overwritten")));
-        }
         let kind = out.extension().and_then(|e| e.to_str()).unwrap_or_default();
         let fits = if args.report.as_ref() == Some(out) { kind == "html" } else { matches!(kind, "toml" | "rrd") };
         if !fits {
@@ -229,9 +224,7 @@ fn facts(args: &IdentifyArgs, data: &Data) -> Result<Outcome, Failure> {
 }
 
 fn write(args: &IdentifyArgs, machine: &Machine, report: &Report) -> Result<(), Failure> {
-    let put = |path: &Path, text: &str| {
-        std::fs::write(path, text).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))
-    };
+    let put = |path: &Path, text: &str| crate::output::write(path, text.as_bytes()).map_err(Failure::from);
     for out in &args.output {
         if out.extension().is_some_and(|e| e == "toml") {
             put(out, &text::updated(machine, report).map_err(Failure::World)?)?;

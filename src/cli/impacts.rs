@@ -1,6 +1,6 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::suspects::{Suspect, against, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
@@ -46,9 +46,6 @@ const SUSPECTS: usize = 5;
 
 pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
     let mut reader = super::open_recording(&args.recording)?;
-    if let Some(loss) = reader.loss() {
-        eprintln!("note: {loss}");
-    }
     let header = reader.header().clone();
     let body = args.sprocket.as_ref().map(|name| super::body_named(&header, name)).transpose()?;
     if let Some(link) = args.link
@@ -60,11 +57,11 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
         )));
     }
     let (all, heads) = read(&mut reader)?;
-    let suspects = match &args.against {
+    let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
+    let suspects = match &mut other {
         None => suspects(&all, &header),
-        Some(path) => {
-            let mut other = super::open_recording(path)?;
-            let (their, _) = read(&mut other)?;
+        Some(other) => {
+            let (their, _) = read(other)?;
             against(&all, &header, &their, other.header())
         }
     };
@@ -73,7 +70,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
         .enumerate()
         .filter(|(_, i)| body.is_none_or(|b| i.body as usize == b) && args.link.is_none_or(|l| i.link == l))
         .collect();
-    let found = list.len();
+    let n_found = list.len();
     let key = |i: &Impact| match args.sort {
         Sort::Time => -i.t_s,
         Sort::Peak => i.peak_force_n,
@@ -83,17 +80,20 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
     };
     list.sort_by(|a, b| key(b.1).total_cmp(&key(a.1)));
     list.truncate(args.top.unwrap_or(if args.json { usize::MAX } else { PRINTED }));
-    if args.json {
-        return print_json(&serde_json::json!({
+    let found = if args.json {
+        Answer::Json(serde_json::json!({
             "recording": args.recording,
             "drive": header.drive_name,
             "impacts_in_all": all.len(),
-            "found": found,
+            "found": n_found,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
-        }));
-    }
-    print_out(&text(&args.recording, &header, &heads, &list, (found, &all), &suspects))
+        }))
+    } else {
+        Answer::Text(text(&args.recording, &header, &heads, &list, (n_found, &all), &suspects))
+    };
+    let readers: Vec<&Reader> = std::iter::once(&reader).chain(&other).collect();
+    answer(&readers, found, Outcome::Done)
 }
 
 /// All impacts in order of time, and the frames' steps.

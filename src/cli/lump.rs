@@ -2,7 +2,7 @@
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::lumping::{LumpError, lumped_text, lumping};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args, Debug)]
 pub struct LumpArgs {
@@ -21,13 +21,14 @@ pub struct LumpArgs {
 
 pub fn run(args: &LumpArgs) -> Result<Outcome, Failure> {
     let drive = load_drive(&args.drive, &args.set)?;
+    super::check_outputs(args.output.as_deref(), [Path::new(&args.drive)])?;
     let (l, ..) = lumping(&drive).map_err(|e| match e {
         LumpError::Assembly(e) => super::assembly_failure(e),
         LumpError::Form(text) => Failure::Input(text),
     })?;
     let text = lumped_text(&drive, &l);
     if let Some(path) = &args.output {
-        std::fs::write(path, &text).map_err(|e| Failure::World(format!("cannot write {}: {e}", path.display())))?;
+        crate::output::write(path, text.as_bytes())?;
     }
     if args.json {
         let spans: Vec<_> = l

@@ -166,7 +166,6 @@ pub fn run(cli: Cli) -> Result<Outcome, Failure> {
     }
 }
 
-/// Writes results to stdout; a closed pipe ends the program quietly.
 /// Parses an argument that must be a finite number.
 fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -175,6 +174,7 @@ fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Writes results to stdout; a closed pipe ends the program quietly.
 fn print_out(text: &str) -> Result<Outcome, Failure> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -184,8 +184,41 @@ fn print_out(text: &str) -> Result<Outcome, Failure> {
     }
 }
 
+/// What a verb found in recordings.
+enum Answer {
+    Json(serde_json::Value),
+    Text(String),
+}
+
+/// Prints an answer behind what the recordings lack that it comes from: as notes on stderr, and in JSON as `missing`. An answer
+/// from less than there should be ends with exit code 3.
+fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome: Outcome) -> Result<Outcome, Failure> {
+    let missing: Vec<&String> = readers.iter().flat_map(|r| r.missing()).collect();
+    for what in &missing {
+        eprintln!("warning: {what}");
+    }
+    match answer {
+        Answer::Text(text) => print_out(&text)?,
+        Answer::Json(mut value) => {
+            if let Some(object) = value.as_object_mut() {
+                object.insert("missing".into(), serde_json::json!(missing));
+            }
+            print_json(&value)?
+        }
+    };
+    Ok(if missing.is_empty() || outcome == Outcome::Interrupted { outcome } else { Outcome::DataLost })
+}
+
 fn print_json(value: &serde_json::Value) -> Result<Outcome, Failure> {
     print_out(&format!("{value:#}\n"))
+}
+
+/// Outputs that are a directory, an input, or one file by two names are refused before anything is computed.
+fn check_outputs<'a>(
+    outputs: impl IntoIterator<Item = &'a Path>,
+    inputs: impl IntoIterator<Item = &'a Path> + Clone,
+) -> Result<(), Failure> {
+    crate::output::check(outputs, inputs).map_err(Failure::Input)
 }
 
 /// Largest drive file that is read [bytes].

@@ -1,7 +1,7 @@
 //! `pitchline replay`: runs a recording's drive again and compares, or finishes a file that was cut off.
 
-use super::run::{check_outputs, progress_bar, stop_on_interrupt};
-use super::{Failure, Outcome, print_json, print_out};
+use super::run::{check_recordings, progress_bar, stop_on_interrupt};
+use super::{Answer, Failure, Outcome, answer, print_json, print_out};
 use crate::recording::reader::{Entry, Flow, Reader, Wanted};
 use crate::recording::{ViewOptions, create};
 use crate::replay::{Replay, Verdict, verify};
@@ -37,24 +37,20 @@ fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
     // What cannot be opened is the user's mistake; what cannot be run again is the recording's.
     super::open_recording(&args.recording)?;
     let mut replay = Replay::open(&args.recording)?;
-    let loss = replay.reader.loss();
     let last = replay.reader.ends()?.map_or(0, |(_, last)| last.step);
     let bar = progress_bar(last, replay.model.step_s);
     let verdict = verify(&mut replay, &stop_on_interrupt(), |step| bar.set_position(step))?;
     bar.finish_and_clear();
     let Some(verdict) = verdict else { return Ok(Outcome::Interrupted) };
-    if let Some(loss) = &loss {
-        eprintln!("note: {loss}");
-    }
-    if args.json {
+    let found = if args.json {
         let mut value = serde_json::json!(verdict);
         value["recording"] = serde_json::json!(args.recording);
-        value["complete"] = serde_json::json!(loss.is_none());
-        print_json(&value)?;
+        value["complete"] = serde_json::json!(replay.reader.complete());
+        Answer::Json(value)
     } else {
-        print_out(&text(&args.recording, &verdict))?;
-    }
-    Ok(if verdict.mismatches == 0 { Outcome::Done } else { Outcome::Differs })
+        Answer::Text(text(&args.recording, &verdict))
+    };
+    answer(&[&replay.reader], found, if verdict.mismatches == 0 { Outcome::Done } else { Outcome::Differs })
 }
 
 fn text(path: &Path, verdict: &Verdict) -> String {
@@ -66,6 +62,10 @@ fn text(path: &Path, verdict: &Verdict) -> String {
         verdict.frames + verdict.keyframes,
         verdict.state_hash
     )];
+    if verdict.missing_frames > 0 {
+        let stated = verdict.frames + verdict.missing_frames;
+        lines.push(format!("  {} of {stated} frames that should be there are missing", verdict.missing_frames));
+    }
     if let Some(first) = &verdict.first {
         lines.push(format!(
             "  first at frame {}, step {}, {:.6} ms: {}",
@@ -80,13 +80,20 @@ fn text(path: &Path, verdict: &Verdict) -> String {
 
 /// Copies message by message, past chunks that cannot be read.
 fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
-    check_outputs(&[output.to_path_buf()], &[&args.recording])?;
+    check_recordings(&[output.to_path_buf()], &[&args.recording])?;
     let mut reader = super::open_recording(&args.recording)?;
     let mut sink = create(output, reader.header(), ViewOptions::default())?;
-    let loss = reader.loss();
-    let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop_on_interrupt())?;
+    let stop = stop_on_interrupt();
+    let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop)?;
+    if stop.load(Ordering::Relaxed) {
+        return Ok(Outcome::Interrupted);
+    }
     let bytes = sink.finish()?;
-    let lost: Vec<String> = damage.into_iter().chain(loss).collect();
+    sink.publish()?;
+    let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
+    for what in &lost {
+        eprintln!("warning: {what}");
+    }
     if args.json {
         print_json(&serde_json::json!({
             "output": output, "bytes": bytes, "frames": frames, "until_s": until, "lost": lost,

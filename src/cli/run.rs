@@ -133,7 +133,8 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let summary = match result {
         Ok(summary) => summary,
         Err(e) => {
-            let written = paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
+            let written: Vec<String> = sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
+            let written = written.join(", ");
             // The others are still finished; the first error is the one that counts.
             for sink in &mut sinks {
                 let _finished = sink.finish();
@@ -142,9 +143,12 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
         }
     };
     live::finish(&mut sinks.split_off(paths.len()));
-    let outputs = finish(&mut sinks)?;
+    let well = matches!(summary.ending, Ending::Done | Ending::Hit);
+    let outputs = finish(&mut sinks, well)?;
     if let Ending::Broke(e) = &summary.ending {
-        return Err(Failure::World(format!("{e}\nthe {} frames before it are kept", summary.frames)));
+        let written: Vec<String> = outputs.iter().map(|o| o.path.display().to_string()).collect();
+        let frames = summary.frames;
+        return Err(Failure::World(format!("{e}\nthe {frames} frames before it are kept in {}", written.join(", "))));
     }
     if args.json {
         print_json(&json(&drive, &header, report.as_ref(), &summary, &outputs, wall_s, &scratch))?;
@@ -164,15 +168,56 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
             std::process::exit(130);
         }
     });
+    #[cfg(unix)]
+    stop_without_reader(&stop);
     stop
 }
 
-/// Finishes all files.
-pub(super) fn finish(sinks: &mut [Box<dyn Sink>]) -> Result<Vec<Output>, Failure> {
+/// Ends a long verb, as Ctrl-C does, when nobody can read its result any more: the program that started it has gone.
+#[cfg(unix)]
+fn stop_without_reader(stop: &Arc<AtomicBool>) {
+    use rustix::event::{PollFd, PollFlags, poll};
+    use rustix::fs::{FileType, fstat};
+    let is_pipe = |mode| matches!(FileType::from_raw_mode(mode), FileType::Fifo | FileType::Socket);
+    if !fstat(std::io::stdout()).is_ok_and(|there| is_pipe(there.st_mode)) {
+        return;
+    }
+    let stop = Arc::clone(stop);
+    std::thread::spawn(move || {
+        let stdout = std::io::stdout();
+        // Asks for nothing: wakes when the other end is closed, or when a signal comes.
+        loop {
+            let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
+            match poll(&mut ends, None) {
+                Ok(_) if ends[0].revents().intersects(PollFlags::ERR | PollFlags::HUP) => break,
+                Ok(_) | Err(rustix::io::Errno::INTR) => {}
+                Err(_) => return,
+            }
+        }
+        if !stop.swap(true, Ordering::Relaxed) {
+            eprintln!("nobody reads the result any more: ended as by Ctrl-C");
+        }
+    });
+}
+
+/// Finishes all files. Those of a run that ended well replace what was there before; others lie beside it.
+pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Output>, Failure> {
+    let mut bytes = Vec::new();
+    for sink in sinks.iter_mut() {
+        bytes.push(sink.finish()?);
+    }
     let mut outputs = Vec::new();
-    for sink in sinks {
-        let path = sink.path().to_path_buf();
-        outputs.push(Output { bytes: sink.finish()?, path });
+    for (sink, bytes) in sinks.iter_mut().zip(bytes) {
+        if well {
+            sink.publish()?;
+        } else if sink.lies_at() != sink.path() {
+            eprintln!(
+                "note: {} was there before and is kept; this run did not end and lies in {}",
+                sink.path().display(),
+                sink.lies_at().display()
+            );
+        }
+        outputs.push(Output { bytes, path: sink.lies_at().to_path_buf() });
     }
     Ok(outputs)
 }
@@ -204,8 +249,8 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", recording.display())));
     };
-    if let Some(loss) = replay.reader.loss() {
-        eprintln!("note: {loss}");
+    for what in replay.reader.missing() {
+        eprintln!("warning: {what}");
     }
     let step = args.at.map_or(end.step, |t_s| replay.step_at(t_s));
     if !(begin.step..=end.step).contains(&step) {
@@ -296,8 +341,9 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
         return Err(Failure::Input(format!("--around is at most {most} ms: what it covers is held in memory")));
     }
     let steps = |t_s: f64| (t_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
-    let around =
-        args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: args.around_every.map_or(1, steps) });
+    // Readers take frames further apart than --every says for missing ones.
+    let around_every = args.around_every.map_or(1, |t_s| steps(t_s.min(args.every)));
+    let around = args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: around_every });
     let hits = match (args.hits, around) {
         (Some(hits), _) => Some(hits as usize),
         (None, Some(_)) => None,
@@ -332,35 +378,20 @@ fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> 
         args.output.clone()
     };
     let inputs: Vec<&Path> = args.drive.iter().map(Path::new).chain(args.resume.as_deref()).collect();
-    check_outputs(&paths, &inputs)?;
+    check_recordings(&paths, &inputs)?;
     Ok(paths)
 }
 
 /// Recordings that can be written, none of them over an input.
-pub(super) fn check_outputs(paths: &[PathBuf], inputs: &[&Path]) -> Result<(), Failure> {
-    for (i, path) in paths.iter().enumerate() {
-        let shown = path.display();
+pub(super) fn check_recordings(paths: &[PathBuf], inputs: &[&Path]) -> Result<(), Failure> {
+    for path in paths {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-        if path.is_dir() {
-            return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
-        }
-        if !extensions().contains(&extension) {
+        if !path.is_dir() && !extensions().contains(&extension) {
             let all = extensions().iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(" or ");
-            return Err(Failure::Input(format!("{shown}: recordings end in {all}")));
-        }
-        if paths[..i].contains(path) {
-            return Err(Failure::Input(format!("{shown} is given twice")));
-        }
-        for input in inputs {
-            if let (Ok(a), Ok(b)) = (path.canonicalize(), input.canonicalize())
-                && a == b
-            {
-                let what = if input.extension().is_some_and(|e| e == "toml") { "the drive" } else { "the input" };
-                return Err(Failure::Input(format!("{shown} is {what} itself; it is not overwritten")));
-            }
+            return Err(Failure::Input(format!("{}: recordings end in {all}", path.display())));
         }
     }
-    Ok(())
+    super::check_outputs(paths.iter().map(PathBuf::as_path), inputs.iter().copied())
 }
 
 pub(super) fn open(paths: &[PathBuf], header: &Header, view: ViewOptions) -> Result<Vec<Box<dyn Sink>>, Failure> {

@@ -1,7 +1,8 @@
 //! `pitchline snapshot`: frames of a recording as a drawing.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::{Frame, Header};
+use crate::recording::reader::Reader;
 use crate::render::png;
 use crate::render::snapshot::{Around, Drawing, Options, draw};
 use crate::replay::Replay;
@@ -85,7 +86,8 @@ enum Kind {
 
 pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
     let kind = output_kind(args)?;
-    let (header, frames) = read_frames(&args.recording, args.at, args.exact)?;
+    let mut reader = super::open_recording(&args.recording)?;
+    let (header, frames) = read_frames(&mut reader, args.at, args.exact)?;
     for frame in &frames {
         check_columns(&header, frame, &args.recording)?;
     }
@@ -100,25 +102,20 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
         Kind::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
     };
     let shown = args.output.display();
-    std::fs::write(&args.output, bytes).map_err(|e| Failure::World(format!("cannot write {shown}: {e}")))?;
-    if args.json {
-        return print_json(&json(args, kind, &frames, &drawing));
-    }
-    let list: Vec<String> = frames.iter().map(|f| format!("  t = {:.4} ms, step {}\n", f.t_s * 1e3, f.step)).collect();
-    print_out(&format!("wrote {shown}\n{}", list.concat()))
+    crate::output::write(&args.output, &bytes)?;
+    let found = if args.json {
+        Answer::Json(json(args, kind, &frames, &drawing))
+    } else {
+        let list = frames.iter().map(|f| format!("  t = {:.4} ms, step {}\n", f.t_s * 1e3, f.step));
+        Answer::Text(format!("wrote {shown}\n{}", list.collect::<String>()))
+    };
+    answer(&[&reader], found, Outcome::Done)
 }
 
 /// Checked before anything is read.
 fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
     let shown = args.output.display();
-    if args.output.is_dir() {
-        return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
-    }
-    if let (Ok(a), Ok(b)) = (args.output.canonicalize(), args.recording.canonicalize())
-        && a == b
-    {
-        return Err(Failure::Input(format!("{shown} is the recording itself; it is not overwritten")));
-    }
+    super::check_outputs([args.output.as_path()], [args.recording.as_path()])?;
     match args.output.extension().and_then(|e| e.to_str()) {
         Some("svg") => Ok(Kind::Svg),
         Some("png") => Ok(Kind::Png),
@@ -128,11 +125,9 @@ fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
 
 /// Header and the frames asked for, in order of time: the recorded ones nearest to the instants, or with `exact` the steps
 /// nearest to them, run again from the keyframe before.
-fn read_frames(path: &Path, at: At, exact: bool) -> Result<(Header, Vec<Frame>), Failure> {
-    let mut reader = super::open_recording(path)?;
-    if let Some(loss) = reader.loss() {
-        eprintln!("note: {loss}");
-    }
+fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<Frame>), Failure> {
+    let path = reader.path().to_path_buf();
+    let path = path.as_path();
     let heads = reader.heads()?;
     let header = reader.header().clone();
     let times_s: Vec<f64> = heads.iter().map(|h| h.t_s).collect();
@@ -143,7 +138,12 @@ fn read_frames(path: &Path, at: At, exact: bool) -> Result<(Header, Vec<Frame>),
     let numbers = pick(&times_s, interval_s, at).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?;
     let mut frames = Vec::new();
     for number in numbers {
-        frames.extend(reader.frame_at(times_s[number])?);
+        let t_s = times_s[number];
+        frames.extend(reader.frame_at(t_s)?);
+        if frames.is_empty() {
+            let shown = path.display();
+            return Err(Failure::World(format!("{shown} is damaged: no frame at {:.4} ms, where it lists one", t_s * 1e3)));
+        }
     }
     Ok((header, frames))
 }

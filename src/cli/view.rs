@@ -50,26 +50,32 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
     let stop = super::run::stop_on_interrupt();
     if let Some(output) = &args.output {
         check_output(&args.recording, kind, output)?;
+        super::check_outputs([output.as_path()], [args.recording.as_path()])?;
         return match convert(&args.recording, output, &stop)? {
-            Outcome::Done => print_out(&format!("wrote {}\n", output.display())),
-            other => Ok(other),
+            Outcome::Interrupted => Ok(Outcome::Interrupted),
+            outcome => print_out(&format!("wrote {}\n", output.display())).map(|_| outcome),
         };
     }
     let shown = shown(args.web)?;
+    let mut converted = Outcome::Done;
     let (path, _folder) = match kind {
         Kind::Rrd => (args.recording.clone(), None),
         Kind::Mcap => {
             let folder = TemporaryFolder::new()?;
             let name = args.recording.file_stem().unwrap_or_default();
             let path = folder.0.join(name).with_added_extension("rrd");
-            if convert(&args.recording, &path, &stop)? == Outcome::Interrupted {
+            converted = convert(&args.recording, &path, &stop)?;
+            if converted == Outcome::Interrupted {
                 return Ok(Outcome::Interrupted);
             }
             (path, Some(folder))
         }
     };
     match shown {
-        Shown::Native(program) => show(&program, &path, &stop),
+        Shown::Native(program) => match show(&program, &path, &stop)? {
+            Outcome::Done => Ok(converted),
+            other => Ok(other),
+        },
         #[cfg(feature = "web")]
         Shown::Web => super::view_web::serve(&path, args.port, args.open, &stop),
         #[cfg(not(feature = "web"))]
@@ -101,9 +107,6 @@ fn check_output(recording: &Path, kind: Kind, output: &Path) -> Result<(), Failu
     }
     if !cfg!(feature = "rerun") {
         return Err(without("rerun"));
-    }
-    if output.is_dir() {
-        return Err(Failure::Input(format!("{shown} is a directory, not a file to write")));
     }
     if output.extension().is_none_or(|e| e != "rrd") {
         return Err(Failure::Input(format!("{shown}: the converted recording ends in .rrd")));
@@ -195,19 +198,18 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
         return Err(without("rerun"));
     }
     let mut reader = super::open_recording(from)?;
-    if let Some(loss) = reader.loss() {
-        eprintln!("note: {loss}");
-    }
     let mut sink = create(to, reader.header(), ViewOptions::default())?;
     let (_, _, damage) = super::replay::copy(&mut reader, sink.as_mut(), stop)?;
-    for damage in damage {
-        eprintln!("warning: {damage}");
-    }
     if stop.load(Ordering::Relaxed) {
         return Ok(Outcome::Interrupted);
     }
     sink.finish()?;
-    Ok(Outcome::Done)
+    sink.publish()?;
+    let lost: Vec<&String> = damage.iter().chain(reader.missing()).collect();
+    for what in &lost {
+        eprintln!("warning: {what}");
+    }
+    Ok(if lost.is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 
 /// A folder that only this user can read, and that goes when it is dropped.

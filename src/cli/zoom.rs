@@ -1,7 +1,7 @@
 //! `pitchline zoom`: a part of a recording once more, as densely as wanted, with the same steps to the bit.
 
-use super::run::{check_outputs, duration, finish, instant, open, stop_on_interrupt};
-use super::{Failure, Outcome, print_json, print_out};
+use super::run::{check_recordings, duration, finish, instant, open, stop_on_interrupt};
+use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, extensions};
 use crate::replay::Replay;
@@ -66,7 +66,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     } else {
         args.output.clone()
     };
-    check_outputs(&outputs, &[&args.recording])?;
+    check_recordings(&outputs, &[&args.recording])?;
     let mut visit = replay.visit(from, |_, _| ())?;
     let parent = Some(replay.parent(&visit.state, false));
     let ledger_origin = replay.origin;
@@ -82,9 +82,9 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     };
     let stop = stop_on_interrupt();
     let summary = run_job(&replay.model, &mut visit.state, &mut visit.scratch, job, &mut sinks, &stop, |_| ())?;
-    let outputs = finish(&mut sinks)?;
-    if args.json {
-        print_json(&serde_json::json!({
+    let outputs = finish(&mut sinks, matches!(summary.ending, Ending::Done | Ending::Hit))?;
+    let found = if args.json {
+        Answer::Json(serde_json::json!({
             "recording": args.recording,
             "from_s": from as f64 * header.step_s,
             "to_s": to as f64 * header.step_s,
@@ -95,7 +95,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
             "keyframe_step": visit.since,
             "state_hash": format!("{:016x}", summary.state_hash),
             "outputs": outputs.iter().map(|o| serde_json::json!({ "path": o.path, "bytes": o.bytes })).collect::<Vec<_>>(),
-        }))?;
+        }))
     } else {
         let mut text = format!(
             "{:.4} to {:.4} ms, every {steps_per_frame} steps of {:.3} us: {} frames, from the keyframe at {:.4} ms\n",
@@ -108,9 +108,10 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
         for output in &outputs {
             text += &format!("  wrote {} ({:.1} MB)\n", output.path.display(), output.bytes as f64 / 1e6);
         }
-        print_out(&text)?;
-    }
-    Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
+        Answer::Text(text)
+    };
+    let interrupted = summary.ending == Ending::Interrupted;
+    answer(&[&replay.reader], found, if interrupted { Outcome::Interrupted } else { Outcome::Done })
 }
 
 /// Steps, or a time in whole steps.

@@ -16,6 +16,7 @@ use super::foxglove_scene as scene;
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use super::{PictureClock, Sink, ViewOptions};
+use crate::output::OutputFile;
 use anyhow::Context;
 use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
@@ -23,7 +24,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Compiled `assets/pitchline.proto` (a FileDescriptorSet); a test holds the two together.
@@ -69,7 +70,7 @@ pub const IMPACT: usize = 8;
 
 /// Writes an MCAP file.
 pub struct McapSink {
-    path: PathBuf,
+    output: OutputFile,
     /// None after an error: nothing more is written, what was written stays.
     writer: Option<mcap::Writer<BufWriter<File>>>,
     channels: [u16; TOPICS.len()],
@@ -88,7 +89,7 @@ pub struct McapSink {
 impl McapSink {
     /// Opens the file and writes everything that does not change.
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<McapSink> {
-        let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let (output, file) = OutputFile::growing(path)?;
         let options = mcap::WriteOptions::new()
             .profile("pitchline")
             .library(header.program.clone())
@@ -101,7 +102,7 @@ impl McapSink {
             .disable_seeking(true);
         let writer = mcap::Writer::with_options(BufWriter::new(file), options);
         let mut sink = McapSink {
-            path: path.to_path_buf(),
+            output,
             writer: Some(writer.with_context(|| format!("cannot write {}", path.display()))?),
             channels: [0; TOPICS.len()],
             header: header.clone(),
@@ -194,7 +195,7 @@ impl McapSink {
             // be written either.
             let (_file, _unwritten) = writer.into_inner().into_parts();
         }
-        result.with_context(|| format!("cannot write {}", self.path.display()))
+        result.with_context(|| format!("cannot write {}", self.output.path().display()))
     }
 
     fn write_frame(&mut self, frame: &Frame) -> mcap::McapResult<()> {
@@ -255,14 +256,23 @@ impl Sink for McapSink {
             Some(writer) => writer.finish().map(|_| ()),
             None => Err(mcap::McapError::AttemptedWriteAfterFailure),
         })?;
-        let Some(writer) = self.writer.take() else { anyhow::bail!("cannot write {}", self.path.display()) };
-        let file = writer.into_inner().into_inner().with_context(|| format!("cannot write {}", self.path.display()))?;
-        file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))?;
+        let cannot = || format!("cannot write {}", self.output.path().display());
+        let writer = self.writer.take().with_context(cannot)?;
+        let file = writer.into_inner().into_inner().with_context(cannot)?;
+        self.output.sync(&file).with_context(cannot)?;
         Ok(file.metadata().map(|m| m.len()).unwrap_or(0))
     }
 
+    fn publish(&mut self) -> anyhow::Result<()> {
+        self.output.publish()
+    }
+
     fn path(&self) -> &Path {
-        &self.path
+        self.output.path()
+    }
+
+    fn lies_at(&self) -> &Path {
+        self.output.lies_at()
     }
 }
 

@@ -8,6 +8,7 @@ pub mod foxglove_live;
 pub mod foxglove_scene;
 pub mod frame;
 mod frame_bytes;
+mod header;
 pub mod live;
 pub mod mcap;
 pub mod reader;
@@ -28,7 +29,16 @@ pub trait Sink {
     fn impact(&mut self, impact: &Impact) -> anyhow::Result<()>;
     /// Writes what is buffered and closes the file; returns its size [bytes].
     fn finish(&mut self) -> anyhow::Result<u64>;
+    /// Gives a finished file the name that was asked for, in place of what was there (see [`crate::output`]).
+    fn publish(&mut self) -> anyhow::Result<()> {
+        Ok(())
+    }
+    /// The name that was asked for.
     fn path(&self) -> &Path;
+    /// Where the bytes are until then.
+    fn lies_at(&self) -> &Path {
+        self.path()
+    }
 }
 
 /// How densely the sinks draw.

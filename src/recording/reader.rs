@@ -3,9 +3,12 @@
 //!
 //! Opening hops from record to record and notes where chunks lie and which time they cover; a chunk is read, checked against
 //! its CRC and unpacked only when something in it is asked for. What does not hold together is an error that names the byte
-//! where it stands. A file that simply ends (a run was killed) is no error: it is read up to its last whole chunk, and says so.
+//! where it stands. A file that simply ends (a run was killed) is no error: it is read up to its last whole chunk. What such
+//! a file lacks, and what a finished one lacks against its own table of contents or the rhythm of its frames, is gathered in
+//! [`Reader::missing`], for whoever reads to say before anything else.
 
 use super::frame::{Event, FORMAT_VERSION, Frame, Header, Impact, Keyframe};
+use super::header;
 use anyhow::{Context, bail, ensure};
 use mcap::records::op;
 use prost::Message;
@@ -21,6 +24,14 @@ const LONGEST_RECORD: u64 = 64 << 20;
 const LONGEST_MESSAGE: usize = 8 << 20;
 /// Most chunks of one file that are kept in mind.
 const MOST_CHUNKS: usize = 1 << 22;
+/// Most messages of a recording that are kept in memory at once, frames aside: a hundred times what a long run has. A packed
+/// chunk of a few kilobytes may hold millions.
+const MOST_MESSAGES: usize = 4_000_000;
+/// Sentences in [`Reader::missing`].
+const MOST_SENTENCES: usize = 12;
+/// Records that a table of contents consists of: what it says of a chunk, and its counts.
+const CHUNK_INDEX_LENGTH: usize = 32;
+const STATISTICS_LENGTH: usize = 46;
 /// Bytes before a record's content: operation code and length.
 const RECORD_HEAD: u64 = 9;
 /// Shortest head of a chunk: start, end, size, CRC, empty name of the compression, packed size.
@@ -98,6 +109,29 @@ enum Compression {
     Zstd,
 }
 
+/// What the table of contents says of a chunk.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ChunkIndex {
+    offset: u64,
+    start_ns: u64,
+    end_ns: u64,
+}
+
+/// The first field of a [`Header`].
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+struct Version {
+    #[prost(uint32, tag = "1")]
+    format_version: u32,
+}
+
+/// The frames of a pass, one after the other: steps rise, and none is missing.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rhythm {
+    last: Option<u64>,
+    /// Messages handed over that are no frames.
+    kept: usize,
+}
+
 /// Is told topic, log time and content of a message.
 type Each<'a> = dyn FnMut(Topic, u64, &[u8]) -> anyhow::Result<Flow> + 'a;
 
@@ -111,9 +145,25 @@ pub struct Reader {
     complete: bool,
     /// Bytes at the end that hold no whole record.
     lost_bytes: u64,
+    /// What is not there, one sentence each.
+    missing: Vec<String>,
+    /// Messages of each channel, where the table of contents counts them.
+    counted: BTreeMap<u16, u64>,
+    /// Those that a pass over everything has met.
+    met: BTreeMap<u16, u64>,
     packed: Vec<u8>,
     unpacked: Vec<u8>,
     frame: Frame,
+}
+
+impl Rhythm {
+    /// Takes the next frame's step; the steps that it and the one before lie between, where some are missing.
+    fn gap(&mut self, step: u64, longest: u64) -> anyhow::Result<Option<(u64, u64)>> {
+        let last = self.last.replace(step);
+        let Some(last) = last else { return Ok(None) };
+        ensure!(step > last, "a frame of step {step} behind one of step {last}");
+        Ok((longest > 0 && step - last > longest).then_some((last, step)))
+    }
 }
 
 impl Reader {
@@ -138,12 +188,22 @@ impl Reader {
             topics: BTreeMap::new(),
             complete: false,
             lost_bytes: 0,
+            missing: Vec::new(),
+            counted: BTreeMap::new(),
+            met: BTreeMap::new(),
             packed: Vec::new(),
             unpacked: Vec::new(),
             frame: Frame::default(),
         };
         reader.find_chunks().with_context(|| format!("{shown} is damaged"))?;
         reader.read_header()?;
+        if let Some(loss) = reader.loss() {
+            reader.miss(loss);
+        }
+        // A finished file has a table of contents, which knows better.
+        if !reader.complete || reader.counted.is_empty() {
+            reader.look_for_gaps();
+        }
         Ok(reader)
     }
 
@@ -173,9 +233,68 @@ impl Reader {
         })
     }
 
+    /// What the recording should hold and does not, one sentence each, as far as has been read.
+    pub fn missing(&self) -> &[String] {
+        &self.missing
+    }
+
+    fn miss(&mut self, what: String) {
+        if self.missing.len() < MOST_SENTENCES && !self.missing.contains(&what) {
+            self.missing.push(what);
+        }
+    }
+
+    /// Longest time between two frames [ns]; None where the header does not tell.
+    fn frame_interval_ns(&self) -> Option<f64> {
+        let interval = self.header.steps_per_frame as f64 * self.header.step_s * 1e9;
+        (interval > 0.0).then_some(interval)
+    }
+
+    /// Chunks follow each other without a gap longer than that between two frames. The first holds the header.
+    fn look_for_gaps(&mut self) {
+        let Some(interval_ns) = self.frame_interval_ns() else { return };
+        let mut until_ns = 0;
+        for index in 0..self.chunks.len() {
+            let (start_ns, end_ns) = (self.chunks[index].start_ns, self.chunks[index].end_ns);
+            // Half a frame of slack: times are whole nanoseconds.
+            if until_ns > 0 && start_ns.saturating_sub(until_ns) as f64 > 1.5 * interval_ns {
+                let (from, to) = (until_ns as f64 * 1e-6, start_ns as f64 * 1e-6);
+                self.miss(format!("{}: nothing between {from:.4} and {to:.4} ms", self.path.display()));
+            }
+            until_ns = until_ns.max(end_ns);
+        }
+    }
+
+    /// Holds the table of contents of a finished file against the chunks that were found.
+    fn check_contents(&mut self, index: &[ChunkIndex], n_chunks: Option<u32>) {
+        let shown = self.path.display().to_string();
+        let found: BTreeMap<u64, usize> = self.chunks.iter().enumerate().map(|(i, c)| (c.offset, i)).collect();
+        if let Some(n) = n_chunks
+            && n as usize != self.chunks.len()
+            && index.iter().all(|entry| found.contains_key(&entry.offset))
+        {
+            self.miss(format!("{shown}: it says that it has {n} chunks, and {} are there", self.chunks.len()));
+        }
+        for entry in index {
+            let Some(&at) = found.get(&entry.offset) else {
+                let (from, to) = (entry.start_ns as f64 * 1e-6, entry.end_ns as f64 * 1e-6);
+                self.miss(format!("{shown}: no chunk at byte {}, {from:.4} to {to:.4} ms", entry.offset));
+                continue;
+            };
+            let chunk = &mut self.chunks[at];
+            if (chunk.start_ns, chunk.end_ns) != (entry.start_ns, entry.end_ns) {
+                // Whichever is right: it is looked into.
+                chunk.start_ns = chunk.start_ns.min(entry.start_ns);
+                chunk.end_ns = chunk.end_ns.max(entry.end_ns);
+                self.miss(format!("{shown}: the chunk at byte {} has other times in the table of contents", entry.offset));
+            }
+        }
+    }
+
     /// Notes where chunks lie. Nothing is unpacked.
     fn find_chunks(&mut self) -> anyhow::Result<()> {
         let length = self.file.metadata()?.len();
+        let (mut index, mut n_chunks) = (Vec::new(), None);
         let mut at = mcap::MAGIC.len() as u64;
         loop {
             if length.saturating_sub(at) < RECORD_HEAD {
@@ -199,12 +318,28 @@ impl Reader {
                     at = end + mcap::MAGIC.len() as u64;
                     break;
                 }
+                op::CHUNK_INDEX if content >= CHUNK_INDEX_LENGTH as u64 && index.len() < MOST_CHUNKS => {
+                    let mut entry = [0; CHUNK_INDEX_LENGTH];
+                    self.file.read_exact(&mut entry)?;
+                    let (start_ns, end_ns, offset) = (u64_at(&entry, 0), u64_at(&entry, 8), u64_at(&entry, 16));
+                    index.push(ChunkIndex { offset, start_ns, end_ns });
+                }
+                op::STATISTICS if (STATISTICS_LENGTH as u64..=LONGEST_RECORD).contains(&content) => {
+                    let mut counts = vec![0; content as usize];
+                    self.file.read_exact(&mut counts)?;
+                    n_chunks = Some(u32_at(&counts, 22));
+                    let counts = counts[STATISTICS_LENGTH..].chunks_exact(10);
+                    self.counted = counts.map(|c| (u16::from_le_bytes([c[0], c[1]]), u64_at(c, 2))).collect();
+                }
                 0 => bail!("record of kind 0 at byte {at}"),
                 _ => {}
             }
             at = end;
         }
         self.lost_bytes = length.saturating_sub(at);
+        if self.complete {
+            self.check_contents(&index, n_chunks);
+        }
         Ok(())
     }
 
@@ -281,22 +416,23 @@ impl Reader {
             let mut found = None;
             self.records(index, &unpacked, &mut |topic, _, data| {
                 if topic == Topic::Header {
-                    found = Some(Header::decode(data).context("its header cannot be read")?);
+                    // A newer one may look different.
+                    let version = Version::decode(data).context("its header cannot be read")?.format_version;
+                    found = Some(if version > FORMAT_VERSION { Err(version) } else { Ok(header::decode(data)?) });
                     return Ok(Flow::Enough);
                 }
                 Ok(Flow::On)
             })?;
             self.unpacked = unpacked;
-            if let Some(header) = found {
-                ensure!(
-                    header.format_version <= FORMAT_VERSION,
-                    "{shown}: recorded by {} in format {}; this program reads up to {FORMAT_VERSION}: use a newer one",
-                    header.program,
-                    header.format_version
-                );
-                ensure!(!header.links.is_empty(), "{shown}: its chain has no links");
-                self.header = header;
-                return Ok(());
+            match found {
+                Some(Ok(header)) => {
+                    self.header = header;
+                    return Ok(());
+                }
+                Some(Err(version)) => bail!(
+                    "{shown}: recorded in format {version}; this program reads up to {FORMAT_VERSION}: use a newer one"
+                ),
+                None => {}
             }
         }
         let reason = if self.complete { "it is MCAP, of another program" } else { "it ends before its header" };
@@ -305,7 +441,7 @@ impl Reader {
 
     /// Calls `each` with the topic, log time and content of every message of an unpacked chunk.
     fn records(&mut self, index: usize, unpacked: &[u8], each: &mut Each<'_>) -> anyhow::Result<Flow> {
-        let offset = self.chunks[index].offset;
+        let Chunk { offset, start_ns, end_ns, .. } = self.chunks[index];
         let place = |at: usize| format!("{}: byte {at} of the chunk at byte {offset}", self.path.display());
         let mut at = 0;
         while at < unpacked.len() {
@@ -326,6 +462,10 @@ impl Reader {
                     ensure!(content.len() <= LONGEST_MESSAGE, "{}: a message of {length} bytes", place(at));
                     let channel = u16::from_le_bytes([content[0], content[1]]);
                     let t_ns = u64_at(content, 6);
+                    // Whoever looks for a time passes over chunks by what they state.
+                    let inside = end_ns == 0 || (start_ns..=end_ns).contains(&t_ns);
+                    ensure!(inside, "{}: a message of {t_ns} ns in a chunk of {start_ns} to {end_ns} ns", place(at));
+                    *self.met.entry(channel).or_default() += 1;
                     let topic = *self.topics.get(&channel).unwrap_or(&Topic::Other);
                     if each(topic, t_ns, &content[22..]).with_context(|| place(at))? == Flow::Enough {
                         return Ok(Flow::Enough);
@@ -346,12 +486,17 @@ impl Reader {
         mut each: impl FnMut(Entry<'_>) -> anyhow::Result<Flow>,
         mut damaged: impl FnMut(anyhow::Error, (f64, f64)),
     ) -> anyhow::Result<()> {
+        let mut rhythm = Rhythm::default();
         for index in 0..self.chunks.len() {
             let span_s = (self.chunks[index].start_ns as f64 * 1e-9, self.chunks[index].end_ns as f64 * 1e-9);
-            match self.each_of(index, wanted, (0, u64::MAX), &mut each) {
+            match self.each_of(index, wanted, (0, u64::MAX), &mut rhythm, &mut each) {
                 Ok(Flow::On) => {}
                 Ok(Flow::Enough) => break,
-                Err(e) => damaged(e, span_s),
+                Err(e) => {
+                    // Its frames are told as lost already.
+                    rhythm.last = None;
+                    damaged(e, span_s);
+                }
             }
         }
         Ok(())
@@ -365,18 +510,36 @@ impl Reader {
         mut each: impl FnMut(Entry<'_>) -> anyhow::Result<Flow>,
     ) -> anyhow::Result<()> {
         let (from_ns, to_ns) = (nanoseconds(from_s), nanoseconds(to_s));
+        let mut rhythm = Rhythm::default();
+        let mut whole = true;
+        self.met.clear();
         for index in 0..self.chunks.len() {
             let chunk = &self.chunks[index];
             // The first holds the channels; an unwritten time range counts as any.
             let outside = chunk.end_ns < from_ns || chunk.start_ns > to_ns;
             if outside && chunk.end_ns != 0 {
+                whole = false;
                 continue;
             }
-            if self.each_of(index, wanted, (from_ns, to_ns), &mut each)? == Flow::Enough {
-                break;
+            if self.each_of(index, wanted, (from_ns, to_ns), &mut rhythm, &mut each)? == Flow::Enough {
+                return Ok(());
             }
         }
+        if whole {
+            self.check_counts();
+        }
         Ok(())
+    }
+
+    /// Holds the messages of a pass over everything against those that the table of contents counts.
+    fn check_counts(&mut self) {
+        let shown = self.path.display().to_string();
+        for (channel, stated) in self.counted.clone() {
+            let met = self.met.get(&channel).copied().unwrap_or(0);
+            if met != stated {
+                self.miss(format!("{shown}: it says that it has {stated} messages of channel {channel}, and {met} are there"));
+            }
+        }
     }
 
     fn each_of(
@@ -384,9 +547,12 @@ impl Reader {
         index: usize,
         wanted: Wanted,
         (from_ns, to_ns): (u64, u64),
+        rhythm: &mut Rhythm,
         each: &mut dyn FnMut(Entry<'_>) -> anyhow::Result<Flow>,
     ) -> anyhow::Result<Flow> {
         self.unpack(index)?;
+        let mut gaps = Vec::new();
+        let longest = self.header.steps_per_frame;
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
         let (links, bodies) = (self.header.links.len(), self.header.bodies.len());
@@ -400,9 +566,14 @@ impl Reader {
                     frame.clear();
                     frame.merge(data)?;
                     check(&frame, links, bodies, sensors)?;
+                    gaps.extend(rhythm.gap(frame.step, longest)?);
                     Entry::Frame(&frame)
                 }
-                Topic::Frame if wanted.heads => Entry::Head(FrameHead::decode(data)?),
+                Topic::Frame if wanted.heads => {
+                    let head = FrameHead::decode(data)?;
+                    gaps.extend(rhythm.gap(head.step, longest)?);
+                    Entry::Head(head)
+                }
                 Topic::Keyframe if wanted.keyframes => Entry::Keyframe(Box::new(Keyframe::decode(data)?)),
                 Topic::Event if wanted.events => Entry::Event(Event::decode(data)?),
                 Topic::Impact if wanted.impacts => {
@@ -413,9 +584,19 @@ impl Reader {
                 }
                 _ => return Ok(Flow::On),
             };
+            if !matches!(entry, Entry::Frame(_)) {
+                rhythm.kept += 1;
+                ensure!(rhythm.kept <= MOST_MESSAGES, "more than {MOST_MESSAGES} messages");
+            }
             each(entry)
         });
         (self.unpacked, self.frame) = (unpacked, frame);
+        for (from, to) in gaps {
+            let ms = |step: u64| step as f64 * self.header.step_s * 1e3;
+            let n = (to - from - 1) / longest;
+            let (shown, from_ms, to_ms) = (self.path.display(), ms(from), ms(to));
+            self.miss(format!("{shown}: {n} frames are missing between {from_ms:.4} and {to_ms:.4} ms"));
+        }
         flow
     }
 
@@ -428,7 +609,7 @@ impl Reader {
                 continue;
             }
             let mut last: Option<Keyframe> = None;
-            self.each_of(index, wanted, (0, until), &mut |entry| {
+            self.each_of(index, wanted, (0, until), &mut Rhythm::default(), &mut |entry| {
                 if let Entry::Keyframe(keyframe) = entry {
                     last = Some(*keyframe);
                 }
@@ -464,7 +645,7 @@ impl Reader {
                 order.reverse();
             }
             for index in order {
-                self.each_of(index, wanted, (0, u64::MAX), &mut |entry| {
+                self.each_of(index, wanted, (0, u64::MAX), &mut Rhythm::default(), &mut |entry| {
                     if let Entry::Head(head) = entry {
                         *end = Some(if last { head } else { end.unwrap_or(head) });
                     }
@@ -599,12 +780,13 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 pub struct Cursor<'a> {
     reader: &'a mut Reader,
     chunk: usize,
+    rhythm: Rhythm,
     frames: std::collections::VecDeque<Frame>,
 }
 
 impl<'a> Cursor<'a> {
     pub fn new(reader: &'a mut Reader) -> Cursor<'a> {
-        Cursor { reader, chunk: 0, frames: std::collections::VecDeque::new() }
+        Cursor { reader, chunk: 0, rhythm: Rhythm::default(), frames: std::collections::VecDeque::new() }
     }
 
     /// From the beginning again.
@@ -616,7 +798,7 @@ impl<'a> Cursor<'a> {
         while self.frames.is_empty() && self.chunk < self.reader.chunks.len() {
             let frames = &mut self.frames;
             let wanted = Wanted { frames: true, ..Wanted::default() };
-            self.reader.each_of(self.chunk, wanted, (0, u64::MAX), &mut |entry| {
+            self.reader.each_of(self.chunk, wanted, (0, u64::MAX), &mut self.rhythm, &mut |entry| {
                 if let Entry::Frame(frame) = entry {
                     frames.push_back(frame.clone());
                 }

@@ -14,6 +14,7 @@ mod writer;
 use super::frame::{BodyInfo, Event, Frame, Header, Impact, Keyframe, Links};
 use super::view_geometry::scene_bounds;
 use super::{PictureClock, Sink, ViewOptions};
+use crate::output::OutputFile;
 use anyhow::{Context, Result};
 use blueprint::Look;
 use rerun::blueprint::components::PlayState;
@@ -39,6 +40,7 @@ const CURVE_ROWS: usize = 2048;
 /// Where the rows go.
 enum End {
     File {
+        output: OutputFile,
         file: File,
         writer: Writer,
     },
@@ -74,9 +76,9 @@ pub struct RerunSink {
 impl RerunSink {
     /// Opens `path` and writes everything that stands still.
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> Result<RerunSink> {
-        let file = File::create(path).with_context(|| cannot_write(path))?;
+        let (output, file) = OutputFile::growing(path)?;
         let writer = Writer::new(file.try_clone()?).with_context(|| cannot_write(path))?;
-        let end = End::File { file, writer: writer.clone() };
+        let end = End::File { output, file, writer: writer.clone() };
         RerunSink::begin(path.to_owned(), end, Box::new(writer), recording_id(header), header, view)
     }
 
@@ -236,11 +238,11 @@ impl Sink for RerunSink {
         self.check_written()?;
         let stream = self.stream.take();
         match &self.end {
-            End::File { file, writer } => {
+            End::File { output, file, writer } => {
                 // Ends the writing thread.
                 drop(stream);
                 writer.finish().with_context(|| cannot_write(&self.path))?;
-                file.sync_all().with_context(|| cannot_write(&self.path))?;
+                output.sync(file).with_context(|| cannot_write(&self.path))?;
                 Ok(file.metadata()?.len())
             }
             End::Viewer { .. } => live::close(stream).map(|()| 0),
@@ -249,6 +251,20 @@ impl Sink for RerunSink {
 
     fn path(&self) -> &Path {
         &self.path
+    }
+
+    fn publish(&mut self) -> Result<()> {
+        match &mut self.end {
+            End::File { output, .. } => output.publish(),
+            End::Viewer { .. } => Ok(()),
+        }
+    }
+
+    fn lies_at(&self) -> &Path {
+        match &self.end {
+            End::File { output, .. } => output.lies_at(),
+            End::Viewer { .. } => &self.path,
+        }
     }
 }
 

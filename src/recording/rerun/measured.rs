@@ -1,9 +1,9 @@
 //! Measured series beside a model's, on one timeline.
 
 use super::writer::Writer;
-use anyhow::{Context, Result};
+use crate::output::OutputFile;
+use anyhow::Result;
 use rerun::{RecordingStream, RecordingStreamBuilder, Scalars, TimeColumn};
-use std::fs::File;
 use std::path::Path;
 
 /// A series: its path, and its values over time [s].
@@ -15,7 +15,7 @@ pub struct Series<'a> {
 
 /// Writes all series into one file; every path becomes a plot of its own parent.
 pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
-    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    let (mut output, file) = OutputFile::whole(path)?;
     let writer = Writer::new(file)?;
     let id = format!("{:016x}", twox_hash::XxHash3_64::oneshot(name.as_bytes()));
     let (_, store, properties, batching, hooks, _) =
@@ -31,5 +31,6 @@ pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
         stream.send_columns(s.path.as_str(), [times], scalars)?;
     }
     stream.flush_blocking()?;
-    writer.finish()
+    writer.finish()?;
+    output.publish()
 }

@@ -1,10 +1,11 @@
-//! A table's file, Parquet or CSV: written under a temporary name beside its own and renamed when whole.
+//! A table's file, Parquet or CSV: named when it is whole (see [`crate::output`]).
 //!
 //! Rows are collected to groups of at most [`ROWS_PER_GROUP`], columns in memory, then written: memory does not grow with
 //! the recording, but for some kilobytes of Parquet's own index per group.
 
 use super::Values::{self, Bool, Count, EveryF64, EveryU32, EveryU64, F64, Text, U32};
 use super::{ColumnInfo, Moment, Rows, Source, Table};
+use crate::output::OutputFile;
 use crate::recording::Output;
 use crate::recording::frame::{Event, Header, Impact};
 use parquet::basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical, ZstdLevel};
@@ -273,8 +274,6 @@ fn cannot_write(path: &Path, error: impl Into<anyhow::Error>) -> anyhow::Error {
 pub struct TableWriter {
     table: Table,
     path: PathBuf,
-    /// In the same folder, so that renaming is one act.
-    temporary: PathBuf,
     /// None before it is open and after it is finished.
     sheet: Option<Sheet>,
     stores: Vec<Store>,
@@ -283,25 +282,25 @@ pub struct TableWriter {
     rows: u64,
     /// Size of the finished file.
     bytes: u64,
+    /// Last, as a file is closed before it is removed.
+    output: OutputFile,
 }
 
 impl TableWriter {
     /// Opens a temporary file beside `path`, and fills in what the header says already.
     pub fn create(table: Table, path: &Path, format: Format, header: &Header) -> anyhow::Result<TableWriter> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+        let (output, file) = OutputFile::whole(path)?;
         let stores = table.columns().into_iter().map(|c| c.store).collect();
         let mut writer = TableWriter {
             table,
+            output,
             path: path.to_path_buf(),
-            temporary,
             sheet: None,
             stores,
             waiting: 0,
             rows: 0,
             bytes: 0,
         };
-        let file = File::create(&writer.temporary).map_err(|e| cannot_write(path, e))?;
         writer.sheet = Some(Sheet::create(file, format, &table, header).map_err(|e| cannot_write(path, e))?);
         match table.source {
             Source::Frame(_) | Source::Event(_) | Source::Impact(_) => {}
@@ -374,16 +373,8 @@ impl TableWriter {
     }
 
     /// Gives the finished file its own name, in place of what was there.
-    pub fn publish(self) -> anyhow::Result<(Output, u64)> {
-        std::fs::rename(&self.temporary, &self.path).map_err(|e| cannot_write(&self.path, e))?;
+    pub fn publish(mut self) -> anyhow::Result<(Output, u64)> {
+        self.output.publish()?;
         Ok((Output { path: self.path.clone(), bytes: self.bytes }, self.rows))
-    }
-}
-
-impl Drop for TableWriter {
-    fn drop(&mut self) {
-        // The file is closed first. After `publish` there is none of that name.
-        self.sheet = None;
-        let _removed = std::fs::remove_file(&self.temporary);
     }
 }
