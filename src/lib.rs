@@ -19,6 +19,8 @@ pub mod geometry;
 pub mod identify;
 pub mod impacts;
 pub mod integrate;
+#[cfg(any(feature = "live", feature = "web"))]
+pub mod local_server;
 pub mod lumping;
 pub mod machine;
 pub mod measurement;

@@ -159,7 +159,7 @@ def run_many(options: argparse.Namespace) -> int:
                 failed[kind] += bool(violations)
                 slowest[kind] = max(slowest[kind], wall)
                 largest[kind] = max(largest[kind], rss)
-                for text in violations[:3]:
+                for text in violations[:6]:
                     print(f"{kind}:{number}: {text[:400]}", flush=True)
     print_table(done, failed, slowest, largest)
     if sum(done.values()) < len(jobs):

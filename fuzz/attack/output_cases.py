@@ -46,9 +46,9 @@ def outputs(case: Case) -> None:
     case.rng.choice([_input_by_another_name, _input_by_another_name, _one_file_twice, _not_writable, _stdout_lost])(case)
     for name, known in _inputs(case).items():
         if before.get(name, known) != known:
-            case.fail(f"the input {name} was changed")
+            case.fail(f"the input {name} was changed: {case.commands[-1]}")
     for name in set(before) - set(_inputs(case)):
-        case.fail(f"the input {name} is gone")
+        case.fail(f"the input {name} is gone: {case.commands[-1]}")
 
 
 def _inputs(case: Case) -> dict[str, str]:
@@ -62,6 +62,7 @@ def _other_name(case: Case, target: str, suffix: str) -> str:
     if target.endswith(suffix):
         kinds += ["same", "dot", "folder", "up", "slashes", "full"]
     kind = case.rng.choice(kinds)
+    case.note(f"{kind} alias of {target}")
     name = f"alias{suffix}"
     if kind == "hard" and case.path(target).exists():
         os.link(case.path(target), case.path(name))
@@ -109,6 +110,7 @@ def _not_writable(case: Case) -> None:
     user = None
     name = f"out{suffix}"
     kind = case.rng.choice(["fifo", "folder", "read-only", "full", "proc", "no folder", "name too long", "a file as folder", "device"])
+    case.note(f"output: {kind}")
     if kind == "fifo":
         os.mkfifo(case.path(name))
     elif kind == "folder":
@@ -134,7 +136,7 @@ def _not_writable(case: Case) -> None:
     if result.code == 0 and kind not in ("device", "no folder", "fifo"):
         written = case.path(name)
         if not written.is_file() or written.stat().st_size == 0:
-            case.fail(f"exit code 0, but nothing was written ({kind}): {result.command}")
+            case.fail(f"exit code 0, but nothing was written: {result.command}")
 
 
 def _stdout_lost(case: Case) -> None:

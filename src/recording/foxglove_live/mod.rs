@@ -2,36 +2,34 @@
 //! Foxglove is the client: it comes to us, may be closed and come back. It never holds the run up: where it reads too slowly,
 //! the oldest messages are left out.
 
+mod server;
+
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::mcap::{
     DESCRIPTOR, EVENT, FRAME, HEADER, IMPACT, KEYFRAME, LOG, SCENE, SIGNALS, TOPICS, TRANSFORMS, nanoseconds,
 };
 use super::{PictureClock, Sink, ViewOptions, foxglove_scene as scene, live};
+use crate::local_server::token;
 use anyhow::Context as _;
-use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
-use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle};
+use base64::Engine as _;
 use prost::Message;
+use server::{Counts, Server};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Messages that wait for a client before the oldest is left out; at 10 kB a frame some 40 MB.
-const BACKLOG: usize = 4096;
-/// Shortest time between two messages that set the app's clock: a client whose backlog is full of those is thrown out.
+/// Shortest time between two settings of the app's clock.
 const CLOCK_INTERVAL: Duration = Duration::from_millis(5);
-/// How long what is in the backlog gets to go out at the end: the server cannot be asked when it has gone.
-const LINGER: Duration = Duration::from_millis(500);
+/// How long what waits gets to go out at the end.
+const LINGER: Duration = Duration::from_secs(2);
 
 /// Serves a run to the Foxglove app.
 pub struct FoxgloveSink {
     address: PathBuf,
     /// None once finished.
-    server: Option<WebSocketServerHandle>,
-    /// Of the server; channels die with it.
-    _context: Arc<Context>,
-    greeter: Arc<Greeter>,
+    server: Option<Server>,
+    outlines: Vec<u8>,
     header: Header,
     clock: PictureClock,
     transforms: scene::Transforms,
@@ -39,26 +37,6 @@ pub struct FoxgloveSink {
     last_clock: Option<Instant>,
     has_client: bool,
     say: fn(&str),
-}
-
-/// Gives a client that comes late what was sent once: the header and the outlines.
-struct Greeter {
-    channels: Vec<Arc<RawChannel>>,
-    header: Vec<u8>,
-    outlines: Vec<u8>,
-    /// Whether anybody has subscribed to anything yet.
-    subscribed: AtomicBool,
-}
-
-impl ServerListener for Greeter {
-    fn on_subscribe(&self, client: Client, channel: ChannelView<'_>) {
-        let once = [(HEADER, &self.header), (SCENE, &self.outlines)];
-        for (index, message) in once.into_iter().filter(|(index, _)| TOPICS[*index].0 == channel.topic()) {
-            let at_start = PartialMetadata::with_log_time(0_u64);
-            self.channels[index].log_with_meta_to_sink(message, at_start, client.sink_id());
-        }
-        self.subscribed.store(true, Ordering::Relaxed);
-    }
 }
 
 impl FoxgloveSink {
@@ -70,34 +48,21 @@ impl FoxgloveSink {
         wait: Duration,
         say: fn(&str),
     ) -> anyhow::Result<FoxgloveSink> {
-        let context = Context::new();
-        let greeter = Arc::new(Greeter {
-            channels: channels(&context)?,
-            header: header.encode_to_vec(),
-            outlines: scene::outlines(header).encode_to_vec(),
-            subscribed: AtomicBool::new(false),
-        });
-        let server = WebSocketServer::new()
-            .name(format!("pitchline: {}", header.drive_name))
-            .bind("127.0.0.1", port)
-            .context(&context)
-            .capabilities([Capability::Time])
-            .message_backlog_size(BACKLOG)
-            .listener(Arc::clone(&greeter) as Arc<dyn ServerListener>)
-            .start_blocking()
-            .with_context(|| format!("cannot listen at ws://127.0.0.1:{port}"))?;
-        let address = format!("ws://127.0.0.1:{}", server.port());
+        let outlines = scene::outlines(header).encode_to_vec();
+        let at_start = vec![(HEADER, header.encode_to_vec().into()), (SCENE, outlines.as_slice().into())];
+        let token = token()?;
+        let server = Server::start(port, token.clone(), greeting(header), at_start)?;
+        let address = format!("ws://127.0.0.1:{}/{token}", server.port());
         say(&format!("Foxglove: open the connection {address}; waiting for it for {:.0} s", wait.as_secs_f64()));
         live::wait_for(wait, || {
-            anyhow::ensure!(greeter.subscribed.load(Ordering::Relaxed), "nobody has subscribed to a topic");
+            anyhow::ensure!(server.was_subscribed(), "nobody has subscribed to a topic");
             Ok(())
         })
         .with_context(|| format!("no Foxglove at {address}"))?;
         Ok(FoxgloveSink {
             address: PathBuf::from(address),
             server: Some(server),
-            _context: context,
-            greeter,
+            outlines,
             header: header.clone(),
             clock: PictureClock::new(view),
             transforms: scene::Transforms::new(header),
@@ -108,16 +73,22 @@ impl FoxgloveSink {
         })
     }
 
-    fn send(&mut self, channel: usize, t_ns: u64, message: &impl Message) {
-        if self.greeter.channels[channel].has_sinks() {
+    fn has_subscribers(&self, topic: usize) -> bool {
+        self.server.as_ref().is_some_and(|server| server.has_subscribers(topic))
+    }
+
+    fn send(&mut self, topic: usize, t_ns: u64, message: &impl Message) {
+        if self.has_subscribers(topic) {
             self.buffer.clear();
             message.encode_raw(&mut self.buffer);
-            self.send_buffer(channel, t_ns);
+            self.send_buffer(topic, t_ns);
         }
     }
 
-    fn send_buffer(&self, channel: usize, t_ns: u64) {
-        self.greeter.channels[channel].log_with_meta(&self.buffer, PartialMetadata::with_log_time(t_ns));
+    fn send_buffer(&self, topic: usize, t_ns: u64) {
+        if let Some(server) = &self.server {
+            server.send(topic, t_ns, &self.buffer);
+        }
     }
 
     /// Sets the app's clock to simulated time, and looks whether anybody is there.
@@ -127,8 +98,8 @@ impl FoxgloveSink {
             return;
         }
         self.last_clock = Some(Instant::now());
-        server.broadcast_time(t_ns);
-        let has_client = server.client_count() > 0;
+        server.set_clock(t_ns);
+        let has_client = server.clients() > 0;
         if self.has_client && !has_client {
             let address = self.address.display();
             (self.say)(&format!(
@@ -139,14 +110,25 @@ impl FoxgloveSink {
     }
 }
 
-/// One channel for each topic, in the order of [`TOPICS`].
-fn channels(context: &Arc<Context>) -> anyhow::Result<Vec<Arc<RawChannel>>> {
-    let channel = |(topic, schema): &(&str, &str)| {
+/// The protocol's first texts: who serves, and one channel for each topic, numbered from 1 in the order of [`TOPICS`].
+fn greeting(header: &Header) -> [String; 2] {
+    let channel = |(index, (topic, schema)): (usize, &(&str, &str))| {
         let data = scene::schema(schema).unwrap_or(Cow::Borrowed(DESCRIPTOR));
-        let schema = Schema::new(*schema, "protobuf", data);
-        Ok(ChannelBuilder::new(*topic).message_encoding("protobuf").schema(schema).context(context).build_raw()?)
+        serde_json::json!({
+            "id": index + 1,
+            "topic": topic,
+            "encoding": "protobuf",
+            "schemaName": schema,
+            "schema": base64::engine::general_purpose::STANDARD.encode(data),
+            "schemaEncoding": "protobuf",
+        })
     };
-    TOPICS.iter().map(channel).collect()
+    let channels: Vec<_> = TOPICS.iter().enumerate().map(channel).collect();
+    let name = format!("pitchline: {}", header.drive_name);
+    [
+        serde_json::json!({ "op": "serverInfo", "name": name, "capabilities": ["time"] }).to_string(),
+        serde_json::json!({ "op": "advertise", "channels": channels }).to_string(),
+    ]
 }
 
 impl Sink for FoxgloveSink {
@@ -156,7 +138,7 @@ impl Sink for FoxgloveSink {
         self.send(FRAME, t_ns, frame);
         self.send(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()));
         if self.clock.due(frame.t_s) {
-            if self.greeter.channels[TRANSFORMS].has_sinks() {
+            if self.has_subscribers(TRANSFORMS) {
                 self.buffer.clear();
                 self.transforms.put_bytes(&self.header, frame, t_ns, &mut self.buffer);
                 self.send_buffer(TRANSFORMS, t_ns);
@@ -170,8 +152,9 @@ impl Sink for FoxgloveSink {
         let t_ns = nanoseconds(keyframe.step as f64 * self.header.step_s);
         self.send(KEYFRAME, t_ns, keyframe);
         // A client that was too slow may have lost its outlines.
-        let outlines = PartialMetadata::with_log_time(t_ns);
-        self.greeter.channels[SCENE].log_with_meta(&self.greeter.outlines, outlines);
+        if let Some(server) = self.server.as_ref().filter(|server| server.has_subscribers(SCENE)) {
+            server.send(SCENE, t_ns, &self.outlines);
+        }
         Ok(())
     }
 
@@ -188,11 +171,17 @@ impl Sink for FoxgloveSink {
     }
 
     fn finish(&mut self) -> anyhow::Result<u64> {
-        if let Some(server) = self.server.take() {
-            if server.client_count() > 0 {
-                std::thread::sleep(LINGER);
+        if let Some(mut server) = self.server.take() {
+            server.finish(LINGER);
+            let Counts { clients, refused, closed, left_out } = server.counts();
+            let count = |n: &AtomicU64| n.load(Ordering::Relaxed);
+            let (clients, refused, closed, left_out) = (count(clients), count(refused), count(closed), count(left_out));
+            if refused + closed + left_out > 0 {
+                (self.say)(&format!(
+                    "Foxglove: {clients} connections, {refused} more refused, {closed} closed because they stopped reading or \
+                     sent what no viewer sends; {left_out} messages left out for those who read too slowly"
+                ));
             }
-            server.stop().wait_blocking();
         }
         Ok(0)
     }

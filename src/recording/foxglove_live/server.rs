@@ -1,0 +1,406 @@
+//! The WebSocket side of a live run: Foxglove's protocol (`foxglove.sdk.v1`) on a thread of its own. Whatever a client does,
+//! it costs a bounded amount of memory and never holds the run up:
+//!
+//! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; where it reads too slowly, its oldest messages go;
+//! * one that has read nothing for [`PATIENCE`], or sends more than a viewer has to say, is closed;
+//! * there are at most [`MOST_CLIENTS`], and as many that are still shaking hands.
+//!
+//! Everything that is left out or closed is counted ([`Counts`]).
+
+use crate::local_server::{is_named, may_enter};
+use crate::recording::mcap::TOPICS;
+use anyhow::{Context, Result};
+use futures_util::{SinkExt, StreamExt};
+use std::collections::VecDeque;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Notify, Semaphore};
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
+use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
+use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
+
+/// Clients at one time.
+pub const MOST_CLIENTS: usize = 8;
+/// Bytes that wait for a client before its oldest message is left out: some 2000 frames.
+const LARGEST_QUEUE: usize = 24 << 20;
+/// How long a client may take for one message, and for its handshake.
+const PATIENCE: Duration = Duration::from_secs(10);
+const HANDSHAKE: Duration = Duration::from_secs(5);
+/// Longest message that a client has to send: subscriptions to all topics take 1 kB.
+const LONGEST_FROM_CLIENT: usize = 16 << 10;
+/// Messages that a client may send in a second.
+const MOST_IN_A_SECOND: u32 = 200;
+/// Subprotocol of Foxglove's SDK; clients that offer none of its names are of another kind.
+const SUBPROTOCOL: &str = "foxglove.sdk.v1";
+/// First bytes of binary messages to the client.
+const MESSAGE_DATA: u8 = 1;
+const TIME: u8 = 2;
+
+/// What went on, for the end of the run.
+#[derive(Debug, Default)]
+pub struct Counts {
+    /// That came in, were turned away at the handshake or because there were too many, and were closed for what they did.
+    pub clients: AtomicU64,
+    pub refused: AtomicU64,
+    pub closed: AtomicU64,
+    pub left_out: AtomicU64,
+}
+
+/// A message for one client, or for all: its bytes are shared.
+#[derive(Clone)]
+struct Queued {
+    /// Channel and log time; None for a text.
+    head: Option<(usize, u64)>,
+    content: Arc<[u8]>,
+}
+
+/// What waits for a client.
+#[derive(Default)]
+struct Queue {
+    messages: VecDeque<Queued>,
+    bytes: usize,
+    /// Where the app's clock should stand [ns]; only the newest counts.
+    clock_ns: Option<u64>,
+    ends: bool,
+}
+
+/// A client as the run sees it.
+struct Client {
+    queue: Mutex<Queue>,
+    /// Rings when something is put into the queue.
+    bell: Notify,
+    /// Number that the client gave its subscription to each topic.
+    subscriptions: Mutex<[Option<u32>; TOPICS.len()]>,
+}
+
+/// What all threads share.
+struct Shared {
+    port: u16,
+    token: String,
+    /// Texts that greet a client: who we are, and what there is.
+    greeting: [String; 2],
+    /// Message of each topic that a client gets when it subscribes.
+    at_start: Vec<(usize, Arc<[u8]>)>,
+    clients: Mutex<Vec<Arc<Client>>>,
+    /// Subscribers of each topic.
+    subscribers: [AtomicUsize; TOPICS.len()],
+    subscribed: AtomicU64,
+    counts: Counts,
+}
+
+/// A server that runs until it is dropped.
+pub struct Server {
+    shared: Arc<Shared>,
+    stop: Arc<Notify>,
+    thread: Option<JoinHandle<()>>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Server {
+    /// Listens at `port` of the loopback address (0: any that is free). `greeting` are the protocol's first texts, `at_start`
+    /// topics with the message that a late client gets first.
+    pub fn start(
+        port: u16,
+        token: String,
+        greeting: [String; 2],
+        at_start: Vec<(usize, Arc<[u8]>)>,
+    ) -> Result<Server> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let listener = runtime
+            .block_on(TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
+            .with_context(|| format!("cannot listen at ws://127.0.0.1:{port}"))?;
+        let shared = Arc::new(Shared {
+            port: listener.local_addr()?.port(),
+            token,
+            greeting,
+            at_start,
+            clients: Mutex::default(),
+            subscribers: Default::default(),
+            subscribed: AtomicU64::new(0),
+            counts: Counts::default(),
+        });
+        let stop = Arc::new(Notify::new());
+        let (ours, ends) = (Arc::clone(&shared), Arc::clone(&stop));
+        let thread = std::thread::Builder::new().name("foxglove".into()).spawn(move || {
+            runtime.block_on(async {
+                tokio::select! {
+                    () = accept(listener, ours) => {}
+                    () = ends.notified() => {}
+                }
+            });
+            // Tasks end where they stand: nobody waits for a client.
+            runtime.shutdown_background();
+        })?;
+        Ok(Server { shared, stop, thread: Some(thread) })
+    }
+
+    pub fn port(&self) -> u16 {
+        self.shared.port
+    }
+
+    pub fn counts(&self) -> &Counts {
+        &self.shared.counts
+    }
+
+    pub fn clients(&self) -> usize {
+        locked(&self.shared.clients).len()
+    }
+
+    /// Whether anybody has ever subscribed to anything.
+    pub fn was_subscribed(&self) -> bool {
+        self.shared.subscribed.load(Ordering::Relaxed) > 0
+    }
+
+    pub fn has_subscribers(&self, topic: usize) -> bool {
+        self.shared.subscribers[topic].load(Ordering::Relaxed) > 0
+    }
+
+    /// Puts a message into the queues of its subscribers.
+    pub fn send(&self, topic: usize, t_ns: u64, content: &[u8]) {
+        let queued = Queued { head: Some((topic, t_ns)), content: content.into() };
+        for client in locked(&self.shared.clients).iter() {
+            if locked(&client.subscriptions)[topic].is_some() {
+                client.put(queued.clone(), &self.shared.counts);
+            }
+        }
+    }
+
+    /// Sets the clocks of all clients.
+    pub fn set_clock(&self, t_ns: u64) {
+        for client in locked(&self.shared.clients).iter() {
+            locked(&client.queue).clock_ns = Some(t_ns);
+            client.bell.notify_one();
+        }
+    }
+
+    /// Lets what waits go out, for as long as `linger`, and says goodbye.
+    pub fn finish(&mut self, linger: Duration) {
+        let started = std::time::Instant::now();
+        for client in locked(&self.shared.clients).iter() {
+            locked(&client.queue).ends = true;
+            client.bell.notify_one();
+        }
+        while self.clients() > 0 && started.elapsed() < linger {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.stop.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // A server that has panicked has said so.
+            let _ended = thread.join();
+        }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Client {
+    /// Puts a message at the end; what is oldest makes room for it.
+    fn put(&self, message: Queued, counts: &Counts) {
+        let mut queue = locked(&self.queue);
+        queue.bytes += message.content.len();
+        queue.messages.push_back(message);
+        while queue.bytes > LARGEST_QUEUE {
+            let Some(oldest) = queue.messages.pop_front() else { break };
+            queue.bytes -= oldest.content.len();
+            counts.left_out.fetch_add(1, Ordering::Relaxed);
+        }
+        drop(queue);
+        self.bell.notify_one();
+    }
+
+    /// The next message as it goes over the wire; None where nothing waits. The flag says that no more will come.
+    fn next(&self) -> (Option<Message>, bool) {
+        let mut queue = locked(&self.queue);
+        if let Some(t_ns) = queue.clock_ns.take() {
+            let mut bytes = vec![TIME];
+            bytes.extend(t_ns.to_le_bytes());
+            return (Some(Message::binary(bytes)), false);
+        }
+        while let Some(Queued { head, content }) = queue.messages.pop_front() {
+            queue.bytes -= content.len();
+            let Some((topic, t_ns)) = head else {
+                return (Some(Message::text(String::from_utf8_lossy(&content).into_owned())), false);
+            };
+            // It may have unsubscribed meanwhile.
+            if let Some(id) = locked(&self.subscriptions)[topic] {
+                let mut bytes = Vec::with_capacity(13 + content.len());
+                bytes.push(MESSAGE_DATA);
+                bytes.extend(id.to_le_bytes());
+                bytes.extend(t_ns.to_le_bytes());
+                bytes.extend_from_slice(&content);
+                return (Some(Message::binary(bytes)), false);
+            }
+        }
+        (None, queue.ends)
+    }
+}
+
+async fn accept(listener: TcpListener, shared: Arc<Shared>) {
+    let seats = Arc::new(Semaphore::new(MOST_CLIENTS));
+    let doors = Arc::new(Semaphore::new(MOST_CLIENTS));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // Out of descriptors, as a rule: some will be free again.
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            continue;
+        };
+        let Ok(door) = Arc::clone(&doors).try_acquire_owned() else {
+            shared.counts.refused.fetch_add(1, Ordering::Relaxed);
+            continue;
+        };
+        let (shared, seats) = (Arc::clone(&shared), Arc::clone(&seats));
+        tokio::spawn(async move {
+            let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, &shared)).await;
+            drop(door);
+            let (Ok(Ok(socket)), Ok(_seat)) = (shaken, seats.try_acquire_owned()) else {
+                shared.counts.refused.fetch_add(1, Ordering::Relaxed);
+                return;
+            };
+            serve(socket, &shared).await;
+        });
+    }
+}
+
+// The size of the error is the crate's.
+#[allow(clippy::result_large_err)]
+async fn shake_hands(stream: TcpStream, shared: &Shared) -> Result<WebSocketStream<TcpStream>> {
+    let config = WebSocketConfig::default()
+        .read_buffer_size(16 << 10)
+        .write_buffer_size(64 << 10)
+        .max_write_buffer_size(LARGEST_QUEUE)
+        .max_message_size(Some(LONGEST_FROM_CLIENT))
+        .max_frame_size(Some(LONGEST_FROM_CLIENT));
+    let refuse = |status: StatusCode, why: &str| {
+        let mut response = ErrorResponse::new(Some(why.to_string()));
+        *response.status_mut() = status;
+        response
+    };
+    let check = |request: &Request, mut response: Response| {
+        let text = |name: header::HeaderName| request.headers().get(name).map(|v| v.to_str().unwrap_or("?"));
+        if !is_named(text(header::HOST), shared.port) {
+            return Err(refuse(StatusCode::FORBIDDEN, "this server answers only to its own name"));
+        }
+        if !may_enter(text(header::ORIGIN), request.uri().path(), &shared.token) {
+            return Err(refuse(StatusCode::FORBIDDEN, "use the whole address that pitchline has printed"));
+        }
+        let offered = request.headers().get_all(header::SEC_WEBSOCKET_PROTOCOL).iter();
+        let mut offered = offered.filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(','));
+        if !offered.any(|name| name.trim() == SUBPROTOCOL) {
+            return Err(refuse(StatusCode::BAD_REQUEST, "this server speaks foxglove.sdk.v1"));
+        }
+        response.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(SUBPROTOCOL));
+        Ok(response)
+    };
+    stream.set_nodelay(true)?;
+    Ok(tokio_tungstenite::accept_hdr_async_with_config(stream, check, Some(config)).await?)
+}
+
+/// Talks to one client until either has had enough.
+async fn serve(socket: WebSocketStream<TcpStream>, shared: &Shared) {
+    let client =
+        Arc::new(Client { queue: Mutex::default(), bell: Notify::new(), subscriptions: Mutex::new(Default::default()) });
+    for text in &shared.greeting {
+        client.put(Queued { head: None, content: text.as_bytes().into() }, &shared.counts);
+    }
+    locked(&shared.clients).push(Arc::clone(&client));
+    shared.counts.clients.fetch_add(1, Ordering::Relaxed);
+    let (mut to_client, mut from_client) = socket.split();
+    let writing = async {
+        loop {
+            let (message, ends) = client.next();
+            match message {
+                Some(message) => match tokio::time::timeout(PATIENCE, to_client.send(message)).await {
+                    Ok(Ok(())) => {}
+                    Ok(Err(_)) => return false,
+                    Err(_) => return true,
+                },
+                None if ends => {
+                    let _said = tokio::time::timeout(PATIENCE, to_client.close()).await;
+                    return false;
+                }
+                None => client.bell.notified().await,
+            }
+        }
+    };
+    let reading = async {
+        let (mut since, mut messages) = (tokio::time::Instant::now(), 0);
+        while let Some(message) = from_client.next().await {
+            if since.elapsed() > Duration::from_secs(1) {
+                (since, messages) = (tokio::time::Instant::now(), 0);
+            }
+            messages += 1;
+            match message {
+                _ if messages > MOST_IN_A_SECOND => return true,
+                Ok(Message::Text(text)) => listen(text.as_str(), &client, shared),
+                Ok(Message::Close(_)) => return false,
+                Ok(_) => {}
+                Err(e) => return !matches!(e, Gone::ConnectionClosed | Gone::Io(_)),
+            }
+        }
+        false
+    };
+    let thrown_out = tokio::select! {
+        thrown_out = writing => thrown_out,
+        thrown_out = reading => thrown_out,
+    };
+    shared.counts.closed.fetch_add(u64::from(thrown_out), Ordering::Relaxed);
+    locked(&shared.clients).retain(|other| !Arc::ptr_eq(other, &client));
+    for (topic, id) in locked(&client.subscriptions).iter().enumerate() {
+        if id.is_some() {
+            shared.subscribers[topic].fetch_sub(1, Ordering::Relaxed);
+        }
+    }
+}
+
+use tokio_tungstenite::tungstenite::Error as Gone;
+
+/// What a client asks for. What is none of ours is passed over.
+fn listen(text: &str, client: &Client, shared: &Shared) {
+    let Ok(said) = serde_json::from_str::<serde_json::Value>(text) else { return };
+    let list = |key: &str| said[key].as_array().cloned().unwrap_or_default();
+    // Channels are numbered from 1.
+    let number = |value: &serde_json::Value| value.as_u64().and_then(|n| u32::try_from(n).ok());
+    let mut subscriptions = locked(&client.subscriptions);
+    match said["op"].as_str() {
+        Some("subscribe") => {
+            for wish in list("subscriptions") {
+                let topic = number(&wish["channelId"]).and_then(|n| n.checked_sub(1)).map(|n| n as usize);
+                let (Some(id), Some(topic)) = (number(&wish["id"]), topic) else { continue };
+                let Some(slot) = subscriptions.get_mut(topic) else { continue };
+                if slot.replace(id).is_some() {
+                    continue;
+                }
+                shared.subscribers[topic].fetch_add(1, Ordering::Relaxed);
+                for (_, message) in shared.at_start.iter().filter(|(of, _)| *of == topic) {
+                    client.put(Queued { head: Some((topic, 0)), content: Arc::clone(message) }, &shared.counts);
+                }
+                shared.subscribed.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        Some("unsubscribe") => {
+            for id in list("subscriptionIds").iter().filter_map(number) {
+                for (topic, slot) in subscriptions.iter_mut().enumerate().filter(|(_, slot)| **slot == Some(id)) {
+                    *slot = None;
+                    shared.subscribers[topic].fetch_sub(1, Ordering::Relaxed);
+                }
+            }
+        }
+        _ => {}
+    }
+}
