@@ -18,7 +18,7 @@ WALL_LIMIT_S = 10.0
 KILL_AFTER_S = 14.0
 RSS_LIMIT_MB = 1200.0
 KILL_ABOVE_MB = 3000.0  # to leave memory for others
-CRASH_WORDS = ("panicked", "internal error")
+CRASH_WORDS = ("panicked", "internal error", "memory allocation of", "stack overflow")
 
 # What a message says that tells of missing, damaged or contradicting data.
 TELLING = re.compile(

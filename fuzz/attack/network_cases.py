@@ -13,13 +13,14 @@ import threading
 import time
 from urllib.parse import urlsplit
 
-from harness import Case, Running
+from harness import CRASH_WORDS, Case, Running
 
 HEALTH_LIMIT_S = 10.0
 HTTP_GROWTH_MB = 300.0
 HTTP_THREADS = 100
 HTTP_ATTACKS_PER_CASE = 12
 LIVE_GROWTH_MB = 200.0
+LIVE_LIMIT_S = 30.0
 LIVE_ARGUMENTS = ["run", "bush-20-40", "--duration", "2s", "--no-output", "--live-wait", "20s"]
 PROTOCOLS = "foxglove.sdk.v1, foxglove.websocket.v1"
 
@@ -95,11 +96,15 @@ def http(case: Case) -> None:
                 if complaint:
                     case.fail(complaint)
             if running.wait(0.0):
+                case.fail("the server ended")
                 break
             peak_mb, peak_threads = max(peak_mb, running.rss_mb()), max(peak_threads, running.threads())
             if not _healthy(address):
                 case.fail("no answer to an ordinary request within 10 s while the attack's connections are open")
-        if running.wait(0.0) or not _healthy(address):
+        if running.wait(0.0):
+            case.fail("the server ended")
+            break
+        if not _healthy(address):
             case.fail("no answer to an ordinary request within 10 s after the attack's connections were closed")
             break
         if peak_mb - before > HTTP_GROWTH_MB:
@@ -115,7 +120,7 @@ def http(case: Case) -> None:
     case.largest_rss_mb = max(case.largest_rss_mb, result.rss_mb)
     if not ended:
         case.fail("does not end within 5 s of SIGINT")
-    elif result.code not in (0, 130, -signal.SIGINT) or "panicked" in result.stderr:
+    elif result.code not in (0, 130, -signal.SIGINT) or any(word in result.stderr for word in CRASH_WORDS):
         case.fail(f"ended with {result.code}: {result.stderr[-300:]}")
 
 
@@ -292,13 +297,13 @@ def _live_run(case: Case, attacks: list) -> tuple[float, float]:
     began = time.monotonic()
     threads.append(threading.Thread(target=_honest_client, args=(address,), daemon=True))
     threads[-1].start()
-    result = running.finish(60.0)
+    result = running.finish(LIVE_LIMIT_S)
     stop.set()
     for thread in threads:
         thread.join(5.0)
     case.slowest_s = max(case.slowest_s, result.wall_s)
     case.largest_rss_mb = max(case.largest_rss_mb, result.rss_mb)
-    if result.code != 0 or "panicked" in result.stderr:
+    if result.code != 0 or any(word in result.stderr for word in CRASH_WORDS):
         case.fail(f"ended with {result.code}: {result.stderr[-300:]}")
     return time.monotonic() - began, result.rss_mb
 

@@ -188,7 +188,7 @@ def _killed_run(case: Case, folder: str) -> None:
     delay = rng.uniform(0.0, 0.15)
     signals = (signal.SIGPIPE,)
     if kind == "file size":
-        running = case.start(*arguments, file_size=rng.choice([0, 1, 10_000, 100_000, 1_000_000, 5_000_000]))
+        running = case.start(*arguments, file_size=rng.choice([20_000, 100_000, 1_000_000, 5_000_000]))
         result = running.finish()
     elif kind == "pipe":
         reader, writer = os.pipe()

@@ -73,7 +73,7 @@ def _other_number(rng: random.Random, text: str) -> str:
         return text + "\nx = 1\n"
     place = rng.choice(numbers)
     value = float(place.group())
-    near = [repr(value * 2), repr(value / 2), repr(-value), repr(value * 1e3), repr(value / 1e3), str(int(value) + 1), str(int(value) - 1)]
+    near = [repr(value * 2), repr(value / 2), repr(-value), repr(value * 1e3), repr(value / 1e3), repr(value + 1), repr(value - 1)]
     return text[: place.start()] + rng.choice(ODD_NUMBERS + near * 2) + text[place.end() :]
 
 

@@ -8,6 +8,7 @@ use crate::identify::search::{Budget, Context};
 use crate::identify::{identify, text};
 use crate::machine::Machine;
 use crate::measurement::Measurement;
+use crate::measurement::columns::Memory;
 use crate::measurement::segments::{Data, DataError, load};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
@@ -33,9 +34,25 @@ pub struct IdentifyArgs {
     /// Only read and check the files, and print the fact sheet
     #[arg(long)]
     facts: bool,
+    /// Memory that the measured data may lead to, e.g. 500MB or 4GB
+    #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = memory)]
+    memory: usize,
     /// Print JSON
     #[arg(long)]
     json: bool,
+}
+
+/// `500MB` or `4GB`.
+fn memory(text: &str) -> Result<usize, String> {
+    let units = [("GB", 1e9), ("MB", 1e6)];
+    let parsed = units.iter().find_map(|(unit, size)| {
+        text.trim().strip_suffix(unit).and_then(|number| number.trim().parse::<f64>().ok()).map(|n| n * size)
+    });
+    match parsed {
+        // A float becomes the nearest whole number.
+        Some(bytes) if (1e6..=1e15).contains(&bytes) => Ok(bytes as usize),
+        _ => Err("write a number with MB or GB, from 1MB to 1000000GB, e.g. 4GB".into()),
+    }
 }
 
 /// `2000`, `90s` or `5min`.
@@ -81,7 +98,7 @@ struct Input {
 }
 
 /// Reads measurement, drive and data. All mistakes are found before a model is run.
-fn read(path: &Path) -> Result<Input, Failure> {
+fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
     let input = |r: crate::diag::Report| Failure::Input(r.to_string());
     let text = read_text(path, "measurement file")?;
     let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(input)?;
@@ -104,7 +121,7 @@ fn read(path: &Path) -> Result<Input, Failure> {
         let help = "add `[sensors.tachometer.SPROCKET]`; `pitchline sensors` lists the kinds";
         return Err(Failure::Input(format!("drive `{}` has no sensors\nhelp: {help}", measurement.drive)));
     }
-    let data = load(&measurement, &machine, &folder).map_err(|e| match e {
+    let data = load(&measurement, &machine, &folder, &mut Memory::of_program(memory)).map_err(|e| match e {
         DataError::File(report) => Failure::Input(report.to_string()),
         DataError::World(text) => Failure::Input(text),
     })?;
@@ -135,7 +152,7 @@ fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), F
 }
 
 pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
-    let Input { measurement, machine, links, data } = read(&args.measurement)?;
+    let Input { measurement, machine, links, data } = read(&args.measurement, args.memory)?;
     check_outputs(args, &measurement)?;
     for w in &data.warnings {
         eprintln!("warning: {w}");

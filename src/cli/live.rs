@@ -18,8 +18,13 @@ pub struct LiveArgs {
     #[arg(long = "live-speed", value_name = "SPEED", requires = "viewers", value_parser = speed)]
     speed: Option<f64>,
     /// How long to wait for a viewer at the start
-    #[arg(long = "live-wait", value_name = "TIME", requires = "viewers", default_value = "10s", value_parser = duration)]
+    #[arg(long = "live-wait", value_name = "TIME", requires = "viewers", default_value = "10s", value_parser = patience)]
     wait_s: f64,
+}
+
+/// A time that somebody waits.
+fn patience(text: &str) -> Result<f64, String> {
+    duration(text).and_then(|t_s| if t_s <= 86_400.0 { Ok(t_s) } else { Err("is at most a day, 86400s".into()) })
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -62,15 +62,18 @@ fn files(root: &Table<'_>) -> Vec<FileSpec> {
     let mut all = Vec::new();
     for (name, t) in table.tables() {
         let path = text(&t, "path", "FILE.csv");
-        let separator = match t.text("separator") {
-            None => b',',
-            Some(s) if s.len() == 1 => s.as_bytes()[0],
-            Some(s) if s == "\\t" || s == "tab" => b'\t',
-            Some(s) => {
-                t.error_at("separator", format!("`{s}` is not one character"), Some("\",\", \";\" or \"tab\"".into()));
-                b','
+        let separator = t.text("separator").and_then(|s| match s.as_bytes() {
+            [b'"' | b'\n' | b'\r'] | [b'0'..=b'9'] => {
+                t.error_at("separator", format!("`{s}` cannot part columns"), Some("\",\", \";\" or \"tab\"".into()));
+                None
             }
-        };
+            [one] => Some(*one),
+            b"tab" | b"\\t" => Some(b'\t'),
+            _ => {
+                t.error_at("separator", format!("`{s}` is not one character"), Some("\",\", \";\" or \"tab\"".into()));
+                None
+            }
+        });
         let layout = Layout {
             header: t.flag("header").unwrap_or(true),
             separator,

@@ -1,7 +1,7 @@
 //! From files to the parts of records that a model is run over: rows, times, starts, who fits and who judges.
 
 use super::bind::{Bound, bind};
-use super::columns::{Columns, read};
+use super::columns::{Columns, Memory, Wanted, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
 use super::units::{Quantity, unit};
@@ -106,15 +106,32 @@ const SHORTEST: usize = 16;
 
 /// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file. Names and units are checked
 /// before a file is opened.
-pub fn load(measurement: &Measurement, machine: &Machine, folder: &Path) -> Result<Data, DataError> {
+pub fn load(
+    measurement: &Measurement,
+    machine: &Machine,
+    folder: &Path,
+    memory: &mut Memory,
+) -> Result<Data, DataError> {
     let bound = bind(measurement, machine)?;
     let mut tables: Vec<(String, Columns)> = Vec::new();
     for file in &measurement.files {
         let path = folder.join(&file.path);
-        let columns = read(&path, file.layout).map_err(DataError::World)?;
+        let wanted = wanted_of(measurement, &file.name);
+        let columns = read(&path, file.layout, Wanted::Named(&wanted), memory).map_err(DataError::World)?;
         tables.push((file.name.clone(), columns));
     }
     cut(measurement, machine, bound, &tables)
+}
+
+/// Names of the columns that records ask of a file.
+fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    let records = || measurement.records.iter().filter(|r| r.file == file);
+    names.extend(records().flat_map(|r| r.columns.iter().map(|(_, column)| column.clone())));
+    names.extend(records().filter_map(|r| r.time.as_ref().map(|(column, _)| column.clone())));
+    names.extend(measurement.channels.iter().map(|c| c.column.clone()));
+    names.extend(measurement.inputs.iter().map(|i| i.column.clone()));
+    names
 }
 
 /// As [`load`], from columns that are read: the names of files, and what is in them.
@@ -144,6 +161,9 @@ fn cut(
         warnings: Vec::new(),
         set,
     };
+    for (name, columns) in tables {
+        data.warnings.extend(columns.warnings.iter().map(|w| format!("file `{name}`: {w}")));
+    }
     for (index, record) in measurement.records.iter().enumerate() {
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
         let pulses = data.channels.iter().any(|c| c.relative);
@@ -181,12 +201,7 @@ pub(super) fn column_of(
             Some(_) => format!("records.{}.columns.{name}", record.name),
             None => format!("{kind}.{name}.column"),
         };
-        let comma = wrong
-            .split('`')
-            .nth(1)
-            .is_some_and(|v| v.contains(','))
-            .then(|| "is the decimal point a comma? only points are read".to_string());
-        let diag = measurement.places.error(&at, format!("file `{}`: {wrong}", record.file), comma);
+        let diag = measurement.places.error(&at, format!("file `{}`: {wrong}", record.file), None);
         if !diags.contains(&diag) {
             diags.push(diag);
         }

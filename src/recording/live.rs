@@ -151,7 +151,7 @@ impl Pace {
 impl Sink for Pace {
     fn frame(&mut self, frame: &Frame) -> anyhow::Result<()> {
         let (started, first_s) = *self.first.get_or_insert_with(|| (Instant::now(), frame.t_s));
-        let due = Duration::from_secs_f64(((frame.t_s - first_s) / self.speed).max(0.0));
+        let due = Duration::try_from_secs_f64(((frame.t_s - first_s) / self.speed).max(0.0)).unwrap_or(Duration::MAX);
         while let Some(left) = due.checked_sub(started.elapsed())
             && !self.stop.load(Ordering::Relaxed)
         {

@@ -1,0 +1,346 @@
+//! Text files of a test bench, line by line: CSV with commas, semicolons or tabs, decimal points or commas, in UTF-8, UTF-16 or
+//! a code page of western Europe, packed with gzip or not, with a row of units or without, times as numbers or as dates.
+//!
+//! Only the columns that are asked for are kept. A line is at most [`LONGEST_LINE`] bytes; rows that hold quotation marks are
+//! taken apart as RFC 4180 says, but end where their line ends.
+
+use super::{Memory, Columns, Layout, Wanted};
+use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
+use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
+use encoding_rs_io::DecodeReaderBytesBuilder;
+use std::io::{BufRead, BufReader, Read};
+
+/// Longest line [bytes].
+const LONGEST_LINE: usize = 4 << 20;
+/// Most columns of a file.
+const MOST_COLUMNS: usize = 50_000;
+/// Lines come without their ends; this one is put behind them.
+const LINE_END: Terminator = Terminator::Any(b'\n');
+/// Bytes that are looked at to tell the encoding.
+const LOOKED_AT: u64 = 4096;
+
+/// Columns of a text file; an error begins with the line where it is one.
+pub fn parse_csv(
+    input: impl Read,
+    layout: Layout,
+    wanted: Wanted<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
+    let (input, encoding) = decoded(input).map_err(|e| format!(" cannot be read: {e}"))?;
+    let mut lines = Lines { input: BufReader::with_capacity(1 << 16, input), line: Vec::new(), number: 0 };
+    for _ in 0..layout.skip_lines {
+        lines.next()?;
+    }
+    let mut table = Table::new(layout, wanted);
+    while lines.next()? {
+        // Without a mark in front, a byte above 127 that is no UTF-8 is of the code page that Windows writes in the west.
+        let text = std::str::from_utf8(&lines.line).map_or_else(
+            |_| if encoding { String::from_utf8_lossy(&lines.line) } else { WINDOWS_1252.decode_without_bom_handling(&lines.line).0 },
+            std::borrow::Cow::Borrowed,
+        );
+        table.row(&text, lines.number, memory).map_err(|e| format!(":{}: {e}", lines.number))?;
+    }
+    table.finish()
+}
+
+/// The input as UTF-8, where it says what it is: by its mark, or by every second byte being zero. The flag says that it did.
+fn decoded(mut input: impl Read) -> std::io::Result<(impl Read, bool)> {
+    let mut first = Vec::new();
+    input.by_ref().take(LOOKED_AT).read_to_end(&mut first)?;
+    let is_zero = |from: usize| first.iter().skip(from).step_by(2).filter(|b| **b == 0).count() * 4 > first.len();
+    let encoding: Option<&'static Encoding> = match (is_zero(0), is_zero(1)) {
+        (false, true) => Some(UTF_16LE),
+        (true, false) => Some(UTF_16BE),
+        _ => None,
+    };
+    let marked = Encoding::for_bom(&first).is_some() || encoding.is_some();
+    let whole = std::io::Cursor::new(first).chain(input);
+    let reader = DecodeReaderBytesBuilder::new().encoding(encoding).utf8_passthru(true).strip_bom(true).build(whole);
+    Ok((reader, marked))
+}
+
+/// Lines without their ends.
+struct Lines<R> {
+    input: BufReader<R>,
+    line: Vec<u8>,
+    /// From 1.
+    number: usize,
+}
+
+impl<R: Read> Lines<R> {
+    /// Reads the next line; false at the end.
+    fn next(&mut self) -> Result<bool, String> {
+        self.line.clear();
+        let most = LONGEST_LINE as u64 + 1;
+        let read = self.input.by_ref().take(most).read_until(b'\n', &mut self.line);
+        let read = read.map_err(|e| format!(": line {}: {e}", self.number + 1))?;
+        self.number += 1;
+        if read > LONGEST_LINE {
+            return Err(format!(":{}: a line of more than {LONGEST_LINE} bytes: this is no table of numbers", self.number));
+        }
+        while self.line.last().is_some_and(|b| matches!(b, b'\n' | b'\r')) {
+            self.line.pop();
+        }
+        Ok(read > 0)
+    }
+}
+
+/// What the numbers of a column are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// Nothing was in it so far.
+    Unknown,
+    Number,
+    /// A date and a time; the column holds seconds since the first.
+    Instant(i128),
+}
+
+/// A column that is asked for.
+struct Column {
+    /// In the file.
+    index: usize,
+    kind: Kind,
+    /// Whether a decimal point, and whether a decimal comma was met.
+    marks: [bool; 2],
+}
+
+struct Table<'a> {
+    layout: Layout,
+    wanted: Wanted<'a>,
+    separator: u8,
+    splitter: Reader,
+    /// Fields of the row, behind each other, and where each ends.
+    fields: Vec<u8>,
+    ends: Vec<usize>,
+    columns: Columns,
+    kept: Vec<Column>,
+    has_names: bool,
+    /// Lines with a quotation mark that is not closed.
+    open_quotes: usize,
+}
+
+impl<'a> Table<'a> {
+    fn new(layout: Layout, wanted: Wanted<'a>) -> Table<'a> {
+        Table {
+            layout,
+            wanted,
+            separator: b',',
+            splitter: Reader::new(),
+            fields: Vec::new(),
+            ends: Vec::new(),
+            columns: Columns::of_numbers(Vec::new(), Vec::new()),
+            kept: Vec::new(),
+            has_names: false,
+            open_quotes: 0,
+        }
+    }
+
+    fn row(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+        if line.trim().is_empty() || line.starts_with('#') {
+            return Ok(());
+        }
+        if !self.has_names {
+            self.separator = self.layout.separator.unwrap_or_else(|| separator_of(line));
+            self.splitter = ReaderBuilder::new().delimiter(self.separator).terminator(LINE_END).build();
+        }
+        let closed = self.split(line, true);
+        if !closed {
+            self.split(line, false);
+        }
+        let mut width = self.ends.len();
+        if closed {
+            // A comma at the end of every line makes no column.
+            while width > 0 && self.field(width - 1).is_empty() {
+                width -= 1;
+            }
+            if width == 0 {
+                return Ok(());
+            }
+        }
+        if !self.has_names {
+            self.name_columns(width)?;
+            if self.layout.header {
+                return Ok(());
+            }
+        }
+        let names = self.columns.names.len();
+        if width > names {
+            return Err(format!("{width} values, where the file has {names} columns"));
+        }
+        if !closed {
+            if width != names {
+                let help = "help: texts that run over several lines are not read; take that column out of the file";
+                return Err(format!("a quotation mark is not closed on its line, and the line has not all columns\n{help}"));
+            }
+            self.open_quotes += 1;
+            if self.open_quotes == 1 {
+                let what = format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
+                self.columns.warnings.push(what);
+            }
+        }
+        if self.columns.rows == 0 && self.is_row_of_units(width) {
+            for index in 0..width {
+                let unit = self.field(index).trim_matches(|c| "[]()".contains(c)).to_string();
+                self.columns.units[index] = (!matches!(unit.as_str(), "" | "-")).then_some(unit);
+            }
+            return Ok(());
+        }
+        if self.columns.rows == 0 {
+            self.columns.first_line = number;
+        }
+        memory.take(8 * self.kept.len())?;
+        for k in 0..self.kept.len() {
+            let index = self.kept[k].index;
+            let text = if index < width { self.field(index).to_string() } else { String::new() };
+            let number_in = self.kept[k].number(&text, self.separator);
+            let value = number_in.unwrap_or_else(|| {
+                let text: String = text.chars().take(40).collect();
+                let name = &self.columns.names[index];
+                let help = if text.contains(',') && self.separator == b',' { "; decimal commas need another separator" } else { "" };
+                self.columns.wrong[index]
+                    .get_or_insert_with(|| format!("`{text}` in column `{name}`, line {number}, is no number{help}"));
+                f64::NAN
+            });
+            self.columns.values[index].push(value);
+        }
+        self.columns.rows += 1;
+        Ok(())
+    }
+
+    /// Takes a line apart; false where a quotation mark is not closed on it.
+    fn split(&mut self, line: &str, quotes: bool) -> bool {
+        let mut plain;
+        let splitter = if quotes {
+            self.splitter.reset();
+            &mut self.splitter
+        } else {
+            plain = ReaderBuilder::new().delimiter(self.separator).terminator(LINE_END).quoting(false).build();
+            &mut plain
+        };
+        self.fields.resize(line.len() + 1, 0);
+        let most = line.bytes().filter(|b| *b == self.separator).count() + 2;
+        self.ends.clear();
+        self.ends.resize(most, 0);
+        let (mut fields, mut ends) = (0, 0);
+        // The line, then its end. Fields and ends have room for all of it.
+        for input in [line.as_bytes(), b"\n"] {
+            let (result, _, written, ended) =
+                splitter.read_record(input, &mut self.fields[fields..], &mut self.ends[ends..]);
+            (fields, ends) = (fields + written, ends + ended);
+            if matches!(result, ReadRecordResult::Record | ReadRecordResult::End) {
+                self.ends.truncate(ends);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// A field of the row, without the blanks round it.
+    fn field(&self, index: usize) -> &str {
+        let begin = if index == 0 { 0 } else { self.ends.get(index - 1).copied().unwrap_or(0) };
+        let bytes = self.ends.get(index).and_then(|end| self.fields.get(begin..*end)).unwrap_or_default();
+        std::str::from_utf8(bytes).unwrap_or_default().trim()
+    }
+
+    fn name_columns(&mut self, width: usize) -> Result<(), String> {
+        self.has_names = true;
+        if width > MOST_COLUMNS {
+            return Err(format!("{width} columns; at most {MOST_COLUMNS} are read"));
+        }
+        let header = self.layout.header;
+        let name = |i: usize| if header { self.field(i).to_string() } else { (i + 1).to_string() };
+        let names: Vec<String> = (0..width).map(name).collect();
+        if header && names.iter().all(|n| n.parse::<f64>().is_ok()) {
+            return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
+        }
+        let kept = (0..width).filter(|i| self.wanted.wants(&names[*i]));
+        self.kept = kept.map(|index| Column { index, kind: Kind::Unknown, marks: [false; 2] }).collect();
+        self.columns = Columns::of_numbers(names, vec![Vec::new(); width]);
+        Ok(())
+    }
+
+    /// Under the names, before any number: no field of the row is one.
+    fn is_row_of_units(&self, width: usize) -> bool {
+        let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
+        let mut probe = Column { index: 0, kind: Kind::Unknown, marks: [false; 2] };
+        let mut numbers = texts.clone().filter(|t| probe.number(t, self.separator).is_some());
+        self.layout.header && self.columns.units.iter().all(Option::is_none) && texts.count() > 1 && numbers.next().is_none()
+    }
+
+    fn finish(mut self) -> Result<Columns, String> {
+        if self.columns.rows == 0 {
+            return Err(" holds no rows".into());
+        }
+        if self.open_quotes > 1 {
+            let more = self.open_quotes - 1;
+            self.columns.warnings.push(format!("{more} more lines with a quotation mark that is not closed"));
+        }
+        for column in &self.kept {
+            if column.marks == [true; 2] {
+                let name = &self.columns.names[column.index];
+                self.columns.wrong[column.index]
+                    .get_or_insert_with(|| format!("column `{name}` has decimal points in some rows and commas in others"));
+            }
+            if matches!(column.kind, Kind::Instant(_)) {
+                self.columns.units[column.index] = Some("s".into());
+            }
+        }
+        self.columns.look_for_twins();
+        Ok(self.columns)
+    }
+}
+
+impl Column {
+    /// The number in a field: NaN where it is empty, None where it holds something else.
+    fn number(&mut self, text: &str, separator: u8) -> Option<f64> {
+        if matches!(text, "" | "nan" | "NaN" | "NAN" | "NA") {
+            return Some(f64::NAN);
+        }
+        let comma = separator != b',' && text.contains(',') && !text.contains('.');
+        let number = if comma { text.replacen(',', ".", 1).parse::<f64>() } else { text.parse::<f64>() };
+        match (number, self.kind) {
+            (Ok(number), Kind::Unknown | Kind::Number) => {
+                self.kind = Kind::Number;
+                self.marks[0] |= text.contains('.');
+                self.marks[1] |= comma;
+                Some(number)
+            }
+            (Err(_), Kind::Unknown | Kind::Instant(_)) => {
+                let t_ns = instant_ns(text)?;
+                let Kind::Instant(first_ns) = self.kind else {
+                    self.kind = Kind::Instant(t_ns);
+                    return Some(0.0);
+                };
+                Some((t_ns - first_ns) as f64 * 1e-9)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// A date and a time by ISO 8601, with or without its zone, in nanoseconds.
+fn instant_ns(text: &str) -> Option<i128> {
+    // Cheaper than the parser where a field is another text.
+    if !text.starts_with(|c: char| c.is_ascii_digit()) || !text.contains(':') {
+        return None;
+    }
+    if let Ok(instant) = text.parse::<jiff::Timestamp>() {
+        return Some(instant.as_nanosecond());
+    }
+    let local = text.parse::<jiff::civil::DateTime>().ok()?;
+    Some(local.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp().as_nanosecond())
+}
+
+/// What parts the fields of the first line: what is there most often, outside of quotation marks.
+fn separator_of(line: &str) -> u8 {
+    let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
+    let mut quoted = false;
+    for byte in line.bytes() {
+        quoted ^= byte == b'"';
+        if !quoted && let Some((_, n)) = counts.iter_mut().find(|(b, _)| *b == byte) {
+            *n += 1;
+        }
+    }
+    // Of equals the last one: a name may hold a comma.
+    counts.iter().max_by_key(|(_, n)| *n).filter(|(_, n)| *n > 0).map_or(b',', |(b, _)| *b)
+}

@@ -1,0 +1,310 @@
+//! Columns of numbers out of measured files: CSV, Parquet, ASAM MDF and our own recordings (MCAP), told apart by the file's
+//! ending. Only columns that are asked for are read, and they stay within a bound ([`Memory`]) whatever a file says of itself.
+
+mod csv;
+mod parquet;
+
+pub use self::csv::parse_csv;
+
+use crate::drive::Drive;
+use crate::machine::Machine;
+use crate::machine::simulate::through_sensor;
+use crate::recording::reader::{Entry, Flow, Reader};
+use anyhow::{anyhow, ensure};
+use std::path::Path;
+
+/// A file's columns; what is empty or no number is NaN.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Columns {
+    /// Of all columns that the file has.
+    pub names: Vec<String>,
+    /// As long as the file has rows where a column was asked for, else empty.
+    pub values: Vec<Vec<f64>>,
+    pub rows: usize,
+    /// Of every column why it cannot be used, e.g. the first value that is no number, with its line: a mistake where somebody asks for
+    /// the column.
+    pub wrong: Vec<Option<String>>,
+    /// Of every column the unit that the file gives it.
+    pub units: Vec<Option<String>>,
+    /// Line of the first row in a text file.
+    pub first_line: usize,
+    /// What was odd, and what was done about it.
+    pub warnings: Vec<String>,
+}
+
+/// How a text file is laid out, and which group of an MDF file is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    pub header: bool,
+    /// None: comma, semicolon or tab, by the first line.
+    pub separator: Option<u8>,
+    pub skip_lines: usize,
+    /// From 0.
+    pub group: Option<usize>,
+}
+
+impl Default for Layout {
+    fn default() -> Layout {
+        Layout { header: true, separator: None, skip_lines: 0, group: None }
+    }
+}
+
+/// Which columns are asked for.
+#[derive(Clone, Copy, Debug)]
+pub enum Wanted<'a> {
+    All,
+    Named(&'a [String]),
+}
+
+impl Wanted<'_> {
+    fn wants(&self, name: &str) -> bool {
+        match self {
+            Wanted::All => true,
+            Wanted::Named(names) => names.iter().any(|n| n == name),
+        }
+    }
+}
+
+/// Memory that measured values may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Memory {
+    bytes: usize,
+    left: usize,
+}
+
+/// A value is kept several times over while a model is held against it: as it is read, by parts, and as what several models give.
+const COPIES: usize = 10;
+
+impl Memory {
+    /// For a program that may take so many bytes.
+    pub fn of_program(bytes: usize) -> Memory {
+        Memory { bytes: bytes / COPIES, left: bytes / COPIES }
+    }
+
+    fn take(&mut self, bytes: usize) -> Result<(), String> {
+        match self.left.checked_sub(bytes) {
+            Some(left) => {
+                self.left = left;
+                Ok(())
+            }
+            None => Err(format!(
+                "the measured columns hold more than the {:.0} MB that they may take, a tenth of the memory\nhelp: cut the files to what is needed, or give more: `--memory 4GB`",
+                self.bytes as f64 / 1e6
+            )),
+        }
+    }
+}
+
+impl Columns {
+    /// Where all values are numbers.
+    fn of_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
+        Columns {
+            wrong: vec![None; names.len()],
+            units: vec![None; names.len()],
+            rows: values.first().map_or(0, Vec::len),
+            names,
+            values,
+            first_line: 1,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Index of the column called `name`; without a header columns are called 1, 2 ...
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Two columns of one name: nobody can ask for either.
+    fn look_for_twins(&mut self) {
+        let mut first: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
+        for (index, name) in self.names.iter().enumerate() {
+            let first = *first.entry(name.as_str()).or_insert(index);
+            if first != index {
+                self.wrong[first] =
+                    Some(format!("columns {} and {} are both called `{name}`: rename one", first + 1, index + 1));
+            }
+        }
+    }
+}
+
+/// Reads what is wanted of a file. Errors name it, and the line and column of what cannot be read.
+pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+    let shown = path.display();
+    let cannot = |e: &dyn std::fmt::Display| format!("cannot read `{shown}`: {e}");
+    let metadata = std::fs::metadata(path).map_err(|e| cannot(&e))?;
+    if metadata.is_dir() {
+        return Err(format!("`{shown}` is a directory"));
+    }
+    // A pipe may never end, and a device never does.
+    if !metadata.is_file() {
+        return Err(format!("`{shown}` is no file"));
+    }
+    let extension = |path: &Path| path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match extension(path).as_deref() {
+        Some("parquet") => parquet::read(path, wanted, memory),
+        Some("mcap") => read_recording(path, wanted, memory).map_err(|e| format!("{e:#}")),
+        Some("mf4" | "mdf" | "dat") => {
+            let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
+            let source = std::fs::File::open(path).map_err(|e| cannot(&e))?;
+            let source = falcon_mdf::io::range::read_seek_source(source).map_err(|e| cannot(&e))?;
+            let file = falcon_mdf::Mf4File::from_source_with_options(std::sync::Arc::new(source), options);
+            let file = file.map_err(|e| format!("`{shown}` is no MDF file that can be read: {e}"))?;
+            parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
+        }
+        ending => {
+            let file = std::fs::File::open(path).map_err(|e| cannot(&e))?;
+            let parsed = if ending == Some("gz") {
+                parse_csv(flate2::read::MultiGzDecoder::new(file), layout, wanted, memory)
+            } else {
+                parse_csv(file, layout, wanted, memory)
+            };
+            parsed.map_err(|e| format!("`{shown}`{e}"))
+        }
+    }
+}
+
+/// Largest piece of an MDF file that is made before its bytes are seen.
+const LARGEST_BLOCK: usize = 64 << 20;
+
+/// Channels of one group of an ASAM MDF file, converted to their units; what is marked invalid or is no number is NaN. Where more
+/// than one group holds samples, `group` says which: groups have clocks of their own.
+pub fn parse_mdf(
+    file: &falcon_mdf::Mf4File,
+    group: Option<usize>,
+    wanted: Wanted<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
+    let groups: Vec<_> = file.data_groups().iter().flat_map(|g| &g.channel_groups).collect();
+    let holds = |g: &usize| groups[*g].sample_count > 0 && !groups[*g].is_vlsd() && !groups[*g].channels.is_empty();
+    let full: Vec<usize> = (0..groups.len()).filter(holds).collect();
+    let list = || {
+        let one = |g: &usize| {
+            let names: Vec<&str> = groups[*g].channels.iter().take(6).map(|c| c.name.as_str()).collect();
+            format!("{g} ({} samples: {})", groups[*g].sample_count, names.join(", "))
+        };
+        full.iter().take(12).map(one).collect::<Vec<_>>().join("; ")
+    };
+    let chosen = match (group, full.as_slice()) {
+        (_, []) => return Err("holds no samples".into()),
+        (None, [only]) => *only,
+        (None, _) => {
+            return Err(format!(
+                "holds {} groups of channels\nhelp: write `group = {}` with the file; groups there: {}",
+                full.len(),
+                full[0],
+                list()
+            ));
+        }
+        (Some(g), _) if full.contains(&g) => g,
+        (Some(g), _) => return Err(format!("has no group {g} with samples\nhelp: groups there: {}", list())),
+    };
+    let samples = groups[chosen].sample_count;
+    let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
+    let names: Vec<String> = groups[chosen].channels.iter().map(|c| c.name.clone()).collect();
+    let mut columns = Columns::of_numbers(names, vec![Vec::new(); groups[chosen].channels.len()]);
+    columns.rows = rows;
+    for (index, channel) in groups[chosen].channels.iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
+        memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
+        // A channel that cannot be read is a mistake where somebody asks for it.
+        match mdf_channel(file, channel, rows) {
+            Ok((values, unit)) => {
+                columns.values[index] = values;
+                columns.units[index] = (!unit.is_empty()).then_some(unit);
+            }
+            Err(why) => columns.wrong[index] = Some(format!("`{}` {why}", channel.name)),
+        }
+    }
+    columns.look_for_twins();
+    Ok(columns)
+}
+
+/// All values of a channel and its unit.
+fn mdf_channel(
+    file: &falcon_mdf::Mf4File,
+    channel: &falcon_mdf::Channel,
+    rows: usize,
+) -> Result<(Vec<f64>, String), String> {
+    let cannot = |e: falcon_mdf::Mf4Error| format!("cannot be read: {e}");
+    let (mut values, mut unit) = (Vec::new(), String::new());
+    let mut add = |signal: &falcon_mdf::Signal, values: &mut Vec<f64>| -> Result<(), falcon_mdf::Mf4Error> {
+        let from = values.len();
+        values.extend(signal.values_f64()?);
+        for (value, valid) in values[from..].iter_mut().zip(signal.validity().unwrap_or_default()) {
+            if !valid {
+                *value = f64::NAN;
+            }
+        }
+        unit = signal.unit().trim().to_string();
+        Ok(())
+    };
+    match file.signal_chunks(channel) {
+        Ok(chunks) => {
+            for chunk in chunks {
+                add(&chunk.map_err(cannot)?, &mut values).map_err(cannot)?;
+                if values.len() > rows {
+                    return Err(format!("has more than {rows} values"));
+                }
+            }
+        }
+        // Storage by columns is read whole.
+        Err(_) => add(&file.signal(channel).map_err(cannot)?, &mut values).map_err(cannot)?,
+    }
+    if values.len() != rows {
+        return Err(format!("has {} values in {rows} samples", values.len()));
+    }
+    Ok((values, unit))
+}
+
+/// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of its drive
+/// by its path, as it shows, with its gain and what its drive file says that it gets wrong.
+fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
+    let mut reader = Reader::open(path)?;
+    let header = reader.header().clone();
+    let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides).map_err(|e| anyhow!("{e}"))?;
+    let rotors: Vec<&str> =
+        header.bodies.iter().filter(|b| b.rotor).map(|b| b.path.trim_start_matches("sprockets.")).collect();
+    let mut names = vec!["t_s".to_string()];
+    for of in ["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"] {
+        names.extend(rotors.iter().map(|r| format!("rotors.{r}.{of}")));
+    }
+    let first_sensor = names.len();
+    names.extend(header.sensors.iter().map(|s| s.path.clone()));
+    let mut values: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    let frames = crate::recording::reader::Wanted { frames: true, ..Default::default() };
+    reader.each(frames, (f64::MIN, f64::MAX), |entry| {
+        if let Entry::Frame(f) = entry {
+            memory.take(8 * names.len()).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+            let r = &f.rotors;
+            let all = [&[f.t_s][..], &r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm, &f.sensors];
+            for (column, value) in values.iter_mut().zip(all.concat()) {
+                column.push(value);
+            }
+        }
+        Ok(Flow::On)
+    })?;
+    let rows = values[0].len();
+    ensure!(rows > 1, "{} holds no frames", path.display());
+    ensure!(values.iter().all(|c| c.len() == rows), "{}: frames with and without sensors", path.display());
+    let m = Machine::of_links(&drive);
+    let own = |i: usize| m.sensors.get(i).is_some_and(|s| s.path == header.sensors[i].path);
+    let known = (0..header.sensors.len()).all(own) && rotors.len() >= m.bodies.len();
+    ensure!(known, "{}: its header and its drive do not hold the same sensors", path.display());
+    let step_s = (values[0][rows - 1] - values[0][0]) / (rows - 1) as f64;
+    for sensor in 0..header.sensors.len() {
+        let angles = m.body_of(sensor).map_or_else(|| vec![0.0; rows], |b| values[1 + b].clone());
+        let gain = m.values[m.sensors[sensor].gain];
+        let shown = values[first_sensor + sensor].iter().map(|v| gain * v).collect();
+        values[first_sensor + sensor] = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
+    }
+    let mut columns = Columns::of_numbers(names, values);
+    columns.warnings = reader.missing().to_vec();
+    // Sensors with errors of their own are worked out of others, so all are read.
+    for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {
+        let _unused = (name, std::mem::take(values));
+    }
+    Ok(columns)
+}
