@@ -204,8 +204,8 @@ fn stream(path: &Path) -> Result<File> {
 
 /// Whether two paths mean one file, by whatever name; for a file that is not there yet, one place.
 pub fn same_file(a: &Path, b: &Path) -> bool {
-    if let Ok(same) = same_file::is_same_file(a, b) {
-        return same;
+    if let (Ok(a), Ok(b)) = (identity(a), identity(b)) {
+        return a == b;
     }
     let place = |path: &Path| {
         let path = followed(path).ok()?;
@@ -216,6 +216,19 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
         Some((folder.canonicalize().ok()?, path.file_name()?.to_os_string()))
     };
     place(a).is_some_and(|a| place(b) == Some(a))
+}
+
+/// Device and inode. Never opens the file: a pipe would wait for its other end.
+#[cfg(unix)]
+fn identity(path: &Path) -> std::io::Result<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    let there = std::fs::metadata(path)?;
+    Ok((there.dev(), there.ino()))
+}
+
+#[cfg(not(unix))]
+fn identity(path: &Path) -> std::io::Result<PathBuf> {
+    path.canonicalize()
 }
 
 /// Checks outputs before anything is computed: no directory, no input, no file twice. The error is one sentence.

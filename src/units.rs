@@ -15,6 +15,18 @@ pub const MM: f64 = 1e-3;
 /// 1 um in m.
 pub const UM: f64 = 1e-6;
 
+/// `value` inside its bounds. Where measured data leaves no room between them (far from any machine, bounds come out the wrong way
+/// round or as no numbers) the lower one counts, where std's `clamp` panics.
+pub fn within(value: f64, low: f64, high: f64) -> f64 {
+    if low <= high {
+        value.clamp(low, high)
+    } else if low.is_nan() {
+        value
+    } else {
+        low
+    }
+}
+
 /// sin and cos of `angle_rad`, the same bits on every CPU.
 pub fn sin_cos(angle_rad: f64) -> (f64, f64) {
     libm::sincos(angle_rad)

@@ -240,7 +240,7 @@ fn rerun_verifies_the_view() {
 /// same recording as CSV and Parquet hold the same numbers.
 #[test]
 fn recordings_and_tables_are_measured_files() {
-    use pitchline::measurement::columns::{Columns, Layout, read};
+    use pitchline::measurement::columns::{Columns, Layout, Memory, Wanted, read};
     let folder = tempfile::tempdir().expect("a folder");
     let at = |name: &str| folder.path().join(name);
     let text = format!(
@@ -260,8 +260,9 @@ fn recordings_and_tables_are_measured_files() {
     for format in ["csv", "parquet"] {
         pitchline(&["export", "a.mcap", "-o", &format!("rotors.{format}"), "--tables", "rotors"]);
     }
-    let layout = Layout { header: true, separator: b',', skip_lines: 0, group: None };
-    let columns = |name: &str| read(&at(name), layout).unwrap_or_else(|e| panic!("{e}"));
+    let memory = || Memory::of_program(1_000_000_000);
+    let columns =
+        |name: &str| read(&at(name), Layout::default(), Wanted::All, &mut memory()).unwrap_or_else(|e| panic!("{e}"));
     let column =
         |c: &Columns, name: &str| c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
     let whole = columns("a.mcap");
@@ -297,7 +298,12 @@ const BENCH: &[u8] = include_bytes!("data/bench.mf4");
 
 #[test]
 fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
-    use pitchline::measurement::columns::parse_mdf;
+    use pitchline::measurement::columns::{Columns, Memory, Wanted};
+    let parse_mdf = |bytes: Vec<u8>, group: Option<usize>| -> Result<Columns, String> {
+        let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(|e| e.to_string())?;
+        let mut memory = Memory::of_program(1_000_000_000);
+        pitchline::measurement::columns::parse_mdf(&file, group, Wanted::All, &mut memory)
+    };
     let error = parse_mdf(BENCH.to_vec(), None).expect_err("two groups");
     assert!(error.contains("2 groups") && error.contains("group = 0") && error.contains("pressure"), "{error}");
     let error = parse_mdf(BENCH.to_vec(), Some(2)).expect_err("no such group");

@@ -235,6 +235,7 @@ fn recordings_of_the_longest_chains_can_be_read() {
         format_version: 1,
         step_s: 1e-6,
         links: vec![Default::default(); links],
+        link_outlines: vec![Default::default()],
         bodies,
         ..Header::default()
     };

@@ -23,7 +23,7 @@ def _edit_messages(rng: random.Random, recording: Recording, topic: str, change,
         message.data = value.SerializeToString()
 
 
-def _set_odd(rng: random.Random, message, depth: int = 0) -> None:
+def _set_odd(rng: random.Random, message) -> None:
     """Set one field of a message, or of one inside it, to something odd."""
     field = rng.choice(message.DESCRIPTOR.fields)
     value = getattr(message, field.name)
@@ -32,7 +32,7 @@ def _set_odd(rng: random.Random, message, depth: int = 0) -> None:
         if repeated and (not value or rng.random() < 0.2):
             rng.choice([lambda: message.ClearField(field.name), lambda: value.add()])()
         else:
-            _set_odd(rng, rng.choice(value) if repeated else value, depth + 1)
+            _set_odd(rng, rng.choice(value) if repeated else value)
         return
     if field.type in (field.TYPE_DOUBLE, field.TYPE_FLOAT):
         odd = rng.choice(ODD_NUMBERS)
@@ -41,7 +41,9 @@ def _set_odd(rng: random.Random, message, depth: int = 0) -> None:
     elif field.type == field.TYPE_STRING:
         odd = rng.choice(["", "\0", "é" * 1000, "a/../../b", "{}%s", "x" * 100_000, "-"])
     else:
-        odd = rng.choice(ODD_COUNTS + ([(1 << 64) - 1, 1 << 63] if field.type in (field.TYPE_UINT64, field.TYPE_FIXED64) else []))
+        wide = field.type in (field.TYPE_UINT64, field.TYPE_FIXED64)
+        unsigned = wide or field.type in (field.TYPE_UINT32, field.TYPE_FIXED32)
+        odd = rng.choice(ODD_COUNTS + [(1 << 64) - 1, 1 << 63] * wide) if unsigned else rng.choice([0, 1, 7, -1, (1 << 31) - 1])
     if repeated and len(value) and rng.random() < 0.7:
         value[rng.randrange(len(value))] = odd
     elif repeated:
@@ -68,12 +70,12 @@ def header_teeth(rng, recording) -> bool:
 
 
 def header_lists(rng, recording) -> bool:
-    """Links or bodies that frames refer to are gone, or there are more of them than frames have rows."""
+    """Links or sprockets that frames have rows of are gone, or there are more of them."""
 
     def change(header):
-        field = rng.choice([header.links, header.bodies])
+        field, rows = rng.choice([(header.links, len(header.links)), (header.bodies, sum(body.rotor for body in header.bodies))])
         if rng.random() < 0.5:
-            del field[rng.randrange(len(field)) :]
+            del field[rng.randrange(rows) :]
         else:
             field.extend([field[0]] * rng.choice([1, 100]))
 
@@ -299,8 +301,9 @@ def chunk_unknown_compression(rng, recording) -> bool:
 
 
 def chunks_removed(rng, recording) -> bool:
-    if len(recording.chunks) > 2:
-        recording.chunks.pop(rng.randrange(1, len(recording.chunks) - 1))
+    """A chunk amid others with frames is gone: one at an end could not be missed."""
+    if len(recording.chunks) > 3:
+        recording.chunks.pop(rng.randrange(2, len(recording.chunks) - 1))
     else:
         recording.chunks[0].compression = "none"
     return True

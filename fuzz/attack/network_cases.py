@@ -295,7 +295,7 @@ def _live_run(case: Case, attacks: list) -> tuple[float, float]:
         thread.start()
     time.sleep(0.5 if attacks else 0.0)
     began = time.monotonic()
-    threads.append(threading.Thread(target=_honest_client, args=(address,), daemon=True))
+    threads.append(threading.Thread(target=_honest_client, args=(address, stop), daemon=True))
     threads[-1].start()
     result = running.finish(LIVE_LIMIT_S)
     stop.set()
@@ -331,6 +331,7 @@ def _admitted_strangers(address: Address) -> list[str]:
     strangers |= {f"host {host}": {"host": host} for host in ("evil.com", f"evil.com:{address.port}")}
     if address.has_token:
         strangers |= {"no token": {"target": "/"}, "half the token": {"target": address.target[:-4]}, "a longer token": {"target": address.target + "a"}}
+        strangers["origin http://evil.com without token"] = {"origin": "http://evil.com", "target": "/"}
     admitted = []
     for name, how in strangers.items():
         with contextlib.suppress(OSError), address.connect(2.0) as connection:
@@ -398,12 +399,15 @@ def _subscribe(connection: socket.socket) -> None:
     connection.sendall(_frame(1, json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()))
 
 
-def _honest_client(address: Address) -> None:
-    with contextlib.suppress(OSError), _open_websocket(address) as connection:
-        connection.settimeout(60.0)
-        _subscribe(connection)
-        while _read_frame(connection)[0] != 8:
-            pass
+def _honest_client(address: Address, stop: threading.Event) -> None:
+    """Tries again where it is turned away, as a user would."""
+    while not stop.is_set():
+        with contextlib.suppress(OSError), _open_websocket(address) as connection:
+            connection.settimeout(LIVE_LIMIT_S)
+            _subscribe(connection)
+            while _read_frame(connection)[0] != 8:
+                pass
+        stop.wait(0.5)
 
 
 def subscribed_never_read(rng: random.Random, address: Address, opened) -> None:

@@ -11,7 +11,7 @@ VERBS = {
     "impacts against": (["impacts", "x.mcap", "--against", "whole.mcap"], []),
     "export": (["export", "x.mcap", "-o", "tables", "--format", "csv"], ["tables"]),
     "export window": (["export", "x.mcap", "-o", "contacts.csv", "--tables", "contacts", "--from", "0.2ms", "--to", "0.4ms"], ["contacts.csv"]),
-    "export parquet": (["export", "x.mcap", "-o", "tables"], []),
+    "export parquet": (["export", "x.mcap", "-o", "parquet-tables"], []),
     "diff": (["diff", "whole.mcap", "x.mcap"], []),
     "diff back": (["diff", "x.mcap", "whole.mcap"], []),
     "verify": (["replay", "x.mcap", "--verify"], []),

@@ -18,7 +18,8 @@ pub struct DiffArgs {
 pub fn run(args: &DiffArgs) -> Result<Outcome, Failure> {
     let (mut a, mut b) = (super::open_recording(&args.a)?, super::open_recording(&args.b)?);
     let difference = diff(&mut a, &mut b)?;
-    let found = if args.json { Answer::Json(serde_json::json!(difference)) } else { Answer::Text(text(args, &difference)) };
+    let found =
+        if args.json { Answer::Json(serde_json::json!(difference)) } else { Answer::Text(text(args, &difference)) };
     answer(&[&a, &b], found, if difference.equal { Outcome::Done } else { Outcome::Differs })
 }
 

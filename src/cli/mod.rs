@@ -190,13 +190,17 @@ enum Answer {
     Text(String),
 }
 
-/// Prints an answer behind what the recordings lack that it comes from: as notes on stderr, and in JSON as `missing`. An answer
-/// from less than there should be ends with exit code 3.
-fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome: Outcome) -> Result<Outcome, Failure> {
-    let missing: Vec<&String> = readers.iter().flat_map(|r| r.missing()).collect();
-    for what in &missing {
+fn say_missing<'a>(what: impl IntoIterator<Item = &'a String>) {
+    for what in what {
         eprintln!("warning: {what}");
     }
+}
+
+/// Prints an answer behind what reading its recordings has found to be missing, which is also `missing` in JSON. An answer from
+/// less than there should be ends with exit code 3.
+fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome: Outcome) -> Result<Outcome, Failure> {
+    let missing: Vec<&String> = readers.iter().flat_map(|r| r.missing()).collect();
+    say_missing(readers.iter().flat_map(|r| r.missing_since_open()));
     match answer {
         Answer::Text(text) => print_out(&text)?,
         Answer::Json(mut value) => {
@@ -296,7 +300,9 @@ fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<us
     Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
 }
 
-/// Opens a recording: one that is not there, or is none, is the user's mistake.
+/// Opens a recording, and says what it lacks: one that is not there, or is none, is the user's mistake.
 fn open_recording(path: &Path) -> Result<crate::recording::reader::Reader, Failure> {
-    crate::recording::reader::Reader::open(path).map_err(|e| Failure::Input(format!("{e:#}")))
+    let reader = crate::recording::reader::Reader::open(path).map_err(|e| Failure::Input(format!("{e:#}")))?;
+    say_missing(reader.missing());
+    Ok(reader)
 }

@@ -91,9 +91,8 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let bytes = sink.finish()?;
     sink.publish()?;
     let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
-    for what in &lost {
-        eprintln!("warning: {what}");
-    }
+    super::say_missing(&lost[..lost.len() - reader.missing().len()]);
+    super::say_missing(reader.missing_since_open());
     if args.json {
         print_json(&serde_json::json!({
             "output": output, "bytes": bytes, "frames": frames, "until_s": until, "lost": lost,

@@ -133,7 +133,8 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let summary = match result {
         Ok(summary) => summary,
         Err(e) => {
-            let written: Vec<String> = sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
+            let written: Vec<String> =
+                sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
             let written = written.join(", ");
             // The others are still finished; the first error is the one that counts.
             for sink in &mut sinks {
@@ -158,8 +159,16 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
 }
 
-/// Set by Ctrl-C; a second one ends the program at once.
+/// Set by Ctrl-C, and where nobody can read the result any more.
 pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let stop = stop_on_signal();
+    #[cfg(unix)]
+    stop_without_reader(&stop);
+    stop
+}
+
+/// Set by Ctrl-C; a second one ends the program at once.
+pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Fails only where a handler was set before: then that one stands.
@@ -168,8 +177,6 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
             std::process::exit(130);
         }
     });
-    #[cfg(unix)]
-    stop_without_reader(&stop);
     stop
 }
 
@@ -249,9 +256,6 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", recording.display())));
     };
-    for what in replay.reader.missing() {
-        eprintln!("warning: {what}");
-    }
     let step = args.at.map_or(end.step, |t_s| replay.step_at(t_s));
     if !(begin.step..=end.step).contains(&step) {
         return Err(Failure::Input(format!(

@@ -142,7 +142,10 @@ fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<
         frames.extend(reader.frame_at(t_s)?);
         if frames.is_empty() {
             let shown = path.display();
-            return Err(Failure::World(format!("{shown} is damaged: no frame at {:.4} ms, where it lists one", t_s * 1e3)));
+            return Err(Failure::World(format!(
+                "{shown} is damaged: no frame at {:.4} ms, where it lists one",
+                t_s * 1e3
+            )));
         }
     }
     Ok((header, frames))

@@ -47,7 +47,8 @@ enum Shown {
 
 pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
     let kind = kind(&args.recording)?;
-    let stop = super::run::stop_on_interrupt();
+    // Whoever has read the address may close the pipe.
+    let stop = super::run::stop_on_signal();
     if let Some(output) = &args.output {
         check_output(&args.recording, kind, output)?;
         super::check_outputs([output.as_path()], [args.recording.as_path()])?;
@@ -205,11 +206,8 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
     }
     sink.finish()?;
     sink.publish()?;
-    let lost: Vec<&String> = damage.iter().chain(reader.missing()).collect();
-    for what in &lost {
-        eprintln!("warning: {what}");
-    }
-    Ok(if lost.is_empty() { Outcome::Done } else { Outcome::DataLost })
+    super::say_missing(damage.iter().chain(reader.missing_since_open()));
+    Ok(if damage.is_empty() && reader.missing().is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 
 /// A folder that only this user can read, and that goes when it is dropped.

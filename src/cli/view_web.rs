@@ -52,7 +52,8 @@ pub fn serve(recording: &Path, port: u16, open: bool, stop: &AtomicBool) -> Resu
     let viewer = WebViewerData::load(None).map_err(|e| Failure::World(format!("no web viewer: {e}")))?;
     let failed = |e: std::io::Error| Failure::World(format!("cannot listen at 127.0.0.1:{port}: {e}"));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(failed)?;
-    let listener = runtime.block_on(TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))).map_err(failed)?;
+    let listener =
+        runtime.block_on(TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))).map_err(failed)?;
     let host = listener.local_addr().map_err(failed)?;
     let address = format!("http://{host}/?url=http://{host}{RECORDING}&hide_welcome_screen=1");
     let site = Site { port: host.port(), viewer: Box::leak(Box::new(viewer)), recording: recording.to_path_buf() };
@@ -97,7 +98,7 @@ async fn accept(listener: TcpListener, site: Arc<Site>) {
                 async move { Ok::<_, Infallible>(response) }
             });
             let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME);
+            http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).title_case_headers(true);
             http.max_buf_size(LONGEST_HEAD).max_headers(MOST_HEADERS);
             // A browser that goes away is no failure.
             let _ended = http.serve_connection(TokioIo::new(stream), answers).await;

@@ -1,6 +1,7 @@
 //! A drive that answers only from a threshold on.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use crate::units::within;
 
 pub const ROW: Effect = Effect {
     name: "input_dead_zone",
@@ -19,5 +20,5 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64, _held: bool) {
-    u.iter_mut().for_each(|u| *u -= u.clamp(-p[0], p[0]));
+    u.iter_mut().for_each(|u| *u -= within(*u, -p[0], p[0]));
 }

@@ -10,6 +10,7 @@ use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
 use crate::measurement::CandidateSpec;
 use crate::measurement::segments::Data;
+use crate::units::within;
 
 /// One hypothesis: an effect at its place with its forms and whole numbers chosen.
 #[derive(Clone, Debug, PartialEq)]
@@ -356,7 +357,10 @@ pub fn all(
                 let starts: Vec<f64> = match p.kind {
                     Kind::Amplitude => p.starts.iter().map(|s| s * scale).collect(),
                     Kind::PerMark => vec![p.starts[0] * scale],
-                    Kind::Shape => p.starts.iter().map(|s| s * scale).collect(),
+                    // Inside of what the effect can be, whatever the records look like.
+                    Kind::Shape => {
+                        p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
+                    }
                     Kind::Whole => p.starts.to_vec(),
                     // Neighbours differ, those two further do not.
                     Kind::Index if m.linked.is_some() => vec![0.0, 1.0],

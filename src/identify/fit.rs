@@ -8,6 +8,7 @@
 //! Damping after Nielsen (1999). The order of all sums is fixed, so that any number of threads gives the same bits.
 
 use super::problem::{Local, Point, Problem};
+use crate::units::within;
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -185,13 +186,13 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
 fn keep_inside(problem: &Problem, point: &mut Point) {
     for (x, g) in point.globals.iter_mut().zip(&problem.globals) {
         let (low, high) = g.law.bounds();
-        *x = x.clamp(low, high);
+        *x = within(*x, low, high);
     }
     for locals in &mut point.locals {
         for (x, l) in locals.iter_mut().zip(&problem.locals) {
             if let Local::Slot { law, .. } = l {
                 let (low, high) = law.bounds();
-                *x = x.clamp(low, high);
+                *x = within(*x, low, high);
             }
         }
     }

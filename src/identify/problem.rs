@@ -9,6 +9,7 @@ use super::plant::Plant;
 use crate::machine::simulate::{RunError, Samples, Start, run};
 use crate::machine::{Machine, Motion, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, Segment};
+use crate::units::within;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A number that is free for all records, or for one.
@@ -59,7 +60,7 @@ impl Law {
 
     pub fn value(&self, x: f64) -> f64 {
         let value = if self.logarithm { self.scale * libm::exp(x.clamp(-600.0, 600.0)) } else { self.scale * x };
-        value.clamp(self.low, self.high)
+        within(value, self.low, self.high)
     }
 
     /// Bounds of x.

@@ -8,6 +8,7 @@ use super::candidates::Hypothesis;
 use super::fit::{Fit, orthonormal, without};
 use super::problem::{FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
+use crate::units::within;
 use nalgebra::{DMatrix, DVector};
 
 /// What a hypothesis promises.
@@ -231,7 +232,7 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
         if row.kind.is_amplitude() && (values[i] < low || values[i] > high) {
             // Its sign is wrong, or it is larger than can be: small is where a fit starts.
             gain *= if values[i] < low { 0.05 } else { 0.5 };
-            values[i] = (0.1 * h.values[i]).clamp(low, high);
+            values[i] = within(0.1 * h.values[i], low, high);
         }
     }
     Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
@@ -248,7 +249,7 @@ fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Op
     let mut best: Option<Promise> = None;
     for factor in TRIED {
         let mut values = h.values.clone();
-        values[form] = (factor * h.values[form]).clamp(row.low * row.unit, row.high * row.unit);
+        values[form] = within(factor * h.values[form], row.low * row.unit, row.high * row.unit);
         let change = moved(problem, base, point, h, &values);
         if change.iter().any(|x| !x.is_finite()) || change.iter().all(|x| *x == 0.0) {
             continue;
@@ -322,7 +323,8 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
         for _ in 0..6 {
             let picked = || sizes.iter().zip(&chosen).map(|(all, p)| all[*p as usize]);
             let size: f64 = picked().map(|s| s.1).sum();
-            x = (-picked().map(|s| s.0).sum::<f64>() / size.max(1e-300)).clamp(low.max(-1e6), high.min(1e6));
+            let best = -picked().map(|s| s.0).sum::<f64>() / size.max(1e-300);
+            x = within(best, low.max(-1e6), high.min(1e6));
             let next: Vec<u32> = sizes.iter().map(|all| largest(all, |s| takes(x, s))).collect();
             if next == chosen {
                 break;
@@ -363,9 +365,9 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
     let columns = vec![without(&whole, &base.basis)];
     let rests = without(&rests, &base.basis);
     let (along, size) = dot_and_size(&rests, &columns[0]);
-    let x = (-along / f64::max(size, 1e-300)).clamp(low.max(-1e6), high.min(1e6));
+    let x = within(-along / f64::max(size, 1e-300), low.max(-1e6), high.min(1e6));
     let mut values = h.values.clone();
-    values[amplitude] = (x * h.values[amplitude]).clamp(row.low * row.unit, row.high * row.unit);
+    values[amplitude] = within(x * h.values[amplitude], row.low * row.unit, row.high * row.unit);
     if values[amplitude] == 0.0 {
         values[amplitude] = 0.1 * h.values[amplitude];
     }

@@ -19,6 +19,7 @@ use crate::machine::Machine;
 use crate::machine::simulate::{MOST_STEPS, steps_needed};
 use crate::measurement::segments::{Data, Segment};
 use crate::measurement::{Measurement, Scope};
+use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -167,7 +168,7 @@ pub fn declared<'a>(
                 }
             }
         }
-        problem.most_steps = most.clamp(STIFF, MOST_STEPS);
+        problem.most_steps = within(most, STIFF, MOST_STEPS);
     }
     problem
 }
@@ -467,7 +468,7 @@ pub fn is_at_most_steps(declared: &Model) -> bool {
 /// What is added may be stiffer than what was declared, but not by so much that a search takes days.
 fn set_most_steps(problem: &mut Problem, fitted: &Point) {
     let most = STIFFER * needed(problem, &problem.start()).max(needed(problem, fitted));
-    problem.most_steps = most.clamp(16.0, problem.most_steps);
+    problem.most_steps = within(most, 16.0, problem.most_steps);
 }
 
 /// What a model could be given, and what each would take of its error.

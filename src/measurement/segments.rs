@@ -101,6 +101,8 @@ impl std::fmt::Display for DataError {
     }
 }
 
+/// Largest size of a measured value: squares and sums of squares of more leave what a float can hold.
+const LARGEST_VALUE: f64 = 1e60;
 /// Shortest record that is accepted [samples].
 const SHORTEST: usize = 16;
 
@@ -416,6 +418,11 @@ fn check_values(
     let at = format!("channels.{}", channel.name);
     let known: Vec<f64> = raw.iter().copied().filter(|v| v.is_finite()).collect();
     let missing = raw.len() - known.len();
+    if let Some(far) = known.iter().find(|v| v.abs() > LARGEST_VALUE) {
+        let title = format!("channel `{}` has the value {far:e} in record `{}`", channel.name, record.name);
+        let help = "no sensor shows that: leave the field empty where a sample is lost";
+        diags.push(measurement.places.error(&at, title, Some(help.into())));
+    }
     if 5 * missing > raw.len() {
         let title =
             format!("channel `{}` lacks {missing} of {} values in record `{}`", channel.name, raw.len(), record.name);

@@ -54,7 +54,9 @@ fn count(bytes: &[u8]) -> anyhow::Result<()> {
         };
         match tag {
             LINK_OUTLINES => outline(content),
-            BODIES => each_field(content, |tag, content| if tag == OUTLINE_OF_BODY { outline(content) } else { Ok(()) }),
+            BODIES => {
+                each_field(content, |tag, content| if tag == OUTLINE_OF_BODY { outline(content) } else { Ok(()) })
+            }
             _ => Ok(()),
         }
     })
@@ -116,7 +118,8 @@ fn check(header: &Header) -> anyhow::Result<()> {
     let outlines = || header.link_outlines.iter().chain(header.bodies.iter().filter_map(|b| b.outline.as_ref()));
     let drawn = outlines().all(|o| {
         let elements = o.elements.iter().all(|e| {
-            let e = [e.start_x_m, e.start_y_m, e.end_x_m, e.end_y_m, e.centre_x_m, e.centre_y_m, e.radius_m, e.sweep_rad];
+            let e =
+                [e.start_x_m, e.start_y_m, e.end_x_m, e.end_y_m, e.centre_x_m, e.centre_y_m, e.radius_m, e.sweep_rad];
             e.iter().all(|v| v.is_finite())
         });
         elements && o.circles.iter().all(|c| [c.x_m, c.y_m, c.radius_m].iter().all(|v| v.is_finite()))

@@ -19,6 +19,7 @@ use super::{PictureClock, Sink, ViewOptions};
 use crate::output::OutputFile;
 use anyhow::Context;
 use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
 use prost::Message;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -72,7 +73,7 @@ pub const IMPACT: usize = 8;
 pub struct McapSink {
     output: OutputFile,
     /// None after an error: nothing more is written, what was written stays.
-    writer: Option<mcap::Writer<BufWriter<File>>>,
+    writer: Option<mcap::Writer<NoSeek<BufWriter<File>>>>,
     channels: [u16; TOPICS.len()],
     header: Header,
     clock: PictureClock,
@@ -99,8 +100,9 @@ impl McapSink {
             .chunk_size(None)
             // Chunks and attachments have their own; the metadata beside them repeats the header.
             .calculate_data_section_crc(false)
+            // A pipe has no places to go back to.
             .disable_seeking(true);
-        let writer = mcap::Writer::with_options(BufWriter::new(file), options);
+        let writer = mcap::Writer::with_options(NoSeek::new(BufWriter::new(file)), options);
         let mut sink = McapSink {
             output,
             writer: Some(writer.with_context(|| format!("cannot write {}", path.display()))?),
@@ -193,7 +195,7 @@ impl McapSink {
         {
             // Not dropped as a writer: that would write an index over what is missing. Nor as a buffer: its rest cannot
             // be written either.
-            let (_file, _unwritten) = writer.into_inner().into_parts();
+            let (_file, _unwritten) = writer.into_inner().into_inner().into_parts();
         }
         result.with_context(|| format!("cannot write {}", self.output.path().display()))
     }
@@ -258,7 +260,7 @@ impl Sink for McapSink {
         })?;
         let cannot = || format!("cannot write {}", self.output.path().display());
         let writer = self.writer.take().with_context(cannot)?;
-        let file = writer.into_inner().into_inner().with_context(cannot)?;
+        let file = writer.into_inner().into_inner().into_inner().with_context(cannot)?;
         self.output.sync(&file).with_context(cannot)?;
         Ok(file.metadata().map(|m| m.len()).unwrap_or(0))
     }
@@ -281,7 +283,7 @@ impl Drop for McapSink {
         // Given up without `finish`: close the open chunk, write no index.
         if let Some(mut writer) = self.writer.take() {
             let _closed = writer.flush();
-            let (_file, _unwritten) = writer.into_inner().into_parts();
+            let (_file, _unwritten) = writer.into_inner().into_inner().into_parts();
         }
     }
 }

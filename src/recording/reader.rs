@@ -145,8 +145,9 @@ pub struct Reader {
     complete: bool,
     /// Bytes at the end that hold no whole record.
     lost_bytes: u64,
-    /// What is not there, one sentence each.
+    /// What is not there, one sentence each, and how many of them opening has found.
     missing: Vec<String>,
+    missing_at_open: usize,
     /// Messages of each channel, where the table of contents counts them.
     counted: BTreeMap<u16, u64>,
     /// Those that a pass over everything has met.
@@ -189,6 +190,7 @@ impl Reader {
             complete: false,
             lost_bytes: 0,
             missing: Vec::new(),
+            missing_at_open: 0,
             counted: BTreeMap::new(),
             met: BTreeMap::new(),
             packed: Vec::new(),
@@ -204,6 +206,7 @@ impl Reader {
         if !reader.complete || reader.counted.is_empty() {
             reader.look_for_gaps();
         }
+        reader.missing_at_open = reader.missing.len();
         Ok(reader)
     }
 
@@ -236,6 +239,11 @@ impl Reader {
     /// What the recording should hold and does not, one sentence each, as far as has been read.
     pub fn missing(&self) -> &[String] {
         &self.missing
+    }
+
+    /// Of those, the ones that opening has not found but reading has.
+    pub fn missing_since_open(&self) -> &[String] {
+        &self.missing[self.missing_at_open..]
     }
 
     fn miss(&mut self, what: String) {
@@ -286,7 +294,10 @@ impl Reader {
                 // Whichever is right: it is looked into.
                 chunk.start_ns = chunk.start_ns.min(entry.start_ns);
                 chunk.end_ns = chunk.end_ns.max(entry.end_ns);
-                self.miss(format!("{shown}: the chunk at byte {} has other times in the table of contents", entry.offset));
+                self.miss(format!(
+                    "{shown}: the chunk at byte {} has other times in the table of contents",
+                    entry.offset
+                ));
             }
         }
     }
@@ -537,7 +548,9 @@ impl Reader {
         for (channel, stated) in self.counted.clone() {
             let met = self.met.get(&channel).copied().unwrap_or(0);
             if met != stated {
-                self.miss(format!("{shown}: it says that it has {stated} messages of channel {channel}, and {met} are there"));
+                self.miss(format!(
+                    "{shown}: it says that it has {stated} messages of channel {channel}, and {met} are there"
+                ));
             }
         }
     }

@@ -4,7 +4,7 @@
 //! Only the columns that are asked for are kept. A line is at most [`LONGEST_LINE`] bytes; rows that hold quotation marks are
 //! taken apart as RFC 4180 says, but end where their line ends.
 
-use super::{Memory, Columns, Layout, Wanted};
+use super::{Columns, Layout, Memory, Wanted};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
 use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
@@ -20,12 +20,7 @@ const LINE_END: Terminator = Terminator::Any(b'\n');
 const LOOKED_AT: u64 = 4096;
 
 /// Columns of a text file; an error begins with the line where it is one.
-pub fn parse_csv(
-    input: impl Read,
-    layout: Layout,
-    wanted: Wanted<'_>,
-    memory: &mut Memory,
-) -> Result<Columns, String> {
+pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let (input, encoding) = decoded(input).map_err(|e| format!(" cannot be read: {e}"))?;
     let mut lines = Lines { input: BufReader::with_capacity(1 << 16, input), line: Vec::new(), number: 0 };
     for _ in 0..layout.skip_lines {
@@ -35,7 +30,13 @@ pub fn parse_csv(
     while lines.next()? {
         // Without a mark in front, a byte above 127 that is no UTF-8 is of the code page that Windows writes in the west.
         let text = std::str::from_utf8(&lines.line).map_or_else(
-            |_| if encoding { String::from_utf8_lossy(&lines.line) } else { WINDOWS_1252.decode_without_bom_handling(&lines.line).0 },
+            |_| {
+                if encoding {
+                    String::from_utf8_lossy(&lines.line)
+                } else {
+                    WINDOWS_1252.decode_without_bom_handling(&lines.line).0
+                }
+            },
             std::borrow::Cow::Borrowed,
         );
         table.row(&text, lines.number, memory).map_err(|e| format!(":{}: {e}", lines.number))?;
@@ -76,7 +77,10 @@ impl<R: Read> Lines<R> {
         let read = read.map_err(|e| format!(": line {}: {e}", self.number + 1))?;
         self.number += 1;
         if read > LONGEST_LINE {
-            return Err(format!(":{}: a line of more than {LONGEST_LINE} bytes: this is no table of numbers", self.number));
+            return Err(format!(
+                ":{}: a line of more than {LONGEST_LINE} bytes: this is no table of numbers",
+                self.number
+            ));
         }
         while self.line.last().is_some_and(|b| matches!(b, b'\n' | b'\r')) {
             self.line.pop();
@@ -170,11 +174,14 @@ impl<'a> Table<'a> {
         if !closed {
             if width != names {
                 let help = "help: texts that run over several lines are not read; take that column out of the file";
-                return Err(format!("a quotation mark is not closed on its line, and the line has not all columns\n{help}"));
+                return Err(format!(
+                    "a quotation mark is not closed on its line, and the line has not all columns\n{help}"
+                ));
             }
             self.open_quotes += 1;
             if self.open_quotes == 1 {
-                let what = format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
+                let what =
+                    format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
                 self.columns.warnings.push(what);
             }
         }
@@ -196,7 +203,11 @@ impl<'a> Table<'a> {
             let value = number_in.unwrap_or_else(|| {
                 let text: String = text.chars().take(40).collect();
                 let name = &self.columns.names[index];
-                let help = if text.contains(',') && self.separator == b',' { "; decimal commas need another separator" } else { "" };
+                let help = if text.contains(',') && self.separator == b',' {
+                    "; decimal commas need another separator"
+                } else {
+                    ""
+                };
                 self.columns.wrong[index]
                     .get_or_insert_with(|| format!("`{text}` in column `{name}`, line {number}, is no number{help}"));
                 f64::NAN
@@ -264,7 +275,10 @@ impl<'a> Table<'a> {
         let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
         let mut probe = Column { index: 0, kind: Kind::Unknown, marks: [false; 2] };
         let mut numbers = texts.clone().filter(|t| probe.number(t, self.separator).is_some());
-        self.layout.header && self.columns.units.iter().all(Option::is_none) && texts.count() > 1 && numbers.next().is_none()
+        self.layout.header
+            && self.columns.units.iter().all(Option::is_none)
+            && texts.count() > 1
+            && numbers.next().is_none()
     }
 
     fn finish(mut self) -> Result<Columns, String> {
@@ -278,8 +292,9 @@ impl<'a> Table<'a> {
         for column in &self.kept {
             if column.marks == [true; 2] {
                 let name = &self.columns.names[column.index];
-                self.columns.wrong[column.index]
-                    .get_or_insert_with(|| format!("column `{name}` has decimal points in some rows and commas in others"));
+                self.columns.wrong[column.index].get_or_insert_with(|| {
+                    format!("column `{name}` has decimal points in some rows and commas in others")
+                });
             }
             if matches!(column.kind, Kind::Instant(_)) {
                 self.columns.units[column.index] = Some("s".into());

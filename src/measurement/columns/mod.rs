@@ -188,9 +188,15 @@ pub fn parse_mdf(
         };
         full.iter().take(12).map(one).collect::<Vec<_>>().join("; ")
     };
-    let chosen = match (group, full.as_slice()) {
+    // Storage by columns (MDF 4.2) has a group for each channel, and one clock for all.
+    let by_columns = full.iter().all(|g| {
+        let (own, first) = (groups[*g], groups[full[0]]);
+        own.channels.len() == 1 && own.sample_count == first.sample_count
+    });
+    let chosen: &[usize] = match (&group, full.as_slice()) {
         (_, []) => return Err("holds no samples".into()),
-        (None, [only]) => *only,
+        (None, [_]) => &full,
+        (None, _) if by_columns => &full,
         (None, _) => {
             return Err(format!(
                 "holds {} groups of channels\nhelp: write `group = {}` with the file; groups there: {}",
@@ -199,15 +205,16 @@ pub fn parse_mdf(
                 list()
             ));
         }
-        (Some(g), _) if full.contains(&g) => g,
+        (Some(g), _) if full.contains(g) => std::slice::from_ref(g),
         (Some(g), _) => return Err(format!("has no group {g} with samples\nhelp: groups there: {}", list())),
     };
-    let samples = groups[chosen].sample_count;
+    let samples = groups[chosen[0]].sample_count;
     let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
-    let names: Vec<String> = groups[chosen].channels.iter().map(|c| c.name.clone()).collect();
-    let mut columns = Columns::of_numbers(names, vec![Vec::new(); groups[chosen].channels.len()]);
+    let channels: Vec<&falcon_mdf::Channel> = chosen.iter().flat_map(|g| &groups[*g].channels).collect();
+    let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
+    let mut columns = Columns::of_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
-    for (index, channel) in groups[chosen].channels.iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
+    for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
         // A channel that cannot be read is a mistake where somebody asks for it.
         match mdf_channel(file, channel, rows) {

@@ -1,6 +1,6 @@
 //! Parquet files: the columns that are asked for, one after the other, a few thousand values at a time.
 
-use super::{Memory, Columns, Wanted};
+use super::{Columns, Memory, Wanted};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;

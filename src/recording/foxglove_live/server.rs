@@ -3,7 +3,7 @@
 //!
 //! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; where it reads too slowly, its oldest messages go;
 //! * one that has read nothing for [`PATIENCE`], or sends more than a viewer has to say, is closed;
-//! * there are at most [`MOST_CLIENTS`], and as many that are still shaking hands.
+//! * there are at most [`MOST_CLIENTS`], and as many more that are still shaking hands.
 //!
 //! Everything that is left out or closed is counted ([`Counts`]).
 
@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
@@ -107,12 +107,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Server {
     /// Listens at `port` of the loopback address (0: any that is free). `greeting` are the protocol's first texts, `at_start`
     /// topics with the message that a late client gets first.
-    pub fn start(
-        port: u16,
-        token: String,
-        greeting: [String; 2],
-        at_start: Vec<(usize, Arc<[u8]>)>,
-    ) -> Result<Server> {
+    pub fn start(port: u16, token: String, greeting: [String; 2], at_start: Vec<(usize, Arc<[u8]>)>) -> Result<Server> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = runtime
             .block_on(TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
@@ -266,20 +261,28 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
         };
         let (shared, seats) = (Arc::clone(&shared), Arc::clone(&seats));
         tokio::spawn(async move {
-            let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, &shared)).await;
+            let mut seat = None;
+            let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, &shared, &seats, &mut seat)).await;
             drop(door);
-            let (Ok(Ok(socket)), Ok(_seat)) = (shaken, seats.try_acquire_owned()) else {
-                shared.counts.refused.fetch_add(1, Ordering::Relaxed);
-                return;
-            };
-            serve(socket, &shared).await;
+            match shaken {
+                Ok(Ok(socket)) => serve(socket, &shared).await,
+                Ok(Err(_)) | Err(_) => {
+                    shared.counts.refused.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+            drop(seat);
         });
     }
 }
 
 // The size of the error is the crate's.
 #[allow(clippy::result_large_err)]
-async fn shake_hands(stream: TcpStream, shared: &Shared) -> Result<WebSocketStream<TcpStream>> {
+async fn shake_hands(
+    stream: TcpStream,
+    shared: &Shared,
+    seats: &Arc<Semaphore>,
+    seat: &mut Option<OwnedSemaphorePermit>,
+) -> Result<WebSocketStream<TcpStream>> {
     let config = WebSocketConfig::default()
         .read_buffer_size(16 << 10)
         .write_buffer_size(64 << 10)
@@ -304,6 +307,11 @@ async fn shake_hands(stream: TcpStream, shared: &Shared) -> Result<WebSocketStre
         if !offered.any(|name| name.trim() == SUBPROTOCOL) {
             return Err(refuse(StatusCode::BAD_REQUEST, "this server speaks foxglove.sdk.v1"));
         }
+        // Whoever may not come in takes none.
+        *seat = Arc::clone(seats).try_acquire_owned().ok();
+        if seat.is_none() {
+            return Err(refuse(StatusCode::SERVICE_UNAVAILABLE, "too many viewers"));
+        }
         response.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(SUBPROTOCOL));
         Ok(response)
     };
@@ -313,8 +321,11 @@ async fn shake_hands(stream: TcpStream, shared: &Shared) -> Result<WebSocketStre
 
 /// Talks to one client until either has had enough.
 async fn serve(socket: WebSocketStream<TcpStream>, shared: &Shared) {
-    let client =
-        Arc::new(Client { queue: Mutex::default(), bell: Notify::new(), subscriptions: Mutex::new(Default::default()) });
+    let client = Arc::new(Client {
+        queue: Mutex::default(),
+        bell: Notify::new(),
+        subscriptions: Mutex::new(Default::default()),
+    });
     for text in &shared.greeting {
         client.put(Queued { head: None, content: text.as_bytes().into() }, &shared.counts);
     }

@@ -291,16 +291,8 @@ impl TableWriter {
     pub fn create(table: Table, path: &Path, format: Format, header: &Header) -> anyhow::Result<TableWriter> {
         let (output, file) = OutputFile::whole(path)?;
         let stores = table.columns().into_iter().map(|c| c.store).collect();
-        let mut writer = TableWriter {
-            table,
-            output,
-            path: path.to_path_buf(),
-            sheet: None,
-            stores,
-            waiting: 0,
-            rows: 0,
-            bytes: 0,
-        };
+        let mut writer =
+            TableWriter { table, output, path: path.to_path_buf(), sheet: None, stores, waiting: 0, rows: 0, bytes: 0 };
         writer.sheet = Some(Sheet::create(file, format, &table, header).map_err(|e| cannot_write(path, e))?);
         match table.source {
             Source::Frame(_) | Source::Event(_) | Source::Impact(_) => {}
