@@ -1,9 +1,6 @@
 //! What servers on this machine ask of whoever comes. A web page from anywhere, opened in a browser on this machine, can reach
-//! the loopback address: it cannot choose the Host header, which names the server that it believes to talk to, nor leave out
-//! the Origin header of a WebSocket, which names the page.
-
-/// Web pages that may open a WebSocket without the token: the Foxglove app in a browser.
-const KNOWN_ORIGINS: [&str; 1] = ["https://app.foxglove.dev"];
+//! the loopback address, and so can every user of the machine: the page cannot choose the Host header, which names the server that
+//! it believes to talk to, and neither knows the token in the address that the program prints.
 
 /// Whether a Host header means this server by one of its own names. A page that has pointed a name of its own at the loopback
 /// address (DNS rebinding) brings that name.
@@ -14,11 +11,9 @@ pub fn is_named(host: Option<&str>, port: u16) -> bool {
         .any(|name| host.strip_prefix(name).and_then(|rest| rest.strip_prefix(':')) == Some(&port.to_string()))
 }
 
-/// Whether somebody may open a WebSocket: a program that is no browser (it sends no Origin), a page that is known, or whoever
-/// knows the token.
-pub fn may_enter(origin: Option<&str>, path: &str, token: &str) -> bool {
-    let knows = same_bytes(path.trim_matches('/').as_bytes(), token.as_bytes());
-    knows || origin.is_none_or(|origin| KNOWN_ORIGINS.contains(&origin))
+/// Whether the path of an address holds the token.
+pub fn has_token(path: &str, token: &str) -> bool {
+    same_bytes(path.strip_prefix('/').unwrap_or(path).as_bytes(), token.as_bytes())
 }
 
 /// In a time that does not tell how much of it was right.
@@ -48,11 +43,9 @@ mod tests {
         assert!(!is_named(None, 80));
         let token = token().unwrap();
         assert_eq!(token.len(), 32);
-        assert!(may_enter(None, "/", &token) && may_enter(Some("https://app.foxglove.dev"), "/", &token));
-        for origin in ["http://evil.com", "null", "file://", "https://app.foxglove.dev.evil.com", ""] {
-            assert!(!may_enter(Some(origin), "/", &token), "{origin}");
-            assert!(!may_enter(Some(origin), &format!("/{}", &token[1..]), &token), "{origin}");
-            assert!(may_enter(Some(origin), &format!("/{token}"), &token), "{origin}");
+        assert!(has_token(&format!("/{token}"), &token));
+        for path in ["/", "", &format!("/{}", &token[1..]), &format!("/{token}0"), &format!("//{token}")] {
+            assert!(!has_token(path, &token), "{path}");
         }
     }
 }

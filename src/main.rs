@@ -15,8 +15,13 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(e) => {
             // Help and version go to stdout and are no failure. A closed pipe is nobody's mistake.
-            let _printed = e.print();
-            return ExitCode::from(if e.use_stderr() { 2 } else { 0 });
+            return match e.print() {
+                Err(error) if !e.use_stderr() && error.kind() != std::io::ErrorKind::BrokenPipe => {
+                    let _written = writeln!(std::io::stderr(), "error: cannot write to stdout: {error}");
+                    ExitCode::from(1)
+                }
+                _ => ExitCode::from(if e.use_stderr() { 2 } else { 0 }),
+            };
         }
     };
     match pitchline::cli::run(cli) {

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How long a pipe may be without a reader when it is opened.
-const PATIENCE: Duration = Duration::from_secs(10);
+const PATIENCE: Duration = Duration::from_secs(5);
 /// Names that are tried for a file beside another one.
 const MOST_NAMES: usize = 1000;
 /// Symbolic links that are followed one after the other.

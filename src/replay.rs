@@ -48,6 +48,7 @@ impl Replay {
             recorded * 1e6,
             ours * 1e6
         );
+        fits(path, reader.header(), &model)?;
         let origin = match reader.header().ledger_origin {
             Some(origin) => Some(origin),
             None => first_origin(&mut reader, &model)?,
@@ -122,6 +123,19 @@ impl Replay {
             changed,
         }
     }
+}
+
+/// What the header says of links and bodies is what its drive makes.
+fn fits(path: &Path, header: &Header, model: &Model) -> anyhow::Result<()> {
+    let ours =
+        model.sprockets.iter().map(|s| (true, s.geometry.teeth())).chain(model.guides.iter().map(|_| (false, 0)));
+    let bodies = header.bodies.iter().map(|b| (b.rotor, b.teeth)).eq(ours);
+    ensure!(
+        bodies && header.links.len() == model.chain.n_links,
+        "{} is damaged: its links, sprockets and guides are not those of its drive",
+        path.display()
+    );
+    Ok(())
 }
 
 /// The drive of a recording, with further overrides.

@@ -146,8 +146,8 @@ fn a_viewer_that_is_not_there_is_an_error_and_touches_no_file() {
     }
 }
 
-/// A run that waits for Foxglove, its port, and what it says from then on.
-fn serving(args: &[&str]) -> (Child, u16, JoinHandle<String>) {
+/// A run that waits for Foxglove, its address behind `ws://`, and what it says from then on.
+fn serving(args: &[&str]) -> (Child, String, JoinHandle<String>) {
     let mut command = pitchline(&["--no-output", "--live", "foxglove=0", "--live-wait", "60s"]);
     let mut run = command.args(args).spawn().expect("runs");
     let mut said = String::new();
@@ -155,26 +155,26 @@ fn serving(args: &[&str]) -> (Child, u16, JoinHandle<String>) {
     while !said.contains("ws://") {
         assert!(lines.read_line(&mut said).expect("text") > 0, "{said}");
     }
-    let port = said.split("ws://127.0.0.1:").nth(1).expect("an address");
-    let port: String = port.chars().take_while(char::is_ascii_digit).collect();
+    let address = said.split("ws://").nth(1).expect("an address").split(';').next().expect("its end").to_string();
     // Read to the end, so that the run never waits for us.
     let rest = std::thread::spawn(move || {
         let mut rest = String::new();
         lines.read_to_string(&mut rest).expect("text");
         rest
     });
-    (run, port.parse().expect("a port"), rest)
+    (run, address, rest)
 }
 
 /// As much of a WebSocket client as it takes to listen (RFC 6455).
 struct WebSocket(BufReader<TcpStream>);
 
 impl WebSocket {
-    fn connect(port: u16) -> WebSocket {
-        let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("somebody listens");
+    fn connect(address: &str) -> WebSocket {
+        let (host, token) = address.split_once('/').expect("a token");
+        let mut stream = TcpStream::connect(host).expect("somebody listens");
         stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a limit");
         let request = format!(
-            "GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+            "GET /{token} HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
              Sec-WebSocket-Key: cGl0Y2hsaW5lcGl0Y2hsaQ==\r\nSec-WebSocket-Version: 13\r\n\
              Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
         );
@@ -242,8 +242,8 @@ fn listen(socket: &mut WebSocket) -> BTreeMap<String, Vec<Vec<u8>>> {
 #[test]
 fn foxglove_gets_the_topics_of_the_archive() {
     // Slow enough that nothing is left out.
-    let (mut run, port, _) = serving(&["--duration", "20ms", "--live-speed", "0.02"]);
-    let messages = listen(&mut WebSocket::connect(port));
+    let (mut run, address, _) = serving(&["--duration", "20ms", "--live-speed", "0.02"]);
+    let messages = listen(&mut WebSocket::connect(&address));
     assert!(run.wait().expect("ends").success());
     for (topic, _) in TOPICS {
         println!("{topic}: {} messages", messages.get(topic).map_or(0, Vec::len));
@@ -267,8 +267,8 @@ fn foxglove_gets_the_topics_of_the_archive() {
 
 #[test]
 fn foxglove_may_go_away() {
-    let (mut run, port, said) = serving(&["--duration", "10ms", "--live-speed", "0.01"]);
-    let mut socket = WebSocket::connect(port);
+    let (mut run, address, said) = serving(&["--duration", "10ms", "--live-speed", "0.01"]);
+    let mut socket = WebSocket::connect(&address);
     while socket.next().is_some_and(|(kind, content)| kind != 1 || !content.windows(5).any(|w| w == b"/tf\",")) {}
     for id in 1..=TOPICS.len() {
         socket.send(&format!("{{\"op\":\"subscribe\",\"subscriptions\":[{{\"id\":{id},\"channelId\":{id}}}]}}"));
@@ -288,9 +288,9 @@ fn python_listens_as_foxglove_does() {
         println!("skipped: {python} has no websockets and protobuf");
         return;
     }
-    let (mut run, port, _) = serving(&["--duration", "10ms", "--live-speed", "0.02"]);
+    let (mut run, address, _) = serving(&["--duration", "10ms", "--live-speed", "0.02"]);
     let script = format!("{}/tests/read_foxglove.py", env!("CARGO_MANIFEST_DIR"));
-    let out = Command::new(&python).arg(script).arg(port.to_string()).output().expect("runs");
+    let out = Command::new(&python).arg(script).arg(&address).output().expect("runs");
     let said = String::from_utf8_lossy(&out.stdout);
     println!("{said}");
     assert!(out.status.success(), "{said}{}", stderr(&out));

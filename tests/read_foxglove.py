@@ -1,4 +1,4 @@
-"""Listens to a live run as Foxglove does: by the schemas that the server sends. Argument: its port on this machine."""
+"""Listens to a live run as Foxglove does: by the schemas that the server sends. Argument: its address, behind `ws://`."""
 
 import asyncio
 import base64
@@ -17,9 +17,9 @@ def message_class(channel):
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(channel["schemaName"]))
 
 
-async def listen(port):
+async def listen(address):
     channels, scenes, frames, arrows = {}, [], [], 0
-    url = f"ws://127.0.0.1:{port}"
+    url = f"ws://{address}"
     async with websockets.connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
         async for message in socket:
             if isinstance(message, str):

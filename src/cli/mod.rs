@@ -272,9 +272,22 @@ fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, 
     crate::drive::Drive::parse(&name, &text, overrides).map_err(|report| Failure::Input(report.to_string()))
 }
 
+/// How long assembling may take without a word: most drives take a tenth of it.
+const SILENCE: std::time::Duration = std::time::Duration::from_secs(3);
+
 /// Assembles a drive.
 fn assemble(drive: &crate::drive::Drive) -> Result<crate::assemble::Assembly, Failure> {
-    crate::assemble::assemble(drive).map_err(assembly_failure)
+    let (done, ended) = std::sync::mpsc::channel::<()>();
+    std::thread::spawn(move || {
+        if ended.recv_timeout(SILENCE) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+            eprintln!(
+                "note: assembling goes on: a long chain, or steps far smaller than the run-in; Ctrl-C ends it, `run.run_in_ms` shortens it"
+            );
+        }
+    });
+    let assembled = crate::assemble::assemble(drive).map_err(assembly_failure);
+    drop(done);
+    assembled
 }
 
 fn assembly_failure(e: crate::assemble::AssemblyError) -> Failure {

@@ -565,7 +565,7 @@ impl Reader {
     ) -> anyhow::Result<Flow> {
         self.unpack(index)?;
         let mut gaps = Vec::new();
-        let longest = self.header.steps_per_frame;
+        let (longest, step_s) = (self.header.steps_per_frame, self.header.step_s);
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
         let (links, bodies) = (self.header.links.len(), self.header.bodies.len());
@@ -579,11 +579,13 @@ impl Reader {
                     frame.clear();
                     frame.merge(data)?;
                     check(&frame, links, bodies, sensors)?;
+                    check_time(frame.step, frame.t_s, (step_s, t_ns))?;
                     gaps.extend(rhythm.gap(frame.step, longest)?);
                     Entry::Frame(&frame)
                 }
                 Topic::Frame if wanted.heads => {
                     let head = FrameHead::decode(data)?;
+                    check_time(head.step, head.t_s, (step_s, t_ns))?;
                     gaps.extend(rhythm.gap(head.step, longest)?);
                     Entry::Head(head)
                 }
@@ -774,6 +776,15 @@ fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> an
     ensure!(n <= n_bodies, "more rotors than bodies");
     let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
     ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
+    Ok(())
+}
+
+/// A frame's step, its time and the time that it is found by are one: t = step x h.
+fn check_time(step: u64, t_s: f64, (step_s, t_ns): (f64, u64)) -> anyhow::Result<()> {
+    let stated_s = step as f64 * step_s;
+    // A step of a run that went on with another step size is rounded.
+    let fits = (t_s - stated_s).abs() <= 1e-9 * stated_s.max(1.0) && nanoseconds(t_s).abs_diff(t_ns) <= 1;
+    ensure!(fits, "a frame of step {step} says {t_s} s and lies at {t_ns} ns, and its step is at {stated_s} s");
     Ok(())
 }
 

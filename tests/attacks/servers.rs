@@ -171,19 +171,20 @@ fn subscribe_to_all() -> Vec<u8> {
 fn a_live_run_lets_in_whom_it_knows() {
     let (mut run, port, token, _) = live("1ms");
     let host = format!("Host: 127.0.0.1:{port}\r\n");
+    let half = token[..16].to_string();
     for (path, headers) in [
+        ("", host.clone()),
+        (half.as_str(), host.clone()),
+        ("0123456789abcdef0123456789abcdef", host.clone()),
         ("", format!("{host}Origin: http://evil.com\r\n")),
         ("", format!("{host}Origin: null\r\n")),
-        ("0123456789abcdef0123456789abcdef", format!("{host}Origin: http://evil.com\r\n")),
-        ("", "Host: evil.com\r\n".to_string()),
-        (token.as_str(), format!("Host: evil.com:{port}\r\nOrigin: http://evil.com\r\n")),
+        (token.as_str(), format!("Host: evil.com:{port}\r\n")),
+        (token.as_str(), String::new()),
     ] {
         let (_, line) = greet(port, path, &headers);
         assert!(line.contains("403"), "{path} {headers}: {line}");
     }
-    let (_stream, line) = greet(port, "", &format!("{host}Origin: https://app.foxglove.dev\r\n"));
-    assert!(line.contains("101"), "{line}");
-    let (mut stream, line) = greet(port, &token, &format!("{host}Origin: file://\r\n"));
+    let (mut stream, line) = greet(port, &token, &format!("{host}Origin: https://app.foxglove.dev\r\n"));
     assert!(line.contains("101"), "{line}");
     stream.write_all(&subscribe_to_all()).expect("sent");
     assert!(run.wait().expect("ends").success());

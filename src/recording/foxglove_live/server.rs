@@ -7,7 +7,7 @@
 //!
 //! Everything that is left out or closed is counted ([`Counts`]).
 
-use crate::local_server::{is_named, may_enter};
+use crate::local_server::{has_token, is_named};
 use crate::recording::mcap::TOPICS;
 use anyhow::{Context, Result};
 use futures_util::{SinkExt, StreamExt};
@@ -26,8 +26,8 @@ use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
 
 /// Clients at one time.
 pub const MOST_CLIENTS: usize = 8;
-/// Bytes that wait for a client before its oldest message is left out: some 2000 frames.
-const LARGEST_QUEUE: usize = 24 << 20;
+/// Bytes that wait for a client before its oldest message is left out: some 700 frames.
+const LARGEST_QUEUE: usize = 8 << 20;
 /// How long a client may take for one message, and for its handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
 const HANDSHAKE: Duration = Duration::from_secs(5);
@@ -299,7 +299,7 @@ async fn shake_hands(
         if !is_named(text(header::HOST), shared.port) {
             return Err(refuse(StatusCode::FORBIDDEN, "this server answers only to its own name"));
         }
-        if !may_enter(text(header::ORIGIN), request.uri().path(), &shared.token) {
+        if !has_token(request.uri().path(), &shared.token) {
             return Err(refuse(StatusCode::FORBIDDEN, "use the whole address that pitchline has printed"));
         }
         let offered = request.headers().get_all(header::SEC_WEBSOCKET_PROTOCOL).iter();
