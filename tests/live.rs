@@ -269,7 +269,7 @@ fn foxglove_gets_the_topics_of_the_archive() {
 fn foxglove_may_go_away() {
     let (mut run, address, said) = serving(&["--duration", "10ms", "--live-speed", "0.01"]);
     let mut socket = WebSocket::connect(&address);
-    while socket.next().is_some_and(|(kind, content)| kind != 1 || !content.windows(5).any(|w| w == b"/tf\",")) {}
+    while socket.next().is_some_and(|(kind, content)| kind != 1 || !content.windows(5).any(|w| w == b"\"/tf\"")) {}
     for id in 1..=TOPICS.len() {
         socket.send(&format!("{{\"op\":\"subscribe\",\"subscriptions\":[{{\"id\":{id},\"channelId\":{id}}}]}}"));
     }

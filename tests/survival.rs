@@ -192,7 +192,9 @@ fn hostile_files_are_refused_in_bounded_memory() {
     assert!(Reader::open(&view).err().expect("refused").to_string().contains("give the .mcap"));
     // A header whose columns do not fit each other must not be indexed blindly.
     let links = vec![Default::default(); 3];
-    let header = Header { drive_name: "odd".into(), format_version: 1, step_s: 1e-6, links, ..Header::default() };
+    let link_outlines = vec![Default::default()];
+    let header =
+        Header { drive_name: "odd".into(), format_version: 1, step_s: 1e-6, links, link_outlines, ..Header::default() };
     let mut sink = create(&path, &header, ViewOptions::default()).expect("opens");
     let mut frame = pitchline::recording::frame::Frame::default();
     let l = &mut frame.links;

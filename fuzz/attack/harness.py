@@ -1,5 +1,6 @@
 """Runs the program under test on one generated case and judges how it ended."""
 
+import contextlib
 import hashlib
 import os
 import random
@@ -151,6 +152,14 @@ class Running:
     def rss_mb(self) -> float:
         return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
+    def peak_mb(self) -> float:
+        """The largest memory since the program began: what the kernel reports at the end includes the worker that started it."""
+        with contextlib.suppress(OSError, ValueError):
+            for line in Path(f"/proc/{self.pid}/status").read_text().splitlines():
+                if line.startswith("VmHWM:"):
+                    return int(line.split()[1]) / 1024
+        return 0.0
+
     def threads(self) -> int:
         return len(os.listdir(f"/proc/{self.pid}/task"))
 
@@ -162,8 +171,9 @@ class Running:
 
     def finish(self, limit_s: float = KILL_AFTER_S) -> Result:
         end = self.began + limit_s
+        peak_mb = 0.0
         while not self.wait(0.2) and time.monotonic() < end and self.rss_mb() < KILL_ABOVE_MB:
-            pass
+            peak_mb = max(peak_mb, self.peak_mb())
         timed_out = time.monotonic() >= end and not self.wait(0.0)
         if not self.wait(0.0):
             self.send(signal.SIGKILL)
@@ -177,7 +187,7 @@ class Running:
             stderr=self.stderr_so_far(),
             wall_s=wall,
             cpu_s=usage.ru_utime + usage.ru_stime,
-            rss_mb=usage.ru_maxrss / 1024,
+            rss_mb=peak_mb or usage.ru_maxrss / 1024,
             timed_out=timed_out,
         )
 

@@ -264,7 +264,6 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
             }
         }
         sink.finish()?;
-        sink.publish()?;
         paths.push(path);
     }
     Ok(paths)

@@ -89,7 +89,6 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;
-    sink.publish()?;
     let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
     super::say_missing(&lost[..lost.len() - reader.missing().len()]);
     super::say_missing(reader.missing_since_open());

@@ -138,7 +138,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
             let written = written.join(", ");
             // The others are still finished; the first error is the one that counts.
             for sink in &mut sinks {
-                let _finished = sink.finish();
+                let _closed = sink.close();
             }
             return Err(Failure::World(format!("{e:#}\nwhat was written up to there is kept in {written}")));
         }
@@ -211,7 +211,7 @@ fn stop_without_reader(stop: &Arc<AtomicBool>) {
 pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Output>, Failure> {
     let mut bytes = Vec::new();
     for sink in sinks.iter_mut() {
-        bytes.push(sink.finish()?);
+        bytes.push(sink.close()?);
     }
     let mut outputs = Vec::new();
     for (sink, bytes) in sinks.iter_mut().zip(bytes) {

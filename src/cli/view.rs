@@ -205,7 +205,6 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
         return Ok(Outcome::Interrupted);
     }
     sink.finish()?;
-    sink.publish()?;
     super::say_missing(damage.iter().chain(reader.missing_since_open()));
     Ok(if damage.is_empty() && reader.missing().is_empty() { Outcome::Done } else { Outcome::DataLost })
 }

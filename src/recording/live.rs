@@ -123,8 +123,8 @@ impl Sink for Watched {
         Ok(())
     }
 
-    fn finish(&mut self) -> anyhow::Result<u64> {
-        self.guarded(|sink| sink.finish().map(|_| ()));
+    fn close(&mut self) -> anyhow::Result<u64> {
+        self.guarded(|sink| sink.close().map(|_| ()));
         Ok(0)
     }
 
@@ -172,7 +172,7 @@ impl Sink for Pace {
         Ok(())
     }
 
-    fn finish(&mut self) -> anyhow::Result<u64> {
+    fn close(&mut self) -> anyhow::Result<u64> {
         Ok(0)
     }
 

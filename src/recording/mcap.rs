@@ -253,7 +253,7 @@ impl Sink for McapSink {
         })
     }
 
-    fn finish(&mut self) -> anyhow::Result<u64> {
+    fn close(&mut self) -> anyhow::Result<u64> {
         self.guarded(|sink| match &mut sink.writer {
             Some(writer) => writer.finish().map(|_| ()),
             None => Err(mcap::McapError::AttemptedWriteAfterFailure),

@@ -20,7 +20,8 @@ pub mod view_geometry;
 use frame::{Event, Frame, Header, Impact, Keyframe};
 use std::path::{Path, PathBuf};
 
-/// A place where a recording goes. Calls come in order of time; `finish` comes last and once.
+/// A place where a recording goes. Calls come in order of time; `finish` comes last and once, or `close` and, where all went well,
+/// `publish`.
 pub trait Sink {
     fn frame(&mut self, frame: &Frame) -> anyhow::Result<()>;
     fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()>;
@@ -28,7 +29,13 @@ pub trait Sink {
     /// Comes when its two tooth periods are over; its time is that of the touch.
     fn impact(&mut self, impact: &Impact) -> anyhow::Result<()>;
     /// Writes what is buffered and closes the file; returns its size [bytes].
-    fn finish(&mut self) -> anyhow::Result<u64>;
+    fn close(&mut self) -> anyhow::Result<u64>;
+    /// Closes the file and publishes it.
+    fn finish(&mut self) -> anyhow::Result<u64> {
+        let bytes = self.close()?;
+        self.publish()?;
+        Ok(bytes)
+    }
     /// Gives a finished file the name that was asked for, in place of what was there (see [`crate::output`]).
     fn publish(&mut self) -> anyhow::Result<()> {
         Ok(())

@@ -230,7 +230,7 @@ impl Sink for RerunSink {
         Ok(())
     }
 
-    fn finish(&mut self) -> Result<u64> {
+    fn close(&mut self) -> Result<u64> {
         if !self.has_layout {
             self.send_layout(&[])?;
         }

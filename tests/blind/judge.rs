@@ -7,6 +7,7 @@ use pitchline::identify::report::{ChannelError, Report, Verdict};
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
+use pitchline::measurement::columns::Memory;
 use pitchline::measurement::segments::load;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
@@ -41,7 +42,8 @@ fn report_of(c: &Case) -> Result<Report, String> {
     }
     let measurement = Measurement::parse("measurement.toml", &c.measurement_toml).map_err(|r| r.to_string())?;
     let machine = Machine::parse(&measurement.drive, &c.drive_toml, &[]).map_err(|r| r.to_string())?;
-    let data = load(&measurement, &machine, folder.path()).map_err(|e| e.to_string())?;
+    let data = load(&measurement, &machine, folder.path(), &mut Memory::of_program(1_000_000_000))
+        .map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {

@@ -8,6 +8,7 @@ use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::machine::simulate::between;
 use pitchline::measurement::Measurement;
+use pitchline::measurement::columns::Memory;
 use pitchline::measurement::segments::load;
 use pitchline::sensing::Tracer;
 use std::path::Path;
@@ -192,7 +193,8 @@ pub fn identified(folder: &Path, threads: usize) -> Result<Report, String> {
     let text = std::fs::read_to_string(folder.join("drive.toml")).map_err(|e| e.to_string())?;
     let drive = Drive::parse("drive.toml", &text, &[]).map_err(|r| r.to_string())?;
     let machine = Machine::of_links(&drive);
-    let data = load(&measurement, &machine, folder).map_err(|e| e.to_string())?;
+    let data =
+        load(&measurement, &machine, folder, &mut Memory::of_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let plant = Plant::new(&drive, &machine, &data);
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let verbose = std::env::var_os("PITCHLINE_VERBOSE").is_some();

@@ -170,7 +170,7 @@ impl Sink for FoxgloveSink {
         Ok(())
     }
 
-    fn finish(&mut self) -> anyhow::Result<u64> {
+    fn close(&mut self) -> anyhow::Result<u64> {
         if let Some(mut server) = self.server.take() {
             server.finish(LINGER);
             let Counts { clients, refused, closed, left_out } = server.counts();
