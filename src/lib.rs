@@ -19,7 +19,7 @@ pub mod geometry;
 pub mod identify;
 pub mod impacts;
 pub mod integrate;
-#[cfg(any(feature = "live", feature = "web"))]
+#[cfg(any(feature = "live", feature = "http"))]
 pub mod local_server;
 pub mod lumping;
 pub mod machine;

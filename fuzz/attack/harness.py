@@ -214,7 +214,7 @@ def broken_rules(result: Result, cpu_limit: float | None, signals: tuple[int, ..
         broken.append(f"took {result.wall_s:.1f} s")
     if "note: assembling goes on" in result.stderr:
         # Said, and ended by Ctrl-C: a chain as heavy as a feather takes steps of nanoseconds.
-        broken = [reason for reason in broken if not reason.startswith(("took", "ended by SIGKILL"))]
+        broken = [reason for reason in broken if not reason.startswith(("took", "did not end", "ended by SIGKILL"))]
     # A comparison prints its outcome, 1, and `done, and not sure`, 3, on stdout.
     speaks = result.stderr.strip() or (result.code in (1, 3) and result.stdout.strip())
     if result.code > 0 and result.code != 130 and not speaks:

@@ -1,6 +1,8 @@
 //! What a header may hold, looked at before anything is made of it and again when it is read: a few bytes of a file must not
 //! become gigabytes of memory, and whoever draws or counts teeth relies on the numbers.
 
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
 use super::frame::Header;
 use anyhow::{Context, ensure};
 use prost::Message;
@@ -41,9 +43,9 @@ fn count(bytes: &[u8]) -> anyhow::Result<()> {
     let mut rows = [0_usize; REPEATED.len()];
     let mut elements = 0_usize;
     each_field(bytes, |tag, content| {
-        if let Some(k) = REPEATED.iter().position(|(t, _)| *t == tag) {
-            rows[k] += 1;
-            ensure!(rows[k] <= MOST_ROWS, "its header holds more than {MOST_ROWS} {}", REPEATED[k].1);
+        for (rows, (_, name)) in rows.iter_mut().zip(REPEATED).filter(|(_, (t, _))| *t == tag) {
+            *rows += 1;
+            ensure!(*rows <= MOST_ROWS, "its header holds more than {MOST_ROWS} {name}");
         }
         let mut outline = |outline: &[u8]| {
             each_field(outline, |tag, _| {
@@ -129,6 +131,7 @@ fn check(header: &Header) -> anyhow::Result<()> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::expect_used)]
 mod tests {
     use super::*;
     use crate::recording::frame::{BodyInfo, LinkInfo, Outline, OutlineElement};

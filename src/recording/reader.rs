@@ -7,12 +7,14 @@
 //! a file lacks, and what a finished one lacks against its own table of contents or the rhythm of its frames, is gathered in
 //! [`Reader::missing`], for whoever reads to say before anything else.
 
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
 use super::frame::{Event, FORMAT_VERSION, Frame, Header, Impact, Keyframe};
 use super::header;
 use anyhow::{Context, bail, ensure};
 use mcap::records::op;
 use prost::Message;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -90,7 +92,7 @@ enum Topic {
 }
 
 /// A chunk: where its packed bytes lie and what they hold.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Chunk {
     /// Of the record, for messages to people.
     offset: u64,
@@ -243,7 +245,7 @@ impl Reader {
 
     /// Of those, the ones that opening has not found but reading has.
     pub fn missing_since_open(&self) -> &[String] {
-        &self.missing[self.missing_at_open..]
+        self.missing.get(self.missing_at_open..).unwrap_or_default()
     }
 
     fn miss(&mut self, what: String) {
@@ -262,12 +264,12 @@ impl Reader {
     fn look_for_gaps(&mut self) {
         let Some(interval_ns) = self.frame_interval_ns() else { return };
         let mut until_ns = 0;
-        for index in 0..self.chunks.len() {
-            let (start_ns, end_ns) = (self.chunks[index].start_ns, self.chunks[index].end_ns);
+        let shown = self.path.display().to_string();
+        for Chunk { start_ns, end_ns, .. } in self.chunks.clone() {
             // Half a frame of slack: times are whole nanoseconds.
             if until_ns > 0 && start_ns.saturating_sub(until_ns) as f64 > 1.5 * interval_ns {
                 let (from, to) = (until_ns as f64 * 1e-6, start_ns as f64 * 1e-6);
-                self.miss(format!("{}: nothing between {from:.4} and {to:.4} ms", self.path.display()));
+                self.miss(format!("{shown}: nothing between {from:.4} and {to:.4} ms"));
             }
             until_ns = until_ns.max(end_ns);
         }
@@ -276,20 +278,21 @@ impl Reader {
     /// Holds the table of contents of a finished file against the chunks that were found.
     fn check_contents(&mut self, index: &[ChunkIndex], n_chunks: Option<u32>) {
         let shown = self.path.display().to_string();
-        let found: BTreeMap<u64, usize> = self.chunks.iter().enumerate().map(|(i, c)| (c.offset, i)).collect();
+        let found: BTreeSet<u64> = self.chunks.iter().map(|c| c.offset).collect();
         if let Some(n) = n_chunks
             && n as usize != self.chunks.len()
-            && index.iter().all(|entry| found.contains_key(&entry.offset))
+            && index.iter().all(|entry| found.contains(&entry.offset))
         {
             self.miss(format!("{shown}: it says that it has {n} chunks, and {} are there", self.chunks.len()));
         }
         for entry in index {
-            let Some(&at) = found.get(&entry.offset) else {
+            // Chunks lie in the order of the file.
+            let at = self.chunks.binary_search_by_key(&entry.offset, |c| c.offset).ok();
+            let Some(chunk) = at.and_then(|at| self.chunks.get_mut(at)) else {
                 let (from, to) = (entry.start_ns as f64 * 1e-6, entry.end_ns as f64 * 1e-6);
                 self.miss(format!("{shown}: no chunk at byte {}, {from:.4} to {to:.4} ms", entry.offset));
                 continue;
             };
-            let chunk = &mut self.chunks[at];
             if (chunk.start_ns, chunk.end_ns) != (entry.start_ns, entry.end_ns) {
                 // Whichever is right: it is looked into.
                 chunk.start_ns = chunk.start_ns.min(entry.start_ns);
@@ -312,11 +315,12 @@ impl Reader {
                 break;
             }
             self.file.seek(SeekFrom::Start(at))?;
-            let mut head = [0; RECORD_HEAD as usize];
-            self.file.read_exact(&mut head)?;
-            let content = u64_at(&head, 1);
+            let (mut kind, mut content) = ([0; 1], [0; 8]);
+            self.file.read_exact(&mut kind)?;
+            self.file.read_exact(&mut content)?;
+            let ([kind], content) = (kind, u64::from_le_bytes(content));
             let Some(end) = content.checked_add(at + RECORD_HEAD).filter(|end| *end <= length) else { break };
-            match head[0] {
+            match kind {
                 op::CHUNK => {
                     ensure!(self.chunks.len() < MOST_CHUNKS, "more than {MOST_CHUNKS} chunks at byte {at}");
                     let chunk = self.chunk_at(at, content).with_context(|| format!("chunk at byte {at}"))?;
@@ -336,11 +340,12 @@ impl Reader {
                     index.push(ChunkIndex { offset, start_ns, end_ns });
                 }
                 op::STATISTICS if (STATISTICS_LENGTH as u64..=LONGEST_RECORD).contains(&content) => {
-                    let mut counts = vec![0; content as usize];
+                    let mut counts = vec![0; in_memory(content)];
                     self.file.read_exact(&mut counts)?;
                     n_chunks = Some(u32_at(&counts, 22));
-                    let counts = counts[STATISTICS_LENGTH..].chunks_exact(10);
-                    self.counted = counts.map(|c| (u16::from_le_bytes([c[0], c[1]]), u64_at(c, 2))).collect();
+                    let (counts, _) = counts.get(STATISTICS_LENGTH..).unwrap_or_default().as_chunks::<10>();
+                    let count = |[a, b, n @ ..]: &[u8; 10]| (u16::from_le_bytes([*a, *b]), u64::from_le_bytes(*n));
+                    self.counted = counts.iter().map(count).collect();
                 }
                 0 => bail!("record of kind 0 at byte {at}"),
                 _ => {}
@@ -357,12 +362,13 @@ impl Reader {
     /// The head of a chunk whose record begins at `at` and has `content` bytes.
     fn chunk_at(&mut self, at: u64, content: u64) -> anyhow::Result<Chunk> {
         ensure!(content >= CHUNK_HEAD, "too short for a chunk: {content} bytes");
-        let room = content.min(CHUNK_HEAD + u64::from(LONGEST_NAME)) as usize;
+        let room = in_memory(content.min(CHUNK_HEAD + u64::from(LONGEST_NAME)));
         let mut head = vec![0; room];
         self.file.read_exact(&mut head)?;
         let name_length = u32_at(&head, 28);
-        ensure!(name_length <= LONGEST_NAME && 40 + name_length as usize <= room, "no such compression");
-        let name = &head[32..32 + name_length as usize];
+        let name_end = 32 + in_memory(u64::from(name_length));
+        ensure!(name_length <= LONGEST_NAME && name_end + 8 <= room, "no such compression");
+        let name = head.get(32..name_end).unwrap_or_default();
         let compression = match name {
             b"" => Compression::None,
             b"zstd" => Compression::Zstd,
@@ -371,7 +377,7 @@ impl Reader {
                 String::from_utf8_lossy(name)
             ),
         };
-        let packed = u64_at(&head, 32 + name_length as usize);
+        let packed = u64_at(&head, name_end);
         let unpacked = u64_at(&head, 16);
         let head_length = CHUNK_HEAD + u64::from(name_length);
         ensure!(packed <= content - head_length, "{packed} packed bytes do not fit into a record of {content}");
@@ -388,20 +394,24 @@ impl Reader {
         })
     }
 
+    fn chunk(&self, index: usize) -> anyhow::Result<Chunk> {
+        self.chunks.get(index).copied().with_context(|| format!("{} has no chunk {index}", self.path.display()))
+    }
+
     /// Reads and unpacks chunk `index` into `self.unpacked`.
     fn unpack(&mut self, index: usize) -> anyhow::Result<()> {
-        let chunk = self.chunks[index].clone();
+        let chunk = self.chunk(index)?;
         let damaged = || format!("{} is damaged in the chunk at byte {}", self.path.display(), chunk.offset);
-        self.packed.resize(chunk.packed as usize, 0);
+        self.packed.resize(in_memory(chunk.packed), 0);
         self.file.seek(SeekFrom::Start(chunk.data_offset)).with_context(damaged)?;
         self.file.read_exact(&mut self.packed).with_context(damaged)?;
         match chunk.compression {
             Compression::None => std::mem::swap(&mut self.packed, &mut self.unpacked),
             Compression::Zstd => {
                 self.unpacked.clear();
-                self.unpacked.reserve(chunk.unpacked as usize);
+                self.unpacked.reserve(in_memory(chunk.unpacked));
                 // Never more than stated: the room of the target is the limit.
-                let limit = self.unpacked.capacity().min(chunk.unpacked as usize);
+                let limit = self.unpacked.capacity().min(in_memory(chunk.unpacked));
                 let mut target = std::io::Cursor::new(std::mem::take(&mut self.unpacked));
                 let mut stream = zstd::stream::read::Decoder::with_buffer(self.packed.as_slice())
                     .with_context(damaged)?
@@ -452,39 +462,40 @@ impl Reader {
 
     /// Calls `each` with the topic, log time and content of every message of an unpacked chunk.
     fn records(&mut self, index: usize, unpacked: &[u8], each: &mut Each<'_>) -> anyhow::Result<Flow> {
-        let Chunk { offset, start_ns, end_ns, .. } = self.chunks[index];
+        let Chunk { offset, start_ns, end_ns, .. } = self.chunk(index)?;
         let place = |at: usize| format!("{}: byte {at} of the chunk at byte {offset}", self.path.display());
-        let mut at = 0;
-        while at < unpacked.len() {
-            let head = unpacked.get(at..at + RECORD_HEAD as usize);
-            let head = head.with_context(|| format!("{}: half a record", place(at)))?;
-            let (kind, length) = (head[0], u64_at(head, 1));
-            let begin = at + RECORD_HEAD as usize;
-            let end = usize::try_from(length).ok().and_then(|l| begin.checked_add(l)).filter(|e| *e <= unpacked.len());
-            let end = end.with_context(|| format!("{}: a record of {length} bytes does not fit", place(at)))?;
-            let content = &unpacked[begin..end];
-            match kind {
+        let mut rest = unpacked;
+        while let [kind, behind @ ..] = rest {
+            let at = unpacked.len() - rest.len();
+            let length = behind.split_first_chunk().with_context(|| format!("{}: half a record", place(at)));
+            let (length, behind) = length.map(|(length, behind)| (u64::from_le_bytes(*length), behind))?;
+            let split = usize::try_from(length).ok().and_then(|length| behind.split_at_checked(length));
+            let split = split.with_context(|| format!("{}: a record of {length} bytes does not fit", place(at)));
+            let (content, behind) = split?;
+            match *kind {
                 op::CHANNEL => {
                     let (id, name) = channel(content).with_context(|| format!("{}: half a channel", place(at)))?;
                     self.topics.insert(id, topic(name));
                 }
                 op::MESSAGE => {
-                    ensure!(content.len() >= 22, "{}: half a message", place(at));
+                    // Channel, number, log time and time of publishing, then what it says.
+                    let split = content.split_first_chunk::<22>();
+                    let (head, said) = split.with_context(|| format!("{}: half a message", place(at)))?;
                     ensure!(content.len() <= LONGEST_MESSAGE, "{}: a message of {length} bytes", place(at));
-                    let channel = u16::from_le_bytes([content[0], content[1]]);
-                    let t_ns = u64_at(content, 6);
+                    let [a, b, ..] = *head;
+                    let (channel, t_ns) = (u16::from_le_bytes([a, b]), u64_at(head, 6));
                     // Whoever looks for a time passes over chunks by what they state.
                     let inside = end_ns == 0 || (start_ns..=end_ns).contains(&t_ns);
                     ensure!(inside, "{}: a message of {t_ns} ns in a chunk of {start_ns} to {end_ns} ns", place(at));
                     *self.met.entry(channel).or_default() += 1;
                     let topic = *self.topics.get(&channel).unwrap_or(&Topic::Other);
-                    if each(topic, t_ns, &content[22..]).with_context(|| place(at))? == Flow::Enough {
+                    if each(topic, t_ns, said).with_context(|| place(at))? == Flow::Enough {
                         return Ok(Flow::Enough);
                     }
                 }
                 _ => {}
             }
-            at = end;
+            rest = behind;
         }
         Ok(Flow::On)
     }
@@ -499,7 +510,8 @@ impl Reader {
     ) -> anyhow::Result<()> {
         let mut rhythm = Rhythm::default();
         for index in 0..self.chunks.len() {
-            let span_s = (self.chunks[index].start_ns as f64 * 1e-9, self.chunks[index].end_ns as f64 * 1e-9);
+            let chunk = self.chunk(index)?;
+            let span_s = (chunk.start_ns as f64 * 1e-9, chunk.end_ns as f64 * 1e-9);
             match self.each_of(index, wanted, (0, u64::MAX), &mut rhythm, &mut each) {
                 Ok(Flow::On) => {}
                 Ok(Flow::Enough) => break,
@@ -525,7 +537,7 @@ impl Reader {
         let mut whole = true;
         self.met.clear();
         for index in 0..self.chunks.len() {
-            let chunk = &self.chunks[index];
+            let chunk = self.chunk(index)?;
             // The first holds the channels; an unwritten time range counts as any.
             let outside = chunk.end_ns < from_ns || chunk.start_ns > to_ns;
             if outside && chunk.end_ns != 0 {
@@ -620,7 +632,7 @@ impl Reader {
         let until = nanoseconds(t_s);
         let wanted = Wanted { keyframes: true, ..Wanted::default() };
         for index in (0..self.chunks.len()).rev() {
-            if self.chunks[index].start_ns > until && index > 0 {
+            if self.chunk(index)?.start_ns > until && index > 0 {
                 continue;
             }
             let mut last: Option<Keyframe> = None;
@@ -671,7 +683,8 @@ impl Reader {
                 }
             }
         }
-        Ok(found[0].zip(found[1]))
+        let [first, last] = found;
+        Ok(first.zip(last))
     }
 
     /// Step and time of every frame, in order.
@@ -689,12 +702,10 @@ impl Reader {
     /// The frame nearest to `t_s`, and its number.
     pub fn frame_near(&mut self, t_s: f64) -> anyhow::Result<Option<(usize, Frame)>> {
         let heads = self.heads()?;
-        let Some(number) =
-            (0..heads.len()).min_by(|a, b| (heads[*a].t_s - t_s).abs().total_cmp(&(heads[*b].t_s - t_s).abs()))
-        else {
-            return Ok(None);
-        };
-        Ok(self.frame_at(heads[number].t_s)?.map(|frame| (number, frame)))
+        let away = |head: &FrameHead| (head.t_s - t_s).abs();
+        let nearest = heads.iter().enumerate().min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)));
+        let Some((number, head)) = nearest else { return Ok(None) };
+        Ok(self.frame_at(head.t_s)?.map(|frame| (number, frame)))
     }
 
     /// The frame of exactly this time.
@@ -713,6 +724,7 @@ impl Reader {
 /// All times.
 pub const WHOLE: (f64, f64) = (0.0, f64::INFINITY);
 
+#[expect(clippy::cast_possible_truncation, reason = "floats become the nearest number that there is")]
 fn nanoseconds(t_s: f64) -> u64 {
     // Saturates: infinity is the end of time.
     (t_s * 1e9).round() as u64
@@ -788,16 +800,18 @@ fn check_time(step: u64, t_s: f64, (step_s, t_ns): (f64, u64)) -> anyhow::Result
     Ok(())
 }
 
+/// A length that was found to be small.
+fn in_memory(length: u64) -> usize {
+    usize::try_from(length).unwrap_or(usize::MAX)
+}
+
+/// Callers have asked for the bytes; beyond their end there are zeros.
 fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    let mut word = [0; 8];
-    word.copy_from_slice(&bytes[at..at + 8]);
-    u64::from_le_bytes(word)
+    bytes.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |word| u64::from_le_bytes(*word))
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    let mut word = [0; 4];
-    word.copy_from_slice(&bytes[at..at + 4]);
-    u32::from_le_bytes(word)
+    bytes.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |word| u32::from_le_bytes(*word))
 }
 
 /// Frames of a recording one after the other, a chunk in memory at a time.

@@ -104,8 +104,14 @@ struct Column {
     /// In the file.
     index: usize,
     kind: Kind,
-    /// Whether a decimal point, and whether a decimal comma was met.
-    marks: [bool; 2],
+    marks: Marks,
+}
+
+/// Which marks of decimals were met.
+#[derive(Clone, Copy, Debug, Default)]
+struct Marks {
+    point: bool,
+    comma: bool,
 }
 
 struct Table<'a> {
@@ -186,33 +192,29 @@ impl<'a> Table<'a> {
             }
         }
         if self.columns.rows == 0 && self.is_row_of_units(width) {
-            for index in 0..width {
-                let unit = self.field(index).trim_matches(|c| "[]()".contains(c)).to_string();
-                self.columns.units[index] = (!matches!(unit.as_str(), "" | "-")).then_some(unit);
-            }
+            let texts = (0..width).map(|i| self.field(i).trim_matches(|c| "[]()".contains(c)).to_string());
+            self.columns.units = texts.map(|unit| (!matches!(unit.as_str(), "" | "-")).then_some(unit)).collect();
+            self.columns.units.resize(names, None);
             return Ok(());
         }
         if self.columns.rows == 0 {
             self.columns.first_line = number;
         }
         memory.take(8 * self.kept.len())?;
-        for k in 0..self.kept.len() {
-            let index = self.kept[k].index;
-            let text = if index < width { self.field(index).to_string() } else { String::new() };
-            let number_in = self.kept[k].number(&text, self.separator);
-            let value = number_in.unwrap_or_else(|| {
+        let Columns { names, values, wrong, .. } = &mut self.columns;
+        for column in &mut self.kept {
+            let all = (names.get(column.index), values.get_mut(column.index), wrong.get_mut(column.index));
+            let (Some(name), Some(values), Some(wrong)) = all else { continue };
+            // A row may end early.
+            let text = if column.index < width { field(&self.fields, &self.ends, column.index) } else { "" };
+            let value = column.number(text, self.separator).unwrap_or_else(|| {
                 let text: String = text.chars().take(40).collect();
-                let name = &self.columns.names[index];
-                let help = if text.contains(',') && self.separator == b',' {
-                    "; decimal commas need another separator"
-                } else {
-                    ""
-                };
-                self.columns.wrong[index]
-                    .get_or_insert_with(|| format!("`{text}` in column `{name}`, line {number}, is no number{help}"));
+                let comma = text.contains(',') && self.separator == b',';
+                let help = if comma { "; decimal commas need another separator" } else { "" };
+                wrong.get_or_insert_with(|| format!("`{text}` in column `{name}`, line {number}, is no number{help}"));
                 f64::NAN
             });
-            self.columns.values[index].push(value);
+            values.push(value);
         }
         self.columns.rows += 1;
         Ok(())
@@ -235,8 +237,10 @@ impl<'a> Table<'a> {
         let (mut fields, mut ends) = (0, 0);
         // The line, then its end. Fields and ends have room for all of it.
         for input in [line.as_bytes(), b"\n"] {
-            let (result, _, written, ended) =
-                splitter.read_record(input, &mut self.fields[fields..], &mut self.ends[ends..]);
+            let (Some(own_fields), Some(own_ends)) = (self.fields.get_mut(fields..), self.ends.get_mut(ends..)) else {
+                return false;
+            };
+            let (result, _, written, ended) = splitter.read_record(input, own_fields, own_ends);
             (fields, ends) = (fields + written, ends + ended);
             if matches!(result, ReadRecordResult::Record | ReadRecordResult::End) {
                 self.ends.truncate(ends);
@@ -248,9 +252,7 @@ impl<'a> Table<'a> {
 
     /// A field of the row, without the blanks round it.
     fn field(&self, index: usize) -> &str {
-        let begin = if index == 0 { 0 } else { self.ends.get(index - 1).copied().unwrap_or(0) };
-        let bytes = self.ends.get(index).and_then(|end| self.fields.get(begin..*end)).unwrap_or_default();
-        std::str::from_utf8(bytes).unwrap_or_default().trim()
+        field(&self.fields, &self.ends, index)
     }
 
     fn name_columns(&mut self, width: usize) -> Result<(), String> {
@@ -264,8 +266,8 @@ impl<'a> Table<'a> {
         if header && names.iter().all(|n| n.parse::<f64>().is_ok()) {
             return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
         }
-        let kept = (0..width).filter(|i| self.wanted.wants(&names[*i]));
-        self.kept = kept.map(|index| Column { index, kind: Kind::Unknown, marks: [false; 2] }).collect();
+        let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.wants(name));
+        self.kept = kept.map(|(index, _)| Column { index, kind: Kind::Unknown, marks: Marks::default() }).collect();
         self.columns = Columns::of_numbers(names, vec![Vec::new(); width]);
         Ok(())
     }
@@ -273,7 +275,7 @@ impl<'a> Table<'a> {
     /// Under the names, before any number: no field of the row is one.
     fn is_row_of_units(&self, width: usize) -> bool {
         let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
-        let mut probe = Column { index: 0, kind: Kind::Unknown, marks: [false; 2] };
+        let mut probe = Column { index: 0, kind: Kind::Unknown, marks: Marks::default() };
         let mut numbers = texts.clone().filter(|t| probe.number(t, self.separator).is_some());
         self.layout.header
             && self.columns.units.iter().all(Option::is_none)
@@ -289,15 +291,17 @@ impl<'a> Table<'a> {
             let more = self.open_quotes - 1;
             self.columns.warnings.push(format!("{more} more lines with a quotation mark that is not closed"));
         }
+        let Columns { names, wrong, units, .. } = &mut self.columns;
         for column in &self.kept {
-            if column.marks == [true; 2] {
-                let name = &self.columns.names[column.index];
-                self.columns.wrong[column.index].get_or_insert_with(|| {
+            let all = (names.get(column.index), wrong.get_mut(column.index), units.get_mut(column.index));
+            let (Some(name), Some(wrong), Some(unit)) = all else { continue };
+            if column.marks.point && column.marks.comma {
+                wrong.get_or_insert_with(|| {
                     format!("column `{name}` has decimal points in some rows and commas in others")
                 });
             }
             if matches!(column.kind, Kind::Instant(_)) {
-                self.columns.units[column.index] = Some("s".into());
+                *unit = Some("s".into());
             }
         }
         self.columns.look_for_twins();
@@ -316,8 +320,8 @@ impl Column {
         match (number, self.kind) {
             (Ok(number), Kind::Unknown | Kind::Number) => {
                 self.kind = Kind::Number;
-                self.marks[0] |= text.contains('.');
-                self.marks[1] |= comma;
+                self.marks.point |= text.contains('.');
+                self.marks.comma |= comma;
                 Some(number)
             }
             (Err(_), Kind::Unknown | Kind::Instant(_)) => {
@@ -331,6 +335,13 @@ impl Column {
             _ => None,
         }
     }
+}
+
+/// Field `index` of a row whose fields end at `ends`.
+fn field<'a>(fields: &'a [u8], ends: &[usize], index: usize) -> &'a str {
+    let begin = index.checked_sub(1).and_then(|before| ends.get(before)).copied().unwrap_or(0);
+    let bytes = ends.get(index).and_then(|end| fields.get(begin..*end)).unwrap_or_default();
+    std::str::from_utf8(bytes).unwrap_or_default().trim()
 }
 
 /// A date and a time by ISO 8601, with or without its zone, in nanoseconds.

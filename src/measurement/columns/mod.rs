@@ -10,7 +10,7 @@ use crate::drive::Drive;
 use crate::machine::Machine;
 use crate::machine::simulate::through_sensor;
 use crate::recording::reader::{Entry, Flow, Reader};
-use anyhow::{anyhow, ensure};
+use anyhow::{Context, anyhow, ensure};
 use std::path::Path;
 
 /// A file's columns; what is empty or no number is NaN.
@@ -118,15 +118,33 @@ impl Columns {
         self.rows
     }
 
+    /// The values of a column, and their unit where the file tells it.
+    fn put(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
+        if let (Some(place), Some(units)) = (self.values.get_mut(index), self.units.get_mut(index)) {
+            (*place, *units) = (values, unit);
+        }
+    }
+
+    /// Why a column cannot be used.
+    fn refuse(&mut self, index: usize, why: String) {
+        if let Some(wrong) = self.wrong.get_mut(index) {
+            *wrong = Some(why);
+        }
+    }
+
     /// Two columns of one name: nobody can ask for either.
     fn look_for_twins(&mut self) {
-        let mut first: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
+        let mut firsts: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
+        let mut twins = Vec::new();
         for (index, name) in self.names.iter().enumerate() {
-            let first = *first.entry(name.as_str()).or_insert(index);
+            let first = *firsts.entry(name.as_str()).or_insert(index);
             if first != index {
-                self.wrong[first] =
-                    Some(format!("columns {} and {} are both called `{name}`: rename one", first + 1, index + 1));
+                let why = format!("columns {} and {} are both called `{name}`: rename one", first + 1, index + 1);
+                twins.push((first, why));
             }
+        }
+        for (first, why) in twins {
+            self.refuse(first, why);
         }
     }
 }
@@ -178,39 +196,36 @@ pub fn parse_mdf(
     wanted: Wanted<'_>,
     memory: &mut Memory,
 ) -> Result<Columns, String> {
-    let groups: Vec<_> = file.data_groups().iter().flat_map(|g| &g.channel_groups).collect();
-    let holds = |g: &usize| groups[*g].sample_count > 0 && !groups[*g].is_vlsd() && !groups[*g].channels.is_empty();
-    let full: Vec<usize> = (0..groups.len()).filter(holds).collect();
-    let list = || {
-        let one = |g: &usize| {
-            let names: Vec<&str> = groups[*g].channels.iter().take(6).map(|c| c.name.as_str()).collect();
-            format!("{g} ({} samples: {})", groups[*g].sample_count, names.join(", "))
-        };
-        full.iter().take(12).map(one).collect::<Vec<_>>().join("; ")
+    let groups = file.data_groups().iter().flat_map(|g| &g.channel_groups).enumerate();
+    let mut full: Vec<_> =
+        groups.filter(|(_, g)| g.sample_count > 0 && !g.is_vlsd() && !g.channels.is_empty()).collect();
+    let Some((first, samples)) = full.first().map(|(number, g)| (*number, g.sample_count)) else {
+        return Err("holds no samples".into());
     };
     // Storage by columns (MDF 4.2) has a group for each channel, and one clock for all.
-    let by_columns = full.iter().all(|g| {
-        let (own, first) = (groups[*g], groups[full[0]]);
-        own.channels.len() == 1 && own.sample_count == first.sample_count
-    });
-    let chosen: &[usize] = match (&group, full.as_slice()) {
-        (_, []) => return Err("holds no samples".into()),
-        (None, [_]) => &full,
-        (None, _) if by_columns => &full,
-        (None, _) => {
-            return Err(format!(
-                "holds {} groups of channels\nhelp: write `group = {}` with the file; groups there: {}",
-                full.len(),
-                full[0],
-                list()
-            ));
+    let by_columns = full.iter().all(|(_, g)| g.channels.len() == 1 && g.sample_count == samples);
+    let wrong = match group {
+        Some(group) if full.iter().any(|(number, _)| *number == group) => {
+            full.retain(|(number, _)| *number == group);
+            None
         }
-        (Some(g), _) if full.contains(g) => std::slice::from_ref(g),
-        (Some(g), _) => return Err(format!("has no group {g} with samples\nhelp: groups there: {}", list())),
+        Some(group) => Some(format!("has no group {group} with samples\nhelp: ")),
+        None if full.len() == 1 || by_columns => None,
+        None => {
+            let n = full.len();
+            Some(format!("holds {n} groups of channels\nhelp: write `group = {first}` with the file; "))
+        }
     };
-    let samples = groups[chosen[0]].sample_count;
+    if let Some(wrong) = wrong {
+        let list = full.iter().take(12).map(|(number, g)| {
+            let names: Vec<&str> = g.channels.iter().take(6).map(|c| c.name.as_str()).collect();
+            format!("{number} ({} samples: {})", g.sample_count, names.join(", "))
+        });
+        return Err(format!("{wrong}groups there: {}", list.collect::<Vec<_>>().join("; ")));
+    }
+    let samples = full.first().map_or(0, |(_, g)| g.sample_count);
     let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
-    let channels: Vec<&falcon_mdf::Channel> = chosen.iter().flat_map(|g| &groups[*g].channels).collect();
+    let channels: Vec<&falcon_mdf::Channel> = full.iter().flat_map(|(_, g)| &g.channels).collect();
     let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
     let mut columns = Columns::of_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
@@ -218,11 +233,8 @@ pub fn parse_mdf(
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
         // A channel that cannot be read is a mistake where somebody asks for it.
         match mdf_channel(file, channel, rows) {
-            Ok((values, unit)) => {
-                columns.values[index] = values;
-                columns.units[index] = (!unit.is_empty()).then_some(unit);
-            }
-            Err(why) => columns.wrong[index] = Some(format!("`{}` {why}", channel.name)),
+            Ok((values, unit)) => columns.put(index, values, (!unit.is_empty()).then_some(unit)),
+            Err(why) => columns.refuse(index, format!("`{}` {why}", channel.name)),
         }
     }
     columns.look_for_twins();
@@ -238,13 +250,13 @@ fn mdf_channel(
     let cannot = |e: falcon_mdf::Mf4Error| format!("cannot be read: {e}");
     let (mut values, mut unit) = (Vec::new(), String::new());
     let mut add = |signal: &falcon_mdf::Signal, values: &mut Vec<f64>| -> Result<(), falcon_mdf::Mf4Error> {
-        let from = values.len();
-        values.extend(signal.values_f64()?);
-        for (value, valid) in values[from..].iter_mut().zip(signal.validity().unwrap_or_default()) {
+        let mut own = signal.values_f64()?;
+        for (value, valid) in own.iter_mut().zip(signal.validity().unwrap_or_default()) {
             if !valid {
                 *value = f64::NAN;
             }
         }
+        values.append(&mut own);
         unit = signal.unit().trim().to_string();
         Ok(())
     };
@@ -293,19 +305,24 @@ fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyho
         }
         Ok(Flow::On)
     })?;
-    let rows = values[0].len();
-    ensure!(rows > 1, "{} holds no frames", path.display());
+    let ends = values.first().and_then(|t_s| Some((t_s.len(), *t_s.first()?, *t_s.last()?)));
+    let (rows, first_s, last_s) =
+        ends.filter(|(rows, ..)| *rows > 1).with_context(|| format!("{} holds no frames", path.display()))?;
     ensure!(values.iter().all(|c| c.len() == rows), "{}: frames with and without sensors", path.display());
     let m = Machine::of_links(&drive);
-    let own = |i: usize| m.sensors.get(i).is_some_and(|s| s.path == header.sensors[i].path);
-    let known = (0..header.sensors.len()).all(own) && rotors.len() >= m.bodies.len();
-    ensure!(known, "{}: its header and its drive do not hold the same sensors", path.display());
-    let step_s = (values[0][rows - 1] - values[0][0]) / (rows - 1) as f64;
-    for sensor in 0..header.sensors.len() {
-        let angles = m.body_of(sensor).map_or_else(|| vec![0.0; rows], |b| values[1 + b].clone());
-        let gain = m.values[m.sensors[sensor].gain];
-        let shown = values[first_sensor + sensor].iter().map(|v| gain * v).collect();
-        values[first_sensor + sensor] = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
+    let known = header.sensors.iter().zip(&m.sensors).all(|(theirs, ours)| theirs.path == ours.path);
+    ensure!(
+        known && header.sensors.len() <= m.sensors.len() && rotors.len() >= m.bodies.len(),
+        "{}: its header and its drive do not hold the same sensors",
+        path.display()
+    );
+    let step_s = (last_s - first_s) / (rows - 1) as f64;
+    let (states, readings) = values.split_at_mut(first_sensor);
+    for (sensor, reading) in readings.iter_mut().enumerate() {
+        let angles = m.body_of(sensor).and_then(|b| states.get(1 + b)).cloned().unwrap_or_else(|| vec![0.0; rows]);
+        let gain = m.sensors.get(sensor).and_then(|s| m.values.get(s.gain)).copied().unwrap_or(1.0);
+        let shown = reading.iter().map(|v| gain * v).collect();
+        *reading = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
     }
     let mut columns = Columns::of_numbers(names, values);
     columns.warnings = reader.missing().to_vec();

@@ -27,14 +27,13 @@ pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Resu
     for (index, name) in names.iter().enumerate().filter(|(_, name)| wanted.wants(name)) {
         let about = schema.column(index);
         match unreadable(&about) {
-            Some(why) => columns.wrong[index] = Some(format!("column `{name}` {why}")),
+            Some(why) => columns.refuse(index, format!("column `{name}` {why}")),
             None => {
                 memory.take(rows.saturating_mul(8)).map_err(|e| format!("`{shown}`: {rows} rows: {e}"))?;
                 let is_time = ticks_per_second(&about).is_some();
                 let mut values = column(&reader, index, (rows, is_time)).map_err(|e| wrong(path, &e))?;
                 in_units(&about, &mut values);
-                columns.values[index] = values;
-                columns.units[index] = is_time.then(|| "s".to_string());
+                columns.put(index, values, is_time.then(|| "s".to_string()));
             }
         }
     }

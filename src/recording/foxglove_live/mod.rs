@@ -2,7 +2,7 @@
 //! Foxglove is the client: it comes to us, may be closed and come back. It never holds the run up: where it reads too slowly,
 //! the oldest messages are left out.
 
-mod server;
+pub mod server;
 
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::mcap::{

@@ -7,6 +7,8 @@
 //!
 //! Everything that is left out or closed is counted ([`Counts`]).
 
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
 use crate::local_server::{has_token, is_named};
 use crate::recording::mcap::TOPICS;
 use anyhow::{Context, Result};
@@ -17,8 +19,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpListener;
+use tokio::sync::{Notify, Semaphore, SemaphorePermit};
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
@@ -79,7 +82,7 @@ struct Client {
 }
 
 /// What all threads share.
-struct Shared {
+pub struct Shared {
     port: u16,
     token: String,
     /// Texts that greet a client: who we are, and what there is.
@@ -90,6 +93,7 @@ struct Shared {
     /// Subscribers of each topic.
     subscribers: [AtomicUsize; TOPICS.len()],
     subscribed: AtomicU64,
+    seats: Semaphore,
     counts: Counts,
 }
 
@@ -112,16 +116,7 @@ impl Server {
         let listener = runtime
             .block_on(TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
             .with_context(|| format!("cannot listen at ws://127.0.0.1:{port}"))?;
-        let shared = Arc::new(Shared {
-            port: listener.local_addr()?.port(),
-            token,
-            greeting,
-            at_start,
-            clients: Mutex::default(),
-            subscribers: Default::default(),
-            subscribed: AtomicU64::new(0),
-            counts: Counts::default(),
-        });
+        let shared = Arc::new(Shared::new(listener.local_addr()?.port(), token, greeting, at_start));
         let stop = Arc::new(Notify::new());
         let (ours, ends) = (Arc::clone(&shared), Arc::clone(&stop));
         let thread = std::thread::Builder::new().name("foxglove".into()).spawn(move || {
@@ -155,14 +150,14 @@ impl Server {
     }
 
     pub fn has_subscribers(&self, topic: usize) -> bool {
-        self.shared.subscribers[topic].load(Ordering::Relaxed) > 0
+        self.shared.subscribers.get(topic).is_some_and(|n| n.load(Ordering::Relaxed) > 0)
     }
 
     /// Puts a message into the queues of its subscribers.
     pub fn send(&self, topic: usize, t_ns: u64, content: &[u8]) {
         let queued = Queued { head: Some((topic, t_ns)), content: content.into() };
         for client in locked(&self.shared.clients).iter() {
-            if locked(&client.subscriptions)[topic].is_some() {
+            if client.subscription(topic).is_some() {
                 client.put(queued.clone(), &self.shared.counts);
             }
         }
@@ -204,7 +199,27 @@ impl Drop for Server {
     }
 }
 
+impl Shared {
+    pub fn new(port: u16, token: String, greeting: [String; 2], at_start: Vec<(usize, Arc<[u8]>)>) -> Shared {
+        Shared {
+            port,
+            token,
+            greeting,
+            at_start,
+            clients: Mutex::default(),
+            subscribers: Default::default(),
+            subscribed: AtomicU64::new(0),
+            seats: Semaphore::new(MOST_CLIENTS),
+            counts: Counts::default(),
+        }
+    }
+}
+
 impl Client {
+    fn subscription(&self, topic: usize) -> Option<u32> {
+        locked(&self.subscriptions).get(topic).copied().flatten()
+    }
+
     /// Puts a message at the end; what is oldest makes room for it.
     fn put(&self, message: Queued, counts: &Counts) {
         let mut queue = locked(&self.queue);
@@ -233,7 +248,7 @@ impl Client {
                 return (Some(Message::text(String::from_utf8_lossy(&content).into_owned())), false);
             };
             // It may have unsubscribed meanwhile.
-            if let Some(id) = locked(&self.subscriptions)[topic] {
+            if let Some(id) = self.subscription(topic) {
                 let mut bytes = Vec::with_capacity(13 + content.len());
                 bytes.push(MESSAGE_DATA);
                 bytes.extend(id.to_le_bytes());
@@ -247,7 +262,6 @@ impl Client {
 }
 
 async fn accept(listener: TcpListener, shared: Arc<Shared>) {
-    let seats = Arc::new(Semaphore::new(MOST_CLIENTS));
     let doors = Arc::new(Semaphore::new(MOST_CLIENTS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -259,30 +273,34 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
             shared.counts.refused.fetch_add(1, Ordering::Relaxed);
             continue;
         };
-        let (shared, seats) = (Arc::clone(&shared), Arc::clone(&seats));
-        tokio::spawn(async move {
-            let mut seat = None;
-            let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, &shared, &seats, &mut seat)).await;
-            drop(door);
-            match shaken {
-                Ok(Ok(socket)) => serve(socket, &shared).await,
-                Ok(Err(_)) | Err(_) => {
-                    shared.counts.refused.fetch_add(1, Ordering::Relaxed);
-                }
-            }
-            drop(seat);
-        });
+        let shared = Arc::clone(&shared);
+        // Small messages go out at once where the system can do it; where it cannot they come later.
+        let _set = stream.set_nodelay(true);
+        tokio::spawn(async move { welcome(stream, &shared, door).await });
     }
+}
+
+/// Shakes hands with whoever connects, and talks to them if they may come in. `door` is let go of after the handshake.
+pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &Shared, door: D) {
+    let mut seat = None;
+    let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, shared, &mut seat)).await;
+    drop(door);
+    match shaken {
+        Ok(Ok(socket)) => serve(socket, shared).await,
+        Ok(Err(_)) | Err(_) => {
+            shared.counts.refused.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+    drop(seat);
 }
 
 // The size of the error is the crate's.
 #[allow(clippy::result_large_err)]
-async fn shake_hands(
-    stream: TcpStream,
-    shared: &Shared,
-    seats: &Arc<Semaphore>,
-    seat: &mut Option<OwnedSemaphorePermit>,
-) -> Result<WebSocketStream<TcpStream>> {
+async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
+    stream: S,
+    shared: &'a Shared,
+    seat: &mut Option<SemaphorePermit<'a>>,
+) -> Result<WebSocketStream<S>> {
     let config = WebSocketConfig::default()
         .read_buffer_size(16 << 10)
         .write_buffer_size(64 << 10)
@@ -308,19 +326,18 @@ async fn shake_hands(
             return Err(refuse(StatusCode::BAD_REQUEST, "this server speaks foxglove.sdk.v1"));
         }
         // Whoever may not come in takes none.
-        *seat = Arc::clone(seats).try_acquire_owned().ok();
+        *seat = shared.seats.try_acquire().ok();
         if seat.is_none() {
             return Err(refuse(StatusCode::SERVICE_UNAVAILABLE, "too many viewers"));
         }
         response.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(SUBPROTOCOL));
         Ok(response)
     };
-    stream.set_nodelay(true)?;
     Ok(tokio_tungstenite::accept_hdr_async_with_config(stream, check, Some(config)).await?)
 }
 
 /// Talks to one client until either has had enough.
-async fn serve(socket: WebSocketStream<TcpStream>, shared: &Shared) {
+async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, shared: &Shared) {
     let client = Arc::new(Client {
         queue: Mutex::default(),
         bell: Notify::new(),
@@ -372,9 +389,9 @@ async fn serve(socket: WebSocketStream<TcpStream>, shared: &Shared) {
     };
     shared.counts.closed.fetch_add(u64::from(thrown_out), Ordering::Relaxed);
     locked(&shared.clients).retain(|other| !Arc::ptr_eq(other, &client));
-    for (topic, id) in locked(&client.subscriptions).iter().enumerate() {
+    for (count, id) in shared.subscribers.iter().zip(locked(&client.subscriptions).iter()) {
         if id.is_some() {
-            shared.subscribers[topic].fetch_sub(1, Ordering::Relaxed);
+            count.fetch_sub(1, Ordering::Relaxed);
         }
     }
 }
@@ -384,20 +401,23 @@ use tokio_tungstenite::tungstenite::Error as Gone;
 /// What a client asks for. What is none of ours is passed over.
 fn listen(text: &str, client: &Client, shared: &Shared) {
     let Ok(said) = serde_json::from_str::<serde_json::Value>(text) else { return };
-    let list = |key: &str| said[key].as_array().cloned().unwrap_or_default();
+    let list = |key: &str| said.get(key).and_then(|list| list.as_array()).cloned().unwrap_or_default();
     // Channels are numbered from 1.
     let number = |value: &serde_json::Value| value.as_u64().and_then(|n| u32::try_from(n).ok());
+    let field = |value: &serde_json::Value, key: &str| value.get(key).and_then(number);
     let mut subscriptions = locked(&client.subscriptions);
-    match said["op"].as_str() {
+    match said.get("op").and_then(|op| op.as_str()) {
         Some("subscribe") => {
             for wish in list("subscriptions") {
-                let topic = number(&wish["channelId"]).and_then(|n| n.checked_sub(1)).map(|n| n as usize);
-                let (Some(id), Some(topic)) = (number(&wish["id"]), topic) else { continue };
-                let Some(slot) = subscriptions.get_mut(topic) else { continue };
+                let topic = field(&wish, "channelId").and_then(|n| n.checked_sub(1)).map(|n| n as usize);
+                let (Some(id), Some(topic)) = (field(&wish, "id"), topic) else { continue };
+                let (Some(slot), Some(count)) = (subscriptions.get_mut(topic), shared.subscribers.get(topic)) else {
+                    continue;
+                };
                 if slot.replace(id).is_some() {
                     continue;
                 }
-                shared.subscribers[topic].fetch_add(1, Ordering::Relaxed);
+                count.fetch_add(1, Ordering::Relaxed);
                 for (_, message) in shared.at_start.iter().filter(|(of, _)| *of == topic) {
                     client.put(Queued { head: Some((topic, 0)), content: Arc::clone(message) }, &shared.counts);
                 }
@@ -406,9 +426,10 @@ fn listen(text: &str, client: &Client, shared: &Shared) {
         }
         Some("unsubscribe") => {
             for id in list("subscriptionIds").iter().filter_map(number) {
-                for (topic, slot) in subscriptions.iter_mut().enumerate().filter(|(_, slot)| **slot == Some(id)) {
+                let all = subscriptions.iter_mut().zip(&shared.subscribers);
+                for (slot, count) in all.filter(|(slot, _)| **slot == Some(id)) {
                     *slot = None;
-                    shared.subscribers[topic].fetch_sub(1, Ordering::Relaxed);
+                    count.fetch_sub(1, Ordering::Relaxed);
                 }
             }
         }

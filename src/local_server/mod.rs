@@ -2,6 +2,9 @@
 //! the loopback address, and so can every user of the machine: the page cannot choose the Host header, which names the server that
 //! it believes to talk to, and neither knows the token in the address that the program prints.
 
+#[cfg(feature = "http")]
+pub mod http;
+
 /// Whether a Host header means this server by one of its own names. A page that has pointed a name of its own at the loopback
 /// address (DNS rebinding) brings that name.
 pub fn is_named(host: Option<&str>, port: u16) -> bool {

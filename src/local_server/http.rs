@@ -1,0 +1,163 @@
+//! An HTTP server for a few files and one recording. Whoever asks costs a bounded amount of memory: heads of requests have a
+//! longest length and a longest time, bodies are never read, files are sent piece by piece, and where too many connections are open the
+//! oldest goes.
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
+use super::is_named;
+use hyper::body::{Body, Bytes, Frame, Incoming, SizeHint};
+use hyper::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, HOST, HeaderValue, X_CONTENT_TYPE_OPTIONS};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::fs::File;
+use std::io::Read;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpListener;
+use tokio::task::AbortHandle;
+
+/// Connections at one time; a browser opens six.
+const MOST_CONNECTIONS: usize = 32;
+/// Longest head of a request [bytes], most headers in it, and how long it may take.
+const LONGEST_HEAD: usize = 32 << 10;
+const MOST_HEADERS: usize = 64;
+const HEAD_TIME: Duration = Duration::from_secs(20);
+/// Bytes of a file that are in memory for one connection.
+const PIECE: u64 = 256 << 10;
+
+/// What is served.
+pub struct Site {
+    /// Of the server.
+    pub port: u16,
+    /// Paths, kinds and contents that stay until the program ends.
+    pub pages: Vec<(&'static str, &'static str, &'static [u8])>,
+    /// A path and the file that it means, opened for every request.
+    pub recording: (&'static str, PathBuf),
+}
+
+/// Answers whoever connects, until it is dropped.
+pub async fn accept(listener: TcpListener, site: Arc<Site>) {
+    let mut connections: VecDeque<AbortHandle> = VecDeque::new();
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // Out of descriptors, as a rule: some will be free again.
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            continue;
+        };
+        connections.retain(|connection| !connection.is_finished());
+        while connections.len() >= MOST_CONNECTIONS {
+            if let Some(oldest) = connections.pop_front() {
+                oldest.abort();
+            }
+        }
+        let talk = tokio::spawn(talk(stream, Arc::clone(&site)));
+        connections.push_back(talk.abort_handle());
+    }
+}
+
+/// Answers one connection until either side has had enough.
+pub async fn talk<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
+    let answers = service_fn(move |request| {
+        let response = answer(&request, &site);
+        async move { Ok::<_, Infallible>(response) }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).title_case_headers(true);
+    http.max_buf_size(LONGEST_HEAD).max_headers(MOST_HEADERS);
+    // A browser that goes away is no failure.
+    let _ended = http.serve_connection(TokioIo::new(stream), answers).await;
+}
+
+fn answer(request: &Request<Incoming>, site: &Site) -> Response<Piecewise> {
+    let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
+    if !is_named(host, site.port) {
+        return empty(StatusCode::FORBIDDEN);
+    }
+    if !matches!(*request.method(), Method::GET | Method::HEAD) {
+        return empty(StatusCode::METHOD_NOT_ALLOWED);
+    }
+    let wanted = request.uri().path();
+    if let Some((_, mime, bytes)) = site.pages.iter().find(|(path, ..)| *path == wanted) {
+        return found(mime, Piecewise::Bytes(bytes));
+    }
+    let (path, recording) = &site.recording;
+    let file = (*path == wanted).then(|| File::open(recording).and_then(|file| Ok((file.metadata()?.len(), file))));
+    match file {
+        Some(Ok((left, file))) => found("application/octet-stream", Piecewise::File { file, left }),
+        Some(Err(_)) | None => empty(StatusCode::NOT_FOUND),
+    }
+}
+
+fn empty(status: StatusCode) -> Response<Piecewise> {
+    let mut response = Response::new(Piecewise::Bytes(&[]));
+    *response.status_mut() = status;
+    response
+}
+
+/// Never in chunks: the page shows its progress by the length. Never from a cache: the next recording has the same address.
+fn found(mime: &'static str, body: Piecewise) -> Response<Piecewise> {
+    let length = body.left();
+    let mut response = Response::new(body);
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_LENGTH, HeaderValue::from(length));
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(mime));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    response
+}
+
+/// What is sent, a piece at a time.
+enum Piecewise {
+    Bytes(&'static [u8]),
+    File { file: File, left: u64 },
+}
+
+impl Piecewise {
+    fn left(&self) -> u64 {
+        match self {
+            Piecewise::Bytes(bytes) => bytes.len() as u64,
+            Piecewise::File { left, .. } => *left,
+        }
+    }
+}
+
+impl Body for Piecewise {
+    type Data = Bytes;
+    type Error = std::io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<std::io::Result<Frame<Bytes>>>> {
+        if self.left() == 0 {
+            return Poll::Ready(None);
+        }
+        Poll::Ready(Some(match &mut *self {
+            Piecewise::Bytes(bytes) => Ok(Frame::data(Bytes::from_static(std::mem::take(bytes)))),
+            Piecewise::File { file, left } => {
+                let mut piece = Vec::new();
+                match file.take(PIECE.min(*left)).read_to_end(&mut piece) {
+                    // It has become shorter: the connection ends, and the browser knows by the length.
+                    Ok(0) => Err(std::io::ErrorKind::UnexpectedEof.into()),
+                    Ok(read) => {
+                        *left -= read as u64;
+                        Ok(Frame::data(Bytes::from(piece)))
+                    }
+                    Err(e) => Err(e),
+                }
+            }
+        }))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.left() == 0
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.left())
+    }
+}
