@@ -106,7 +106,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
 
 fn mass_per_length(model: &Model) -> f64 {
     let n = model.chain.n_links;
-    model.chain.mass[..n].iter().sum::<f64>() / (2.0 * model.chain.lever[..n].iter().sum::<f64>())
+    model.chain.mass.iter().take(n).sum::<f64>() / (2.0 * model.chain.lever.iter().take(n).sum::<f64>())
 }
 
 /// zeta = c omega / (2 k): joints are springs in series, each with its damper.
@@ -117,11 +117,7 @@ fn joint_damping_ratio(model: &Model) -> f64 {
 
 fn centre_distances(model: &Model) -> Vec<(String, f64)> {
     let n = model.sprockets.len();
-    (0..n)
-        .take(if n == 2 { 1 } else { n })
-        .map(|i| {
-            let (a, b) = (&model.sprockets[i], &model.sprockets[(i + 1) % n]);
-            (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())
-        })
-        .collect()
+    let following = model.sprockets.iter().cycle().skip(1);
+    let pairs = model.sprockets.iter().zip(following).take(if n == 2 { 1 } else { n });
+    pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())).collect()
 }

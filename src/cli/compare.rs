@@ -136,7 +136,9 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     }
     let holds = claims.iter().filter(|c| !c.contrast).all(|c| c.holds);
     let speeds = || summaries.iter().map(|s| s.turning_speed_m_s);
-    if speeds().any(|v| (v / summaries[0].turning_speed_m_s - 1.0).abs() > 0.02) {
+    if let Some(first) = speeds().next()
+        && speeds().any(|v| (v / first - 1.0).abs() > 0.02)
+    {
         eprintln!("warning: the drivers turn at different speeds; the recording shows the first one's crank angle");
     }
     if args.json {
@@ -248,11 +250,11 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         let path = folder.join(format!("compare.{extension}"));
         let mut sink = create(&path, &header, ViewOptions::default())?;
         let n = runs.iter().map(|r| r.frames.len()).min().unwrap_or(0);
+        let mut from = f64::NEG_INFINITY;
         for i in 0..n {
-            let at: Vec<_> = runs.iter().map(|r| &r.frames[i]).collect();
+            let at: Vec<_> = runs.iter().filter_map(|r| r.frames.get(i)).collect();
             sink.frame(&merge::frames(&parts, &at))?;
-            let from = if i == 0 { f64::NEG_INFINITY } else { runs[0].frames[i - 1].t_s };
-            let to = if i + 1 == n { f64::INFINITY } else { runs[0].frames[i].t_s };
+            let to = at.first().filter(|_| i + 1 < n).map_or(f64::INFINITY, |frame| frame.t_s);
             for (part, run) in parts.iter().zip(runs) {
                 let over = |i: &&Impact| (i.t_s + i.watched_s > from) && (i.t_s + i.watched_s <= to);
                 for impact in run.impacts.iter().filter(over) {
@@ -262,6 +264,7 @@ fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
                     sink.event(&merge::event(part, event))?;
                 }
             }
+            from = to;
         }
         sink.finish()?;
         paths.push(path);

@@ -1,6 +1,6 @@
 //! `pitchline geometry chain --type silent` and `pitchline geometry sprocket --profile silent-arc|silent-line`.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Failure, Outcome, add_field, print_json, print_out};
 use crate::geometry::Vec2;
 use crate::geometry::chain::silent::{SilentLinkContour, SilentLinkForm};
 use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
@@ -130,7 +130,7 @@ pub fn chain(args: &ChainArgs) -> Result<Outcome, Failure> {
     if args.json {
         let mut out = serde_json::json!({ "type": "silent" });
         for (key, _, value, _) in rows {
-            out[key] = serde_json::json!(value);
+            add_field(&mut out, key, serde_json::json!(value));
         }
         return print_json(&out);
     }
@@ -168,10 +168,10 @@ pub fn sprocket(request: &SilentSprocketRequest) -> Result<Outcome, Failure> {
     if request.json {
         let mut out = serde_json::json!({ "profile": face, "teeth": spec.teeth });
         for (key, _, value, _) in rows {
-            out[key] = serde_json::json!(value);
+            add_field(&mut out, key, serde_json::json!(value));
         }
         for (key, point) in points {
-            out[key] = serde_json::json!(point.map(|p: Vec2| [p.x / MM, p.y / MM]));
+            add_field(&mut out, key, serde_json::json!(point.map(|p: Vec2| [p.x / MM, p.y / MM])));
         }
         return print_json(&out);
     }

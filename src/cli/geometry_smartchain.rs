@@ -1,6 +1,6 @@
 //! `pitchline geometry smartchain`: the transition, the abutment and the rings of an abutment chain.
 
-use super::{Failure, Outcome, print_json, print_out};
+use super::{Failure, Outcome, add_field, print_json, print_out};
 use crate::geometry::chain::abutment::Handover;
 use crate::geometry::smartchain::{Abutment, AbutmentSpec, Inclination, LobedRing, TwoLinks};
 use crate::units::{DEG, MM, UM};
@@ -108,6 +108,7 @@ fn handover(args: &SmartchainArgs) -> Handover {
 
 fn as_json(abutment: &Abutment, ring: Option<&LobedRing>) -> serde_json::Value {
     let t = &abutment.transition;
+    let links = if t.turning.is_some() { 2 } else { 1 };
     let mut json = serde_json::json!({
         "teeth": t.teeth,
         "pitch_mm": t.pitch_m / MM,
@@ -121,7 +122,7 @@ fn as_json(abutment: &Abutment, ring: Option<&LobedRing>) -> serde_json::Value {
         "line_end_x_mm": t.line_end_x_m / MM,
         "circle_start_mm": [t.circle_start.x / MM, t.circle_start.y / MM],
         "c2": t.smooth_acceleration,
-        "links": t.span() as u32,
+        "links": links,
         "peak_jerk": t.peak_jerk(),
         "ring_radius_mm": abutment.ring_radius_m / MM,
         "guide_height_mm": abutment.guide_height_m / MM,
@@ -135,7 +136,7 @@ fn as_json(abutment: &Abutment, ring: Option<&LobedRing>) -> serde_json::Value {
         "own_gap_mm": abutment.own_gap_m() / MM,
     });
     if let Some(r) = ring {
-        json["driven"] = serde_json::json!({
+        let driven = serde_json::json!({
             "teeth": r.transition.teeth,
             "line_height_mm": r.transition.line_height_m / MM,
             "valley_radius_mm": r.valley_radius_m / MM,
@@ -147,6 +148,7 @@ fn as_json(abutment: &Abutment, ring: Option<&LobedRing>) -> serde_json::Value {
             "lobe_arcs": r.tooth.len(),
             "lobe_deviation_nm": r.max_deviation_m * 1e9,
         });
+        add_field(&mut json, "driven", driven);
     }
     json
 }

@@ -11,6 +11,7 @@ use crate::measurement::Measurement;
 use crate::measurement::columns::Memory;
 use crate::measurement::segments::{Data, DataError, load};
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
 use std::time::Instant;
@@ -49,7 +50,7 @@ fn memory(text: &str) -> Result<usize, String> {
         text.trim().strip_suffix(unit).and_then(|number| number.trim().parse::<f64>().ok()).map(|n| n * size)
     });
     match parsed {
-        // A float becomes the nearest whole number.
+        #[expect(clippy::cast_possible_truncation, reason = "what is behind the point is less than a byte")]
         Some(bytes) if (1e6..=1e15).contains(&bytes) => Ok(bytes as usize),
         _ => Err("write a number with MB or GB, from 1MB to 1000000GB, e.g. 4GB".into()),
     }
@@ -85,7 +86,13 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
     if metadata.len() > LARGEST {
         return Err(Failure::Input(format!("`{shown}` has {} bytes; a {what} has at most {LARGEST}", metadata.len())));
     }
-    std::fs::read_to_string(path).map_err(cannot)
+    let mut text = String::new();
+    std::fs::File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_string(&mut text)).map_err(cannot)?;
+    // What is no file says nothing of its length, and may never end.
+    if text.len() as u64 > LARGEST {
+        return Err(Failure::Input(format!("`{shown}` has more bytes than a {what} has at most: {LARGEST}")));
+    }
+    Ok(text)
 }
 
 /// What is read before a model is run.

@@ -133,7 +133,7 @@ fn first_of(suspect: &Suspect, all: &[Impact], header: &Header) -> Option<usize>
 
 fn suspect_json(suspect: &Suspect, all: &[Impact], header: &Header) -> serde_json::Value {
     let mut value = serde_json::json!(suspect);
-    value["first_impact"] = serde_json::json!(first_of(suspect, all, header));
+    super::add_field(&mut value, "first_impact", serde_json::json!(first_of(suspect, all, header)));
     value
 }
 
@@ -229,7 +229,7 @@ fn text(
         lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));
     }
     // What stands out first, else the first of the list.
-    let example = suspects.first().and_then(|s| first_of(s, all, header)).map(|n| (n, &all[n]));
+    let example = suspects.first().and_then(|s| first_of(s, all, header)).and_then(|n| Some((n, all.get(n)?)));
     if let Some((number, i)) = example.as_ref().or(list.first()) {
         lines.push(format!("open impact {number}: {}", open_in_rerun(*number, recording)));
         lines.push(format!("  or in Foxglove go to {}; the log /events has them all", open_in_foxglove(i)));

@@ -1,5 +1,8 @@
 //! The command line: one file per verb. Results go to stdout, everything else to stderr.
 
+// These rooms read what strangers write, so every index is looked at.
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
 mod check;
 mod compare;
 mod diff;
@@ -24,7 +27,7 @@ mod view_web;
 mod zoom;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::Path;
 
 /// Headless simulator and visual debugger for chain drives.
@@ -204,13 +207,18 @@ fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome
     match answer {
         Answer::Text(text) => print_out(&text)?,
         Answer::Json(mut value) => {
-            if let Some(object) = value.as_object_mut() {
-                object.insert("missing".into(), serde_json::json!(missing));
-            }
+            add_field(&mut value, "missing", serde_json::json!(missing));
             print_json(&value)?
         }
     };
     Ok(if missing.is_empty() || outcome == Outcome::Interrupted { outcome } else { Outcome::DataLost })
+}
+
+/// Adds a field to an object; what is none stays as it is.
+fn add_field(object: &mut serde_json::Value, key: &str, value: serde_json::Value) {
+    if let Some(object) = object.as_object_mut() {
+        object.insert(key.into(), value);
+    }
 }
 
 fn print_json(value: &serde_json::Value) -> Result<Outcome, Failure> {
@@ -251,7 +259,13 @@ fn drive_text(drive: &str) -> Result<(String, String), Failure> {
             metadata.len()
         )));
     }
-    let bytes = std::fs::read(path).map_err(|e| Failure::Input(format!("cannot read drive `{drive}`: {e}")))?;
+    let mut bytes = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(LARGEST_DRIVE + 1).read_to_end(&mut bytes));
+    read.map_err(|e| Failure::Input(format!("cannot read drive `{drive}`: {e}")))?;
+    // What is no file says nothing of its length, and may never end.
+    if bytes.len() as u64 > LARGEST_DRIVE {
+        return Err(Failure::Input(format!("`{drive}` has more bytes than a drive file has at most: {LARGEST_DRIVE}")));
+    }
     match String::from_utf8(bytes) {
         Ok(text) => Ok((drive.to_string(), text)),
         Err(e) => Err(Failure::Input(format!(

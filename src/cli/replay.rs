@@ -1,7 +1,7 @@
 //! `pitchline replay`: runs a recording's drive again and compares, or finishes a file that was cut off.
 
 use super::run::{check_recordings, progress_bar, stop_on_interrupt};
-use super::{Answer, Failure, Outcome, answer, print_json, print_out};
+use super::{Answer, Failure, Outcome, add_field, answer, print_json, print_out};
 use crate::recording::reader::{Entry, Flow, Reader, Wanted};
 use crate::recording::{ViewOptions, create};
 use crate::replay::{Replay, Verdict, verify};
@@ -44,8 +44,8 @@ fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
     let Some(verdict) = verdict else { return Ok(Outcome::Interrupted) };
     let found = if args.json {
         let mut value = serde_json::json!(verdict);
-        value["recording"] = serde_json::json!(args.recording);
-        value["complete"] = serde_json::json!(replay.reader.complete());
+        add_field(&mut value, "recording", serde_json::json!(args.recording));
+        add_field(&mut value, "complete", serde_json::json!(replay.reader.complete()));
         Answer::Json(value)
     } else {
         Answer::Text(text(&args.recording, &verdict))
@@ -89,9 +89,8 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;
+    super::say_missing(damage.iter().chain(reader.missing_since_open()));
     let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
-    super::say_missing(&lost[..lost.len() - reader.missing().len()]);
-    super::say_missing(reader.missing_since_open());
     if args.json {
         print_json(&serde_json::json!({
             "output": output, "bytes": bytes, "frames": frames, "until_s": until, "lost": lost,

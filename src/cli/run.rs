@@ -286,7 +286,9 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     let (old_step_s, new_step_s) = (replay.model.step_s, model.step_s);
     if old_step_s != new_step_s {
         state.restep(old_step_s, new_step_s);
-        state.step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
+        #[expect(clippy::cast_possible_truncation, reason = "a number of steps, rounded")]
+        let step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
+        state.step = step;
     }
     // A branch keeps its own accounts.
     state.clear_ledger();
@@ -344,12 +346,12 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
         let most = LONGEST_AROUND_S * 1e3;
         return Err(Failure::Input(format!("--around is at most {most} ms: what it covers is held in memory")));
     }
-    let steps = |t_s: f64| (t_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
+    let steps = |t_s: f64| whole_steps(t_s, model.step_s);
     // Readers take frames further apart than --every says for missing ones.
     let around_every = args.around_every.map_or(1, |t_s| steps(t_s.min(args.every)));
     let around = args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: around_every });
     let hits = match (args.hits, around) {
-        (Some(hits), _) => Some(hits as usize),
+        (Some(hits), _) => Some(usize::try_from(hits).unwrap_or(usize::MAX)),
         (None, Some(_)) => None,
         (None, None) => Some(1),
     };
@@ -360,6 +362,12 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
         watch
     };
     Ok(Some(Breaks { watches: breakpoints.into_iter().map(watch).collect(), hits, around }))
+}
+
+/// Steps that fit into a time, at least one.
+#[expect(clippy::cast_possible_truncation, reason = "a number of steps, rounded")]
+pub(super) fn whole_steps(t_s: f64, step_s: f64) -> u64 {
+    (t_s / step_s * (1.0 + 1e-9)).floor().max(1.0) as u64
 }
 
 /// Longest window before and after a hit [s].

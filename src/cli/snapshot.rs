@@ -137,8 +137,7 @@ fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<
     }
     let numbers = pick(&times_s, interval_s, at).map_err(|e| Failure::Input(format!("{}: {e}", path.display())))?;
     let mut frames = Vec::new();
-    for number in numbers {
-        let t_s = times_s[number];
+    for t_s in numbers.into_iter().filter_map(|number| times_s.get(number).copied()) {
         frames.extend(reader.frame_at(t_s)?);
         if frames.is_empty() {
             let shown = path.display();
@@ -153,7 +152,7 @@ fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<
 
 /// Frames of the steps nearest to the instants.
 fn exact_frames(path: &Path, at: At, times_s: &[f64]) -> Result<Vec<Frame>, Failure> {
-    let (first, last) = (times_s[0], times_s[times_s.len() - 1]);
+    let (Some(&first), Some(&last)) = (times_s.first(), times_s.last()) else { return Ok(Vec::new()) };
     let wanted_s = match at {
         At::Frame(number) => vec![*times_s.get(number).unwrap_or(&f64::NAN)],
         At::Time(t) => vec![t],
@@ -188,10 +187,12 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
     let (Some(&first), Some(&last)) = (times_s.first(), times_s.last()) else {
         return Err("holds no frames".into());
     };
+    #[expect(clippy::indexing_slicing, reason = "there is a frame, and both numbers are at most that of the last")]
     let nearest = |t: f64| {
         let after = times_s.partition_point(|s| *s < t).min(times_s.len() - 1);
         let before = after.saturating_sub(1);
-        if (t - times_s[before]).abs() <= (times_s[after] - t).abs() { before } else { after }
+        let number = if (t - times_s[before]).abs() <= (times_s[after] - t).abs() { before } else { after };
+        (number, times_s[number])
     };
     let wanted_s: Vec<f64> = match at {
         At::Frame(number) if number < times_s.len() => return Ok(vec![number]),
@@ -210,11 +211,13 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
         let (t, first, last) = (t * 1e3, first * 1e3, last * 1e3);
         return Err(format!("{t:.4} ms was not recorded; the recording goes from {first:.4} to {last:.4} ms"));
     }
-    let mut numbers: Vec<usize> = wanted_s.iter().map(|t| nearest(*t)).collect();
-    for (t, i) in wanted_s.iter().zip(&numbers) {
-        let off_s = (times_s[*i] - t).abs();
+    let mut numbers = Vec::new();
+    for t in &wanted_s {
+        let (number, found_s) = nearest(*t);
+        numbers.push(number);
+        let off_s = (found_s - t).abs();
         if off_s > slack_s {
-            let (t, found) = (t * 1e3, times_s[*i] * 1e3);
+            let (t, found) = (t * 1e3, found_s * 1e3);
             eprintln!(
                 "note: the frame nearest to {t:.4} ms is at {found:.4} ms, {:.1} us off; frames are missing there",
                 off_s * 1e6
@@ -263,9 +266,9 @@ fn resolve(what: &str, header: &Header) -> Result<Around, Failure> {
         return Ok(Around::Link(link));
     }
     let last = |path: &'_ str| path.rsplit('.').next().unwrap_or_default().to_string();
-    let fits = |k: &usize| header.bodies[*k].path == what || last(&header.bodies[*k].path) == what;
     // Several recordings in one have bodies of one name: then the whole path is needed.
-    let found: Vec<usize> = (0..header.bodies.len()).filter(fits).collect();
+    let fitting = header.bodies.iter().enumerate().filter(|(_, b)| b.path == what || last(&b.path) == what);
+    let found: Vec<usize> = fitting.map(|(k, _)| k).collect();
     match found.as_slice() {
         [k] => Ok(Around::Body(*k)),
         [] => {

@@ -1,6 +1,6 @@
 //! `pitchline zoom`: a part of a recording once more, as densely as wanted, with the same steps to the bit.
 
-use super::run::{check_recordings, duration, finish, instant, open, stop_on_interrupt};
+use super::run::{check_recordings, duration, finish, instant, open, stop_on_interrupt, whole_steps};
 use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, extensions};
@@ -122,5 +122,5 @@ fn every(text: &str, step_s: f64) -> Result<u64, Failure> {
         return Ok(steps);
     }
     let t_s = duration(text).map_err(|e| Failure::Input(format!("--every {text}: {e}, or a number of steps")))?;
-    Ok((t_s / step_s * (1.0 + 1e-9)).floor().max(1.0) as u64)
+    Ok(whole_steps(t_s, step_s))
 }

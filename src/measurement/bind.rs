@@ -33,7 +33,7 @@ fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<D
         let mut error = |key: &str, title: String, help: String| {
             diags.push(measurement.places.error(&at(key), title, Some(help)));
         };
-        let Some(sensor) = machine.sensors.iter().position(|s| s.path == c.sensor) else {
+        let Some((sensor, bound)) = machine.sensors.iter().enumerate().find(|(_, s)| s.path == c.sensor) else {
             let known: Vec<&str> = machine.sensors.iter().map(|s| s.path.as_str()).collect();
             let help = match nearest(&c.sensor, known.iter().copied()) {
                 Some(near) => format!("did you mean `{near}`?"),
@@ -43,8 +43,7 @@ fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<D
             continue;
         };
         let (quantity, si) = shows(machine, sensor);
-        let own = machine.sensors[sensor].unit.clone();
-        let factor = match (&own, unit(&c.unit)) {
+        let factor = match (&bound.unit, unit(&c.unit)) {
             (Some(own), _) if *own == c.unit => 1.0,
             (None, Some((q, factor))) if q == quantity => factor,
             (Some(own), _) => {
@@ -73,7 +72,7 @@ fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<D
                 continue;
             }
         };
-        let relative = matches!(machine.sensors[sensor].reads, Reads::Pulses { .. });
+        let relative = matches!(bound.reads, Reads::Pulses { .. });
         all.push(Channel {
             name: c.name.clone(),
             sensor_path: c.sensor.clone(),
@@ -132,6 +131,7 @@ fn check_inputs(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Di
     }
 }
 
+#[expect(clippy::indexing_slicing, reason = "`Machine::slot` gives places in its own slots and values")]
 fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Vec<(usize, f64)>> {
     let mut all = Vec::new();
     for r in &measurement.records {

@@ -43,12 +43,13 @@ pub struct Clock {
 
 /// Median; sorts.
 pub fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
     values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n % 2 == 1 { values[n / 2] } else { 0.5 * (values[n / 2 - 1] + values[n / 2]) }
+    let (lower, upper) = values.split_at(values.len() / 2);
+    match (lower.last(), upper.first()) {
+        (Some(below), Some(above)) if lower.len() == upper.len() => 0.5 * (below + above),
+        (_, Some(middle)) => *middle,
+        (_, None) => 0.0,
+    }
 }
 
 /// Distance of the grid on which all values lie, or zero.
@@ -56,14 +57,12 @@ pub fn quantisation(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
-    if sorted.len() < 2 {
-        return 0.0;
-    }
-    let span = sorted[sorted.len() - 1] - sorted[0];
-    let step = sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 1e-9 * span).fold(f64::MAX, f64::min);
+    let [first, .., last] = sorted.as_slice() else { return 0.0 };
+    let span = last - first;
+    let step = sorted.array_windows().map(|[a, b]| b - a).filter(|d| *d > 1e-9 * span).fold(f64::MAX, f64::min);
     // Printed values are rounded, so distances are whole multiples only to a few percent of a step.
     let off = |v: f64| {
-        let steps = (v - sorted[0]) / step;
+        let steps = (v - first) / step;
         (steps - libm::round(steps)).abs()
     };
     let on_grid = sorted.iter().filter(|v| off(**v) < 0.1).count();
@@ -73,8 +72,8 @@ pub fn quantisation(values: &[f64]) -> f64 {
 /// Noise from fourth differences: median over blocks of their mean squares.
 pub fn noise(values: &[f64]) -> f64 {
     let squares: Vec<f64> = values
-        .windows(5)
-        .map(|w| w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4])
+        .array_windows()
+        .map(|[a, b, c, d, e]| a - 4.0 * b + 6.0 * c - 4.0 * d + e)
         .filter(|d| d.is_finite())
         .map(|d| d * d / 70.0)
         .collect();
@@ -90,7 +89,7 @@ fn rest(values: &[f64], band: f64) -> (usize, Option<f64>) {
     if n < 8 {
         return (0, None);
     }
-    (n, Some(values[..n].iter().sum::<f64>() / n as f64))
+    (n, Some(values.iter().take(n).sum::<f64>() / n as f64))
 }
 
 /// Facts of one series.
@@ -124,7 +123,7 @@ pub fn of(record: &str, channel: &str, unit: &str, values: &[f64], declared_nois
 
 /// Facts of the times of samples [s].
 pub fn clock(record: &str, t_s: &[f64]) -> Clock {
-    let mut steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let mut steps: Vec<f64> = t_s.array_windows().map(|[a, b]| b - a).collect();
     let n = steps.len().max(1) as f64;
     let mean = steps.iter().sum::<f64>() / n;
     let variance = steps.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / n;

@@ -3,6 +3,9 @@
 //! MEASUREMENT.toml names a drive, the files with their columns, the records in them with their operating points, which of
 //! them fit and which judge, and the numbers of the drive that may be fitted. Everything is checked before a model is run.
 
+// These rooms read what strangers write, so every index is looked at.
+#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
+
 mod bind;
 pub mod columns;
 pub mod facts;

@@ -4,11 +4,16 @@ use super::columns::Columns;
 use super::facts;
 use super::segments::{Data, Segment, column_of, rows_of};
 use super::units::unit;
-use super::{Measurement, PulseValues, Split, Use};
+use super::{Measurement, PulseValues, RecordSpec, Split, Use};
 use crate::diag::Diag;
 use crate::machine::simulate::{Samples, Start, Task};
-use crate::machine::{Machine, Reads};
+use crate::machine::{Machine, Reads, Sensor};
 use std::f64::consts::PI;
+
+/// How many times shorter and longer than the usual one an interval may be: the shortest sets the step of the model, the longest
+/// how long it waits for a pulse.
+const MOST_BELOW_USUAL: f64 = 1e5;
+const MOST_ABOVE_USUAL: f64 = 1e8;
 
 /// Intervals with pulses that were missed put back as unknown ones: ln of the interval, or NaN; and how many there were.
 fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
@@ -19,15 +24,17 @@ fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
     for (i, dt) in intervals.iter().enumerate() {
         // Neighbours on both sides, of which most are whole.
         let low = i.saturating_sub(3);
-        let mut near: Vec<f64> =
-            (low..(i + 4).min(intervals.len())).filter(|k| *k != i).map(|k| intervals[k]).collect();
+        let near = intervals.iter().enumerate().take(i + 4).skip(low);
+        let mut near: Vec<f64> = near.filter(|(k, _)| *k != i).map(|(_, dt)| *dt).collect();
         let usual = facts::median(&mut near);
         let times_longer = dt / usual;
         let whole = libm::round(times_longer);
         // Beside a pause the neighbours are no measure.
         if (2.0..=4.0).contains(&whole) && (times_longer - whole).abs() < 0.15 * whole {
-            missed += whole as usize - 1;
-            for k in 0..whole as usize {
+            #[expect(clippy::cast_possible_truncation, reason = "2, 3 or 4")]
+            let parts = whole as usize;
+            missed += parts - 1;
+            for k in 0..parts {
                 values.push(f64::NAN);
                 times.push(t + dt * k as f64 / whole);
             }
@@ -45,10 +52,11 @@ fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
 fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)> {
     let turns = 2 * marks;
     let mean = |a: usize, b: usize| {
-        let known = || ln_dt[a..b].iter().filter(|v| v.is_finite());
+        let part = ln_dt.get(a..b)?;
+        let known = || part.iter().filter(|v| v.is_finite());
         let n = known().count();
         // Half of them tell enough.
-        if 2 * n >= b - a { Some(known().sum::<f64>() / n as f64) } else { None }
+        if 2 * n >= part.len() { Some(known().sum::<f64>() / n as f64) } else { None }
     };
     let slows = |i: usize| {
         let (behind, ahead) = (mean(i - turns, i), mean(i, i + turns));
@@ -77,30 +85,30 @@ fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)>
 pub(super) fn pulse_segments(
     measurement: &Measurement,
     machine: &Machine,
-    index: usize,
+    (index, record): (usize, &RecordSpec),
     columns: &Columns,
     data: &mut Data,
     diags: &mut Vec<Diag>,
 ) {
-    let record = &measurement.records[index];
     let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
-    let spec = &measurement.channels[0];
-    let Some(i) = column_of(measurement, record, columns, ("channels", &spec.name, &spec.column), diags) else {
+    let (Some(spec), Some(channel)) = (measurement.channels.first(), data.channels.first()) else { return };
+    let Some(&Sensor { reads: Reads::Pulses { body, marks }, .. }) = machine.sensors.get(channel.sensor) else {
         return;
     };
+    let what = ("channels", spec.name.as_str(), spec.column.as_str());
+    let Some(column) = column_of(measurement, record, columns, (from, to), what, diags) else { return };
     let factor = unit(&spec.unit).map_or(1.0, |(_, f)| f);
-    let raw: Vec<f64> = columns.values[i][from..to].iter().map(|v| v * factor).collect();
+    let raw: Vec<f64> = column.iter().map(|v| v * factor).collect();
     let intervals: Vec<f64> = match spec.values {
         PulseValues::Intervals => raw,
-        PulseValues::Times => raw.windows(2).map(|w| w[1] - w[0]).collect(),
+        PulseValues::Times => raw.array_windows().map(|[a, b]| b - a).collect(),
     };
-    if let Some(k) = intervals.iter().position(|dt| !(dt.is_finite() && *dt > 0.0)) {
+    if let Some((k, dt)) = intervals.iter().enumerate().find(|(_, dt)| !(dt.is_finite() && **dt > 0.0)) {
         let title = format!(
-            "pulse {} at line {} of file `{}` comes {} s after the one before it",
+            "pulse {} at line {} of file `{}` comes {dt} s after the one before it",
             k + 1,
             columns.first_line + from + k,
-            record.file,
-            intervals[k]
+            record.file
         );
         let help = match spec.values {
             PulseValues::Intervals => "are these times of pulses? Then write `values = \"times\"`",
@@ -109,8 +117,6 @@ pub(super) fn pulse_segments(
         diags.push(measurement.places.error(&format!("channels.{}.column", spec.name), title, Some(help.into())));
         return;
     }
-    let sensor = data.channels[0].sensor;
-    let Reads::Pulses { body, marks } = machine.sensors[sensor].reads else { return };
     let mut facts = facts::of(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
     facts.rest_samples = 0;
     facts.rest_mean = None;
@@ -137,17 +143,34 @@ pub(super) fn pulse_segments(
     }
     let gap = 2.0 * PI / marks as f64;
     let n_parts = parts.len();
+    #[expect(clippy::cast_possible_truncation, reason = "at most the number of parts, of which a share is taken")]
     let judged = record.judge_share.map_or(0, |share| libm::round(share * n_parts as f64) as usize);
     for (k, (a, b)) in parts.into_iter().enumerate() {
         // Speed and slowest step from what is known nearby.
-        let known: Vec<f64> = ln_dt[a..b].iter().copied().filter(|v| v.is_finite()).collect();
+        let (Some(part), Some(start_s)) = (ln_dt.get(a..b), times.get(a)) else { continue };
+        let known: Vec<f64> = part.iter().copied().filter(|v| v.is_finite()).collect();
         let Some(first) = known.first() else { continue };
         let mean = known.iter().take(marks).sum::<f64>() / known.len().min(marks) as f64;
         let shortest = known.iter().copied().fold(f64::MAX, f64::min);
         let longest = known.iter().copied().fold(f64::MIN, f64::max);
+        let usual = facts::median(&mut known.clone());
+        if usual - shortest > libm::log(MOST_BELOW_USUAL) || longest - usual > libm::log(MOST_ABOVE_USUAL) {
+            let title = format!(
+                "pulses of record `{}` come {:.3e} to {:.3e} s after one another, most {:.3e} s: no one step suits all",
+                record.name,
+                libm::exp(shortest),
+                libm::exp(longest),
+                libm::exp(usual)
+            );
+            let help = "cut the record there (`from_row`, `to_row`)";
+            diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help.into())));
+            return;
+        }
         let mut start = Start { travel: 0.0, q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
-        start.v[body] = gap / libm::exp(mean.min(first + 1.0));
-        let n = b - a;
+        if let Some(speed) = start.v.get_mut(body) {
+            *speed = gap / libm::exp(mean.min(first + 1.0));
+        }
+        let n = part.len();
         let judge_from = match (record.usage, record.judge_share) {
             (Use::Judge | Use::Transfer, _) => 0,
             _ if k >= n_parts - judged => 0,
@@ -165,11 +188,11 @@ pub(super) fn pulse_segments(
                 inputs: Vec::new(),
                 hold: false,
             },
-            measured: vec![ln_dt[a..b].to_vec()],
+            measured: vec![part.to_vec()],
             judge_from,
             start,
             at_rest: false,
-            start_s: times[a],
+            start_s: *start_s,
         });
     }
 }

@@ -57,6 +57,11 @@ fn text(t: &Table<'_>, key: &str, example: &str) -> String {
     })
 }
 
+/// A number of things, rows for example.
+fn count(t: &Table<'_>, key: &str, range: std::ops::RangeInclusive<i64>) -> Option<usize> {
+    t.integer(key, range).and_then(|n| usize::try_from(n).ok())
+}
+
 fn files(root: &Table<'_>) -> Vec<FileSpec> {
     let table = root.table("files");
     let mut all = Vec::new();
@@ -77,8 +82,8 @@ fn files(root: &Table<'_>) -> Vec<FileSpec> {
         let layout = Layout {
             header: t.flag("header").unwrap_or(true),
             separator,
-            skip_lines: t.integer("skip_lines", 0..=10_000).unwrap_or(0) as usize,
-            group: t.integer("group", 0..=1_000_000).map(|g| g as usize),
+            skip_lines: count(&t, "skip_lines", 0..=10_000).unwrap_or(0),
+            group: count(&t, "group", 0..=1_000_000),
         };
         all.push(FileSpec { name, path, layout });
         t.finish();
@@ -153,16 +158,16 @@ fn records(root: &Table<'_>, files: &[FileSpec], channels: &[ChannelSpec], input
         set_table.finish();
         let split = match t.choice("split", &[("whole", false), ("coasting", true)]).unwrap_or(false) {
             false => Split::Whole,
-            true => Split::Coasting { at_least: t.integer("at_least_pulses", 8..=100_000).unwrap_or(24) as usize },
+            true => Split::Coasting { at_least: count(&t, "at_least_pulses", 8..=100_000).unwrap_or(24) },
         };
         let record = RecordSpec {
             file,
             usage: t
                 .choice("use", &[("fit", Use::Fit), ("judge", Use::Judge), ("transfer", Use::Transfer)])
                 .unwrap_or(Use::Fit),
-            from_row: t.integer("from_row", 1..=1_000_000_000).unwrap_or(1) as usize,
-            to_row: t.integer("to_row", 1..=1_000_000_000).map(|n| n as usize),
-            judge_from_row: t.integer("judge_from_row", 2..=1_000_000_000).map(|n| n as usize),
+            from_row: count(&t, "from_row", 1..=1_000_000_000).unwrap_or(1),
+            to_row: count(&t, "to_row", 1..=1_000_000_000),
+            judge_from_row: count(&t, "judge_from_row", 2..=1_000_000_000),
             judge_share: t.number("judge_share", 1.0, 0.0..=0.9),
             rate_hz: t.number("rate_hz", 1.0, 1e-6..=1e9),
             time,

@@ -170,12 +170,12 @@ fn cut(
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
         let pulses = data.channels.iter().any(|c| c.relative);
         if pulses {
-            pulse_segments(measurement, machine, index, columns, &mut data, &mut diags);
+            pulse_segments(measurement, machine, (index, record), columns, &mut data, &mut diags);
         } else {
-            sampled_segment(measurement, machine, index, columns, &mut data, &mut diags);
+            sampled_segment(measurement, machine, (index, record), columns, &mut data, &mut diags);
         }
     }
-    let elsewhere = |s: &Segment| measurement.records[s.record].usage == Use::Transfer;
+    let elsewhere = |s: &Segment| measurement.records.get(s.record).is_some_and(|r| r.usage == Use::Transfer);
     (data.transfer, data.segments) = std::mem::take(&mut data.segments).into_iter().partition(elsewhere);
     if diags.is_empty() {
         who_judges(measurement, &mut data, &mut diags);
@@ -187,33 +187,28 @@ fn cut(
     Ok(data)
 }
 
-/// Index of a column for a channel or an input in a record.
-pub(super) fn column_of(
+/// The rows `from..to` of a column for a channel, an input or the time of a record.
+pub(super) fn column_of<'a>(
     measurement: &Measurement,
     record: &RecordSpec,
-    columns: &Columns,
+    columns: &'a Columns,
+    (from, to): (usize, usize),
     (kind, name, column): (&str, &str, &str),
     diags: &mut Vec<Diag>,
-) -> Option<usize> {
+) -> Option<&'a [f64]> {
     let own = record.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_str());
     let wanted = own.unwrap_or(column);
-    let found = columns.find(wanted);
-    if let Some(wrong) = found.and_then(|i| columns.wrong.get(i)).and_then(Option::as_ref) {
-        let at = match own {
-            Some(_) => format!("records.{}.columns.{name}", record.name),
-            None => format!("{kind}.{name}.column"),
-        };
-        let diag = measurement.places.error(&at, format!("file `{}`: {wrong}", record.file), None);
+    let at = match own {
+        Some(_) => format!("records.{}.columns.{name}", record.name),
+        None => format!("{kind}.{name}.column"),
+    };
+    let mut mistake = |at: &str, title: String, help: Option<String>| {
+        let diag = measurement.places.error(at, title, help);
         if !diags.contains(&diag) {
             diags.push(diag);
         }
-        return None;
-    }
-    if found.is_none() {
-        let at = match own {
-            Some(_) => format!("records.{}.columns.{name}", record.name),
-            None => format!("{kind}.{name}.column"),
-        };
+    };
+    let Some(index) = columns.find(wanted) else {
         let help = match nearest(wanted, columns.names.iter().map(String::as_str)) {
             Some(near) => format!("did you mean \"{near}\"?"),
             None => {
@@ -221,18 +216,19 @@ pub(super) fn column_of(
                 format!("columns there: {}", shown.join(", "))
             }
         };
-        let title = format!("file `{}` has no column \"{wanted}\"", record.file);
-        let diag = measurement.places.error(&at, title, Some(help));
-        if !diags.contains(&diag) {
-            diags.push(diag);
-        }
+        mistake(&at, format!("file `{}` has no column \"{wanted}\"", record.file), Some(help));
+        return None;
+    };
+    if let Some(wrong) = columns.wrong.get(index).and_then(Option::as_ref) {
+        mistake(&at, format!("file `{}`: {wrong}", record.file), None);
+        return None;
     }
     let declared = match kind {
         "channels" => measurement.channels.iter().find(|c| c.name == name).map(|c| c.unit.as_str()),
         "inputs" => measurement.inputs.iter().find(|i| i.name == name).map(|i| i.unit.as_str()),
         _ => record.time.as_ref().map(|(_, unit)| unit.as_str()),
     };
-    let own_unit = found.and_then(|i| columns.units.get(i)).and_then(Option::as_deref);
+    let own_unit = columns.units.get(index).and_then(Option::as_deref);
     // Turns and radians are both written like this, grams and the earth's pull.
     let own_unit = own_unit.filter(|u| !matches!(*u, "1/s" | "g"));
     if let (Some(declared), Some(own_unit)) = (declared, own_unit) {
@@ -245,14 +241,17 @@ pub(super) fn column_of(
                 "records" => (format!("records.{}.time_unit", record.name), None),
                 _ => (format!("{kind}.{name}.unit"), Some(format!("write `unit = \"{own_unit}\"`"))),
             };
-            let diag = measurement.places.error(&at, title, help);
-            if !diags.contains(&diag) {
-                diags.push(diag);
-            }
+            mistake(&at, title, help);
             return None;
         }
     }
-    found
+    let values = columns.values.get(index).map_or(&[][..], Vec::as_slice);
+    let part = values.get(from..to);
+    if part.is_none() {
+        let title = format!("column \"{wanted}\" of file `{}` ends after {} values", record.file, values.len());
+        mistake(&at, title, Some(format!("record `{}` reaches to row {to}", record.name)));
+    }
+    part
 }
 
 /// Rows of a record: first, and one after the last, from 0.
@@ -294,26 +293,40 @@ fn times_of(
     match (&record.time, record.rate_hz) {
         (None, Some(rate)) => Some((0..to - from).map(|i| i as f64 / rate).collect()),
         (Some((name, unit_name)), None) => {
-            let index = column_of(measurement, record, columns, ("records", &record.name, name), diags)?;
+            let what = ("records", record.name.as_str(), name.as_str());
+            let values = column_of(measurement, record, columns, (from, to), what, diags)?;
             let Some((Quantity::Time, factor)) = unit(unit_name) else {
                 let title = format!("`{unit_name}` is no unit of time");
                 diags.push(measurement.places.error(&format!("{at}.time_unit"), title, Some("s, ms, us".into())));
                 return None;
             };
-            let values = &columns.values[index][from..to];
-            let wrong = (0..values.len()).find(|i| !values[*i].is_finite() || (*i > 0 && values[*i] <= values[*i - 1]));
-            if let Some(i) = wrong {
+            let first = values.first().copied().unwrap_or(0.0);
+            let mut before = f64::NAN;
+            for (i, value) in values.iter().enumerate() {
+                if value.is_finite() && (i == 0 || *value > before) {
+                    before = *value;
+                    continue;
+                }
                 let title = format!(
-                    "time does not grow: column \"{name}\" of file `{}` has {} after {} at line {}",
+                    "time does not grow: column \"{name}\" of file `{}` has {value} after {before} at line {}",
                     record.file,
-                    values[i],
-                    if i > 0 { values[i - 1] } else { f64::NAN },
                     columns.first_line + from + i
                 );
                 diags.push(measurement.places.error(&format!("{at}.time_column"), title, None));
                 return None;
             }
-            Some(values.iter().map(|v| (v - values[0]) * factor).collect())
+            let times: Vec<f64> = values.iter().map(|v| (v - first) * factor).collect();
+            // What follows divides by the step and counts steps.
+            let step_s = times.last().map_or(0.0, |last| last / times.len() as f64);
+            if !step_s.is_normal() {
+                let title = format!(
+                    "column \"{name}\" of file `{}` goes from {first:e} to {before:e} {unit_name}: no time that can be run",
+                    record.file
+                );
+                diags.push(measurement.places.error(&format!("{at}.time_column"), title, None));
+                return None;
+            }
+            Some(times)
         }
         _ => {
             let title = format!("the times of record `{}` are not stated in one way", record.name);
@@ -327,20 +340,17 @@ fn times_of(
 fn sampled_segment(
     measurement: &Measurement,
     machine: &Machine,
-    index: usize,
+    (index, record): (usize, &RecordSpec),
     columns: &Columns,
     data: &mut Data,
     diags: &mut Vec<Diag>,
 ) {
-    let record = &measurement.records[index];
     let Some((from, to)) = rows_of(measurement, record, columns, diags) else { return };
     let times = times_of(measurement, record, columns, (from, to), diags);
     let mut measured = Vec::new();
     for (c, channel) in measurement.channels.iter().zip(data.channels.clone()) {
-        let Some(i) = column_of(measurement, record, columns, ("channels", &c.name, &c.column), diags) else {
-            continue;
-        };
-        let raw = &columns.values[i][from..to];
+        let what = ("channels", c.name.as_str(), c.column.as_str());
+        let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         check_values(measurement, record, c, raw, diags);
         data.facts.push(facts::of(&record.name, &c.name, &c.unit, raw, c.noise));
         measured.push(raw.iter().map(|v| v / channel.shown).collect::<Vec<f64>>());
@@ -349,10 +359,8 @@ fn sampled_segment(
     let mut hold = false;
     for input in &machine.inputs {
         let Some(spec) = measurement.inputs.iter().find(|i| i.input == input.path) else { continue };
-        let Some(i) = column_of(measurement, record, columns, ("inputs", &spec.name, &spec.column), diags) else {
-            continue;
-        };
-        let raw = &columns.values[i][from..to];
+        let what = ("inputs", spec.name.as_str(), spec.column.as_str());
+        let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         if let Some(k) = raw.iter().position(|v| !v.is_finite()) {
             let line = columns.first_line + from + k;
             let title = format!("input `{}` has no value at line {line} of file `{}`", spec.name, record.file);
@@ -435,6 +443,10 @@ fn check_values(
 }
 
 /// Speeds and positions at the start, as far as the channels tell.
+#[expect(
+    clippy::indexing_slicing,
+    reason = "channels are bound to sensors of this machine, whose bodies and numbers are places in its own lists"
+)]
 pub fn first_guess(
     machine: &Machine,
     channels: &[Channel],
@@ -448,17 +460,18 @@ pub fn first_guess(
         return start;
     }
     let mut known = vec![false; n];
-    for (c, channel) in channels.iter().enumerate() {
-        let first = measured[c].iter().copied().find(|v| v.is_finite()).unwrap_or(0.0);
-        let gain = machine.values[machine.sensors[channel.sensor].gain];
-        match machine.sensors[channel.sensor].reads {
+    for (channel, series) in channels.iter().zip(measured) {
+        let first = series.iter().copied().find(|v| v.is_finite()).unwrap_or(0.0);
+        let sensor = &machine.sensors[channel.sensor];
+        let gain = machine.values[sensor.gain];
+        match sensor.reads {
             Reads::Speed(b) => {
                 start.v[b] = first / gain;
                 known[b] = true;
             }
             Reads::Angle(b) => {
                 start.q[b] = first / gain;
-                let some: Vec<f64> = measured[c].iter().take(6).copied().filter(|v| v.is_finite()).collect();
+                let some: Vec<f64> = series.iter().take(6).copied().filter(|v| v.is_finite()).collect();
                 if let (Some(last), false) = (some.last(), known[b]) {
                     start.v[b] = (last - first) / gain / (step_s * (some.len() - 1).max(1) as f64);
                     known[b] = true;
@@ -485,11 +498,11 @@ pub fn first_guess(
 
 /// Nobody judges: the last third of what there is does.
 fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
-    if data.segments.is_empty() {
+    let Some(first) = data.segments.first().map(|s| s.record) else {
         let title = "no record fits".to_string();
         diags.push(measurement.places.error("records", title, Some("give one of them `use = \"fit\"`".into())));
         return;
-    }
+    };
     let judges = data.segments.iter().any(|s| s.judge_from < s.len());
     if !judges {
         data.warnings.push(
@@ -497,7 +510,7 @@ fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>)
                 .to_string(),
         );
         let n = data.segments.len();
-        let parts = data.segments.iter().filter(|s| s.record == data.segments[0].record).count();
+        let parts = data.segments.iter().filter(|s| s.record == first).count();
         for (k, s) in data.segments.iter_mut().enumerate() {
             let len = s.len();
             s.judge_from = if parts > 3 { if 10 * k >= 7 * n { 0 } else { len } } else { 7 * len / 10 };
@@ -518,12 +531,11 @@ fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>)
 
 /// Noise floors of the channels as they are compared: the median over records.
 fn set_noise(data: &mut Data, measurement: &Measurement) {
-    for (c, spec) in measurement.channels.iter().enumerate() {
+    for (c, (spec, channel)) in measurement.channels.iter().zip(&mut data.channels).enumerate() {
         let elsewhere = |name: &str| measurement.records.iter().any(|r| r.name == name && r.usage == Use::Transfer);
         let of = data.facts.iter().filter(|f| f.channel == spec.name && !elsewhere(&f.record));
         let mut steps: Vec<f64> = of.clone().map(|f| f.quantisation).collect();
         let mut noises: Vec<f64> = of.map(|f| f.noise).collect();
-        let channel = &mut data.channels[c];
         if !channel.relative {
             channel.noise = facts::median(&mut noises) / channel.shown;
             channel.quantisation = facts::median(&mut steps) / channel.shown;
@@ -539,11 +551,12 @@ fn set_noise(data: &mut Data, measurement: &Measurement) {
             })
             .max()
             .unwrap_or(0);
+        let series = || data.segments.iter().filter_map(|s| s.measured.get(c));
         let mut squares = Vec::new();
-        for s in &data.segments {
-            let m = &s.measured[c];
-            for i in 2 * marks..m.len() {
-                let d = m[i] - 2.0 * m[i - marks] + m[i - 2 * marks];
+        for m in series() {
+            let turns = m.iter().zip(m.iter().skip(marks)).zip(m.iter().skip(2 * marks));
+            for ((before, middle), after) in turns {
+                let d = after - 2.0 * middle + before;
                 if d.is_finite() {
                     squares.push(d * d / 6.0);
                 }
@@ -551,12 +564,8 @@ fn set_noise(data: &mut Data, measurement: &Measurement) {
         }
         // Median of chi-squared with one degree of freedom: 0.4549.
         channel.noise = libm::sqrt(facts::median(&mut squares) / 0.4549);
-        let mean_interval = data
-            .segments
-            .iter()
-            .flat_map(|s| &s.measured[c])
-            .filter(|v| v.is_finite())
-            .fold((0.0, 0.0_f64), |(a, n), v| (a + libm::exp(*v), n + 1.0));
+        let mean_interval =
+            series().flatten().filter(|v| v.is_finite()).fold((0.0, 0.0_f64), |(a, n), v| (a + libm::exp(*v), n + 1.0));
         let step = facts::median(&mut steps) / (mean_interval.0 / mean_interval.1.max(1.0));
         channel.quantisation = step;
         channel.noise = channel.noise.max(step / libm::sqrt(12.0));

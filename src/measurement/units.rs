@@ -82,6 +82,10 @@ pub fn unit(name: &str) -> Option<(Quantity, f64)> {
 }
 
 /// What a sensor shows, where it has no unit of its own.
+#[expect(
+    clippy::indexing_slicing,
+    reason = "callers name a sensor of this machine, and it reads a spring of this machine"
+)]
 pub fn shows(m: &Machine, sensor: usize) -> (Quantity, &'static str) {
     let slides = |b: usize| m.bodies.get(b).is_some_and(|b| b.slides);
     match m.sensors[sensor].reads {
