@@ -150,7 +150,7 @@ pub fn run_job(
 ) -> anyhow::Result<Summary> {
     let Job { header, span, mut breaks, mut impacts, camera } = job;
     let first = state.step;
-    let last = first + span.steps;
+    let last = first.saturating_add(span.steps);
     // Impacts are for sinks and for breakpoints: without either nobody asks.
     let wants_impacts =
         !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));

@@ -84,7 +84,7 @@ fuzz_target!(|data: &[u8]| {
         Ok(Flow::On)
     });
     if let Some(frame) = frames.first() {
-        let options = Options { around: Around::Drive, width_mm: 40.0, joints: true };
+        let options = Options { around: Around::Drive, width_mm: Some(40.0), joints: true };
         assert!(draw(&header, &[frame], options).svg.ends_with("</svg>\n"));
     }
 });

@@ -90,6 +90,12 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     if path.is_dir() {
         return Err(Failure::Input(format!("{shown} is a directory, not a recording")));
     }
+    // A pipe may never begin.
+    if path.exists() && !path.is_file() {
+        return Err(Failure::Input(format!(
+            "{shown} is a pipe or a device, not a recording: write it to a file first"
+        )));
+    }
     let mut first = [0; 8];
     let read = std::fs::File::open(path).and_then(|file| file.take(8).read(&mut first));
     read.map_err(|e| Failure::Input(format!("cannot read {shown}: {e}")))?;

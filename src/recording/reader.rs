@@ -174,7 +174,10 @@ impl Reader {
     pub fn open(path: &Path) -> anyhow::Result<Reader> {
         let shown = path.display();
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-        ensure!(!path.is_dir(), "{shown} is a directory, not a recording");
+        let there = std::fs::metadata(path).with_context(|| format!("cannot read {shown}"))?;
+        ensure!(!there.is_dir(), "{shown} is a directory, not a recording");
+        // A pipe has no places to go back to, and may never begin.
+        ensure!(there.is_file(), "{shown} is a pipe or a device, not a recording: write it to a file first");
         let mut file = File::open(path).with_context(|| format!("cannot read {shown}"))?;
         let mut magic = [0; mcap::MAGIC.len()];
         let begins = file.read_exact(&mut magic).is_ok() && magic == mcap::MAGIC;

@@ -224,3 +224,17 @@ fn wild_command_lines_are_refused_with_a_reason() {
     let wait = run(folder.path(), &["run", "bush-20-40", "--live", "foxglove=0", "--live-wait", "1e300s"]);
     assert_eq!(wait.status.code(), Some(2));
 }
+
+#[test]
+fn a_recording_that_is_a_pipe_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    assert!(Command::new("mkfifo").arg(folder.path().join("p.mcap")).status().expect("made").success());
+    for args in [
+        &["impacts", "p.mcap"][..],
+        &["replay", "--verify", "p.mcap"],
+        &["view", "p.mcap"],
+        &["run", "--resume", "p.mcap"],
+    ] {
+        assert_eq!(run(folder.path(), args).status.code(), Some(2), "{args:?}");
+    }
+}

@@ -193,3 +193,59 @@ fn measured_files_are_read_or_refused_within_their_memory() {
     println!("{fine} read, {refused} refused");
     assert!(fine > 50 && refused > 50);
 }
+
+/// Records of a disc that a motor turns, with one thing about them that no bench would write.
+#[test]
+fn records_far_from_any_machine_end_in_an_answer_or_a_reason() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write(
+        "rig.toml",
+        "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.055\n[loads.viscous.disc]\ntorque_nm_s_per_rad = 0.1\n\
+         [inputs.torque.disc]\n[sensors.tachometer.disc]\n",
+    );
+    let measurement = |drive: &str| {
+        format!(
+            "title = \"rig\"\ndrive = \"{drive}\"\n[files.a]\npath = \"a.csv\"\n[channels.speed]\n\
+             sensor = \"sensors.tachometer.disc\"\ncolumn = \"speed_rpm\"\nunit = \"rpm\"\n[inputs.torque]\n\
+             input = \"inputs.torque.disc\"\ncolumn = \"torque\"\nunit = \"N m\"\n[records.a]\nfile = \"a\"\n\
+             time_column = \"t\"\ntime_unit = \"s\"\n[fit.\"rotors.disc.inertia_kg_m2\"]\nspread_percent = 20\n"
+        )
+    };
+    let records = |time: &dyn Fn(f64) -> f64, spike: f64, at: usize| {
+        let mut random = Random(70_000);
+        let mut speed = 0.0;
+        let mut text = "t,speed_rpm,torque\n".to_string();
+        for i in 0..400 {
+            let torque = if i % 100 < 50 { 3.0 } else { 1.0 };
+            speed += (torque - 0.1 * speed) / 0.05 * 5e-3;
+            let shown = if i == at { spike } else { speed * 9.549 + random.below(100) as f64 * 1e-2 };
+            text += &format!("{:e},{shown:e},{torque}\n", time(i as f64));
+        }
+        text
+    };
+    let usual = |i: f64| 5e-3 * i;
+    for (what, csv) in [
+        ("usual", records(&usual, 0.0, usize::MAX)),
+        ("a picosecond apart", records(&|i| 1e-12 * i, 0.0, usize::MAX)),
+        ("years apart", records(&|i| 1e9 * i, 0.0, usize::MAX)),
+        ("smallest floats", records(&|i| (i + if i > 20.0 { 3.0 } else { 0.0 }) * 5e-324, 0.0, usize::MAX)),
+        ("largest floats", records(&|i| (i - 200.0) * 8e305, 0.0, usize::MAX)),
+        ("a spike", records(&usual, 1e9, 150)),
+        ("a spike at the start", records(&usual, 1e12, 0)),
+        ("a spike that no float squares", records(&usual, 1e300, 150)),
+    ] {
+        write("a.csv", &csv);
+        write("m.toml", &measurement("rig.toml"));
+        let started = std::time::Instant::now();
+        let out = super::run(folder.path(), &["identify", "m.toml", "--budget", "300"]);
+        println!("{what}: {:?} after {:?}", out.status.code(), started.elapsed());
+        assert!(started.elapsed() < 2 * super::LONGEST, "{what}");
+    }
+    for drive in ["/dev/zero", ".", "missing.toml", "m.toml"] {
+        write("m.toml", &measurement(drive));
+        let out = super::run(folder.path(), &["identify", "m.toml"]);
+        assert_eq!(out.status.code(), Some(2), "{drive}");
+    }
+    assert_eq!(super::run(folder.path(), &["check", "/dev/zero"]).status.code(), Some(2));
+}
