@@ -1,8 +1,8 @@
 //! Files that are written. No output is ever one of the inputs, and what was there before stays until what replaces it is
 //! whole.
 //!
-//! * A file that is of use only when it is whole ([`OutputFile::whole`]) is written under a hidden name beside its own, and is
-//!   renamed at the end. Given up, it leaves nothing.
+//! * A file that is of use only when it is whole ([`OutputFile::whole`]) is written under a hidden name beside its own, `.NAME.*.part`,
+//!   and is renamed at the end. Given up, it leaves nothing; a program that is killed leaves the hidden file.
 //! * A recording can be read while it grows ([`OutputFile::growing`]). Where its name is free it has that name from the start.
 //!   Where a file of that name is there already, the recording grows as `NAME.unfinished.mcap` beside it, and replaces the
 //!   other when the run has ended well. A run that is killed leaves it, and the other.
@@ -12,10 +12,7 @@ use anyhow::{Context, Result, bail};
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-/// How long a pipe may be without a reader when it is opened.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// Names that are tried for a file beside another one.
 const MOST_NAMES: usize = 1000;
 /// Symbolic links that are followed one after the other.
@@ -58,6 +55,16 @@ impl OutputFile {
     }
 
     fn open(path: &Path, grows: bool) -> Result<(OutputFile, File)> {
+        // What is no file is written to by the name that was given: links to pipes lead nowhere.
+        if let Ok(there) = std::fs::metadata(path)
+            && !there.is_file()
+            && !there.is_dir()
+        {
+            let (path, way) = (path.to_path_buf(), Way::Stream);
+            let file = stream(&path)?;
+            let (target, written_as) = (path.clone(), path.clone());
+            return Ok((OutputFile { path, target, written_as, way, published: false }, file));
+        }
         let target = followed(path)?;
         let output = |written_as: PathBuf, way| OutputFile {
             path: path.to_path_buf(),
@@ -68,7 +75,7 @@ impl OutputFile {
         };
         match std::fs::metadata(&target) {
             Ok(there) if there.is_dir() => bail!("it is a directory"),
-            Ok(there) if !there.is_file() => Ok((output(target.clone(), Way::Stream), stream(&target)?)),
+            Ok(there) if there.permissions().readonly() => bail!("it is write-protected"),
             Ok(there) => {
                 let (beside, file) = if grows { unfinished(&target)? } else { hidden(&target)? };
                 let output = output(beside, if grows { Way::Unfinished } else { Way::Hidden });
@@ -107,8 +114,9 @@ impl OutputFile {
     /// Gives the whole file its own name, in place of what was there. Called again it does nothing.
     pub fn publish(&mut self) -> Result<()> {
         if !self.published && matches!(self.way, Way::Hidden | Way::Unfinished) {
-            std::fs::rename(&self.written_as, &self.target)
-                .with_context(|| format!("cannot write {}", self.path.display()))?;
+            std::fs::rename(&self.written_as, &self.target).with_context(|| {
+                format!("cannot write {}; it lies whole in {}", self.path.display(), self.written_as.display())
+            })?;
         }
         self.published = true;
         Ok(())
@@ -179,6 +187,9 @@ fn stream(path: &Path) -> Result<File> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+        use std::time::{Duration, Instant};
+        /// How long a pipe may be without a reader.
+        const PATIENCE: Duration = Duration::from_secs(5);
         if std::fs::metadata(path)?.file_type().is_fifo() {
             let asked = Instant::now();
             let mut said = false;

@@ -181,6 +181,7 @@ pub fn run_job(
         stop_at: last,
         enough: false,
         snapshots: VecDeque::new(),
+        steps_per_frame: span.steps_per_frame,
     };
     let mut n_impacts = 0;
     let ending = loop {
@@ -189,7 +190,9 @@ pub fn run_job(
             _ => span.steps_per_frame,
         };
         // On one grid from step 0 on, so that a run that goes on from a recording has frames where that has them.
-        let mut due = state.step.is_multiple_of(every) || state.step == first;
+        // Those of the run stand in windows too: whoever reads knows their rhythm.
+        let on_grid = state.step.is_multiple_of(every) || state.step.is_multiple_of(span.steps_per_frame);
+        let mut due = on_grid || state.step == first;
         let interrupted = stop.load(Ordering::Relaxed);
         if let Err(e) = explicit::evaluate(model, state, scratch) {
             break Ending::Broke(e);
@@ -276,6 +279,8 @@ struct Stops {
     enough: bool,
     /// States from before the window that the next hit may open.
     snapshots: VecDeque<State>,
+    /// Of the run, outside of windows.
+    steps_per_frame: u64,
 }
 
 impl Stops {
@@ -310,7 +315,12 @@ impl Stops {
             // An impact is known late: what has been recorded densely for a later hit stays so.
             self.dense_until = Some(self.dense_until.map_or(until, |d| d.max(until)));
             if let Some(start) = self.snapshots.iter().rev().find(|s| s.step <= from) {
-                recorder.again(start, from, now.min(until.saturating_add(1)), around.steps_per_frame)?;
+                recorder.again(
+                    start,
+                    from,
+                    now.min(until.saturating_add(1)),
+                    [around.steps_per_frame, self.steps_per_frame],
+                )?;
             }
         }
         if breaks.hits.is_some_and(|most| self.n_hits >= most as u64) && !self.enough {
@@ -387,19 +397,21 @@ impl Recorder<'_, '_> {
         self.held.push_back((step, item));
     }
 
-    /// Runs once more from `start` and records `from` .. `until` densely instead of what is held of it.
-    fn again(&mut self, start: &State, from: u64, until: u64, steps_per_frame: u64) -> anyhow::Result<()> {
+    /// Runs once more from `start` and records `from` .. `until` instead of what is held of it: every `dense` steps, and every `sparse`
+    /// ones as the run around it.
+    fn again(&mut self, start: &State, from: u64, until: u64, [dense, sparse]: [u64; 2]) -> anyhow::Result<()> {
         let (model, mut state) = (self.model, start.clone());
         let mut scratch = Scratch::new(model);
         let in_window = |step: u64| (from..until).contains(&step);
         self.held.retain(|(step, item)| !(in_window(*step) && matches!(item, Item::Frame(_) | Item::Keyframe(_))));
         while state.step < until {
             explicit::evaluate(model, &state, &mut scratch)?;
-            if in_window(state.step) && (state.step == from || state.step.is_multiple_of(steps_per_frame)) {
+            let on_grid = state.step.is_multiple_of(dense) || state.step.is_multiple_of(sparse);
+            if in_window(state.step) && (state.step == from || on_grid) {
                 let frame = self.camera.take(model, &state, &scratch);
                 self.held.push_back((state.step, Item::Frame(Box::new(frame))));
-                let dense = (state.step - from) / steps_per_frame;
-                if dense.is_multiple_of(FRAMES_PER_KEYFRAME) && !self.sinks.is_empty() {
+                let number = (state.step - from) / dense;
+                if number.is_multiple_of(FRAMES_PER_KEYFRAME) && !self.sinks.is_empty() {
                     self.held.push_back((state.step, Item::Keyframe(Box::new(state.keyframe()))));
                 }
             }

@@ -178,3 +178,36 @@ fn what_a_file_says_of_itself_takes_no_memory() {
     #[cfg(unix)]
     assert!(read(&PathBuf::from("/dev/zero"), Layout::default(), Wanted::All, &mut Memory::of_program(1)).is_err());
 }
+
+/// What spreadsheets do to a text file, in words of one line each.
+#[test]
+fn odd_rows_of_text_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.csv");
+    let parse = |text: &str, header: bool| {
+        std::fs::write(&path, text).expect("written");
+        let layout = Layout { header, ..Layout::default() };
+        read(&path, layout, Wanted::All, &mut Memory::of_program(1_000_000))
+    };
+    let numbers = |text: &str, header: bool, name: &str| {
+        let c = parse(text, header).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+        let values = c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
+        values.iter().map(|v| if v.is_nan() { "-".to_string() } else { v.to_string() }).collect::<Vec<_>>().join(" ")
+    };
+    // A text over two lines, in a row and in the names; a comma and a quotation mark within.
+    assert_eq!(numbers("t,v,note\n0,1,ok\n0.1,5,\"bump\nagain\"\n0.2,7,\"a, \"\"b\"\"\"\n", true, "v"), "1 5 7");
+    assert_eq!(numbers("t,\"Speed\n[rpm]\",torque\n0,1,2\n1,3,4\n", true, "torque"), "2 4");
+    // Decimal commas without names.
+    assert_eq!(numbers("1,5;2,5\n3,5;4,5\n", false, "2"), "2.5 4.5");
+    assert_eq!(numbers("0,001\t1,5\n0,002\t2,5\n", false, "1"), "0.001 0.002");
+    assert_eq!(numbers("1,5\n2,6\n", false, "2"), "5 6");
+    // Lost samples keep their place; nothing is made of separators at the end.
+    assert_eq!(numbers("a;b\n1;2\n;\n;\n3;4\n;\n;\n", true, "b"), "2 - - 4");
+    // The first row may lack what others have.
+    assert_eq!(numbers("0,1,\n1,1,5\n", false, "3"), "- 5");
+    // A mark that nobody closes, in the last line and with columns behind it.
+    assert_eq!(numbers("a,b\n1,x\n2,\"y\n", true, "a"), "1 2");
+    assert!(parse("a,b,c\n1,\"x\n", true).expect_err("lost").contains("is not closed"));
+    assert!(parse(&format!("a,b,c\n1,\"x{}", "\ny".repeat(200)), true).expect_err("lost").contains("within 100 lines"));
+    assert!(parse("", true).is_err() && parse("a,b\n", true).is_err() && parse("\n\n#x\n", true).is_err());
+}

@@ -102,6 +102,9 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         .map(|rpm| Ok((*rpm, drives(args, &names, Some(*rpm))?)))
         .collect::<Result<_, Failure>>()?;
     if !args.no_output {
+        let files: Vec<PathBuf> =
+            extensions().iter().chain(&["html"]).map(|e| args.output.join(format!("compare.{e}"))).collect();
+        super::check_outputs(files.iter().map(PathBuf::as_path), names.iter().map(Path::new))?;
         std::fs::create_dir_all(&args.output)
             .map_err(|e| Failure::World(format!("cannot make {}: {e}", args.output.display())))?;
     }

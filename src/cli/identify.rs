@@ -195,7 +195,10 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
     bar.finish_and_clear();
     write(args, &machine, &report)?;
     if args.json {
-        let json = serde_json::to_value(&report).map_err(|e| Failure::World(e.to_string()))?;
+        let mut json = serde_json::to_value(&report).map_err(|e| Failure::World(e.to_string()))?;
+        if let Some(object) = json.as_object_mut() {
+            object.insert("missing".into(), serde_json::json!(data.missing));
+        }
         print_json(&json)?;
     } else {
         print_out(&text::text(&report))?;
@@ -205,6 +208,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
     } else if report.outcome == Verdict::Ambiguous
         || !report.converged
         || report.budget_spent
+        || !data.missing.is_empty()
         || (report.outcome == Verdict::None && !report.explained)
         || report.numbers_after.iter().any(|n| n.at_bound)
     {

@@ -50,7 +50,12 @@ fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
     } else {
         Answer::Text(text(&args.recording, &verdict))
     };
-    answer(&[&replay.reader], found, if verdict.mismatches == 0 { Outcome::Done } else { Outcome::Differs })
+    let outcome = match (verdict.mismatches, verdict.missing_frames) {
+        (0, 0) => Outcome::Done,
+        (0, _) => Outcome::DataLost,
+        _ => Outcome::Differs,
+    };
+    answer(&[&replay.reader], found, outcome)
 }
 
 fn text(path: &Path, verdict: &Verdict) -> String {
@@ -86,6 +91,7 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let stop = stop_on_interrupt();
     let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop)?;
     if stop.load(Ordering::Relaxed) {
+        eprintln!("note: a part of it lies in {}", sink.lies_at().display());
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;

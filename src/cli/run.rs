@@ -116,7 +116,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let breaks = breaks(args, breakpoints, &start.model)?;
     let view = ViewOptions { picture_interval_s: args.picture_every };
     let stop = stop_on_interrupt();
-    // Viewers before files, so that none is overwritten where a viewer is missing; behind them in the list.
+    // Viewers before files, so that no file is made where a viewer is missing; behind them in the list.
     let mut viewers = live::open(&args.live, &start.header, view, &stop)?;
     let mut sinks = open(&paths, &start.header, view)?;
     sinks.append(&mut viewers);
@@ -347,8 +347,7 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
         return Err(Failure::Input(format!("--around is at most {most} ms: what it covers is held in memory")));
     }
     let steps = |t_s: f64| whole_steps(t_s, model.step_s);
-    // Readers take frames further apart than --every says for missing ones.
-    let around_every = args.around_every.map_or(1, |t_s| steps(t_s.min(args.every)));
+    let around_every = args.around_every.map_or(1, steps);
     let around = args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: around_every });
     let hits = match (args.hits, around) {
         (Some(hits), _) => Some(usize::try_from(hits).unwrap_or(usize::MAX)),

@@ -9,9 +9,9 @@ pub mod http;
 /// address (DNS rebinding) brings that name.
 pub fn is_named(host: Option<&str>, port: u16) -> bool {
     let Some(host) = host else { return false };
-    ["127.0.0.1", "localhost", "[::1]"]
-        .iter()
-        .any(|name| host.strip_prefix(name).and_then(|rest| rest.strip_prefix(':')) == Some(&port.to_string()))
+    // Browsers leave out the port that HTTP has anyway.
+    let is_port = |rest: &str| rest.strip_prefix(':').map_or(rest.is_empty() && port == 80, |p| p == port.to_string());
+    ["127.0.0.1", "localhost", "[::1]"].iter().any(|name| host.strip_prefix(name).is_some_and(is_port))
 }
 
 /// Whether the path of an address holds the token.
@@ -37,12 +37,13 @@ mod tests {
 
     #[test]
     fn pages_from_elsewhere_stay_out() {
-        for host in ["127.0.0.1:80", "localhost:80", "[::1]:80"] {
+        for host in ["127.0.0.1:80", "localhost:80", "[::1]:80", "127.0.0.1"] {
             assert!(is_named(Some(host), 80), "{host}");
         }
-        for host in ["evil.com", "evil.com:80", "127.0.0.1:81", "127.0.0.1", "127.0.0.1:80.evil.com", ""] {
+        for host in ["evil.com", "evil.com:80", "127.0.0.1:81", "127.0.0.1:80.evil.com", "127.0.0.1.evil.com", ""] {
             assert!(!is_named(Some(host), 80), "{host}");
         }
+        assert!(is_named(Some("localhost:81"), 81) && !is_named(Some("localhost"), 81));
         assert!(!is_named(None, 80));
         let token = token().unwrap();
         assert_eq!(token.len(), 32);

@@ -79,6 +79,8 @@ pub struct Data {
     pub clocks: Vec<Clock>,
     /// What the reader should know and what was done about it.
     pub warnings: Vec<String>,
+    /// What the measured files should hold and do not.
+    pub missing: Vec<String>,
     /// Operating points: for every record the slots it sets, SI.
     pub set: Vec<Vec<(usize, f64)>>,
 }
@@ -161,10 +163,13 @@ fn cut(
         facts: Vec::new(),
         clocks: Vec::new(),
         warnings: Vec::new(),
+        missing: Vec::new(),
         set,
     };
     for (name, columns) in tables {
-        data.warnings.extend(columns.warnings.iter().map(|w| format!("file `{name}`: {w}")));
+        data.missing.extend(columns.missing.iter().cloned());
+        let said = columns.warnings.iter().chain(&columns.missing);
+        data.warnings.extend(said.map(|w| format!("file `{name}`: {w}")));
     }
     for (index, record) in measurement.records.iter().enumerate() {
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };

@@ -29,6 +29,8 @@ const MOST_CHUNKS: usize = 1 << 22;
 /// Most messages of a recording that are kept in memory at once, frames aside: a hundred times what a long run has. A packed
 /// chunk of a few kilobytes may hold millions.
 const MOST_MESSAGES: usize = 4_000_000;
+/// Most frames whose step and time are listed: eight minutes of simulated time at a frame every 50 us.
+const MOST_HEADS: usize = 10_000_000;
 /// Sentences in [`Reader::missing`].
 const MOST_SENTENCES: usize = 12;
 /// Records that a table of contents consists of: what it says of a chunk, and its counts.
@@ -130,7 +132,8 @@ struct Version {
 #[derive(Clone, Copy, Debug, Default)]
 struct Rhythm {
     last: Option<u64>,
-    /// Messages handed over that are no frames.
+    /// Heads of frames, and messages that are no frames, handed over so far.
+    heads: usize,
     kept: usize,
 }
 
@@ -614,9 +617,16 @@ impl Reader {
                 }
                 _ => return Ok(Flow::On),
             };
-            if !matches!(entry, Entry::Frame(_)) {
-                rhythm.kept += 1;
-                ensure!(rhythm.kept <= MOST_MESSAGES, "more than {MOST_MESSAGES} messages");
+            match entry {
+                Entry::Frame(_) => {}
+                Entry::Head(_) => {
+                    rhythm.heads += 1;
+                    ensure!(rhythm.heads <= MOST_HEADS, "more than {MOST_HEADS} frames");
+                }
+                _ => {
+                    rhythm.kept += 1;
+                    ensure!(rhythm.kept <= MOST_MESSAGES, "more than {MOST_MESSAGES} messages");
+                }
             }
             each(entry)
         });

@@ -1,8 +1,9 @@
 //! Text files of a test bench, line by line: CSV with commas, semicolons or tabs, decimal points or commas, in UTF-8, UTF-16 or
 //! a code page of western Europe, packed with gzip or not, with a row of units or without, times as numbers or as dates.
 //!
-//! Only the columns that are asked for are kept. A line is at most [`LONGEST_LINE`] bytes; rows that hold quotation marks are
-//! taken apart as RFC 4180 says, but end where their line ends.
+//! Only the columns that are asked for are kept. A line is at most [`LONGEST_LINE`] bytes. Rows with quotation marks are taken apart as RFC
+//! 4180 says, so a text may run over several lines. A mark that is never closed, as broken exports leave them, would swallow the rows
+//! behind it: where the next line is a whole row by itself, the mark is taken for a stray one, and told.
 
 use super::{Columns, Layout, Memory, Wanted};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
@@ -12,6 +13,8 @@ use std::io::{BufRead, BufReader, Read};
 
 /// Longest line [bytes].
 const LONGEST_LINE: usize = 4 << 20;
+/// Most lines of one row: notes have a few.
+const MOST_LINES_OF_A_ROW: usize = 100;
 /// Most columns of a file.
 const MOST_COLUMNS: usize = 50_000;
 /// Lines come without their ends; this one is put behind them.
@@ -39,9 +42,9 @@ pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &
             },
             std::borrow::Cow::Borrowed,
         );
-        table.row(&text, lines.number, memory).map_err(|e| format!(":{}: {e}", lines.number))?;
+        table.line(&text, lines.number, memory)?;
     }
-    table.finish()
+    table.finish(memory)
 }
 
 /// The input as UTF-8, where it says what it is: by its mark, or by every second byte being zero. The flag says that it did.
@@ -125,8 +128,12 @@ struct Table<'a> {
     columns: Columns,
     kept: Vec<Column>,
     has_names: bool,
-    /// Lines with a quotation mark that is not closed.
-    open_quotes: usize,
+    /// Lines whose last field is quoted and does not end on them, and the number of the first.
+    open: Option<(String, usize)>,
+    /// Rows of separators alone, behind which there may be others.
+    empty_rows: usize,
+    /// Lines with a stray quotation mark.
+    stray_quotes: usize,
 }
 
 impl<'a> Table<'a> {
@@ -141,55 +148,83 @@ impl<'a> Table<'a> {
             columns: Columns::of_numbers(Vec::new(), Vec::new()),
             kept: Vec::new(),
             has_names: false,
-            open_quotes: 0,
+            open: None,
+            empty_rows: 0,
+            stray_quotes: 0,
         }
     }
 
-    fn row(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
-        if line.trim().is_empty() || line.starts_with('#') {
-            return Ok(());
-        }
-        if !self.has_names {
-            self.separator = self.layout.separator.unwrap_or_else(|| separator_of(line));
-            self.splitter = ReaderBuilder::new().delimiter(self.separator).terminator(LINE_END).build();
-        }
-        let closed = self.split(line, true);
-        if !closed {
-            self.split(line, false);
-        }
-        let mut width = self.ends.len();
-        if closed {
-            // A comma at the end of every line makes no column.
-            while width > 0 && self.field(width - 1).is_empty() {
-                width -= 1;
-            }
-            if width == 0 {
+    /// Takes the next line: a row, or a part of one.
+    fn line(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+        let Some((open, first)) = self.open.take() else {
+            if line.trim().is_empty() || line.starts_with('#') {
                 return Ok(());
             }
+            if !self.has_names {
+                self.separator = self.layout.separator.unwrap_or_else(|| separator_of(line, self.layout.header));
+                self.splitter = ReaderBuilder::new().delimiter(self.separator).terminator(LINE_END).build();
+            }
+            if self.split(line, true) {
+                return self.row(number, memory).map_err(|e| format!(":{number}: {e}"));
+            }
+            self.open = Some((line.to_string(), number));
+            return Ok(());
+        };
+        // A whole row by itself is no part of a text.
+        if self.has_names && self.split(line, true) && self.ends.len() == self.columns.names.len() {
+            self.stray(&open, first, memory)?;
+            return self.line(line, number, memory);
+        }
+        let joined = format!("{open}\n{line}");
+        if joined.len() > LONGEST_LINE || number - first > MOST_LINES_OF_A_ROW {
+            return Err(format!(":{first}: a quotation mark is not closed within {MOST_LINES_OF_A_ROW} lines"));
+        }
+        if self.split(&joined, true) {
+            return self.row(first, memory).map_err(|e| format!(":{first}: {e}"));
+        }
+        self.open = Some((joined, first));
+        Ok(())
+    }
+
+    /// A line whose quotation mark is a stray one.
+    fn stray(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+        self.split(line, false);
+        if line.contains('\n') || self.ends.len() != self.columns.names.len() {
+            return Err(format!(
+                ":{number}: a quotation mark is not closed, and the line has not all columns\nhelp: close it, or take that column out of the file"
+            ));
+        }
+        self.stray_quotes += 1;
+        if self.stray_quotes == 1 {
+            let what = format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
+            self.columns.warnings.push(what);
+        }
+        self.row(number, memory).map_err(|e| format!(":{number}: {e}"))
+    }
+
+    /// Takes the row that was split last.
+    fn row(&mut self, number: usize, memory: &mut Memory) -> Result<(), String> {
+        let whole = self.ends.len();
+        let mut width = whole;
+        // A comma at the end of every line makes no column.
+        while width > 0 && self.field(width - 1).is_empty() {
+            width -= 1;
         }
         if !self.has_names {
-            self.name_columns(width)?;
+            // Without names the first row may lack what others have.
+            self.name_columns(if self.layout.header { width } else { whole })?;
             if self.layout.header {
                 return Ok(());
             }
         }
+        if width == 0 {
+            // A sample that was lost, unless nothing comes behind it.
+            self.empty_rows += usize::from(self.columns.rows > 0);
+            return Ok(());
+        }
         let names = self.columns.names.len();
         if width > names {
             return Err(format!("{width} values, where the file has {names} columns"));
-        }
-        if !closed {
-            if width != names {
-                let help = "help: texts that run over several lines are not read; take that column out of the file";
-                return Err(format!(
-                    "a quotation mark is not closed on its line, and the line has not all columns\n{help}"
-                ));
-            }
-            self.open_quotes += 1;
-            if self.open_quotes == 1 {
-                let what =
-                    format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
-                self.columns.warnings.push(what);
-            }
         }
         if self.columns.rows == 0 && self.is_row_of_units(width) {
             let texts = (0..width).map(|i| self.field(i).trim_matches(|c| "[]()".contains(c)).to_string());
@@ -200,11 +235,14 @@ impl<'a> Table<'a> {
         if self.columns.rows == 0 {
             self.columns.first_line = number;
         }
-        memory.take(8 * self.kept.len())?;
+        let lost = std::mem::take(&mut self.empty_rows);
+        memory.take((lost + 1).saturating_mul(8 * self.kept.len()))?;
+        self.columns.rows += lost;
         let Columns { names, values, wrong, .. } = &mut self.columns;
         for column in &mut self.kept {
             let all = (names.get(column.index), values.get_mut(column.index), wrong.get_mut(column.index));
             let (Some(name), Some(values), Some(wrong)) = all else { continue };
+            values.resize(values.len() + lost, f64::NAN);
             // A row may end early.
             let text = if column.index < width { field(&self.fields, &self.ends, column.index) } else { "" };
             let value = column.number(text, self.separator).unwrap_or_else(|| {
@@ -283,12 +321,15 @@ impl<'a> Table<'a> {
             && numbers.next().is_none()
     }
 
-    fn finish(mut self) -> Result<Columns, String> {
+    fn finish(mut self, memory: &mut Memory) -> Result<Columns, String> {
+        if let Some((open, first)) = self.open.take() {
+            self.stray(&open, first, memory)?;
+        }
         if self.columns.rows == 0 {
             return Err(" holds no rows".into());
         }
-        if self.open_quotes > 1 {
-            let more = self.open_quotes - 1;
+        if self.stray_quotes > 1 {
+            let more = self.stray_quotes - 1;
             self.columns.warnings.push(format!("{more} more lines with a quotation mark that is not closed"));
         }
         let Columns { names, wrong, units, .. } = &mut self.columns;
@@ -357,8 +398,9 @@ fn instant_ns(text: &str) -> Option<i128> {
     Some(local.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp().as_nanosecond())
 }
 
-/// What parts the fields of the first line: what is there most often, outside of quotation marks.
-fn separator_of(line: &str) -> u8 {
+/// What parts the fields of the first line, outside of quotation marks: of names what is there most often; of numbers a comma only
+/// where there is nothing else, as it may be their decimal mark.
+fn separator_of(line: &str, names: bool) -> u8 {
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
     let mut quoted = false;
     for byte in line.bytes() {
@@ -366,6 +408,9 @@ fn separator_of(line: &str) -> u8 {
         if !quoted && let Some((_, n)) = counts.iter_mut().find(|(b, _)| *b == byte) {
             *n += 1;
         }
+    }
+    if !names && let Some((b, _)) = counts.iter().rev().find(|(_, n)| *n > 0) {
+        return *b;
     }
     // Of equals the last one: a name may hold a comma.
     counts.iter().max_by_key(|(_, n)| *n).filter(|(_, n)| *n > 0).map_or(b',', |(b, _)| *b)

@@ -30,6 +30,8 @@ pub struct Columns {
     pub first_line: usize,
     /// What was odd, and what was done about it.
     pub warnings: Vec<String>,
+    /// What the file should hold and does not.
+    pub missing: Vec<String>,
 }
 
 /// How a text file is laid out, and which group of an MDF file is read.
@@ -106,6 +108,7 @@ impl Columns {
             values,
             first_line: 1,
             warnings: Vec::new(),
+            missing: Vec::new(),
         }
     }
 
@@ -325,7 +328,7 @@ fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyho
         *reading = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
     }
     let mut columns = Columns::of_numbers(names, values);
-    columns.warnings = reader.missing().to_vec();
+    columns.missing = reader.missing().to_vec();
     // Sensors with errors of their own are worked out of others, so all are read.
     for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {
         let _unused = (name, std::mem::take(values));

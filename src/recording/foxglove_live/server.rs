@@ -3,7 +3,7 @@
 //!
 //! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; where it reads too slowly, its oldest messages go;
 //! * one that has read nothing for [`PATIENCE`], or sends more than a viewer has to say, is closed;
-//! * there are at most [`MOST_CLIENTS`], and as many more that are still shaking hands.
+//! * there are at most [`MOST_CLIENTS`], and [`MOST_SHAKING`] more that have not shaken hands.
 //!
 //! Everything that is left out or closed is counted ([`Counts`]).
 
@@ -15,13 +15,14 @@ use anyhow::{Context, Result};
 use futures_util::{SinkExt, StreamExt};
 use std::collections::VecDeque;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{Notify, Semaphore, SemaphorePermit};
+use tokio::task::AbortHandle;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
@@ -29,6 +30,8 @@ use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
 
 /// Clients at one time.
 pub const MOST_CLIENTS: usize = 8;
+/// Connections that have not shaken hands yet; the oldest makes room.
+const MOST_SHAKING: usize = 32;
 /// Bytes that wait for a client before its oldest message is left out: some 700 frames.
 const LARGEST_QUEUE: usize = 8 << 20;
 /// How long a client may take for one message, and for its handshake.
@@ -60,6 +63,13 @@ struct Queued {
     /// Channel and log time; None for a text.
     head: Option<(usize, u64)>,
     content: Arc<[u8]>,
+}
+
+impl Queued {
+    /// Of it and its place in the queue [bytes].
+    fn size(&self) -> usize {
+        self.content.len() + size_of::<Queued>()
+    }
 }
 
 /// What waits for a client.
@@ -223,11 +233,11 @@ impl Client {
     /// Puts a message at the end; what is oldest makes room for it.
     fn put(&self, message: Queued, counts: &Counts) {
         let mut queue = locked(&self.queue);
-        queue.bytes += message.content.len();
+        queue.bytes += message.size();
         queue.messages.push_back(message);
         while queue.bytes > LARGEST_QUEUE {
             let Some(oldest) = queue.messages.pop_front() else { break };
-            queue.bytes -= oldest.content.len();
+            queue.bytes -= oldest.size();
             counts.left_out.fetch_add(1, Ordering::Relaxed);
         }
         drop(queue);
@@ -242,8 +252,9 @@ impl Client {
             bytes.extend(t_ns.to_le_bytes());
             return (Some(Message::binary(bytes)), false);
         }
-        while let Some(Queued { head, content }) = queue.messages.pop_front() {
-            queue.bytes -= content.len();
+        while let Some(queued) = queue.messages.pop_front() {
+            queue.bytes -= queued.size();
+            let Queued { head, content } = queued;
             let Some((topic, t_ns)) = head else {
                 return (Some(Message::text(String::from_utf8_lossy(&content).into_owned())), false);
             };
@@ -262,21 +273,37 @@ impl Client {
 }
 
 async fn accept(listener: TcpListener, shared: Arc<Shared>) {
-    let doors = Arc::new(Semaphore::new(MOST_CLIENTS));
+    let mut shaking: VecDeque<(AbortHandle, Arc<AtomicBool>)> = VecDeque::new();
     loop {
         let Ok((stream, _)) = listener.accept().await else {
             // Out of descriptors, as a rule: some will be free again.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
-        let Ok(door) = Arc::clone(&doors).try_acquire_owned() else {
-            shared.counts.refused.fetch_add(1, Ordering::Relaxed);
-            continue;
-        };
+        shaking.retain(|(task, at_the_door)| at_the_door.load(Ordering::Relaxed) && !task.is_finished());
+        // Whoever connects and says nothing makes room for who comes next.
+        while shaking.len() >= MOST_SHAKING {
+            if let Some((oldest, _)) = shaking.pop_front() {
+                oldest.abort();
+                shared.counts.refused.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        let at_the_door = Arc::new(AtomicBool::new(true));
+        let door = Door(Arc::clone(&at_the_door));
         let shared = Arc::clone(&shared);
         // Small messages go out at once where the system can do it; where it cannot they come later.
         let _set = stream.set_nodelay(true);
-        tokio::spawn(async move { welcome(stream, &shared, door).await });
+        let task = tokio::spawn(async move { welcome(stream, &shared, door).await });
+        shaking.push_back((task.abort_handle(), at_the_door));
+    }
+}
+
+/// Tells when a handshake is over.
+struct Door(Arc<AtomicBool>);
+
+impl Drop for Door {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Relaxed);
     }
 }
 

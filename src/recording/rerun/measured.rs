@@ -16,7 +16,7 @@ pub struct Series<'a> {
 /// Writes all series into one file; every path becomes a plot of its own parent.
 pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
     let (mut output, file) = OutputFile::whole(path)?;
-    let writer = Writer::new(file)?;
+    let writer = Writer::new(file.try_clone()?)?;
     let id = format!("{:016x}", twox_hash::XxHash3_64::oneshot(name.as_bytes()));
     let (_, store, properties, batching, hooks, _) =
         RecordingStreamBuilder::new("pitchline").recording_id(id.as_str()).into_args();
@@ -32,5 +32,6 @@ pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
     }
     stream.flush_blocking()?;
     writer.finish()?;
+    output.sync(&file)?;
     output.publish()
 }
