@@ -73,6 +73,15 @@ fn column(
     let mut first: Option<i64> = None;
     for group in 0..reader.num_row_groups() {
         let group = reader.get_row_group(group)?;
+        // The library takes these for granted.
+        let about = group.metadata().columns().get(index);
+        let placed = about.is_some_and(|c| {
+            let begins = c.dictionary_page_offset().is_none_or(|at| at >= 0) && c.data_page_offset() >= 0;
+            begins && c.compressed_size() >= 0 && c.num_values() >= 0
+        });
+        if !placed {
+            return Err(ParquetError::General("a column that lies nowhere".into()));
+        }
         match group.get_column_reader(index)? {
             ColumnReader::BoolColumnReader(r) => take(r, rows, &mut values, |v| f64::from(u8::from(v)))?,
             ColumnReader::Int32ColumnReader(r) => take(r, rows, &mut values, f64::from)?,
