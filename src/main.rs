@@ -8,6 +8,7 @@ use std::process::ExitCode;
 static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
 
 fn main() -> ExitCode {
+    pitchline::measurement::contained::hold_quietly();
     // A limit on the size of files is then an error of the write that meets it, and ends no program half-way.
     #[cfg(unix)]
     let _set = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());

@@ -211,3 +211,11 @@ fn odd_rows_of_text_files() {
     assert!(parse(&format!("a,b,c\n1,\"x{}", "\ny".repeat(200)), true).expect_err("lost").contains("within 100 lines"));
     assert!(parse("", true).is_err() && parse("a,b\n", true).is_err() && parse("\n\n#x\n", true).is_err());
 }
+
+/// Found by fuzzing: pages that hold less than they state, on which the library that decodes them panics.
+#[test]
+fn a_library_that_gives_up_is_an_error() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/byte_stream_split.parquet");
+    let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
+    assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
+}

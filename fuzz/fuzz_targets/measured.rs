@@ -9,7 +9,7 @@ use pitchline::measurement::columns::{Layout, Memory, Wanted, read};
 
 const KINDS: [&str; 5] = ["csv", "parquet", "mf4", "csv.gz", "mcap"];
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: pitchline::measurement::contained::hold_quietly(), |data: &[u8]| {
     let Some((kind, bytes)) = data.split_first() else { return };
     // Fixtures begin as their kind does.
     let (kind, bytes) = match data {

@@ -8,6 +8,7 @@
 
 mod bind;
 pub mod columns;
+pub mod contained;
 pub mod facts;
 mod pulses;
 mod read;

@@ -6,6 +6,7 @@ mod parquet;
 
 pub use self::csv::parse_csv;
 
+use super::contained::contained;
 use crate::drive::Drive;
 use crate::machine::Machine;
 use crate::machine::simulate::through_sensor;
@@ -166,16 +167,9 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
     }
     let extension = |path: &Path| path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match extension(path).as_deref() {
-        Some("parquet") => parquet::read(path, wanted, memory),
+        Some("parquet") => contained(path, || parquet::read(path, wanted, memory)),
         Some("mcap") => read_recording(path, wanted, memory).map_err(|e| format!("{e:#}")),
-        Some("mf4" | "mdf" | "dat") => {
-            let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
-            let source = std::fs::File::open(path).map_err(|e| cannot(&e))?;
-            let source = falcon_mdf::io::range::read_seek_source(source).map_err(|e| cannot(&e))?;
-            let file = falcon_mdf::Mf4File::from_source_with_options(std::sync::Arc::new(source), options);
-            let file = file.map_err(|e| format!("`{shown}` is no MDF file that can be read: {e}"))?;
-            parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
-        }
+        Some("mf4" | "mdf" | "dat") => contained(path, || read_mdf(path, layout, wanted, memory)),
         ending => {
             let file = std::fs::File::open(path).map_err(|e| cannot(&e))?;
             let parsed = if ending == Some("gz") {
@@ -190,6 +184,16 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
 
 /// Largest piece of an MDF file that is made before its bytes are seen.
 const LARGEST_BLOCK: usize = 64 << 20;
+
+fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+    let shown = path.display();
+    let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
+    let source = std::fs::File::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let source = falcon_mdf::io::range::read_seek_source(source).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let file = falcon_mdf::Mf4File::from_source_with_options(std::sync::Arc::new(source), options);
+    let file = file.map_err(|e| format!("`{shown}` is no MDF file that can be read: {e}"))?;
+    parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
+}
 
 /// Channels of one group of an ASAM MDF file, converted to their units; what is marked invalid or is no number is NaN. Where more
 /// than one group holds samples, `group` says which: groups have clocks of their own.
