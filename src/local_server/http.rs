@@ -34,7 +34,7 @@ const PIECE: u64 = 256 << 10;
 
 /// What is served.
 pub struct Site {
-    /// Of the server.
+    /// The port that the server listens at; requests must name it.
     pub port: u16,
     /// Paths, kinds and contents that stay until the program ends.
     pub pages: Vec<(&'static str, &'static str, &'static [u8])>,

@@ -412,6 +412,6 @@ fn separator_of(line: &str, names: bool) -> u8 {
     if !names && let Some((b, _)) = counts.iter().rev().find(|(_, n)| *n > 0) {
         return *b;
     }
-    // Of equals the last one: a name may hold a comma.
+    // Where two separators are there equally often, the comma loses: a name may hold one.
     counts.iter().max_by_key(|(_, n)| *n).filter(|(_, n)| *n > 0).map_or(b',', |(b, _)| *b)
 }

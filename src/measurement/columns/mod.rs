@@ -17,15 +17,15 @@ use std::path::Path;
 /// A file's columns; what is empty or no number is NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Columns {
-    /// Of all columns that the file has.
+    /// Names of all columns that the file has, in its order; the lists below have an entry for each.
     pub names: Vec<String>,
     /// As long as the file has rows where a column was asked for, else empty.
     pub values: Vec<Vec<f64>>,
     pub rows: usize,
-    /// Of every column why it cannot be used, e.g. the first value that is no number, with its line: a mistake where somebody asks for
-    /// the column.
+    /// Why a column cannot be used, e.g. its first value that is no number, with the line. It becomes a mistake where the
+    /// measurement asks for that column.
     pub wrong: Vec<Option<String>>,
-    /// Of every column the unit that the file gives it.
+    /// The unit that the file gives a column.
     pub units: Vec<Option<String>>,
     /// Line of the first row in a text file.
     pub first_line: usize,

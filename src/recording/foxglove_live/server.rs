@@ -66,7 +66,7 @@ struct Queued {
 }
 
 impl Queued {
-    /// Of it and its place in the queue [bytes].
+    /// Memory that the message takes while it waits, its place in the queue included [bytes].
     fn size(&self) -> usize {
         self.content.len() + size_of::<Queued>()
     }
