@@ -14,6 +14,7 @@
 
 use super::foxglove_scene as scene;
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
+pub use super::reader::nanoseconds;
 use super::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use super::{PictureClock, Sink, ViewOptions};
 use crate::output::OutputFile;
@@ -219,11 +220,6 @@ impl McapSink {
         let due = self.waiting > LARGEST_CHUNK || self.flushed.elapsed() > LONGEST_WAIT;
         if due { self.flush() } else { Ok(()) }
     }
-}
-
-/// Simulated time as a log time.
-pub fn nanoseconds(t_s: f64) -> u64 {
-    (t_s * 1e9).round() as u64
 }
 
 impl Sink for McapSink {

@@ -737,8 +737,9 @@ impl Reader {
 /// All times.
 pub const WHOLE: (f64, f64) = (0.0, f64::INFINITY);
 
+/// Simulated time as a log time: what is written, and what is looked for.
 #[expect(clippy::cast_possible_truncation, reason = "floats become the nearest number that there is")]
-fn nanoseconds(t_s: f64) -> u64 {
+pub fn nanoseconds(t_s: f64) -> u64 {
     // Saturates: infinity is the end of time.
     (t_s * 1e9).round() as u64
 }
