@@ -219,3 +219,11 @@ fn a_library_that_gives_up_is_an_error() {
     let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
+
+/// Found by fuzzing: a page header that states a list of 2^31 elements, which the library skips one by one.
+#[test]
+fn page_headers_that_hold_lists_are_refused_before_they_are_skipped() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/page_header_list.parquet");
+    let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
+    assert!(said.contains("page_header_list.parquet") && said.contains("a page header holds a list"), "{said}");
+}

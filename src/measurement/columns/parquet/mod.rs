@@ -1,5 +1,7 @@
 //! Parquet files: the columns that are asked for, one after the other, a few thousand values at a time.
 
+mod page_headers;
+
 use super::{Columns, Memory, Wanted};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
@@ -15,6 +17,7 @@ const BATCH: usize = 1 << 14;
 pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
     let file = std::fs::File::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let reader = SerializedFileReader::new(file).map_err(|e| wrong(path, &e))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
@@ -31,7 +34,7 @@ pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Resu
             None => {
                 memory.take(rows.saturating_mul(8)).map_err(|e| format!("`{shown}`: {rows} rows: {e}"))?;
                 let is_time = ticks_per_second(&about).is_some();
-                let mut values = column(&reader, index, (rows, is_time)).map_err(|e| wrong(path, &e))?;
+                let mut values = column(&reader, &pages, index, (rows, is_time)).map_err(|e| wrong(path, &e))?;
                 in_units(&about, &mut values);
                 columns.put(index, values, is_time.then(|| "s".to_string()));
             }
@@ -65,6 +68,7 @@ fn unreadable(about: &ColumnDescriptor) -> Option<&'static str> {
 /// than a float.
 fn column(
     reader: &SerializedFileReader<std::fs::File>,
+    pages: &std::fs::File,
     index: usize,
     (rows, is_time): (usize, bool),
 ) -> Result<Vec<f64>, ParquetError> {
@@ -75,13 +79,14 @@ fn column(
         let group = reader.get_row_group(group)?;
         // The library takes these for granted.
         let about = group.metadata().columns().get(index);
-        let placed = about.is_some_and(|c| {
+        let placed = about.filter(|c| {
             let begins = c.dictionary_page_offset().is_none_or(|at| at >= 0) && c.data_page_offset() >= 0;
             begins && c.compressed_size() >= 0 && c.num_values() >= 0
         });
-        if !placed {
+        let Some((start, length)) = placed.map(|c| c.byte_range()) else {
             return Err(ParquetError::General("a column that lies nowhere".into()));
-        }
+        };
+        page_headers::check(pages, start, length)?;
         match group.get_column_reader(index)? {
             ColumnReader::BoolColumnReader(r) => take(r, rows, &mut values, |v| f64::from(u8::from(v)))?,
             ColumnReader::Int32ColumnReader(r) => take(r, rows, &mut values, f64::from)?,
