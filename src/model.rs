@@ -495,8 +495,9 @@ fn build_end_bodies(
                     OuterSpec::Speed { .. } => -total_load_nm(drive),
                 };
                 let ahead = if load_nm < 0.0 { -sense } else { sense };
-                let turn_rad = ahead * working_angle_rad(sprocket);
-                bodies.push(body(0, EndShape::Lobes { ring: Box::new(ring.clone()), seats: seats(), turn_rad }));
+                let (sin, cos) = crate::units::sin_cos(ahead * working_angle_rad(sprocket));
+                let ring = Box::new(ring.clone());
+                bodies.push(body(0, EndShape::Lobes { ring, seats: seats(), turn: (cos, sin) }));
             }
             (Toothing::Iso(_), Some(abutment), None) => {
                 let radius_m = s.geometry.pitch_radius_m() - abutment.spec.distance_m;

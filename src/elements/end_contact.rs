@@ -36,8 +36,8 @@ pub enum LinkContour {
 pub enum EndShape {
     /// Turns with its sprocket, so that only its radius matters [m].
     Circle { radius_m: f64 },
-    /// `turn_rad`: of the lobes against the tooth gaps.
-    Lobes { ring: Box<LobedRing>, seats: Seats, turn_rad: f64 },
+    /// `turn`: cosine and sine of the angle of the lobes against the tooth gaps.
+    Lobes { ring: Box<LobedRing>, seats: Seats, turn: (f64, f64) },
     /// From the origin along `along`, the chain on its left.
     Face { along: Vec2, length_m: f64 },
     /// Outer flanks and toes against the outer sides of their gaps.
@@ -162,8 +162,19 @@ impl Seats {
         Seats { cos, sin }
     }
 
+    /// Direction of the axis of gap `k`: cosine, sine.
+    pub fn direction(&self, k: usize) -> (f64, f64) {
+        (self.cos[k], self.sin[k])
+    }
+
+    /// Tangent of an angle to the axis of a gap below which [`Seats::nearest`] is sure to name that gap.
+    pub fn sure_tan(&self) -> f64 {
+        let (sin, cos) = sin_cos(std::f64::consts::PI / self.cos.len() as f64 - 2.0 * ROUGH_ANGLE_RAD);
+        sin / cos
+    }
+
     /// The gap whose axis is nearest to the direction of `p`, and the direction of that axis, in the frame of `p`.
-    fn nearest(&self, p: Vec2, rotor: (f64, f64)) -> (usize, Vec2) {
+    pub fn nearest(&self, p: Vec2, rotor: (f64, f64)) -> (usize, Vec2) {
         let (c, s) = rotor;
         let (x, y) = (c * p.x + s * p.y, c * p.y - s * p.x);
         let z = self.cos.len();
@@ -172,6 +183,9 @@ impl Seats {
         (k, Vec2::new(c * self.cos[k] - s * self.sin[k], s * self.cos[k] + c * self.sin[k]))
     }
 }
+
+/// Largest error of [`rough_angle`].
+const ROUGH_ANGLE_RAD: f64 = 1e-4;
 
 /// atan2(y, x) to 1e-4 rad (minimax polynomial of degree 7 on an octant): enough to tell in which gap a joint is, a quarter
 /// of the cost.
@@ -264,9 +278,9 @@ impl EndBody {
                     segment: Segment::Ring,
                 })
             }
-            (EndShape::Lobes { ring, seats, turn_rad }, LinkContour::Abutments { front, rear }) => {
+            (EndShape::Lobes { ring, seats, turn }, LinkContour::Abutments { front, rear }) => {
                 let abutment = if pose.front { front } else { rear };
-                lobe_touch(ring, seats, *turn_rad, abutment, pose, rotor, far_m)
+                lobe_touch(ring, seats, *turn, abutment, pose, rotor, far_m)
             }
             (EndShape::Face { along, length_m }, LinkContour::Abutments { front, rear }) => {
                 face_touch(*along, *length_m, if pose.front { front } else { rear }, pose, far_m)
@@ -297,7 +311,7 @@ impl EndBody {
 fn lobe_touch(
     ring: &LobedRing,
     seats: &Seats,
-    turn_rad: f64,
+    (c, s): (f64, f64),
     abutment: &Contour,
     pose: &LinkPose,
     rotor: (f64, f64),
@@ -309,7 +323,6 @@ fn lobe_touch(
     if ring.crest_radius_m - near.distance_m < -far_m {
         return None;
     }
-    let (s, c) = sin_cos(turn_rad);
     let (tooth, seat) = seats.nearest(pose.joint(), rotor);
     let turned = Vec2::new(c * seat.x - s * seat.y, s * seat.x + c * seat.y);
     // +y of the gap frame points along the seat.

@@ -1,6 +1,7 @@
 //! Everything that makes a force. Each file opens with its equation, its sign convention and its source, and computes its
 //! own share of the energy ledger.
 
+pub mod arc_lanes;
 pub mod contact_law;
 pub mod end_contact;
 pub mod friction;

@@ -18,6 +18,7 @@
 //! a_n and changes nothing but Scratch, so that a frame can be taken between it and [`advance`]; a step is one after the other.
 //! Sums run in chain order or in fixed partial sums, so that no vector width, window or reporting interval changes a bit.
 
+mod abutments;
 pub(crate) mod ends;
 mod guides;
 mod links;
@@ -170,7 +171,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
         guides::contacts::<WATCHED>(model, state, scratch, k);
     }
     if model.contour.is_some() {
-        ends::contacts(model, state, scratch);
+        ends::contacts::<WATCHED>(model, state, scratch);
     }
     links::feel(model, state, scratch);
     links::joints(model, state, scratch);
@@ -299,14 +300,6 @@ fn sum(a: Column, b: Column) -> Column {
         out[i] += b[i];
     }
     out
-}
-
-#[inline(always)]
-fn recall(memory: &ContactMemory, at: usize, lanes: &mut Lanes) {
-    lanes.normal_force = take(&memory.normal_force, at);
-    lanes.tangential_force = take(&memory.tangential_force, at);
-    lanes.age = take(&memory.age, at);
-    lanes.approach = take(&memory.approach, at);
 }
 
 /// Coordinates from the body's origin; acceleration of the end from that of the link.

@@ -13,6 +13,7 @@ use pitchline::geometry::smartchain::{
 use pitchline::units::{DEG, MM};
 
 mod golden;
+mod lanes;
 mod rings;
 mod two_links;
 
@@ -20,6 +21,19 @@ const PITCH_M: f64 = 8e-3;
 const PERIOD_S: f64 = 1e-3;
 /// Golden numbers have 17 digits from another implementation.
 const GOLDEN_M: f64 = 1e-9;
+
+/// Numbers that look like chance and are the same for the same seed (Steele and others 2014, SplitMix64).
+struct Random(u64);
+
+impl Random {
+    /// From 0 to 1.
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
 
 fn spec(distance_m: f64) -> AbutmentSpec {
     AbutmentSpec { distance_m, flat_m: None, end_angle_rad: None }

@@ -188,6 +188,12 @@ impl Contour {
         arc
     }
 
+    /// The convex hull, and which of its arcs a plane with the outward normal `direction` rests on; the number of arcs where it
+    /// rests on the end.
+    pub fn hull_facing(&self, direction: Vec2) -> (&[ContourArc], usize) {
+        (&self.hull, self.facing(direction))
+    }
+
     /// The arcs one after another.
     pub fn arcs(&self) -> &[ContourArc] {
         &self.arcs

@@ -82,6 +82,22 @@ pub struct RingContact {
     /// Of the abutment and of the ring, at the contact; zero at corners.
     pub abutment_radius_m: f64,
     pub ring_radius_m: f64,
+    /// Index of the arc of the abutment; of the element of the lobe, for its crest the number of elements.
+    pub abutment_arc: usize,
+    pub ring_element: usize,
+}
+
+/// An element of a lobe, or its crest, in the gap frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LobeArc {
+    pub centre: Vec2,
+    /// Positive convex, negative hollow, zero for the crest, infinite for a flat.
+    pub radius_m: f64,
+    /// Outward normals at its ends, counterclockwise.
+    pub first: Vec2,
+    pub last: Vec2,
+    /// 1: before the crest; -1: behind it; 0: the crest.
+    pub side: f64,
 }
 
 /// Why there is no such ring.
@@ -232,8 +248,14 @@ impl LobedRing {
     /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
     pub fn contact(&self, abutment: &Contour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
-        let arcs = self.arcs.iter().filter_map(|arc| arc.placed(axis, turn).contact(abutment));
+        let on = |k: usize| self.element_contact(k, abutment, axis, turn);
+        let arcs = (0..self.arcs.len()).filter_map(on);
         arcs.chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
+    }
+
+    fn element_contact(&self, k: usize, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+        let contact = self.arcs[k].placed(axis, turn).contact(abutment)?;
+        Some(RingContact { ring_element: k, ..contact })
     }
 
     /// Contact of the crest's corner, where the abutment's normal lies between those of its two sides.
@@ -242,7 +264,7 @@ impl LobedRing {
         let after = self.arcs[self.crest_arc + 1].placed(axis, turn);
         let foot = abutment.closest_to_point(before.end);
         within(before.normal_end, after.normal_start, -foot.normal)
-            .then(|| RingContact::at(&foot, foot.distance_m, 0.0))
+            .then(|| RingContact { ring_element: self.arcs.len(), ..RingContact::at(&foot, foot.distance_m, 0.0) })
     }
 
     /// As [`LobedRing::contact`], quickly: `turn` is the unit vector at `turn_rad`. A binary search over the elements on
@@ -251,7 +273,7 @@ impl LobedRing {
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
         // Where the abutment is nearest to the axis, to the left of the crest's ray, over the distance.
         let at = abutment.closest_to_point(axis).point - axis;
-        let lean = 0.0 - (turn.x * at.x + turn.y * at.y) / self.crest_radius_m;
+        let lean = self.lean(at, turn);
         let mut least: Option<RingContact> = None;
         // The outline is smooth on either side of the crest: each side has at most one common normal nearby.
         for side in [0..=self.crest_arc, self.crest_arc + 1..=self.arcs.len() - 1] {
@@ -268,10 +290,35 @@ impl LobedRing {
             };
             let here = (first + self.arcs[first..last].partition_point(ahead)).min(last);
             let neighbours = [here, here.saturating_sub(1).max(first), (here + 1).min(last)];
-            let found = neighbours.into_iter().find_map(|k| self.arcs[k].placed(axis, turn).contact(abutment));
+            let found = neighbours.into_iter().find_map(|k| self.element_contact(k, abutment, axis, turn));
             least = least.into_iter().chain(found).reduce(nearer);
         }
         least.into_iter().chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
+    }
+
+    /// Element `k` of a lobe; its crest for the number of elements.
+    pub fn lobe_arc(&self, k: usize) -> LobeArc {
+        let crest = &self.arcs[self.crest_arc];
+        let Some(a) = self.arcs.get(k) else {
+            let last = self.arcs[self.crest_arc + 1].normal_start;
+            return LobeArc { centre: crest.end, radius_m: 0.0, first: crest.normal_end, last, side: 0.0 };
+        };
+        let (first, last) =
+            if a.radius_m < 0.0 { (a.normal_end, a.normal_start) } else { (a.normal_start, a.normal_end) };
+        let side = if k <= self.crest_arc { 1.0 } else { -1.0 };
+        LobeArc { centre: a.centre, radius_m: a.radius_m, first, last, side }
+    }
+
+    /// Radius of the tightest hollow of the lobes [m]; infinite if there is none.
+    pub fn tightest_hollow_m(&self) -> f64 {
+        self.arcs.iter().filter(|a| a.radius_m < 0.0).map(|a| -a.radius_m).fold(f64::INFINITY, f64::min)
+    }
+
+    /// How far the point `at` of an abutment, seen from the axis, lies to the left of the crest's ray, over the crest's radius.
+    /// `turn`: as in [`LobedRing::contact_at`].
+    #[inline(always)]
+    pub fn lean(&self, at: Vec2, turn: Vec2) -> f64 {
+        0.0 - (turn.x * at.x + turn.y * at.y) / self.crest_radius_m
     }
 
     /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
@@ -287,13 +334,21 @@ fn nearer(a: RingContact, b: RingContact) -> RingContact {
 
 impl RingContact {
     fn at(foot: &ContourFoot, gap_m: f64, ring_radius_m: f64) -> RingContact {
-        RingContact { gap_m, point: foot.point, normal: foot.normal, abutment_radius_m: foot.radius_m, ring_radius_m }
+        RingContact {
+            gap_m,
+            point: foot.point,
+            normal: foot.normal,
+            abutment_radius_m: foot.radius_m,
+            ring_radius_m,
+            abutment_arc: foot.arc,
+            ring_element: 0,
+        }
     }
 }
 
 /// Further than this from the crest, over the radius, an abutment touches its own side only: at 40 teeth flanks reach over
 /// 0.06, and the side behind the crest over 0.006.
-const FAR_SIDE: f64 = 0.02;
+pub(crate) const FAR_SIDE: f64 = 0.02;
 
 /// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
 /// radii, some 1:40.

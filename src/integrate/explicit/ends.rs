@@ -1,21 +1,99 @@
-//! The part of a step that concerns links' own contours: abutments and toothed flanks. Geometry link by link, forces many
-//! at a time; what is near which body is looked up with the other windows.
+//! The part of a step that concerns links' own contours: abutments and toothed flanks. Many ends at a time; what is near which
+//! body is looked up with the other windows.
 
+use super::abutments::{self, Faced, Seen};
 use super::guides::{add_guide_forces, load_ends};
 use super::watch::Noted;
-use super::{LANES, Part, Scratch, WINDOW_MARGIN_M, Window, recall};
-use crate::elements::end_contact::{EndBody, EndTouch, LinkPose};
-use crate::elements::tooth_contact::{self, Lanes, OffJoint};
-use crate::geometry::{Vec2, perp};
+use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put};
+use crate::elements::end_contact::{EndBody, EndTouch, LinkContour, LinkPose};
+use crate::elements::tooth_contact::{self, Column, Lanes, OffJoint};
+use crate::geometry::Vec2;
 use crate::model::Model;
+use crate::recording::frame::Segment;
 use crate::state::State;
 
+/// The deepest places of one end of a block of links on a body. Lanes that touch nothing are further off than any speed brings
+/// them back.
+#[derive(Clone, Copy)]
+pub(super) struct Found {
+    pub(super) penetration: Column,
+    /// On the link's contour, from the body's origin.
+    pub(super) point_x: Column,
+    pub(super) point_y: Column,
+    /// Out of the body.
+    pub(super) normal_x: Column,
+    pub(super) normal_y: Column,
+    pub(super) body_radius: Column,
+    pub(super) tooth: [u32; LANES],
+    pub(super) segment: [Segment; LANES],
+}
+
+/// One end of a block of links and one of the bodies that it may touch.
+pub(super) struct EndBlock {
+    /// Lanes whose nearest body of its kind this is, and whether these are all that hold a link.
+    pub(super) own: [bool; LANES],
+    pub(super) all_own: bool,
+    /// Of abutments.
+    pub(super) faced: Option<Box<Faced>>,
+}
+
+impl EndBlock {
+    /// Of all blocks: front and rear ends.
+    pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
+        let block = |faced: Option<Faced>| EndBlock { own: [false; LANES], all_own: false, faced: faced.map(Box::new) };
+        let both = match &model.contour {
+            Some(LinkContour::Abutments { front, rear }) => {
+                [Some(Faced::new(body, front)), Some(Faced::new(body, rear))]
+            }
+            _ => [None, None],
+        };
+        (0..count).map(|_| both.clone().map(block)).collect()
+    }
+}
+
+/// Penetration of lanes that touch nothing [m]: padding has a kilometre for an arm.
+pub(super) const NOTHING_M: f64 = -1e9;
+
+impl Found {
+    pub(super) fn nothing() -> Found {
+        let zero = [0.0; LANES];
+        Found {
+            penetration: [NOTHING_M; LANES],
+            point_x: zero,
+            point_y: zero,
+            normal_x: zero,
+            normal_y: [1.0; LANES],
+            body_radius: zero,
+            tooth: [0; LANES],
+            segment: [Segment::Ring; LANES],
+        }
+    }
+
+    /// Whether lane `i` touches, or may within the step.
+    pub(super) fn touches(&self, i: usize) -> bool {
+        self.penetration[i] != NOTHING_M
+    }
+
+    pub(super) fn put(&mut self, i: usize, touch: Option<EndTouch>) {
+        let Some(t) = touch else {
+            self.penetration[i] = NOTHING_M;
+            return;
+        };
+        self.penetration[i] = t.penetration_m;
+        (self.point_x[i], self.point_y[i]) = (t.point.x, t.point.y);
+        (self.normal_x[i], self.normal_y[i]) = (t.normal.x, t.normal.y);
+        (self.body_radius[i], self.tooth[i], self.segment[i]) = (t.body_radius_m, t.tooth, t.segment);
+    }
+}
+
 /// Contacts of all bodies that ends of links touch.
-#[inline(never)]
-pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
+#[inline(always)]
+pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
     let Some(contour) = &model.contour else { return };
     let reach_m = 2.0 * scratch.fastest_m_s * model.step_s;
+    let count = model.chain.padded / LANES;
     let mut own_lanes = scratch.lanes.take().unwrap_or_default();
+    let lanes = &mut *own_lanes;
     for k in 0..model.end_bodies.len() {
         let body = &model.end_bodies[k];
         let (rotor, omega) = turning(model, state, body);
@@ -26,43 +104,81 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
                 for rear in 0..2 {
                     let sign = if rear == 0 { 1.0 } else { -1.0 };
                     let set = 2 * body.set + rear;
-                    let mut touches: [Option<EndTouch>; LANES] = [None; LANES];
-                    let mut near = false;
-                    for (i, touch) in touches.iter_mut().enumerate() {
-                        let link = at + i;
-                        if link >= model.chain.n_links || scratch.nearest_end[body.set][link] != k {
-                            continue;
+                    let end = &mut scratch.end_blocks[k][block][rear];
+                    let (own, all_own, front) = (end.own, end.all_own, rear == 0);
+                    let mut found = Found::nothing();
+                    let near = match contour {
+                        LinkContour::Abutments { front: ahead, rear: behind } => {
+                            let abutment = if front { ahead } else { behind };
+                            let far_m = reach_m;
+                            let seen = Seen { model, state, body, contour, abutment, at, front, rotor, far_m };
+                            abutments::touches(&seen, end, &mut found)
                         }
-                        *touch = body.touch(contour, &pose(model, state, body, link, rear == 0), rotor, reach_m);
-                        near |= touch.is_some();
-                        near |= state.contour_ends[set].age[link] != 0.0;
+                        LinkContour::Flanks(_) => {
+                            let mut near = false;
+                            for i in (0..LANES).filter(|i| own[*i]) {
+                                let pose = pose(model, state, body, at + i, front);
+                                let touch = body.touch(contour, &pose, rotor, reach_m);
+                                found.put(i, touch);
+                                near |= touch.is_some();
+                            }
+                            near
+                        }
+                    };
+                    let ages = &state.contour_ends[set].age[at..at + LANES];
+                    let held = own.iter().zip(ages).any(|(own, age)| *own && *age != 0.0);
+                    if !near && !held && all_own {
+                        memory(state, scratch, set, count).forget(block);
+                        continue;
                     }
-                    let lanes = &mut *own_lanes;
-                    if near {
+                    if near || held {
                         load_ends(model, scratch, at, sign, body.origin, lanes);
                         let mut off = OffJoint::default();
                         off.alpha.copy_from_slice(&scratch.wrapped.alpha[at..at + LANES]);
-                        place(&touches, lanes, &mut off);
-                        for (tooth, touch) in scratch.contour_tooth[set][at..].iter_mut().zip(&touches) {
-                            *tooth = touch.map_or(*tooth, |t| t.tooth);
+                        place(&found, lanes, &mut off);
+                        for i in 0..LANES {
+                            if found.penetration[i] != NOTHING_M {
+                                scratch.contour_tooth[set][at + i] = found.tooth[i];
+                            }
                         }
-                        recall(&state.contour_ends[set], at, lanes);
+                        memory(state, scratch, set, count).recall(block, lanes);
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
                         tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
                         add_guide_forces(scratch, at, lanes);
-                        watch(model, scratch, (k, set, at), &touches, (&off, lanes));
+                        if WATCHED {
+                            watch(model, scratch, (k, set, at), &found, (&off, lanes));
+                        }
                         if let Some(rotor) = body.rotor {
                             scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
                         }
                     } else {
                         lanes.let_go();
                     }
-                    keep(model, state, scratch, k, set, at, lanes);
+                    if all_own {
+                        memory(state, scratch, set, count).keep(block, lanes);
+                        put(&mut scratch.contour_rate[set], at, lanes.rate);
+                        put(&mut scratch.contour_depth[set], at, lanes.penetration);
+                    } else {
+                        let nearest = &scratch.nearest_end[body.set][at..at + LANES];
+                        for i in (0..LANES).filter(|i| own[*i]) {
+                            scratch.contour_rate[set][at + i] = lanes.rate[i];
+                            scratch.contour_depth[set][at + i] = lanes.penetration[i];
+                        }
+                        let (now, stale) = (&mut scratch.contour_ends[set], &mut scratch.stale_ends[set]);
+                        MemoryBlocks::new(&state.contour_ends[set], now, stale, count)
+                            .keep_own(nearest, k, block, lanes);
+                    }
                 }
             }
         }
     }
     scratch.lanes = Some(own_lanes);
+}
+
+/// What a set of ends remembers.
+#[inline(always)]
+fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
+    MemoryBlocks::new(&state.contour_ends[set], &mut scratch.contour_ends[set], &mut scratch.stale_ends[set], count)
 }
 
 /// Cosine and sine of the angle of a body, and its speed at the node.
@@ -91,20 +207,18 @@ pub(crate) fn pose(model: &Model, state: &State, body: &EndBody, link: usize, fr
 }
 
 /// Contact points as the forces need them.
-fn place(touches: &[Option<EndTouch>; LANES], lanes: &mut Lanes, off: &mut OffJoint) {
-    for (i, touch) in touches.iter().enumerate() {
-        let Some(t) = touch else {
-            // Further off than any speed brings it back: padding has a kilometre for an arm.
-            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (-1e9, 0.0, 1.0);
-            (off.radius[i], off.offset[i], lanes.body_radius[i]) = (0.0, 0.0, 0.0);
-            continue;
-        };
-        let from_joint = t.point - Vec2::new(lanes.x[i], lanes.y[i]);
-        lanes.penetration[i] = t.penetration_m;
-        (lanes.normal_x[i], lanes.normal_y[i]) = (t.normal.x, t.normal.y);
-        off.radius[i] = -from_joint.dot(&t.normal);
-        off.offset[i] = from_joint.dot(&perp(t.normal));
-        lanes.body_radius[i] = t.body_radius_m;
+#[inline(always)]
+fn place(found: &Found, lanes: &mut Lanes, off: &mut OffJoint) {
+    for i in 0..LANES {
+        let touches = found.penetration[i] != NOTHING_M;
+        let (nx, ny) = (found.normal_x[i], found.normal_y[i]);
+        let (dx, dy) = (found.point_x[i] - lanes.x[i], found.point_y[i] - lanes.y[i]);
+        off.radius[i] = if touches { -(dx * nx + dy * ny) } else { 0.0 };
+        off.offset[i] = if touches { dx * -ny + dy * nx } else { 0.0 };
+        lanes.penetration[i] = found.penetration[i];
+        lanes.normal_x[i] = if touches { nx } else { 0.0 };
+        lanes.normal_y[i] = if touches { ny } else { 1.0 };
+        lanes.body_radius[i] = if touches { found.body_radius[i] } else { 0.0 };
     }
 }
 
@@ -113,7 +227,7 @@ fn watch(
     model: &Model,
     scratch: &mut Scratch,
     (k, set, at): (usize, usize, usize),
-    touches: &[Option<EndTouch>; LANES],
+    found: &Found,
     (off, lanes): (&OffJoint, &Lanes),
 ) {
     let Some(watched) = &mut scratch.watched else { return };
@@ -122,29 +236,13 @@ fn watch(
     let own = std::array::from_fn(|i| at + i < n && nearest[at + i] == k);
     let part = Part::Contours(set);
     if watched.wants_segments() {
-        let segments = touches.map(|touch| touch.map_or(0.0, |t| f64::from(t.segment as u32)));
-        watched.note_segments(part, at, segments, Some(&own));
+        let segment = |i: usize| {
+            if found.penetration[i] == NOTHING_M { 0.0 } else { f64::from(found.segment[i] as u32) }
+        };
+        watched.note_segments(part, at, std::array::from_fn(segment), Some(&own));
     }
     let (law, mu, off) = (&body.law, body.friction, Some(off));
     watched.note(&Noted { part, at, law, mu, lanes, radius: 0.0, off, rotor: body.rotor }, Some(&own));
-}
-
-/// Gives memory back to its columns, for the lanes that are this body's.
-fn keep(model: &Model, state: &State, scratch: &mut Scratch, k: usize, set: usize, at: usize, lanes: &Lanes) {
-    let (past, memory) = (&state.contour_ends[set], &mut scratch.contour_ends[set]);
-    for i in 0..LANES {
-        let link = at + i;
-        if link < model.chain.n_links && scratch.nearest_end[set / 2][link] == k {
-            memory.normal_force[link] = lanes.normal_force[i];
-            memory.tangential_force[link] = lanes.tangential_force[i];
-            memory.age[link] = lanes.age[i];
-            memory.approach[link] = lanes.approach[i];
-            memory.lost_damping[link] = past.lost_damping[link] + lanes.lost_damping[i];
-            memory.lost_friction[link] = past.lost_friction[link] + lanes.lost_friction[i];
-            scratch.contour_rate[set][link] = lanes.rate[i];
-            scratch.contour_depth[set][link] = lanes.penetration[i];
-        }
-    }
 }
 
 /// Links near each body, and for every set the nearest body of each link.
@@ -168,5 +266,18 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let of_set = (0..model.end_bodies.len()).filter(|k| model.end_bodies[*k].set == set);
             scratch.nearest_end[set][link] = of_set.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(usize::MAX);
         }
+    }
+    for (k, body) in model.end_bodies.iter().enumerate() {
+        let nearest = &scratch.nearest_end[body.set];
+        for block in scratch.end_windows[k].iter().flat_map(|w| w.start / LANES..w.end / LANES) {
+            let own: [bool; LANES] = std::array::from_fn(|i| nearest[block * LANES + i] == k);
+            let all_own = (0..LANES).all(|i| own[i] || block * LANES + i >= n);
+            for end in &mut scratch.end_blocks[k][block] {
+                (end.own, end.all_own) = (own, all_own);
+            }
+        }
+    }
+    for (memory, blocks) in state.contour_ends.iter().zip(&mut scratch.stale_ends) {
+        super::windows::stale(memory, blocks);
     }
 }

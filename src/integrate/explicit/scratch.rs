@@ -1,5 +1,6 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
+use super::ends::EndBlock;
 use super::watch::Watched;
 use super::{RunIn, Window};
 use crate::elements::friction;
@@ -76,6 +77,10 @@ pub struct Scratch {
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
+    /// Per body and block of links, for front and rear ends: what they faced last.
+    pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
+    /// Of their memories, as of the guide ends.
+    pub(super) stale_ends: [Vec<u8>; 6],
     /// For those who look at every step.
     pub(super) watched: Option<Box<Watched>>,
     /// Accelerations of this step.
@@ -267,6 +272,8 @@ impl Scratch {
             contour_tooth: std::array::from_fn(|_| vec![0; n]),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
+            end_blocks: model.end_bodies.iter().map(|body| EndBlock::all(model, body, n / LANES)).collect(),
+            stale_ends: std::array::from_fn(|_| vec![2; n / LANES]),
             watched: None,
             ax: column(),
             ay: column(),

@@ -12,13 +12,6 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
-    // Where nothing has been touched both memories say so already.
-    let stale = |memory: &ContactMemory, blocks: &mut [u8]| {
-        let lanes = memory.age.chunks(LANES).zip(memory.normal_force.chunks(LANES));
-        for (block, (age, force)) in blocks.iter_mut().zip(lanes) {
-            *block = if age.iter().chain(force).any(|v| *v != 0.0) { 2 } else { 0 };
-        }
-    };
     stale(&state.bushes, &mut scratch.stale_bushes);
     for (memory, blocks) in state.guide_ends.iter().zip(&mut scratch.stale_blocks) {
         stale(memory, blocks);
@@ -80,6 +73,14 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     find_nearest(model, state, scratch);
     super::ends::refresh(model, state, scratch);
+}
+
+/// Where nothing has been touched both memories that change hands say so already.
+pub(super) fn stale(memory: &ContactMemory, blocks: &mut [u8]) {
+    let lanes = memory.age.chunks(LANES).zip(memory.normal_force.chunks(LANES));
+    for (block, (age, force)) in blocks.iter_mut().zip(lanes) {
+        *block = if age.iter().chain(force).any(|v| *v != 0.0) { 2 } else { 0 };
+    }
 }
 
 /// Marks windows that lie over each other, and for their lanes the nearest body.

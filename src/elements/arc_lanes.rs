@@ -1,0 +1,375 @@
+//! Links' contours of arcs against bodies, [`LANES`] ends at a time, from what each end faced last.
+//!
+//! Every lane keeps the constants of the element that its end faced in the step before. Signs of linear functions tell whether it
+//! still faces it; where they do, the contact follows in closed form, and where they do not, the search of
+//! [`super::end_contact`] finds the element anew. What is kept changes no bit of a result: an element is kept only where the search
+//! would have found the same one, and a contact is computed by one formula however its element was found.
+//!
+//! ```text
+//! foot of O on arc (c, r)        (O - P_k).t_k > 0 and not (O - P_k+1).t_k+1 > 0;   n = (O - c)/|O - c|,  distance |O - c| - r
+//! support of a direction u       u before the end normal of k, not before that of k - 1;   point c + r u
+//! arc (c, r) on ring arc (Q, R)  n = +-(Q - c)/|Q - c| in the cone of (c, r), -n in the cone of (Q, R);   gap +-|Q - c| - R - r
+//! ```
+//! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
+//! Where it has arcs that are flatter, others may exist: [`sure_arcs`] tells from which arcs on a pair has no rival.
+
+use super::tooth_contact::{Column, LANES};
+use crate::geometry::smartchain::contour::{Contour, ContourArc};
+use crate::geometry::smartchain::ring::{FAR_SIDE, LobedRing, RingContact};
+use crate::geometry::{Vec2, perp};
+
+/// The element that the foot of a perpendicular lies on, in every lane. In the link frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FootLanes {
+    centre_x: Column,
+    centre_y: Column,
+    /// Infinite for a flat, negative in a hollow, zero for an end of the contour.
+    pub radius: Column,
+    /// Where the element begins, its tangent there, and what the foot's side must exceed: zero, or less than any at an end.
+    from_x: Column,
+    from_y: Column,
+    from_tx: Column,
+    from_ty: Column,
+    from_above: Column,
+    /// Where it ends.
+    to_x: Column,
+    to_y: Column,
+    to_tx: Column,
+    to_ty: Column,
+    /// Normal at the beginning, or at the end of the contour.
+    out_x: Column,
+    out_y: Column,
+}
+
+/// Feet of perpendiculars.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Feet {
+    pub point_x: Column,
+    pub point_y: Column,
+    /// Out of the contour.
+    pub normal_x: Column,
+    pub normal_y: Column,
+    pub distance: Column,
+}
+
+/// Lower than any side, for an element with no other before it; and higher, for a lane that knows nothing yet.
+const OPEN: f64 = f64::NEG_INFINITY;
+const UNKNOWN: f64 = f64::INFINITY;
+
+impl Default for FootLanes {
+    /// Lanes that know nothing yet.
+    fn default() -> FootLanes {
+        let zero = [0.0; LANES];
+        FootLanes {
+            centre_x: zero,
+            centre_y: zero,
+            radius: zero,
+            from_x: zero,
+            from_y: zero,
+            from_tx: zero,
+            from_ty: zero,
+            from_above: [UNKNOWN; LANES],
+            to_x: zero,
+            to_y: zero,
+            to_tx: zero,
+            to_ty: zero,
+            out_x: zero,
+            out_y: zero,
+        }
+    }
+}
+
+impl FootLanes {
+    /// Looks up what `o` faces.
+    #[cold]
+    #[inline(never)]
+    pub fn search(&mut self, i: usize, contour: &Contour, o: Vec2) {
+        let arcs = contour.arcs();
+        let foot = contour.closest_to_point(o);
+        let a = &arcs[foot.arc];
+        let (begin, end) = (perp(a.normal_start), perp(a.normal_end));
+        let at_start = foot.radius_m == 0.0 && foot.point == contour.start();
+        let at_end = foot.radius_m == 0.0 && !at_start;
+        let centre = if foot.radius_m == 0.0 { foot.point } else { a.centre };
+        (self.centre_x[i], self.centre_y[i], self.radius[i]) = (centre.x, centre.y, foot.radius_m);
+        // Where the element begins: where the one before it ends, by which the search goes.
+        let (from, from_t) = match foot.arc {
+            _ if at_end => (a.end, end),
+            0 => (a.start, begin),
+            k => (arcs[k - 1].end, perp(arcs[k - 1].normal_end)),
+        };
+        (self.from_x[i], self.from_y[i]) = (from.x, from.y);
+        (self.from_tx[i], self.from_ty[i]) = if at_start { (0.0, 0.0) } else { (from_t.x, from_t.y) };
+        self.from_above[i] = if at_start { OPEN } else { 0.0 };
+        let out = if at_end { a.normal_end } else { a.normal_start };
+        (self.out_x[i], self.out_y[i]) = (out.x, out.y);
+        let (to, to_t) = if at_start { (a.start, begin) } else { (a.end, end) };
+        (self.to_x[i], self.to_y[i]) = (to.x, to.y);
+        (self.to_tx[i], self.to_ty[i]) = if at_end { (0.0, 0.0) } else { (to_t.x, to_t.y) };
+    }
+
+    /// Lanes whose point faces another element now. The points lie outside of the contour.
+    #[inline(always)]
+    pub fn strayed(&self, x: &Column, y: &Column) -> [bool; LANES] {
+        let mut out = [false; LANES];
+        for i in 0..LANES {
+            let from = (x[i] - self.from_x[i]) * self.from_tx[i] + (y[i] - self.from_y[i]) * self.from_ty[i];
+            let to = (x[i] - self.to_x[i]) * self.to_tx[i] + (y[i] - self.to_y[i]) * self.to_ty[i];
+            out[i] = !(from > self.from_above[i]) | (to > 0.0);
+        }
+        out
+    }
+
+    /// Feet on the elements.
+    #[inline(always)]
+    pub fn feet(&self, x: &Column, y: &Column) -> Feet {
+        let mut out = Feet::default();
+        for i in 0..LANES {
+            let (dx, dy) = (x[i] - self.centre_x[i], y[i] - self.centre_y[i]);
+            let length = (dx * dx + dy * dy).sqrt();
+            let r = self.radius[i];
+            let (fx, fy) = (self.out_x[i], self.out_y[i]);
+            let height = dx * fx + dy * fy;
+            let inside = (r < 0.0) | ((r == 0.0) & (height < 0.0));
+            let signed = if inside { -length } else { length };
+            let flat = r == f64::INFINITY;
+            let (nx, ny) = (if flat { fx } else { dx / signed }, if flat { fy } else { dy / signed });
+            let reach = if flat { 0.0 } else { r };
+            let distance = if flat { height } else { signed - r };
+            let (bx, by) = (self.centre_x[i] + nx * reach, self.centre_y[i] + ny * reach);
+            out.point_x[i] = if flat { x[i] - nx * height } else { bx };
+            out.point_y[i] = if flat { y[i] - ny * height } else { by };
+            (out.normal_x[i], out.normal_y[i], out.distance[i]) = (nx, ny, distance);
+        }
+        out
+    }
+}
+
+/// The element of the convex hull that a plane rests on, in every lane. In the link frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SupportLanes {
+    centre_x: Column,
+    centre_y: Column,
+    /// Zero where the plane rests on a point: an end, or the beginning of a flat.
+    radius: Column,
+    start_x: Column,
+    start_y: Column,
+    start_tx: Column,
+    start_ty: Column,
+    /// Normals at the end of the element before, and of this one; zero at the ends of the contour.
+    before_x: Column,
+    before_y: Column,
+    before_above: Column,
+    end_x: Column,
+    end_y: Column,
+}
+
+impl Default for SupportLanes {
+    /// Lanes that know nothing yet.
+    fn default() -> SupportLanes {
+        let zero = [0.0; LANES];
+        SupportLanes {
+            centre_x: zero,
+            centre_y: zero,
+            radius: zero,
+            start_x: zero,
+            start_y: zero,
+            start_tx: zero,
+            start_ty: zero,
+            before_x: zero,
+            before_y: zero,
+            before_above: [UNKNOWN; LANES],
+            end_x: zero,
+            end_y: zero,
+        }
+    }
+}
+
+impl SupportLanes {
+    #[cold]
+    #[inline(never)]
+    pub fn search(&mut self, i: usize, contour: &Contour, direction: Vec2) {
+        let (hull, arc) = contour.hull_facing(direction);
+        let before = arc.checked_sub(1).and_then(|k| hull.get(k));
+        let normal = before.map_or(Vec2::zeros(), |a| a.normal_end);
+        (self.before_x[i], self.before_y[i]) = (normal.x, normal.y);
+        self.before_above[i] = if before.is_some() { 0.0 } else { OPEN };
+        let point = |p: Vec2| (p, 0.0, p, Vec2::zeros(), Vec2::zeros());
+        let (centre, radius, start, tangent, end) = match hull.get(arc) {
+            None => point(contour.end()),
+            Some(a) if a.radius_m.is_infinite() => (a.start, 0.0, a.start, Vec2::zeros(), a.normal_end),
+            Some(a) => (a.centre, a.radius_m, a.start, perp(a.normal_start), a.normal_end),
+        };
+        (self.centre_x[i], self.centre_y[i], self.radius[i]) = (centre.x, centre.y, radius);
+        (self.start_x[i], self.start_y[i]) = (start.x, start.y);
+        (self.start_tx[i], self.start_ty[i]) = (tangent.x, tangent.y);
+        (self.end_x[i], self.end_y[i]) = (end.x, end.y);
+    }
+
+    /// Lanes whose direction faces another element now.
+    #[inline(always)]
+    pub fn strayed(&self, x: &Column, y: &Column) -> [bool; LANES] {
+        let mut out = [false; LANES];
+        for i in 0..LANES {
+            let before = y[i] * self.before_x[i] - x[i] * self.before_y[i];
+            let end = y[i] * self.end_x[i] - x[i] * self.end_y[i];
+            // Normals look to +y: only of such a direction do signs tell all.
+            out[i] = !((before > self.before_above[i]) & (y[i] > 0.0)) | (end > 0.0);
+        }
+        out
+    }
+
+    /// Points that reach furthest in the directions.
+    #[inline(always)]
+    pub fn points(&self, x: &Column, y: &Column) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let on_start = x[i] * self.start_tx[i] + y[i] * self.start_ty[i] < 0.0;
+            let (px, py) = (self.centre_x[i] + x[i] * self.radius[i], self.centre_y[i] + y[i] * self.radius[i]);
+            out.0[i] = if on_start { self.start_x[i] } else { px };
+            out.1[i] = if on_start { self.start_y[i] } else { py };
+        }
+        out
+    }
+}
+
+/// An arc of an abutment and one of a lobe that face each other, in every lane. Abutments in the link frame, lobes in that of their
+/// gap.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PairLanes {
+    /// Of the abutment.
+    centre_x: Column,
+    centre_y: Column,
+    radius: Column,
+    from_tx: Column,
+    from_ty: Column,
+    to_tx: Column,
+    to_ty: Column,
+    /// Of the lobe: signed radius, and the normals between which it turns, counterclockwise.
+    ring_x: Column,
+    ring_y: Column,
+    pub ring_radius: Column,
+    first_x: Column,
+    first_y: Column,
+    last_x: Column,
+    last_y: Column,
+    /// 1: before the crest; -1: behind it; 0: the crest.
+    side: Column,
+    /// Whether the pair may be kept; otherwise it is looked for in every step.
+    known: [bool; LANES],
+}
+
+/// What a search for a common normal found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pair {
+    /// A pair that is kept.
+    Kept,
+    /// A contact that may have rivals, or is none of two arcs.
+    Alone(RingContact),
+    Nothing,
+}
+
+/// Nearer than this to the end of an arc [rad] its pair is looked for anew: there the search, which counts directions within 1e-9 rad
+/// of an arc's end as on it and stops at 3e-7 rad in hollows, may name either neighbour.
+const PAIR_MARGIN_RAD: f64 = 1e-6;
+
+impl PairLanes {
+    /// Looks up which pair of arcs faces each other. `sure`: as [`sure_arcs`] tells; `axis` and `turn` as in
+    /// [`PairLanes::contacts`], of this lane.
+    #[cold]
+    #[inline(never)]
+    pub fn search(
+        &mut self,
+        i: usize,
+        (abutment, sure): (&Contour, &[bool]),
+        ring: &LobedRing,
+        axis: Vec2,
+        turn: Vec2,
+    ) -> Pair {
+        self.known[i] = false;
+        let Some(contact) = ring.contact_at(abutment, axis, turn) else { return Pair::Nothing };
+        let arcs = contact.abutment_radius_m > 0.0 && contact.ring_radius_m.is_finite();
+        if !arcs || !sure[contact.abutment_arc] {
+            return Pair::Alone(contact);
+        }
+        let arc = &abutment.arcs()[contact.abutment_arc];
+        self.keep(i, arc, ring, contact.ring_element);
+        Pair::Kept
+    }
+
+    fn keep(&mut self, i: usize, arc: &ContourArc, ring: &LobedRing, element: usize) {
+        let on_ring = ring.lobe_arc(element);
+        let (begin, end) = (perp(arc.normal_start), perp(arc.normal_end));
+        (self.centre_x[i], self.centre_y[i], self.radius[i]) = (arc.centre.x, arc.centre.y, arc.radius_m);
+        (self.from_tx[i], self.from_ty[i], self.to_tx[i], self.to_ty[i]) = (begin.x, begin.y, end.x, end.y);
+        (self.ring_x[i], self.ring_y[i], self.ring_radius[i]) = (on_ring.centre.x, on_ring.centre.y, on_ring.radius_m);
+        (self.first_x[i], self.first_y[i]) = (on_ring.first.x, on_ring.first.y);
+        (self.last_x[i], self.last_y[i]) = (on_ring.last.x, on_ring.last.y);
+        self.side[i] = on_ring.side;
+        self.known[i] = true;
+    }
+
+    /// Contacts of the pairs: point and normal on the abutment, and the gap. Axes of the sprocket in the link frame, directions of
+    /// the gap frame's +x there, and how far the abutment lies to the left of the crest over its radius. With them, the lanes whose
+    /// pair does not hold.
+    #[inline(always)]
+    pub fn contacts(&self, axis: [&Column; 2], turn: [&Column; 2], lean: &Column) -> (Feet, [bool; LANES]) {
+        let (mut out, mut strayed) = (Feet::default(), [false; LANES]);
+        for i in 0..LANES {
+            let (tx, ty) = (turn[0][i], turn[1][i]);
+            let qx = axis[0][i] + (tx * self.ring_x[i] - ty * self.ring_y[i]);
+            let qy = axis[1][i] + (ty * self.ring_x[i] + tx * self.ring_y[i]);
+            let (dx, dy) = (qx - self.centre_x[i], qy - self.centre_y[i]);
+            let length = (dx * dx + dy * dy).sqrt();
+            let signed = if self.ring_radius[i] < 0.0 { -length } else { length };
+            let (nx, ny) = (dx / signed, dy / signed);
+            let from = nx * self.from_tx[i] + ny * self.from_ty[i];
+            let to = nx * self.to_tx[i] + ny * self.to_ty[i];
+            // Out of the lobe, in its frame.
+            let (ux, uy) = (0.0 - (tx * nx + ty * ny), ty * nx - tx * ny);
+            let first = self.first_x[i] * uy - self.first_y[i] * ux;
+            let last = ux * self.last_y[i] - uy * self.last_x[i];
+            let margin = PAIR_MARGIN_RAD;
+            let holds = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
+            let own_side = !(self.side[i] * lean[i] > FAR_SIDE);
+            strayed[i] = !(holds & own_side & self.known[i]);
+            out.point_x[i] = self.centre_x[i] + nx * self.radius[i];
+            out.point_y[i] = self.centre_y[i] + ny * self.radius[i];
+            (out.normal_x[i], out.normal_y[i]) = (nx, ny);
+            out.distance[i] = signed - self.ring_radius[i] - self.radius[i];
+        }
+        (out, strayed)
+    }
+}
+
+/// For every arc of an abutment, whether a contact there with a lobe of `ring` is the only one of the whole abutment.
+///
+/// Along the abutment from a contact, its normal turns by the length over its own radius, and the hollow under it by no more than
+/// that over the hollow's. As long as the first is ahead no other common normal can follow; where arcs are flatter than the
+/// hollow the lead falls again.
+pub fn sure_arcs(abutment: &Contour, ring: &LobedRing) -> Vec<bool> {
+    /// The ring's foot runs faster than the abutment's by the gap over the radius: below a hundredth.
+    const ROOM: f64 = 1.05;
+    let hollow_per_m = ROOM / ring.tightest_hollow_m();
+    let lead = |a: &ContourArc| {
+        let turned_rad = if a.radius_m.is_infinite() { 0.0 } else { a.normal_end_rad - a.normal_start_rad };
+        let length_m = if a.radius_m.is_infinite() { (a.end - a.start).norm() } else { turned_rad * a.radius_m };
+        turned_rad - length_m * hollow_per_m
+    };
+    let leads: Vec<f64> = abutment.arcs().iter().map(lead).collect();
+    let sure = |i: usize| {
+        let arc = &abutment.arcs()[i];
+        let tighter = arc.radius_m > 0.0 && arc.radius_m.is_finite() && leads[i] > 0.0;
+        tighter && stays_ahead(leads[i + 1..].iter()) && stays_ahead(leads[..i].iter().rev())
+    };
+    (0..leads.len()).map(sure).collect()
+}
+
+/// Whether all partial sums are positive.
+fn stays_ahead<'a>(mut leads: impl Iterator<Item = &'a f64>) -> bool {
+    let mut sum = 0.0;
+    leads.all(|lead| {
+        sum += lead;
+        sum > 0.0
+    })
+}

@@ -1,0 +1,88 @@
+//! Contacts of links' own contours in a run: what the step finds by remembering against the search that knows nothing.
+
+mod common;
+
+use common::assembled;
+use pitchline::assemble::Assembly;
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::elements::end_contact::LinkPose;
+use pitchline::geometry::Vec2;
+use pitchline::integrate::Isa;
+use pitchline::integrate::explicit::{self, Part, Scratch};
+
+const CONTOURS: [&str; 2] = ["silent-20-40", "smartchain-20-40"];
+
+fn bundled(name: &str) -> Assembly {
+    let (name, text) = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive");
+    assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")))
+}
+
+/// Every step of 20 ms.
+#[test]
+fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
+    for name in CONTOURS {
+        let a = bundled(name);
+        let (model, contour) = (&a.model, a.model.contour.as_ref().expect("contours"));
+        let mut state = a.state.clone();
+        let mut scratch = Scratch::new(model);
+        let steps = (20e-3 / model.step_s) as u64;
+        let (mut touches, mut farthest_m) = (0_u64, 0.0_f64);
+        for _ in 0..steps {
+            explicit::evaluate(model, &state, &mut scratch).expect("the run holds");
+            for (k, body) in model.end_bodies.iter().enumerate() {
+                let rotor = body.rotor.map_or((1.0, 0.0), |r| (state.rotors.cos[r], state.rotors.sin[r]));
+                for link in scratch.ends_near(model, k) {
+                    for front in [true, false] {
+                        let lever = model.chain.lever[link];
+                        let pose = LinkPose {
+                            centre: Vec2::new(state.links.x[link], state.links.y[link]) - body.origin,
+                            cos: state.links.cos[link],
+                            sin: state.links.sin[link],
+                            lever: if front { lever } else { -lever },
+                            front,
+                            row: link % model.rows.len(),
+                        };
+                        let searched = body.touch(contour, &pose, rotor, 0.0).map_or(0.0, |t| t.penetration_m);
+                        let part = Part::Contours(2 * body.set + usize::from(!front));
+                        let found = scratch.touch(part, link).map_or(0.0, |(depth, _)| depth);
+                        let off_m = (found - searched.max(0.0)).abs();
+                        assert!(off_m < 1e-15, "{name}, {}, link {link}: {found:e}, {searched:e}", body.name);
+                        farthest_m = farthest_m.max(off_m);
+                        touches += u64::from(found > 0.0);
+                    }
+                }
+            }
+            explicit::advance(model, &mut state, &mut scratch);
+        }
+        println!("{name}: {touches} contacts in {steps} steps, none off by more than {farthest_m:.1e} m");
+        assert!(touches > 10 * steps);
+    }
+}
+
+#[test]
+fn what_was_faced_before_changes_no_bit() {
+    for name in CONTOURS {
+        let a = bundled(name);
+        let hash = |isa: Isa, steps: u64, kept_for: u64, looks: u64| {
+            let mut state = a.state.clone();
+            let mut scratch = Scratch::with_isa(&a.model, isa);
+            scratch.refresh_steps = looks;
+            for step in 0..steps {
+                if step % kept_for == kept_for - 1 {
+                    scratch = Scratch::with_isa(&a.model, isa);
+                    scratch.refresh_steps = looks;
+                }
+                explicit::step(&a.model, &mut state, &mut scratch).expect("the run holds");
+            }
+            state.hash()
+        };
+        let steps = 5_000;
+        let reference = hash(Isa::Baseline, steps, u64::MAX, 64);
+        for isa in Isa::available() {
+            assert_eq!(hash(isa, steps, u64::MAX, 64), reference, "{name}, {isa:?}");
+            assert_eq!(hash(isa, steps, 97, 7), reference, "{name}, {isa:?}, nothing kept after 97 steps");
+        }
+        let cold = hash(Isa::detect(), 300, 1, 1);
+        assert_eq!(hash(Isa::detect(), 300, u64::MAX, 64), cold, "{name}, nothing kept at all");
+    }
+}
