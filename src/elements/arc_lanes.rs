@@ -13,7 +13,7 @@
 //! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
 //! Where it has arcs that are flatter, others may exist: [`sure_arcs`] tells from which arcs on a pair has no rival.
 
-use super::tooth_contact::{Column, LANES};
+use super::tooth_contact::{Column, LANES, Mask, mask};
 use crate::geometry::smartchain::contour::{Contour, ContourArc};
 use crate::geometry::smartchain::ring::{FAR_SIDE, LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
@@ -110,12 +110,12 @@ impl FootLanes {
 
     /// Lanes whose point faces another element now. The points lie outside of the contour.
     #[inline(always)]
-    pub fn strayed(&self, x: &Column, y: &Column) -> [bool; LANES] {
-        let mut out = [false; LANES];
+    pub fn strayed(&self, x: &Column, y: &Column) -> Mask {
+        let mut out = [0; LANES];
         for i in 0..LANES {
             let from = (x[i] - self.from_x[i]) * self.from_tx[i] + (y[i] - self.from_y[i]) * self.from_ty[i];
             let to = (x[i] - self.to_x[i]) * self.to_tx[i] + (y[i] - self.to_y[i]) * self.to_ty[i];
-            out[i] = !(from > self.from_above[i]) | (to > 0.0);
+            out[i] = mask(!(from > self.from_above[i]) | (to > 0.0));
         }
         out
     }
@@ -208,13 +208,13 @@ impl SupportLanes {
 
     /// Lanes whose direction faces another element now.
     #[inline(always)]
-    pub fn strayed(&self, x: &Column, y: &Column) -> [bool; LANES] {
-        let mut out = [false; LANES];
+    pub fn strayed(&self, x: &Column, y: &Column) -> Mask {
+        let mut out = [0; LANES];
         for i in 0..LANES {
             let before = y[i] * self.before_x[i] - x[i] * self.before_y[i];
             let end = y[i] * self.end_x[i] - x[i] * self.end_y[i];
             // Normals look to +y: only of such a direction do signs tell all.
-            out[i] = !((before > self.before_above[i]) & (y[i] > 0.0)) | (end > 0.0);
+            out[i] = mask(!((before > self.before_above[i]) & (y[i] > 0.0)) | (end > 0.0));
         }
         out
     }
@@ -256,7 +256,7 @@ pub struct PairLanes {
     /// 1: before the crest; -1: behind it; 0: the crest.
     side: Column,
     /// Whether the pair may be kept; otherwise it is looked for in every step.
-    known: [bool; LANES],
+    known: Mask,
 }
 
 /// What a search for a common normal found.
@@ -286,7 +286,7 @@ impl PairLanes {
         axis: Vec2,
         turn: Vec2,
     ) -> Pair {
-        self.known[i] = false;
+        self.known[i] = 0;
         let Some(contact) = ring.contact_at(abutment, axis, turn) else { return Pair::Nothing };
         let arcs = contact.abutment_radius_m > 0.0 && contact.ring_radius_m.is_finite();
         if !arcs || !sure[contact.abutment_arc] {
@@ -306,15 +306,15 @@ impl PairLanes {
         (self.first_x[i], self.first_y[i]) = (on_ring.first.x, on_ring.first.y);
         (self.last_x[i], self.last_y[i]) = (on_ring.last.x, on_ring.last.y);
         self.side[i] = on_ring.side;
-        self.known[i] = true;
+        self.known[i] = u64::MAX;
     }
 
     /// Contacts of the pairs: point and normal on the abutment, and the gap. Axes of the sprocket in the link frame, directions of
     /// the gap frame's +x there, and how far the abutment lies to the left of the crest over its radius. With them, the lanes whose
     /// pair does not hold.
     #[inline(always)]
-    pub fn contacts(&self, axis: [&Column; 2], turn: [&Column; 2], lean: &Column) -> (Feet, [bool; LANES]) {
-        let (mut out, mut strayed) = (Feet::default(), [false; LANES]);
+    pub fn contacts(&self, axis: [&Column; 2], turn: [&Column; 2], lean: &Column) -> (Feet, Mask) {
+        let (mut out, mut strayed) = (Feet::default(), [0; LANES]);
         for i in 0..LANES {
             let (tx, ty) = (turn[0][i], turn[1][i]);
             let qx = axis[0][i] + (tx * self.ring_x[i] - ty * self.ring_y[i]);
@@ -332,7 +332,7 @@ impl PairLanes {
             let margin = PAIR_MARGIN_RAD;
             let holds = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
             let own_side = !(self.side[i] * lean[i] > FAR_SIDE);
-            strayed[i] = !(holds & own_side & self.known[i]);
+            strayed[i] = mask(!(holds & own_side)) | !self.known[i];
             out.point_x[i] = self.centre_x[i] + nx * self.radius[i];
             out.point_y[i] = self.centre_y[i] + ny * self.radius[i];
             (out.normal_x[i], out.normal_y[i]) = (nx, ny);

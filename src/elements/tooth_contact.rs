@@ -27,6 +27,21 @@ pub const LANES: usize = 8;
 /// One value per lane.
 pub type Column = [f64; LANES];
 
+/// A yes or a no per lane, as wide as a value, so that it lives in vector registers too: all bits or none.
+pub type Mask = [u64; LANES];
+
+/// One lane of a [`Mask`].
+#[inline(always)]
+pub fn mask(yes: bool) -> u64 {
+    if yes { u64::MAX } else { 0 }
+}
+
+/// Whether any lane says yes.
+#[inline(always)]
+pub fn any(lanes: &Mask) -> bool {
+    lanes.iter().fold(0, |any, lane| any | lane) != 0
+}
+
 /// One block of values from `at`.
 #[inline(always)]
 pub fn take(column: &[f64], at: usize) -> Column {

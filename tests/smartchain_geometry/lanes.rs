@@ -38,11 +38,11 @@ fn feet_are_those_of_the_search_whatever_was_faced_before() {
                 (x[i], y[i]) = ((random.unit() - 0.5) * 0.3 * height, contour.start().y + height);
             }
             let strayed = lanes.strayed(&x, &y);
-            for i in (0..LANES).filter(|i| strayed[*i]) {
+            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
                 lanes.search(i, contour, Vec2::new(x[i], y[i]));
                 moved += 1;
             }
-            assert_eq!(lanes.strayed(&x, &y), [false; LANES], "found where it is");
+            assert_eq!(lanes.strayed(&x, &y), [0; LANES], "found where it is");
             let feet = lanes.feet(&x, &y);
             for i in 0..LANES {
                 let foot = contour.closest_to_point(Vec2::new(x[i], y[i]));
@@ -70,7 +70,7 @@ fn supports_are_those_of_the_search_whatever_was_faced_before() {
             }
             let strayed = lanes.strayed(&x, &y);
             for i in 0..LANES {
-                if strayed[i] {
+                if strayed[i] != 0 {
                     lanes.search(i, contour, Vec2::new(x[i], y[i]));
                 } else {
                     kept += 1;
@@ -120,7 +120,7 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
                 let found = cold.search(0, (contour, &sure), &ring, axis, turn);
                 let (feet, strayed) = of_lanes(&warm);
                 for i in 0..LANES {
-                    if strayed[i] {
+                    if strayed[i] != 0 {
                         searched += 1;
                     } else {
                         assert_eq!(found, Pair::Kept, "a pair that no search finds");

@@ -1,10 +1,10 @@
 //! Abutments on rings, lobes and guide faces: a block of ends at a time, from what they faced in the step before.
 
 use super::LANES;
-use super::ends::{EndBlock, Found, pose};
+use super::ends::{EndBlock, Found, NOTHING_M};
 use crate::elements::arc_lanes::{Feet, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
-use crate::elements::end_contact::{EndBody, EndShape, LinkContour, Seats};
-use crate::elements::tooth_contact::{Column, take};
+use crate::elements::end_contact::{EndBody, EndShape, Seats};
+use crate::elements::tooth_contact::{Column, Mask, any, mask, take};
 use crate::geometry::smartchain::contour::Contour;
 use crate::geometry::smartchain::ring::LobedRing;
 use crate::geometry::{Vec2, perp};
@@ -20,7 +20,7 @@ pub(super) struct Faced {
     support: SupportLanes,
     pairs: PairLanes,
     /// Tooth gaps of the joints: number, direction of the axis in the sprocket's frame, and how far off it is surely the nearest.
-    seat: [usize; LANES],
+    seat: [u32; LANES],
     seat_cos: Column,
     seat_sin: Column,
     seat_tan: f64,
@@ -41,7 +41,6 @@ pub(super) struct Seen<'a> {
     pub(super) model: &'a Model,
     pub(super) state: &'a State,
     pub(super) body: &'a EndBody,
-    pub(super) contour: &'a LinkContour,
     pub(super) abutment: &'a Contour,
     pub(super) at: usize,
     pub(super) front: bool,
@@ -102,26 +101,16 @@ impl Poses {
         self.into_link(&x, &y)
     }
 
-    /// Points and normals of the links in the world, for the lanes that `touches` names.
+    /// Points and normals of the links in the world.
     #[inline(always)]
-    fn put(&self, touches: &[bool; LANES], point: [&Column; 2], normal: [&Column; 2], found: &mut Found) {
-        let (px, py) = self.into_world(point[0], point[1]);
-        let (nx, ny) = self.into_world(normal[0], normal[1]);
-        for i in (0..LANES).filter(|i| touches[*i]) {
+    fn put(&self, feet: &Feet, found: &mut Found) {
+        let (px, py) = self.into_world(&feet.point_x, &feet.point_y);
+        let (nx, ny) = self.into_world(&feet.normal_x, &feet.normal_y);
+        for i in 0..LANES {
             (found.point_x[i], found.point_y[i]) = (self.x[i] + px[i], self.y[i] + py[i]);
             (found.normal_x[i], found.normal_y[i]) = (-nx[i], -ny[i]);
         }
     }
-}
-
-#[inline(always)]
-fn any(lanes: &[bool; LANES]) -> bool {
-    lanes.iter().fold(false, |any, lane| any | *lane)
-}
-
-#[inline(always)]
-fn both(a: &[bool; LANES], b: &[bool; LANES]) -> [bool; LANES] {
-    std::array::from_fn(|i| a[i] & b[i])
 }
 
 /// Touches of a block. Returns whether there is any.
@@ -139,49 +128,38 @@ pub(super) fn touches(seen: &Seen<'_>, end: &mut EndBlock, found: &mut Found) ->
 
 /// Feet of the perpendiculars from the body's origin; what each lane faces is looked up where it has changed.
 #[inline(always)]
-fn feet(seen: &Seen<'_>, own: &[bool; LANES], (x, y): (&Column, &Column), lanes: &mut FootLanes) -> Feet {
+fn feet(seen: &Seen<'_>, own: &Mask, (x, y): (&Column, &Column), lanes: &mut FootLanes) -> Feet {
     let (feet, mut strayed) = (lanes.feet(x, y), lanes.strayed(x, y));
     for i in 0..LANES {
         // Inside of a contour signs do not tell all.
-        strayed[i] = own[i] & (strayed[i] | !(feet.distance[i] > 0.0));
+        strayed[i] = own[i] & (strayed[i] | mask(!(feet.distance[i] > 0.0)));
     }
     if !any(&strayed) {
         return feet;
     }
-    for i in (0..LANES).filter(|i| strayed[*i]) {
+    for i in (0..LANES).filter(|i| strayed[*i] != 0) {
         lanes.search(i, seen.abutment, Vec2::new(x[i], y[i]));
     }
     lanes.feet(x, y)
 }
 
 #[inline(always)]
-fn circle(seen: &Seen<'_>, radius_m: f64, own: &[bool; LANES], faced: &mut Faced, found: &mut Found) -> bool {
+fn circle(seen: &Seen<'_>, radius_m: f64, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
     let poses = Poses::of(seen);
     let (x, y) = poses.origin();
     let feet = feet(seen, own, (&x, &y), &mut faced.feet);
-    let mut near = [false; LANES];
+    let mut near = [0; LANES];
     for i in 0..LANES {
         let penetration = radius_m - feet.distance[i];
-        near[i] = own[i] & (penetration > -seen.far_m);
-        found.penetration[i] = if near[i] { penetration } else { found.penetration[i] };
+        near[i] = own[i] & mask(penetration > -seen.far_m);
+        found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
     }
     if !any(&near) {
         return false;
     }
-    poses.put(&near, [&feet.point_x, &feet.point_y], [&feet.normal_x, &feet.normal_y], found);
+    poses.put(&feet, found);
     found.body_radius = [radius_m; LANES];
-    for i in (0..LANES).filter(|i| near[*i] & (faced.feet.radius[*i] == 0.0)) {
-        search(seen, i, found);
-    }
     true
-}
-
-/// By the search that knows nothing: of what is rare.
-#[cold]
-#[inline(never)]
-fn search(seen: &Seen<'_>, i: usize, found: &mut Found) {
-    let pose = pose(seen.model, seen.state, seen.body, seen.at + i, seen.front);
-    found.put(i, seen.body.touch(seen.contour, &pose, seen.rotor, seen.far_m));
 }
 
 #[inline(always)]
@@ -189,7 +167,7 @@ fn face(
     seen: &Seen<'_>,
     along: Vec2,
     length_m: f64,
-    own: &[bool; LANES],
+    own: &Mask,
     faced: &mut Faced,
     found: &mut Found,
 ) -> bool {
@@ -197,43 +175,80 @@ fn face(
     let up = perp(along);
     // Down into the face, as the links see it.
     let (x, y) = poses.into_link(&[-up.x; LANES], &[-up.y; LANES]);
-    let strayed = both(own, &faced.support.strayed(&x, &y));
+    let mut strayed = faced.support.strayed(&x, &y);
+    for i in 0..LANES {
+        strayed[i] &= own[i];
+    }
     if any(&strayed) {
-        for i in (0..LANES).filter(|i| strayed[*i]) {
+        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
             faced.support.search(i, seen.abutment, Vec2::new(x[i], y[i]));
         }
     }
     let (px, py) = faced.support.points(&x, &y);
     let (wx, wy) = poses.into_world(&px, &py);
-    let (mut near, mut beyond) = ([false; LANES], [false; LANES]);
+    let (mut on, mut beyond, mut at) = ([0; LANES], [0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let height = px[i] * x[i] + py[i] * y[i];
         let penetration = height - (poses.x[i] * up.x + poses.y[i] * up.y);
-        near[i] = own[i] & !(penetration < -seen.far_m);
-        found.penetration[i] = if near[i] { penetration } else { found.penetration[i] };
+        let near = own[i] & mask(!(penetration < -seen.far_m));
         let (qx, qy) = (poses.x[i] + wx[i], poses.y[i] + wy[i]);
-        let at = qx * along.x + qy * along.y;
-        beyond[i] = near[i] & !((at >= 0.0) & (at <= length_m));
+        at[i] = qx * along.x + qy * along.y;
+        on[i] = near & mask((at[i] >= 0.0) & (at[i] <= length_m));
+        beyond[i] = near & !on[i];
+        found.penetration[i] = if on[i] != 0 { penetration } else { NOTHING_M };
         (found.point_x[i], found.point_y[i]) = (qx, qy);
     }
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
     found.body_radius = [f64::INFINITY; LANES];
     found.segment = [Segment::GuideFace; LANES];
     if any(&beyond) {
-        // Past an end the face's corner touches the contour.
-        for i in (0..LANES).filter(|i| beyond[*i]) {
-            search(seen, i, found);
-            near[i] = found.touches(i);
-        }
+        return corners(seen, &poses, (along * length_m, &at), &beyond, faced, found) | any(&on);
     }
-    any(&near)
+    any(&on)
+}
+
+/// Lanes past an end of a face: its corner against the contour.
+#[inline(always)]
+fn corners(
+    seen: &Seen<'_>,
+    poses: &Poses,
+    (last, at): (Vec2, &Column),
+    beyond: &Mask,
+    faced: &mut Faced,
+    found: &mut Found,
+) -> bool {
+    let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        let (cx, cy) = (if at[i] < 0.0 { 0.0 } else { last.x }, if at[i] < 0.0 { 0.0 } else { last.y });
+        (x[i], y[i]) = (cx - poses.x[i], cy - poses.y[i]);
+    }
+    let (x, y) = poses.into_link(&x, &y);
+    let feet = feet(seen, beyond, (&x, &y), &mut faced.feet);
+    let mut near = [0; LANES];
+    for i in 0..LANES {
+        // Corner to corner there is no normal.
+        near[i] = beyond[i] & mask((faced.feet.radius[i] != 0.0) & (feet.distance[i] < seen.far_m));
+    }
+    if !any(&near) {
+        return false;
+    }
+    let mut placed = Found::nothing();
+    poses.put(&feet, &mut placed);
+    for i in (0..LANES).filter(|i| near[*i] != 0) {
+        found.penetration[i] = 0.0 - feet.distance[i];
+        (found.point_x[i], found.point_y[i]) = (placed.point_x[i], placed.point_y[i]);
+        (found.normal_x[i], found.normal_y[i]) = (placed.normal_x[i], placed.normal_y[i]);
+        found.body_radius[i] = 0.0;
+        found.segment[i] = if at[i] < 0.0 { Segment::GuideLeadIn } else { Segment::GuideLeadOut };
+    }
+    true
 }
 
 #[inline(always)]
 fn lobes(
     seen: &Seen<'_>,
     (ring, seats, turn): (&LobedRing, &Seats, (f64, f64)),
-    own: &[bool; LANES],
+    own: &Mask,
     faced: &mut Faced,
     found: &mut Found,
 ) -> bool {
@@ -241,9 +256,9 @@ fn lobes(
     let (x, y) = poses.origin();
     let feet = feet(seen, own, (&x, &y), &mut faced.feet);
     // The highest circle first: most links are beyond it.
-    let mut near = [false; LANES];
+    let mut near = [0; LANES];
     for i in 0..LANES {
-        near[i] = own[i] & !(ring.crest_radius_m - feet.distance[i] < -seen.far_m);
+        near[i] = own[i] & mask(!(ring.crest_radius_m - feet.distance[i] < -seen.far_m));
     }
     if !any(&near) {
         return false;
@@ -255,53 +270,61 @@ fn lobes(
         let at = Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]);
         lean[i] = ring.lean(at, Vec2::new(turn_x[i], turn_y[i]));
     }
-    let (mut contacts, strayed) = faced.pairs.contacts([&x, &y], [&turn_x, &turn_y], &lean);
-    let strayed = both(&near, &strayed);
-    let mut alone = [None; LANES];
+    let (mut contacts, mut strayed) = faced.pairs.contacts([&x, &y], [&turn_x, &turn_y], &lean);
+    found.body_radius = faced.pairs.ring_radius;
+    for i in 0..LANES {
+        strayed[i] &= near[i];
+    }
     if any(&strayed) {
-        for i in (0..LANES).filter(|i| strayed[*i]) {
+        let mut alone = [None; LANES];
+        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
             let (axis, turn) = (Vec2::new(x[i], y[i]), Vec2::new(turn_x[i], turn_y[i]));
             match faced.pairs.search(i, (seen.abutment, &faced.sure), ring, axis, turn) {
                 Pair::Kept => {}
                 Pair::Alone(contact) => alone[i] = Some(contact),
-                Pair::Nothing => near[i] = false,
+                Pair::Nothing => near[i] = 0,
             }
         }
         contacts = faced.pairs.contacts([&x, &y], [&turn_x, &turn_y], &lean).0;
-        for i in 0..LANES {
-            let Some(c) = alone[i] else { continue };
+        found.body_radius = faced.pairs.ring_radius;
+        for (i, c) in alone.iter().enumerate() {
+            let Some(c) = c else { continue };
+            found.body_radius[i] = c.ring_radius_m;
             (contacts.point_x[i], contacts.point_y[i]) = (c.point.x, c.point.y);
             (contacts.normal_x[i], contacts.normal_y[i], contacts.distance[i]) = (c.normal.x, c.normal.y, c.gap_m);
         }
     }
     for i in 0..LANES {
         let penetration = -contacts.distance[i];
-        near[i] &= penetration > -seen.far_m;
-        found.penetration[i] = if near[i] { penetration } else { found.penetration[i] };
-        found.body_radius[i] = alone[i].map_or(faced.pairs.ring_radius[i], |c| c.ring_radius_m);
-        found.tooth[i] = faced.seat[i] as u32;
+        near[i] &= mask(penetration > -seen.far_m);
+        found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
     }
-    poses.put(&near, [&contacts.point_x, &contacts.point_y], [&contacts.normal_x, &contacts.normal_y], found);
-    any(&near)
+    if !any(&near) {
+        return false;
+    }
+    found.tooth = faced.seat;
+    poses.put(&contacts, found);
+    true
 }
 
 /// The tooth gap that each joint is in, looked up where it has changed.
 #[inline(always)]
-fn settle_seats(seen: &Seen<'_>, poses: &Poses, seats: &Seats, near: &[bool; LANES], faced: &mut Faced) {
+fn settle_seats(seen: &Seen<'_>, poses: &Poses, seats: &Seats, near: &Mask, faced: &mut Faced) {
     let (c, s) = seen.rotor;
     let lever = take(&seen.model.chain.lever, seen.at);
-    let (mut jx, mut jy, mut strayed) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
+    let (mut jx, mut jy, mut strayed) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
     for i in 0..LANES {
         let lever = if seen.front { lever[i] } else { -lever[i] };
         (jx[i], jy[i]) = (poses.x[i] + poses.cos[i] * lever, poses.y[i] + poses.sin[i] * lever);
         let (gx, gy) = (c * faced.seat_cos[i] - s * faced.seat_sin[i], s * faced.seat_cos[i] + c * faced.seat_sin[i]);
         let (along, across) = (jx[i] * gx + jy[i] * gy, gx * jy[i] - gy * jx[i]);
-        strayed[i] = near[i] & !(across.abs() < faced.seat_tan * along);
+        strayed[i] = near[i] & mask(!(across.abs() < faced.seat_tan * along));
     }
     if any(&strayed) {
-        for i in (0..LANES).filter(|i| strayed[*i]) {
-            faced.seat[i] = seats.nearest(Vec2::new(jx[i], jy[i]), seen.rotor).0;
-            (faced.seat_cos[i], faced.seat_sin[i]) = seats.direction(faced.seat[i]);
+        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+            let seat = seats.nearest(Vec2::new(jx[i], jy[i]), seen.rotor).0;
+            (faced.seat_cos[i], faced.seat_sin[i]) = seats.direction(seat);
+            faced.seat[i] = seat as u32;
         }
     }
 }

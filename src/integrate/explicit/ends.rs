@@ -4,9 +4,9 @@
 use super::abutments::{self, Faced, Seen};
 use super::guides::{add_guide_forces, load_ends};
 use super::watch::Noted;
-use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put};
+use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put, take};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkContour, LinkPose};
-use crate::elements::tooth_contact::{self, Column, Lanes, OffJoint};
+use crate::elements::tooth_contact::{self, Column, Lanes, Mask, OffJoint, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::recording::frame::Segment;
@@ -31,7 +31,7 @@ pub(super) struct Found {
 /// One end of a block of links and one of the bodies that it may touch.
 pub(super) struct EndBlock {
     /// Lanes whose nearest body of its kind this is, and whether these are all that hold a link.
-    pub(super) own: [bool; LANES],
+    pub(super) own: Mask,
     pub(super) all_own: bool,
     /// Of abutments.
     pub(super) faced: Option<Box<Faced>>,
@@ -40,7 +40,7 @@ pub(super) struct EndBlock {
 impl EndBlock {
     /// Of all blocks: front and rear ends.
     pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
-        let block = |faced: Option<Faced>| EndBlock { own: [false; LANES], all_own: false, faced: faced.map(Box::new) };
+        let block = |faced: Option<Faced>| EndBlock { own: [0; LANES], all_own: false, faced: faced.map(Box::new) };
         let both = match &model.contour {
             Some(LinkContour::Abutments { front, rear }) => {
                 [Some(Faced::new(body, front)), Some(Faced::new(body, rear))]
@@ -67,11 +67,6 @@ impl Found {
             tooth: [0; LANES],
             segment: [Segment::Ring; LANES],
         }
-    }
-
-    /// Whether lane `i` touches, or may within the step.
-    pub(super) fn touches(&self, i: usize) -> bool {
-        self.penetration[i] != NOTHING_M
     }
 
     pub(super) fn put(&mut self, i: usize, touch: Option<EndTouch>) {
@@ -111,12 +106,12 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         LinkContour::Abutments { front: ahead, rear: behind } => {
                             let abutment = if front { ahead } else { behind };
                             let far_m = reach_m;
-                            let seen = Seen { model, state, body, contour, abutment, at, front, rotor, far_m };
+                            let seen = Seen { model, state, body, abutment, at, front, rotor, far_m };
                             abutments::touches(&seen, end, &mut found)
                         }
                         LinkContour::Flanks(_) => {
                             let mut near = false;
-                            for i in (0..LANES).filter(|i| own[*i]) {
+                            for i in (0..LANES).filter(|i| own[*i] != 0) {
                                 let pose = pose(model, state, body, at + i, front);
                                 let touch = body.touch(contour, &pose, rotor, reach_m);
                                 found.put(i, touch);
@@ -125,8 +120,8 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                             near
                         }
                     };
-                    let ages = &state.contour_ends[set].age[at..at + LANES];
-                    let held = own.iter().zip(ages).any(|(own, age)| *own && *age != 0.0);
+                    let ages = take(&state.contour_ends[set].age, at);
+                    let held = (0..LANES).fold(0, |any, i| any | (own[i] & mask(ages[i] != 0.0))) != 0;
                     if !near && !held && all_own {
                         memory(state, scratch, set, count).forget(block);
                         continue;
@@ -136,10 +131,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         let mut off = OffJoint::default();
                         off.alpha.copy_from_slice(&scratch.wrapped.alpha[at..at + LANES]);
                         place(&found, lanes, &mut off);
+                        let teeth = &mut scratch.contour_tooth[set].as_chunks_mut::<LANES>().0[block];
                         for i in 0..LANES {
-                            if found.penetration[i] != NOTHING_M {
-                                scratch.contour_tooth[set][at + i] = found.tooth[i];
-                            }
+                            teeth[i] = if found.penetration[i] != NOTHING_M { found.tooth[i] } else { teeth[i] };
                         }
                         memory(state, scratch, set, count).recall(block, lanes);
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
@@ -160,7 +154,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         put(&mut scratch.contour_depth[set], at, lanes.penetration);
                     } else {
                         let nearest = &scratch.nearest_end[body.set][at..at + LANES];
-                        for i in (0..LANES).filter(|i| own[*i]) {
+                        for i in (0..LANES).filter(|i| own[*i] != 0) {
                             scratch.contour_rate[set][at + i] = lanes.rate[i];
                             scratch.contour_depth[set][at + i] = lanes.penetration[i];
                         }
@@ -270,8 +264,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     for (k, body) in model.end_bodies.iter().enumerate() {
         let nearest = &scratch.nearest_end[body.set];
         for block in scratch.end_windows[k].iter().flat_map(|w| w.start / LANES..w.end / LANES) {
-            let own: [bool; LANES] = std::array::from_fn(|i| nearest[block * LANES + i] == k);
-            let all_own = (0..LANES).all(|i| own[i] || block * LANES + i >= n);
+            let own: Mask = std::array::from_fn(|i| mask(nearest[block * LANES + i] == k));
+            let all_own = (0..LANES).all(|i| own[i] != 0 || block * LANES + i >= n);
             for end in &mut scratch.end_blocks[k][block] {
                 (end.own, end.all_own) = (own, all_own);
             }
