@@ -72,25 +72,25 @@ pub struct Seats {
 /// Arcs of one gap in the gap frame (+y = gap axis); -x is ahead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentTooth {
-    face: [Arc; 2],
-    corner: [Circle; 2],
-    root: Arc,
+    pub(super) face: [Arc; 2],
+    pub(super) corner: [Circle; 2],
+    pub(super) root: Arc,
 }
 
 /// A face or a root: its circle, and its outward normals at both ends, counterclockwise. Beyond them other arcs go on, and the
 /// circle is nothing. (A corner's lies in the tooth all round.)
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Arc {
-    circle: Circle,
-    from: Vec2,
-    to: Vec2,
+pub(super) struct Arc {
+    pub(super) circle: Circle,
+    pub(super) from: Vec2,
+    pub(super) to: Vec2,
 }
 
 /// Centre and radius [m].
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Circle {
-    centre: Vec2,
-    radius_m: f64,
+pub(super) struct Circle {
+    pub(super) centre: Vec2,
+    pub(super) radius_m: f64,
 }
 
 /// A body that ends of links touch.
@@ -208,9 +208,14 @@ impl Arc {
 }
 
 /// Normals within this of an arc's end count as on it: rounding.
-const NORMAL_ROUNDING: f64 = 1e-12;
+pub(super) const NORMAL_ROUNDING: f64 = 1e-12;
 
 impl SilentTooth {
+    /// Distance from the axis within which the joint of an end must be to touch [m].
+    pub fn reach_m(&self, lever_m: f64) -> f64 {
+        self.corner[0].centre.norm() + self.corner[0].radius_m + 2.0 * lever_m
+    }
+
     /// None where the face is a line.
     pub fn new(sprocket: &SilentSprocket) -> Option<SilentTooth> {
         let gap = sprocket.gap_elements();
@@ -390,7 +395,7 @@ fn flank_touch(
     far_m: f64,
 ) -> Option<EndTouch> {
     let joint = pose.joint();
-    let limit = tooth.corner[0].centre.norm() + tooth.corner[0].radius_m + 2.0 * pose.lever.abs();
+    let limit = tooth.reach_m(pose.lever.abs());
     if joint.norm_squared() > limit * limit {
         return None;
     }

@@ -4,6 +4,7 @@
 pub mod arc_lanes;
 pub mod contact_law;
 pub mod end_contact;
+pub mod flank_lanes;
 pub mod friction;
 pub mod guide_contact;
 pub mod link_joint;

@@ -20,6 +20,7 @@
 
 mod abutments;
 pub(crate) mod ends;
+mod flanks;
 mod guides;
 mod links;
 mod parts;

@@ -1,16 +1,14 @@
 //! Abutments on rings, lobes and guide faces: a block of ends at a time, from what they faced in the step before.
 
 use super::LANES;
-use super::ends::{EndBlock, Found, NOTHING_M};
+use super::ends::{Found, NOTHING_M, Poses, Seated, Seen};
 use crate::elements::arc_lanes::{Feet, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
 use crate::elements::end_contact::{EndBody, EndShape, Seats};
-use crate::elements::tooth_contact::{Column, Mask, any, mask, take};
+use crate::elements::tooth_contact::{Column, Mask, any, mask};
 use crate::geometry::smartchain::contour::Contour;
 use crate::geometry::smartchain::ring::LobedRing;
 use crate::geometry::{Vec2, perp};
-use crate::model::Model;
 use crate::recording::frame::Segment;
-use crate::state::State;
 use std::sync::Arc;
 
 /// What a block of ends faced last. Changes no bit: see [`crate::elements::arc_lanes`].
@@ -19,11 +17,7 @@ pub(super) struct Faced {
     feet: FootLanes,
     support: SupportLanes,
     pairs: PairLanes,
-    /// Tooth gaps of the joints: number, direction of the axis in the sprocket's frame, and how far off it is surely the nearest.
-    seat: [u32; LANES],
-    seat_cos: Column,
-    seat_sin: Column,
-    seat_tan: f64,
+    seated: Seated,
     /// Arcs of the abutment that touch a lobe in one place only.
     sure: Arc<[bool]>,
 }
@@ -31,104 +25,33 @@ pub(super) struct Faced {
 impl Faced {
     pub(super) fn new(body: &EndBody, abutment: &Contour) -> Faced {
         let EndShape::Lobes { ring, seats, .. } = &body.shape else { return Faced::default() };
-        let seat_tan = seats.sure_tan();
-        Faced { seat_tan, sure: sure_arcs(abutment, ring).into(), ..Faced::default() }
+        Faced { seated: Seated::new(seats), sure: sure_arcs(abutment, ring).into(), ..Faced::default() }
     }
 }
 
-/// One end of a block of links, and the body that it may touch.
-pub(super) struct Seen<'a> {
-    pub(super) model: &'a Model,
-    pub(super) state: &'a State,
-    pub(super) body: &'a EndBody,
-    pub(super) abutment: &'a Contour,
-    pub(super) at: usize,
-    pub(super) front: bool,
-    /// Cosine and sine of the sprocket's angle.
-    pub(super) rotor: (f64, f64),
-    /// Gap beyond which nothing is of interest [m].
-    pub(super) far_m: f64,
-}
-
-/// Centres of links from the body's origin, and their headings.
-struct Poses {
-    x: Column,
-    y: Column,
-    cos: Column,
-    sin: Column,
-}
-
-impl Poses {
-    #[inline(always)]
-    fn of(seen: &Seen<'_>) -> Poses {
-        let (l, at) = (&seen.state.links, seen.at);
-        let (mut x, mut y) = (take(&l.x, at), take(&l.y, at));
-        for i in 0..LANES {
-            x[i] -= seen.body.origin.x;
-            y[i] -= seen.body.origin.y;
-        }
-        Poses { x, y, cos: take(&l.cos, at), sin: take(&l.sin, at) }
-    }
-
-    /// Directions into the frames of the links.
-    #[inline(always)]
-    fn into_link(&self, x: &Column, y: &Column) -> (Column, Column) {
-        let mut out = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            out.0[i] = self.cos[i] * x[i] + self.sin[i] * y[i];
-            out.1[i] = self.cos[i] * y[i] - self.sin[i] * x[i];
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn into_world(&self, x: &Column, y: &Column) -> (Column, Column) {
-        let mut out = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            out.0[i] = self.cos[i] * x[i] - self.sin[i] * y[i];
-            out.1[i] = self.sin[i] * x[i] + self.cos[i] * y[i];
-        }
-        out
-    }
-
-    /// The body's origin in the frames of the links.
-    #[inline(always)]
-    fn origin(&self) -> (Column, Column) {
-        let (mut x, mut y) = (self.x, self.y);
-        for i in 0..LANES {
-            (x[i], y[i]) = (-x[i], -y[i]);
-        }
-        self.into_link(&x, &y)
-    }
-
-    /// Points and normals of the links in the world.
-    #[inline(always)]
-    fn put(&self, feet: &Feet, found: &mut Found) {
-        let (px, py) = self.into_world(&feet.point_x, &feet.point_y);
-        let (nx, ny) = self.into_world(&feet.normal_x, &feet.normal_y);
-        for i in 0..LANES {
-            (found.point_x[i], found.point_y[i]) = (self.x[i] + px[i], self.y[i] + py[i]);
-            (found.normal_x[i], found.normal_y[i]) = (-nx[i], -ny[i]);
-        }
-    }
-}
+/// A block of ends, and their contour.
+type Sides<'a> = (&'a Seen<'a>, &'a Contour);
 
 /// Touches of a block. Returns whether there is any.
 #[inline(always)]
-pub(super) fn touches(seen: &Seen<'_>, end: &mut EndBlock, found: &mut Found) -> bool {
-    let own = end.own;
-    let Some(faced) = &mut end.faced else { return false };
+pub(super) fn touches(
+    seen: &Seen<'_>,
+    abutment: &Contour,
+    own: &Mask,
+    faced: &mut Faced,
+    found: &mut Found,
+) -> bool {
     match &seen.body.shape {
-        EndShape::Circle { radius_m } => circle(seen, *radius_m, &own, faced, found),
-        EndShape::Lobes { ring, seats, turn } => lobes(seen, (ring, seats, *turn), &own, faced, found),
-        EndShape::Face { along, length_m } => face(seen, *along, *length_m, &own, faced, found),
+        EndShape::Circle { radius_m } => circle((seen, abutment), *radius_m, own, faced, found),
+        EndShape::Lobes { ring, seats, turn } => lobes((seen, abutment), (ring, seats, *turn), own, faced, found),
+        EndShape::Face { along, length_m } => face((seen, abutment), *along, *length_m, own, faced, found),
         EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => false,
     }
 }
 
 /// Feet of the perpendiculars from the body's origin; what each lane faces is looked up where it has changed.
 #[inline(always)]
-fn feet(seen: &Seen<'_>, own: &Mask, (x, y): (&Column, &Column), lanes: &mut FootLanes) -> Feet {
+fn feet(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), lanes: &mut FootLanes) -> Feet {
     let (feet, mut strayed) = (lanes.feet(x, y), lanes.strayed(x, y));
     for i in 0..LANES {
         // Inside of a contour signs do not tell all.
@@ -138,16 +61,16 @@ fn feet(seen: &Seen<'_>, own: &Mask, (x, y): (&Column, &Column), lanes: &mut Foo
         return feet;
     }
     for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-        lanes.search(i, seen.abutment, Vec2::new(x[i], y[i]));
+        lanes.search(i, abutment, Vec2::new(x[i], y[i]));
     }
     lanes.feet(x, y)
 }
 
 #[inline(always)]
-fn circle(seen: &Seen<'_>, radius_m: f64, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
+fn circle((seen, abutment): Sides<'_>, radius_m: f64, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
     let poses = Poses::of(seen);
     let (x, y) = poses.origin();
-    let feet = feet(seen, own, (&x, &y), &mut faced.feet);
+    let feet = feet(abutment, own, (&x, &y), &mut faced.feet);
     let mut near = [0; LANES];
     for i in 0..LANES {
         let penetration = radius_m - feet.distance[i];
@@ -164,7 +87,7 @@ fn circle(seen: &Seen<'_>, radius_m: f64, own: &Mask, faced: &mut Faced, found: 
 
 #[inline(always)]
 fn face(
-    seen: &Seen<'_>,
+    (seen, abutment): Sides<'_>,
     along: Vec2,
     length_m: f64,
     own: &Mask,
@@ -181,7 +104,7 @@ fn face(
     }
     if any(&strayed) {
         for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-            faced.support.search(i, seen.abutment, Vec2::new(x[i], y[i]));
+            faced.support.search(i, abutment, Vec2::new(x[i], y[i]));
         }
     }
     let (px, py) = faced.support.points(&x, &y);
@@ -200,9 +123,9 @@ fn face(
     }
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
     found.body_radius = [f64::INFINITY; LANES];
-    found.segment = [Segment::GuideFace; LANES];
+    found.segment = [f64::from(Segment::GuideFace as u32); LANES];
     if any(&beyond) {
-        return corners(seen, &poses, (along * length_m, &at), &beyond, faced, found) | any(&on);
+        return corners((seen, abutment), &poses, (along * length_m, &at), &beyond, faced, found) | any(&on);
     }
     any(&on)
 }
@@ -210,7 +133,7 @@ fn face(
 /// Lanes past an end of a face: its corner against the contour.
 #[inline(always)]
 fn corners(
-    seen: &Seen<'_>,
+    (seen, abutment): Sides<'_>,
     poses: &Poses,
     (last, at): (Vec2, &Column),
     beyond: &Mask,
@@ -223,7 +146,7 @@ fn corners(
         (x[i], y[i]) = (cx - poses.x[i], cy - poses.y[i]);
     }
     let (x, y) = poses.into_link(&x, &y);
-    let feet = feet(seen, beyond, (&x, &y), &mut faced.feet);
+    let feet = feet(abutment, beyond, (&x, &y), &mut faced.feet);
     let mut near = [0; LANES];
     for i in 0..LANES {
         // Corner to corner there is no normal.
@@ -239,14 +162,15 @@ fn corners(
         (found.point_x[i], found.point_y[i]) = (placed.point_x[i], placed.point_y[i]);
         (found.normal_x[i], found.normal_y[i]) = (placed.normal_x[i], placed.normal_y[i]);
         found.body_radius[i] = 0.0;
-        found.segment[i] = if at[i] < 0.0 { Segment::GuideLeadIn } else { Segment::GuideLeadOut };
+        let end = if at[i] < 0.0 { Segment::GuideLeadIn } else { Segment::GuideLeadOut };
+        found.segment[i] = f64::from(end as u32);
     }
     true
 }
 
 #[inline(always)]
 fn lobes(
-    seen: &Seen<'_>,
+    (seen, abutment): Sides<'_>,
     (ring, seats, turn): (&LobedRing, &Seats, (f64, f64)),
     own: &Mask,
     faced: &mut Faced,
@@ -254,7 +178,7 @@ fn lobes(
 ) -> bool {
     let poses = Poses::of(seen);
     let (x, y) = poses.origin();
-    let feet = feet(seen, own, (&x, &y), &mut faced.feet);
+    let feet = feet(abutment, own, (&x, &y), &mut faced.feet);
     // The highest circle first: most links are beyond it.
     let mut near = [0; LANES];
     for i in 0..LANES {
@@ -263,8 +187,9 @@ fn lobes(
     if !any(&near) {
         return false;
     }
-    settle_seats(seen, &poses, seats, &near, faced);
-    let (turn_x, turn_y) = turns(&poses, seen.rotor, turn, faced);
+    let (jx, jy) = poses.joints(seen);
+    faced.seated.settle(seats, seen.rotor, &near, (&jx, &jy));
+    let (turn_x, turn_y) = turns(&poses, turn, faced.seated.axes(seen.rotor));
     let mut lean = [0.0; LANES];
     for i in 0..LANES {
         let at = Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]);
@@ -279,7 +204,7 @@ fn lobes(
         let mut alone = [None; LANES];
         for i in (0..LANES).filter(|i| strayed[*i] != 0) {
             let (axis, turn) = (Vec2::new(x[i], y[i]), Vec2::new(turn_x[i], turn_y[i]));
-            match faced.pairs.search(i, (seen.abutment, &faced.sure), ring, axis, turn) {
+            match faced.pairs.search(i, (abutment, &faced.sure), ring, axis, turn) {
                 Pair::Kept => {}
                 Pair::Alone(contact) => alone[i] = Some(contact),
                 Pair::Nothing => near[i] = 0,
@@ -302,40 +227,17 @@ fn lobes(
     if !any(&near) {
         return false;
     }
-    found.tooth = faced.seat;
+    found.tooth = faced.seated.seat;
     poses.put(&contacts, found);
     true
 }
 
-/// The tooth gap that each joint is in, looked up where it has changed.
+/// Directions of the gap frames' +x in the frames of the links. `(gx, gy)`: of the gaps' axes in the world.
 #[inline(always)]
-fn settle_seats(seen: &Seen<'_>, poses: &Poses, seats: &Seats, near: &Mask, faced: &mut Faced) {
-    let (c, s) = seen.rotor;
-    let lever = take(&seen.model.chain.lever, seen.at);
-    let (mut jx, mut jy, mut strayed) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
-    for i in 0..LANES {
-        let lever = if seen.front { lever[i] } else { -lever[i] };
-        (jx[i], jy[i]) = (poses.x[i] + poses.cos[i] * lever, poses.y[i] + poses.sin[i] * lever);
-        let (gx, gy) = (c * faced.seat_cos[i] - s * faced.seat_sin[i], s * faced.seat_cos[i] + c * faced.seat_sin[i]);
-        let (along, across) = (jx[i] * gx + jy[i] * gy, gx * jy[i] - gy * jx[i]);
-        strayed[i] = near[i] & mask(!(across.abs() < faced.seat_tan * along));
-    }
-    if any(&strayed) {
-        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-            let seat = seats.nearest(Vec2::new(jx[i], jy[i]), seen.rotor).0;
-            (faced.seat_cos[i], faced.seat_sin[i]) = seats.direction(seat);
-            faced.seat[i] = seat as u32;
-        }
-    }
-}
-
-/// Directions of the gap frames' +x in the frames of the links.
-#[inline(always)]
-fn turns(poses: &Poses, (c, s): (f64, f64), (lobe_c, lobe_s): (f64, f64), faced: &Faced) -> (Column, Column) {
+fn turns(poses: &Poses, (c, s): (f64, f64), (gx, gy): (Column, Column)) -> (Column, Column) {
     let (mut ax, mut ay) = ([0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
-        let (gx, gy) = (c * faced.seat_cos[i] - s * faced.seat_sin[i], s * faced.seat_cos[i] + c * faced.seat_sin[i]);
-        (ax[i], ay[i]) = (lobe_c * gx - lobe_s * gy, lobe_s * gx + lobe_c * gy);
+        (ax[i], ay[i]) = (c * gx[i] - s * gy[i], s * gx[i] + c * gy[i]);
     }
     // +y of the gap frame points along the seat.
     let (x, y) = poses.into_link(&ax, &ay);

@@ -1,12 +1,14 @@
 //! The part of a step that concerns links' own contours: abutments and toothed flanks. Many ends at a time; what is near which
 //! body is looked up with the other windows.
 
-use super::abutments::{self, Faced, Seen};
+use super::abutments::{self, Faced};
+use super::flanks::{self, Flanked};
 use super::guides::{add_guide_forces, load_ends};
 use super::watch::Noted;
 use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put, take};
-use crate::elements::end_contact::{EndBody, EndTouch, LinkContour, LinkPose};
-use crate::elements::tooth_contact::{self, Column, Lanes, Mask, OffJoint, mask};
+use crate::elements::arc_lanes::Feet;
+use crate::elements::end_contact::{EndBody, LinkContour, LinkPose, Seats};
+use crate::elements::tooth_contact::{self, Column, Lanes, Mask, OffJoint, any, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::recording::frame::Segment;
@@ -25,7 +27,8 @@ pub(super) struct Found {
     pub(super) normal_y: Column,
     pub(super) body_radius: Column,
     pub(super) tooth: [u32; LANES],
-    pub(super) segment: [Segment; LANES],
+    /// A [`Segment`] as a number.
+    pub(super) segment: Column,
 }
 
 /// One end of a block of links and one of the bodies that it may touch.
@@ -33,21 +36,162 @@ pub(super) struct EndBlock {
     /// Lanes whose nearest body of its kind this is, and whether these are all that hold a link.
     pub(super) own: Mask,
     pub(super) all_own: bool,
-    /// Of abutments.
-    pub(super) faced: Option<Box<Faced>>,
+    faces: Faces,
+}
+
+/// What a block of ends touches with.
+enum Faces {
+    Abutments(Box<Faced>),
+    Flanks(Box<Flanked>),
 }
 
 impl EndBlock {
     /// Of all blocks: front and rear ends.
     pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
-        let block = |faced: Option<Faced>| EndBlock { own: [0; LANES], all_own: false, faced: faced.map(Box::new) };
-        let both = match &model.contour {
-            Some(LinkContour::Abutments { front, rear }) => {
-                [Some(Faced::new(body, front)), Some(Faced::new(body, rear))]
+        let faces = |block: usize, front: bool| match &model.contour {
+            Some(LinkContour::Flanks(rows)) => {
+                Faces::Flanks(Box::new(Flanked::new(body, rows, block * LANES, front)))
             }
-            _ => [None, None],
+            Some(LinkContour::Abutments { front: ahead, rear }) => {
+                Faces::Abutments(Box::new(Faced::new(body, if front { ahead } else { rear })))
+            }
+            None => Faces::Abutments(Box::default()),
         };
-        (0..count).map(|_| both.clone().map(block)).collect()
+        let end = |block, front| EndBlock { own: [0; LANES], all_own: false, faces: faces(block, front) };
+        (0..count).map(|block| [end(block, true), end(block, false)]).collect()
+    }
+}
+
+/// One end of a block of links, and the body that it may touch.
+pub(super) struct Seen<'a> {
+    pub(super) model: &'a Model,
+    pub(super) state: &'a State,
+    pub(super) body: &'a EndBody,
+    pub(super) at: usize,
+    pub(super) front: bool,
+    /// Cosine and sine of the sprocket's angle.
+    pub(super) rotor: (f64, f64),
+    /// Gap beyond which nothing is of interest [m].
+    pub(super) far_m: f64,
+}
+
+/// Centres of links from the body's origin, and their headings.
+pub(super) struct Poses {
+    pub(super) x: Column,
+    pub(super) y: Column,
+    pub(super) cos: Column,
+    pub(super) sin: Column,
+}
+
+impl Poses {
+    #[inline(always)]
+    pub(super) fn of(seen: &Seen<'_>) -> Poses {
+        let (l, at) = (&seen.state.links, seen.at);
+        let (mut x, mut y) = (take(&l.x, at), take(&l.y, at));
+        for i in 0..LANES {
+            x[i] -= seen.body.origin.x;
+            y[i] -= seen.body.origin.y;
+        }
+        Poses { x, y, cos: take(&l.cos, at), sin: take(&l.sin, at) }
+    }
+
+    /// Directions into the frames of the links.
+    #[inline(always)]
+    pub(super) fn into_link(&self, x: &Column, y: &Column) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            out.0[i] = self.cos[i] * x[i] + self.sin[i] * y[i];
+            out.1[i] = self.cos[i] * y[i] - self.sin[i] * x[i];
+        }
+        out
+    }
+
+    #[inline(always)]
+    pub(super) fn into_world(&self, x: &Column, y: &Column) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            out.0[i] = self.cos[i] * x[i] - self.sin[i] * y[i];
+            out.1[i] = self.sin[i] * x[i] + self.cos[i] * y[i];
+        }
+        out
+    }
+
+    /// The body's origin in the frames of the links.
+    #[inline(always)]
+    pub(super) fn origin(&self) -> (Column, Column) {
+        let (mut x, mut y) = (self.x, self.y);
+        for i in 0..LANES {
+            (x[i], y[i]) = (-x[i], -y[i]);
+        }
+        self.into_link(&x, &y)
+    }
+
+    /// Points and normals of the links in the world.
+    #[inline(always)]
+    pub(super) fn put(&self, feet: &Feet, found: &mut Found) {
+        let (px, py) = self.into_world(&feet.point_x, &feet.point_y);
+        let (nx, ny) = self.into_world(&feet.normal_x, &feet.normal_y);
+        for i in 0..LANES {
+            (found.point_x[i], found.point_y[i]) = (self.x[i] + px[i], self.y[i] + py[i]);
+            (found.normal_x[i], found.normal_y[i]) = (-nx[i], -ny[i]);
+        }
+    }
+
+    /// The joints at the ends.
+    #[inline(always)]
+    pub(super) fn joints(&self, seen: &Seen<'_>) -> (Column, Column) {
+        let lever = take(&seen.model.chain.lever, seen.at);
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let lever = if seen.front { lever[i] } else { -lever[i] };
+            (out.0[i], out.1[i]) = (self.x[i] + self.cos[i] * lever, self.y[i] + self.sin[i] * lever);
+        }
+        out
+    }
+}
+
+/// The tooth gaps that joints are in: number, and direction of the axis in the sprocket's frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Seated {
+    pub(super) seat: [u32; LANES],
+    cos: Column,
+    sin: Column,
+    /// Tangent of how far off an axis it is surely the nearest.
+    sure_tan: f64,
+}
+
+impl Seated {
+    pub(super) fn new(seats: &Seats) -> Seated {
+        Seated { sure_tan: seats.sure_tan(), ..Seated::default() }
+    }
+
+    /// Directions of the axes in the world.
+    #[inline(always)]
+    pub(super) fn axes(&self, (c, s): (f64, f64)) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            out.0[i] = c * self.cos[i] - s * self.sin[i];
+            out.1[i] = s * self.cos[i] + c * self.sin[i];
+        }
+        out
+    }
+
+    /// Looks up the gaps of the lanes of `near` that have left theirs.
+    #[inline(always)]
+    pub(super) fn settle(&mut self, seats: &Seats, rotor: (f64, f64), near: &Mask, (x, y): (&Column, &Column)) {
+        let (gx, gy) = self.axes(rotor);
+        let mut strayed = [0; LANES];
+        for i in 0..LANES {
+            let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
+            strayed[i] = near[i] & mask(!(across.abs() < self.sure_tan * along));
+        }
+        if any(&strayed) {
+            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+                let seat = seats.nearest(Vec2::new(x[i], y[i]), rotor).0;
+                (self.cos[i], self.sin[i]) = seats.direction(seat);
+                self.seat[i] = seat as u32;
+            }
+        }
     }
 }
 
@@ -65,19 +209,8 @@ impl Found {
             normal_y: [1.0; LANES],
             body_radius: zero,
             tooth: [0; LANES],
-            segment: [Segment::Ring; LANES],
+            segment: [f64::from(Segment::Ring as u32); LANES],
         }
-    }
-
-    pub(super) fn put(&mut self, i: usize, touch: Option<EndTouch>) {
-        let Some(t) = touch else {
-            self.penetration[i] = NOTHING_M;
-            return;
-        };
-        self.penetration[i] = t.penetration_m;
-        (self.point_x[i], self.point_y[i]) = (t.point.x, t.point.y);
-        (self.normal_x[i], self.normal_y[i]) = (t.normal.x, t.normal.y);
-        (self.body_radius[i], self.tooth[i], self.segment[i]) = (t.body_radius_m, t.tooth, t.segment);
     }
 }
 
@@ -102,23 +235,14 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     let end = &mut scratch.end_blocks[k][block][rear];
                     let (own, all_own, front) = (end.own, end.all_own, rear == 0);
                     let mut found = Found::nothing();
-                    let near = match contour {
-                        LinkContour::Abutments { front: ahead, rear: behind } => {
+                    let seen = Seen { model, state, body, at, front, rotor, far_m: reach_m };
+                    let near = match (&mut end.faces, contour) {
+                        (Faces::Abutments(faced), LinkContour::Abutments { front: ahead, rear: behind }) => {
                             let abutment = if front { ahead } else { behind };
-                            let far_m = reach_m;
-                            let seen = Seen { model, state, body, abutment, at, front, rotor, far_m };
-                            abutments::touches(&seen, end, &mut found)
+                            abutments::touches(&seen, abutment, &own, faced, &mut found)
                         }
-                        LinkContour::Flanks(_) => {
-                            let mut near = false;
-                            for i in (0..LANES).filter(|i| own[*i] != 0) {
-                                let pose = pose(model, state, body, at + i, front);
-                                let touch = body.touch(contour, &pose, rotor, reach_m);
-                                found.put(i, touch);
-                                near |= touch.is_some();
-                            }
-                            near
-                        }
+                        (Faces::Flanks(flanked), _) => flanks::touches(&seen, &own, flanked, &mut found),
+                        _ => false,
                     };
                     let ages = take(&state.contour_ends[set].age, at);
                     let held = (0..LANES).fold(0, |any, i| any | (own[i] & mask(ages[i] != 0.0))) != 0;
@@ -231,7 +355,7 @@ fn watch(
     let part = Part::Contours(set);
     if watched.wants_segments() {
         let segment = |i: usize| {
-            if found.penetration[i] == NOTHING_M { 0.0 } else { f64::from(found.segment[i] as u32) }
+            if found.penetration[i] == NOTHING_M { 0.0 } else { found.segment[i] }
         };
         watched.note_segments(part, at, std::array::from_fn(segment), Some(&own));
     }
