@@ -17,6 +17,43 @@ use super::tooth_contact::{Column, LANES, Mask, mask};
 use crate::geometry::smartchain::contour::{Contour, ContourArc};
 use crate::geometry::smartchain::ring::{FAR_SIDE, LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
+use crate::recording::frame::Segment;
+
+/// The deepest places of one end of a block of links on a body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// [m]; [`NOTHING_M`] where nothing touches, nor may within a step.
+    pub penetration: Column,
+    /// On the link's contour, from the body's origin, in the world.
+    pub point_x: Column,
+    pub point_y: Column,
+    /// Out of the body.
+    pub normal_x: Column,
+    pub normal_y: Column,
+    pub body_radius: Column,
+    pub tooth: [u32; LANES],
+    /// A [`Segment`] as a number.
+    pub segment: Column,
+}
+
+/// Penetration of lanes that touch nothing [m]: further off than any speed brings them back; padding has a kilometre for an arm.
+pub const NOTHING_M: f64 = -1e9;
+
+impl Found {
+    pub fn nothing() -> Found {
+        let zero = [0.0; LANES];
+        Found {
+            penetration: [NOTHING_M; LANES],
+            point_x: zero,
+            point_y: zero,
+            normal_x: zero,
+            normal_y: [1.0; LANES],
+            body_radius: zero,
+            tooth: [0; LANES],
+            segment: [f64::from(Segment::Ring as u32); LANES],
+        }
+    }
+}
 
 /// The element that the foot of a perpendicular lies on, in every lane. In the link frame.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,8 +4,9 @@
 //! corner, toe in the root or crotch on the tip corner. All are computed for every lane, and the deepest of those that exist counts,
 //! of two alike the first. In the gap frame: +y along the gap's axis, +x to its right.
 
+use super::arc_lanes::{Found, NOTHING_M};
 use super::end_contact::{Arc, Circle, NORMAL_ROUNDING, SilentTooth};
-use super::tooth_contact::{Column, LANES, Mask, mask};
+use super::tooth_contact::{Column, LANES, Mask, any, mask};
 use crate::geometry::chain::silent::SilentLinkContour;
 use crate::geometry::{Vec2, cross};
 use crate::recording::frame::Segment;
@@ -34,19 +35,6 @@ pub struct Placed<'a> {
     /// Directions of the axes of the tooth gaps, in the world.
     pub axis_x: &'a Column,
     pub axis_y: &'a Column,
-}
-
-/// The deepest place of every lane.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Deepest {
-    /// [m]; far below zero where nothing touches.
-    pub penetration: Column,
-    /// From the body's origin, in the world.
-    pub point: [Column; 2],
-    pub normal: [Column; 2],
-    pub body_radius: Column,
-    /// A [`Segment`] as a number.
-    pub segment: Column,
 }
 
 impl Placed<'_> {
@@ -107,26 +95,20 @@ impl FlankLanes {
     }
 
     /// Deepest places of the lanes of `own`, none where the gap is `far_m` or more. `side`: index of the circles that the flank faces.
+    /// Returns whether there is any.
     #[inline(always)]
     pub fn deepest<const OUTER: bool>(
         &self,
         tooth: &SilentTooth,
         side: usize,
         placed: &Placed<'_>,
-        (own, far_m, nothing_m): (&Mask, f64, f64),
-    ) -> (Deepest, Mask) {
+        (own, far_m): (&Mask, f64),
+        found: &mut Found,
+    ) -> bool {
         let (face, corner) = (tooth.face[side], tooth.corner[side]);
         let number = |s: Segment| f64::from(s as u32);
         let face_name = number(if side == 1 { Segment::FlankCounterclockwise } else { Segment::FlankClockwise });
         let (corner_name, root_name) = (number(Segment::TipCorner), number(Segment::Seat));
-        let zero = [0.0; LANES];
-        let mut out = Deepest {
-            penetration: [nothing_m; LANES],
-            point: [zero; 2],
-            normal: [zero; 2],
-            body_radius: zero,
-            segment: zero,
-        };
         let mut touches = [0; LANES];
         for i in 0..LANES {
             let vector = |v: &[Column; 2]| Vec2::new(v[0][i], v[1][i]);
@@ -171,20 +153,19 @@ impl FlankLanes {
                 let exists = in_root.exists & has(&tooth.root, in_root.normal) & on_toe(-in_root.normal);
                 offer(Candidate { exists, ..in_root });
             } else {
-                let crotch =
-                    Circle { centre: placed.placed(i, vector(&self.crotch)), radius_m: self.crotch_radius[i] };
+                let crotch = Circle { centre: placed.placed(i, vector(&self.crotch)), radius_m: self.crotch_radius[i] };
                 let inward = placed.turned(i, Vec2::new(0.0, 1.0));
                 offer(corner_in_crotch(&corner, &crotch, inward, corner_name));
             }
             touches[i] = own[i] & mask(best.exists);
             let (ax, ay) = (placed.axis_x[i], placed.axis_y[i]);
             let out_of_gap = |v: Vec2| (ay * v.x + ax * v.y, ay * v.y - ax * v.x);
-            out.penetration[i] = if touches[i] != 0 { best.penetration } else { nothing_m };
-            (out.point[0][i], out.point[1][i]) = out_of_gap(best.point);
-            (out.normal[0][i], out.normal[1][i]) = out_of_gap(best.normal);
-            (out.body_radius[i], out.segment[i]) = (best.body_radius, best.segment);
+            found.penetration[i] = if touches[i] != 0 { best.penetration } else { NOTHING_M };
+            (found.point_x[i], found.point_y[i]) = out_of_gap(best.point);
+            (found.normal_x[i], found.normal_y[i]) = out_of_gap(best.normal);
+            (found.body_radius[i], found.segment[i]) = (best.body_radius, best.segment);
         }
-        (out, touches)
+        any(&touches)
     }
 }
 

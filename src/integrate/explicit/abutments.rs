@@ -1,8 +1,8 @@
 //! Abutments on rings, lobes and guide faces: a block of ends at a time, from what they faced in the step before.
 
 use super::LANES;
-use super::ends::{Found, NOTHING_M, Poses, Seated, Seen};
-use crate::elements::arc_lanes::{Feet, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
+use super::ends::{Poses, Seated, Seen};
+use crate::elements::arc_lanes::{Feet, FootLanes, Found, NOTHING_M, Pair, PairLanes, SupportLanes, sure_arcs};
 use crate::elements::end_contact::{EndBody, EndShape, Seats};
 use crate::elements::tooth_contact::{Column, Mask, any, mask};
 use crate::geometry::smartchain::contour::Contour;
@@ -34,13 +34,7 @@ type Sides<'a> = (&'a Seen<'a>, &'a Contour);
 
 /// Touches of a block. Returns whether there is any.
 #[inline(always)]
-pub(super) fn touches(
-    seen: &Seen<'_>,
-    abutment: &Contour,
-    own: &Mask,
-    faced: &mut Faced,
-    found: &mut Found,
-) -> bool {
+pub(super) fn touches(seen: &Seen<'_>, abutment: &Contour, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
     match &seen.body.shape {
         EndShape::Circle { radius_m } => circle((seen, abutment), *radius_m, own, faced, found),
         EndShape::Lobes { ring, seats, turn } => lobes((seen, abutment), (ring, seats, *turn), own, faced, found),

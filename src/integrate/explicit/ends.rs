@@ -5,31 +5,13 @@ use super::abutments::{self, Faced};
 use super::flanks::{self, Flanked};
 use super::guides::{add_guide_forces, load_ends};
 use super::watch::Noted;
-use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put, take};
-use crate::elements::arc_lanes::Feet;
+use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window, put, sum, take};
+use crate::elements::arc_lanes::{Feet, Found, NOTHING_M};
 use crate::elements::end_contact::{EndBody, LinkContour, LinkPose, Seats};
 use crate::elements::tooth_contact::{self, Column, Lanes, Mask, OffJoint, any, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
-use crate::recording::frame::Segment;
-use crate::state::State;
-
-/// The deepest places of one end of a block of links on a body. Lanes that touch nothing are further off than any speed brings
-/// them back.
-#[derive(Clone, Copy)]
-pub(super) struct Found {
-    pub(super) penetration: Column,
-    /// On the link's contour, from the body's origin.
-    pub(super) point_x: Column,
-    pub(super) point_y: Column,
-    /// Out of the body.
-    pub(super) normal_x: Column,
-    pub(super) normal_y: Column,
-    pub(super) body_radius: Column,
-    pub(super) tooth: [u32; LANES],
-    /// A [`Segment`] as a number.
-    pub(super) segment: Column,
-}
+use crate::state::{ContactMemory, State};
 
 /// One end of a block of links and one of the bodies that it may touch.
 pub(super) struct EndBlock {
@@ -49,9 +31,7 @@ impl EndBlock {
     /// Of all blocks: front and rear ends.
     pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
         let faces = |block: usize, front: bool| match &model.contour {
-            Some(LinkContour::Flanks(rows)) => {
-                Faces::Flanks(Box::new(Flanked::new(body, rows, block * LANES, front)))
-            }
+            Some(LinkContour::Flanks(rows)) => Faces::Flanks(Box::new(Flanked::new(body, rows, block * LANES, front))),
             Some(LinkContour::Abutments { front: ahead, rear }) => {
                 Faces::Abutments(Box::new(Faced::new(body, if front { ahead } else { rear })))
             }
@@ -195,25 +175,6 @@ impl Seated {
     }
 }
 
-/// Penetration of lanes that touch nothing [m]: padding has a kilometre for an arm.
-pub(super) const NOTHING_M: f64 = -1e9;
-
-impl Found {
-    pub(super) fn nothing() -> Found {
-        let zero = [0.0; LANES];
-        Found {
-            penetration: [NOTHING_M; LANES],
-            point_x: zero,
-            point_y: zero,
-            normal_x: zero,
-            normal_y: [1.0; LANES],
-            body_radius: zero,
-            tooth: [0; LANES],
-            segment: [f64::from(Segment::Ring as u32); LANES],
-        }
-    }
-}
-
 /// Contacts of all bodies that ends of links touch.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
@@ -247,7 +208,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     let ages = take(&state.contour_ends[set].age, at);
                     let held = (0..LANES).fold(0, |any, i| any | (own[i] & mask(ages[i] != 0.0))) != 0;
                     if !near && !held && all_own {
-                        memory(state, scratch, set, count).forget(block);
+                        forget(&state.contour_ends[set], scratch, set, block);
                         continue;
                     }
                     if near || held {
@@ -259,7 +220,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         for i in 0..LANES {
                             teeth[i] = if found.penetration[i] != NOTHING_M { found.tooth[i] } else { teeth[i] };
                         }
-                        memory(state, scratch, set, count).recall(block, lanes);
+                        recall(&state.contour_ends[set], at, lanes);
                         let (mu, stick) = (body.friction, body.stick_speed_m_s);
                         tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
                         add_guide_forces(scratch, at, lanes);
@@ -273,7 +234,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         lanes.let_go();
                     }
                     if all_own {
-                        memory(state, scratch, set, count).keep(block, lanes);
+                        keep(&state.contour_ends[set], scratch, set, block, lanes);
                         put(&mut scratch.contour_rate[set], at, lanes.rate);
                         put(&mut scratch.contour_depth[set], at, lanes.penetration);
                     } else {
@@ -293,10 +254,43 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     scratch.lanes = Some(own_lanes);
 }
 
-/// What a set of ends remembers.
 #[inline(always)]
-fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
-    MemoryBlocks::new(&state.contour_ends[set], &mut scratch.contour_ends[set], &mut scratch.stale_ends[set], count)
+fn recall(past: &ContactMemory, at: usize, lanes: &mut Lanes) {
+    lanes.normal_force = take(&past.normal_force, at);
+    lanes.tangential_force = take(&past.tangential_force, at);
+    lanes.age = take(&past.age, at);
+    lanes.approach = take(&past.approach, at);
+}
+
+/// Gives the contact memory of a block back to its columns. Column by column: views of all of them, as bushes have, cost more than
+/// the few blocks of ends give back.
+#[inline(always)]
+fn keep(past: &ContactMemory, scratch: &mut Scratch, set: usize, block: usize, lanes: &Lanes) {
+    let (now, at) = (&mut scratch.contour_ends[set], block * LANES);
+    put(&mut now.normal_force, at, lanes.normal_force);
+    put(&mut now.tangential_force, at, lanes.tangential_force);
+    put(&mut now.age, at, lanes.age);
+    put(&mut now.approach, at, lanes.approach);
+    put(&mut now.lost_damping, at, sum(take(&past.lost_damping, at), lanes.lost_damping));
+    put(&mut now.lost_friction, at, sum(take(&past.lost_friction, at), lanes.lost_friction));
+    scratch.stale_ends[set][block] = 2;
+}
+
+/// Of a block that nothing touches: forgets old contacts, once for each of the two memories that change hands.
+#[inline(always)]
+fn forget(past: &ContactMemory, scratch: &mut Scratch, set: usize, block: usize) {
+    let stale = &mut scratch.stale_ends[set][block];
+    if *stale == 0 {
+        return;
+    }
+    *stale -= 1;
+    let (now, at, nothing) = (&mut scratch.contour_ends[set], block * LANES, [0.0; LANES]);
+    put(&mut now.normal_force, at, nothing);
+    put(&mut now.tangential_force, at, nothing);
+    put(&mut now.age, at, nothing);
+    put(&mut now.approach, at, nothing);
+    put(&mut now.lost_damping, at, take(&past.lost_damping, at));
+    put(&mut now.lost_friction, at, take(&past.lost_friction, at));
 }
 
 /// Cosine and sine of the angle of a body, and its speed at the node.

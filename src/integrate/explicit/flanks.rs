@@ -1,7 +1,8 @@
 //! Toothed flanks of silent links in their gaps: a block of ends at a time.
 
 use super::LANES;
-use super::ends::{Found, NOTHING_M, Poses, Seated, Seen};
+use super::ends::{Poses, Seated, Seen};
+use crate::elements::arc_lanes::Found;
 use crate::elements::end_contact::{EndBody, EndShape};
 use crate::elements::flank_lanes::{FlankLanes, Placed};
 use crate::elements::tooth_contact::{Mask, any, mask, take};
@@ -49,19 +50,11 @@ pub(super) fn touches(seen: &Seen<'_>, own: &Mask, flanked: &mut Flanked, found:
     let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     // Ahead of a front end for the outer flank, behind it for the inner one.
     let side = usize::from(seen.front == outer);
-    let bounds = (&near, seen.far_m, NOTHING_M);
-    let (deepest, touches) = if outer {
-        flanked.flanks.deepest::<true>(tooth, side, &placed, bounds)
-    } else {
-        flanked.flanks.deepest::<false>(tooth, side, &placed, bounds)
-    };
-    if !any(&touches) {
-        return false;
-    }
-    found.penetration = deepest.penetration;
-    [found.point_x, found.point_y] = deepest.point;
-    [found.normal_x, found.normal_y] = deepest.normal;
-    (found.body_radius, found.segment) = (deepest.body_radius, deepest.segment);
+    let bounds = (&near, seen.far_m);
     found.tooth = flanked.seated.seat;
-    true
+    if outer {
+        flanked.flanks.deepest::<true>(tooth, side, &placed, bounds, found)
+    } else {
+        flanked.flanks.deepest::<false>(tooth, side, &placed, bounds, found)
+    }
 }
