@@ -112,6 +112,18 @@ fn main() {
             names.join(" and ")
         );
     }
+    // Other kinds of chains, beside the bush chain's in the same run.
+    for isa in Isa::available().into_iter().filter(|isa| *isa != Isa::Baseline) {
+        let mut bush_s = None;
+        for (name, text) in BUNDLED {
+            let a = assembled(&Drive::parse(name, text, &[]).expect("a bundled drive"));
+            let simulated_s = 0.1;
+            let [cpu, ..] = stepped(&a, isa, (simulated_s / a.model.step_s) as u64);
+            let per_s = cpu / simulated_s;
+            let times = per_s / *bush_s.get_or_insert(per_s);
+            println!("{isa:?}, {name}: {per_s:.2} CPU s per simulated s, {times:.2} times the first");
+        }
+    }
     // Longer chains: what an added link costs.
     let mut last: Option<(f64, f64)> = None;
     for links in [90, 180, 360, 720] {

@@ -8,14 +8,21 @@ const INSTRUCTIONS_PER_LINK_STEP: f64 = 288.5;
 /// Measured twice the same to 1e-4; the C library's copies differ between systems.
 const TOLERANCE: f64 = 0.05;
 
-/// Instructions and steps of a run without recording, by callgrind.
+/// The same of drives whose links have contours of their own, with the durations between which they are counted [ms].
+const CONTOURS: [(&str, f64, [u32; 2]); 2] = [("silent-20-40", 828.7, [2, 4]), ("smartchain-20-40", 872.7, [1, 3])];
+
+/// Instructions and steps of a run of the bush drive without recording, by callgrind.
 fn count(duration_ms: u32, breaks: &[&str]) -> Option<(f64, f64)> {
+    count_of("bush-20-40", duration_ms, breaks)
+}
+
+fn count_of(drive: &str, duration_ms: u32, breaks: &[&str]) -> Option<(f64, f64)> {
     let folder = tempfile::tempdir().expect("a folder");
     let out = Command::new("valgrind")
         .arg("--tool=callgrind")
         .arg(format!("--callgrind-out-file={}", folder.path().join("out").display()))
         .arg(env!("CARGO_BIN_EXE_pitchline"))
-        .args(["run", "bush-20-40", "--no-output", "--json", "--every", "1s"])
+        .args(["run", drive, "--no-output", "--json", "--every", "1s"])
         .args(["--set", "run.run_in_ms=0", "--set", "run.settle_ms=0"])
         .args(["--duration", &format!("{duration_ms}ms")])
         .args(breaks)
@@ -41,6 +48,22 @@ fn a_step_takes_no_more_instructions_than_it_did() {
         per_link_step > INSTRUCTIONS_PER_LINK_STEP * (1.0 - 2.0 * TOLERANCE),
         "faster: measure again and keep the gain"
     );
+}
+
+#[test]
+fn a_step_of_contours_takes_no_more_instructions_than_it_did() {
+    for (drive, measured, [few_ms, many_ms]) in CONTOURS {
+        let (Some(few), Some(many)) = (count_of(drive, few_ms, &[]), count_of(drive, many_ms, &[])) else {
+            println!("skipped: no valgrind");
+            return;
+        };
+        let per_link_step = (many.0 - few.0) / (many.1 - few.1) / 90.0;
+        println!("{drive}: {per_link_step:.1} instructions for each link and step, {measured} when last measured");
+        assert!(
+            (per_link_step / measured - 1.0).abs() < 0.1,
+            "{drive}: slower, or faster: measure again and keep the gain"
+        );
+    }
 }
 
 /// What is looked at in every step, with the share of a step's instructions it takes [%] on the AVX2 path. User time

@@ -1,7 +1,8 @@
 //! Contacts of a link's own contour at one of its ends: abutments on rings and guide faces, toothed flanks on teeth.
 //!
-//! Geometry only, one end of one link and one body at a time; forces as in [`super::tooth_contact`], many at a time. Each
-//! pair of contours gives its deepest place:
+//! Geometry only, one end of one link and one body at a time, by a search that knows nothing of the step before: for assembling,
+//! frames and explanations. Steps find the same places many at a time ([`super::arc_lanes`], [`super::flank_lanes`]); forces as in
+//! [`super::tooth_contact`]. Each pair of contours gives its deepest place:
 //! ```text
 //! abutment, circular ring   gap = |O - K| - rho, K the foot of the perpendicular from the axis O on the contour
 //! abutment, lobed ring      the common normal of contour and lobe (geometry::smartchain)
