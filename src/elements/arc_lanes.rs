@@ -152,7 +152,7 @@ impl FootLanes {
         for i in 0..LANES {
             let from = (x[i] - self.from_x[i]) * self.from_tx[i] + (y[i] - self.from_y[i]) * self.from_ty[i];
             let to = (x[i] - self.to_x[i]) * self.to_tx[i] + (y[i] - self.to_y[i]) * self.to_ty[i];
-            out[i] = mask(!(from > self.from_above[i]) | (to > 0.0));
+            out[i] = !mask(from > self.from_above[i]) | mask(to > 0.0);
         }
         out
     }
@@ -251,7 +251,7 @@ impl SupportLanes {
             let before = y[i] * self.before_x[i] - x[i] * self.before_y[i];
             let end = y[i] * self.end_x[i] - x[i] * self.end_y[i];
             // Normals look to +y: only of such a direction do signs tell all.
-            out[i] = mask(!((before > self.before_above[i]) & (y[i] > 0.0)) | (end > 0.0));
+            out[i] = !mask((before > self.before_above[i]) & (y[i] > 0.0)) | mask(end > 0.0);
         }
         out
     }
@@ -368,8 +368,8 @@ impl PairLanes {
             let last = ux * self.last_y[i] - uy * self.last_x[i];
             let margin = PAIR_MARGIN_RAD;
             let holds = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
-            let own_side = !(self.side[i] * lean[i] > FAR_SIDE);
-            strayed[i] = mask(!(holds & own_side)) | !self.known[i];
+            let beyond = mask(self.side[i] * lean[i] > FAR_SIDE);
+            strayed[i] = !mask(holds) | beyond | !self.known[i];
             out.point_x[i] = self.centre_x[i] + nx * self.radius[i];
             out.point_y[i] = self.centre_y[i] + ny * self.radius[i];
             (out.normal_x[i], out.normal_y[i]) = (nx, ny);

@@ -42,17 +42,17 @@ impl Placed<'_> {
     #[inline(always)]
     fn turned(&self, i: usize, v: Vec2) -> Vec2 {
         let (c, s) = (self.cos[i], self.sin[i]);
-        self.into_gap(i, Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y))
+        self.gap_frame(i, Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y))
     }
 
     #[inline(always)]
     fn placed(&self, i: usize, p: Vec2) -> Vec2 {
         let (c, s) = (self.cos[i], self.sin[i]);
-        self.into_gap(i, Vec2::new(self.x[i] + (c * p.x - s * p.y), self.y[i] + (s * p.x + c * p.y)))
+        self.gap_frame(i, Vec2::new(self.x[i] + (c * p.x - s * p.y), self.y[i] + (s * p.x + c * p.y)))
     }
 
     #[inline(always)]
-    fn into_gap(&self, i: usize, v: Vec2) -> Vec2 {
+    fn gap_frame(&self, i: usize, v: Vec2) -> Vec2 {
         let (ax, ay) = (self.axis_x[i], self.axis_y[i]);
         Vec2::new(ay * v.x - ax * v.y, ax * v.x + ay * v.y)
     }
@@ -230,7 +230,7 @@ fn corner_in_crotch(corner: &Circle, crotch: &Circle, inward: Vec2, segment: f64
     let distance = d.norm();
     let outward = d / distance;
     Candidate {
-        exists: (distance != 0.0) & !(d.dot(&inward) > -0.5 * distance),
+        exists: (distance != 0.0) & (d.dot(&inward) <= -0.5 * distance),
         penetration: distance + corner.radius_m - crotch.radius_m,
         point: crotch.centre + outward * crotch.radius_m,
         normal: outward,

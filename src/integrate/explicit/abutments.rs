@@ -49,7 +49,7 @@ fn feet(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), lanes: &mut 
     let (feet, mut strayed) = (lanes.feet(x, y), lanes.strayed(x, y));
     for i in 0..LANES {
         // Inside of a contour signs do not tell all.
-        strayed[i] = own[i] & (strayed[i] | mask(!(feet.distance[i] > 0.0)));
+        strayed[i] = own[i] & (strayed[i] | !mask(feet.distance[i] > 0.0));
     }
     if !any(&strayed) {
         return feet;
@@ -91,7 +91,7 @@ fn face(
     let poses = Poses::of(seen);
     let up = perp(along);
     // Down into the face, as the links see it.
-    let (x, y) = poses.into_link(&[-up.x; LANES], &[-up.y; LANES]);
+    let (x, y) = poses.link_frame(&[-up.x; LANES], &[-up.y; LANES]);
     let mut strayed = faced.support.strayed(&x, &y);
     for i in 0..LANES {
         strayed[i] &= own[i];
@@ -102,12 +102,12 @@ fn face(
         }
     }
     let (px, py) = faced.support.points(&x, &y);
-    let (wx, wy) = poses.into_world(&px, &py);
+    let (wx, wy) = poses.world_frame(&px, &py);
     let (mut on, mut beyond, mut at) = ([0; LANES], [0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let height = px[i] * x[i] + py[i] * y[i];
         let penetration = height - (poses.x[i] * up.x + poses.y[i] * up.y);
-        let near = own[i] & mask(!(penetration < -seen.far_m));
+        let near = own[i] & !mask(penetration < -seen.far_m);
         let (qx, qy) = (poses.x[i] + wx[i], poses.y[i] + wy[i]);
         at[i] = qx * along.x + qy * along.y;
         on[i] = near & mask((at[i] >= 0.0) & (at[i] <= length_m));
@@ -139,7 +139,7 @@ fn corners(
         let (cx, cy) = (if at[i] < 0.0 { 0.0 } else { last.x }, if at[i] < 0.0 { 0.0 } else { last.y });
         (x[i], y[i]) = (cx - poses.x[i], cy - poses.y[i]);
     }
-    let (x, y) = poses.into_link(&x, &y);
+    let (x, y) = poses.link_frame(&x, &y);
     let feet = feet(abutment, beyond, (&x, &y), &mut faced.feet);
     let mut near = [0; LANES];
     for i in 0..LANES {
@@ -176,7 +176,7 @@ fn lobes(
     // The highest circle first: most links are beyond it.
     let mut near = [0; LANES];
     for i in 0..LANES {
-        near[i] = own[i] & mask(!(ring.crest_radius_m - feet.distance[i] < -seen.far_m));
+        near[i] = own[i] & !mask(ring.crest_radius_m - feet.distance[i] < -seen.far_m);
     }
     if !any(&near) {
         return false;
@@ -234,6 +234,6 @@ fn turns(poses: &Poses, (c, s): (f64, f64), (gx, gy): (Column, Column)) -> (Colu
         (ax[i], ay[i]) = (c * gx[i] - s * gy[i], s * gx[i] + c * gy[i]);
     }
     // +y of the gap frame points along the seat.
-    let (x, y) = poses.into_link(&ax, &ay);
+    let (x, y) = poses.link_frame(&ax, &ay);
     (y, x.map(|x| 0.0 - x))
 }

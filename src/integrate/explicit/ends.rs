@@ -77,7 +77,7 @@ impl Poses {
 
     /// Directions into the frames of the links.
     #[inline(always)]
-    pub(super) fn into_link(&self, x: &Column, y: &Column) -> (Column, Column) {
+    pub(super) fn link_frame(&self, x: &Column, y: &Column) -> (Column, Column) {
         let mut out = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
             out.0[i] = self.cos[i] * x[i] + self.sin[i] * y[i];
@@ -87,7 +87,7 @@ impl Poses {
     }
 
     #[inline(always)]
-    pub(super) fn into_world(&self, x: &Column, y: &Column) -> (Column, Column) {
+    pub(super) fn world_frame(&self, x: &Column, y: &Column) -> (Column, Column) {
         let mut out = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
             out.0[i] = self.cos[i] * x[i] - self.sin[i] * y[i];
@@ -103,14 +103,14 @@ impl Poses {
         for i in 0..LANES {
             (x[i], y[i]) = (-x[i], -y[i]);
         }
-        self.into_link(&x, &y)
+        self.link_frame(&x, &y)
     }
 
     /// Points and normals of the links in the world.
     #[inline(always)]
     pub(super) fn put(&self, feet: &Feet, found: &mut Found) {
-        let (px, py) = self.into_world(&feet.point_x, &feet.point_y);
-        let (nx, ny) = self.into_world(&feet.normal_x, &feet.normal_y);
+        let (px, py) = self.world_frame(&feet.point_x, &feet.point_y);
+        let (nx, ny) = self.world_frame(&feet.normal_x, &feet.normal_y);
         for i in 0..LANES {
             (found.point_x[i], found.point_y[i]) = (self.x[i] + px[i], self.y[i] + py[i]);
             (found.normal_x[i], found.normal_y[i]) = (-nx[i], -ny[i]);
@@ -163,7 +163,7 @@ impl Seated {
         let mut strayed = [0; LANES];
         for i in 0..LANES {
             let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
-            strayed[i] = near[i] & mask(!(across.abs() < self.sure_tan * along));
+            strayed[i] = near[i] & !mask(across.abs() < self.sure_tan * along);
         }
         if any(&strayed) {
             for i in (0..LANES).filter(|i| strayed[*i] != 0) {

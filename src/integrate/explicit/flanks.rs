@@ -39,7 +39,7 @@ pub(super) fn touches(seen: &Seen<'_>, own: &Mask, flanked: &mut Flanked, found:
     let mut near = [0; LANES];
     for i in 0..LANES {
         let limit = tooth.reach_m(lever[i].abs());
-        near[i] = own[i] & mask(!(jx[i] * jx[i] + jy[i] * jy[i] > limit * limit));
+        near[i] = own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > limit * limit);
     }
     if !any(&near) {
         return false;
