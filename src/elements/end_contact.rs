@@ -170,7 +170,7 @@ impl Seats {
 
     /// Tangent of an angle to the axis of a gap below which [`Seats::nearest`] is sure to name that gap.
     pub fn sure_tan(&self) -> f64 {
-        let (sin, cos) = sin_cos(std::f64::consts::PI / self.cos.len() as f64 - 2.0 * ROUGH_ANGLE_RAD);
+        let (sin, cos) = sin_cos(std::f64::consts::PI / self.cos.len() as f64 - ROUGH_ANGLE_RAD - 1e-6);
         sin / cos
     }
 
@@ -185,10 +185,10 @@ impl Seats {
     }
 }
 
-/// Largest error of [`rough_angle`].
-const ROUGH_ANGLE_RAD: f64 = 1e-4;
+/// More than the largest error of [`rough_angle`], which it has on the diagonals: 2.03e-4 rad.
+const ROUGH_ANGLE_RAD: f64 = 2.1e-4;
 
-/// atan2(y, x) to 1e-4 rad (minimax polynomial of degree 7 on an octant): enough to tell in which gap a joint is, a quarter
+/// atan2(y, x) to 2.1e-4 rad (minimax polynomial of degree 7 on an octant): enough to tell in which gap a joint is, a quarter
 /// of the cost.
 fn rough_angle(x: f64, y: f64) -> f64 {
     let (a, b) = (x.abs(), y.abs());

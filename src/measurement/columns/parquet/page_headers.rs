@@ -8,7 +8,9 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 
 /// Structures within structures; the format has three.
 const DEEPEST: u8 = 8;
-/// Field of a page header: bytes of the page that follows it.
+/// Fields of a page header that are 32-bit numbers: its kind, sizes of the page, its checksum.
+const NUMBERS: std::ops::RangeInclusive<i64> = 1..=4;
+/// Which of them is the bytes of the page that follows it.
 const COMPRESSED_PAGE_SIZE: i64 = 3;
 
 /// Looks at the header of each page that begins in the `length` bytes from `start`.
@@ -17,7 +19,8 @@ pub(super) fn check(file: &File, start: u64, length: u64) -> Result<(), ParquetE
     header.bytes.seek(SeekFrom::Start(start))?;
     let end = start.saturating_add(length);
     while header.at < end {
-        let Some(page) = header.structure(0)?.and_then(|size| u64::try_from(size).ok()) else {
+        let size = header.structure(0)?.and_then(|size| i32::try_from(size).ok());
+        let Some(page) = size.and_then(|size| u64::try_from(size).ok()) else {
             return Err(wrong("states no size of its page"));
         };
         header.skip(page)?;
@@ -51,6 +54,10 @@ impl Header<'_> {
                 0 => self.zigzag()?,
                 delta => field.wrapping_add(i64::from(delta)),
             };
+            // The library reads these as whole numbers whatever they are said to be.
+            if depth == 0 && NUMBERS.contains(&field) && begin & 0xf != 5 {
+                return Err(wrong("holds a number of another kind than the format's"));
+            }
             match begin & 0xf {
                 // Booleans: the kind is the value.
                 1 | 2 => {}
