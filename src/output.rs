@@ -1,11 +1,12 @@
 //! Files that are written. No output is ever one of the inputs, and what was there before stays until what replaces it is
 //! whole.
 //!
-//! * A file that is of use only when it is whole ([`OutputFile::whole`]) is written under a hidden name beside its own, `.NAME.*.part`,
-//!   and is renamed at the end. Given up, it leaves nothing; a program that is killed leaves the hidden file.
-//! * A recording can be read while it grows ([`OutputFile::growing`]). Where its name is free it has that name from the start.
-//!   Where a file of that name is there already, the recording grows as `NAME.unfinished.mcap` beside it, and replaces the
-//!   other when the run has ended well. A run that is killed leaves it, and the other.
+//! * A file is written under a hidden name beside its own, `.NAME.*.part`, and is renamed when it is whole. Given up, it leaves
+//!   nothing; a program that is killed leaves the hidden file.
+//! * A recording can be read while it grows. It is hidden only until its beginning is written ([`OutputFile::show`]), so that no
+//!   run leaves a recording that does not open. Where its name is free it then has that name. Where a file of that name is there
+//!   already, the recording grows as `NAME.unfinished.mcap` beside it, and replaces the other when the run has ended well. A run
+//!   that is killed leaves it, and the other.
 //! * A pipe or a device is written to as it is.
 
 use anyhow::{Context, Result, bail};
@@ -44,17 +45,12 @@ pub struct OutputFile {
 }
 
 impl OutputFile {
-    /// For a file that nobody can use before it is whole.
-    pub fn whole(path: &Path) -> Result<(OutputFile, File)> {
-        OutputFile::open(path, false).with_context(|| format!("cannot write {}", path.display()))
+    /// Opens a new file beside `path`, hidden; a pipe or a device as it is.
+    pub fn create(path: &Path) -> Result<(OutputFile, File)> {
+        OutputFile::open(path).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// For a recording, which can be read while it grows.
-    pub fn growing(path: &Path) -> Result<(OutputFile, File)> {
-        OutputFile::open(path, true).with_context(|| format!("cannot write {}", path.display()))
-    }
-
-    fn open(path: &Path, grows: bool) -> Result<(OutputFile, File)> {
+    fn open(path: &Path) -> Result<(OutputFile, File)> {
         // What is no file is written to by the name that was given: links to pipes lead nowhere.
         if let Ok(there) = std::fs::metadata(path)
             && !there.is_file()
@@ -66,34 +62,34 @@ impl OutputFile {
             return Ok((OutputFile { path, target, written_as, way, published: false }, file));
         }
         let target = followed(path)?;
-        let output = |written_as: PathBuf, way| OutputFile {
-            path: path.to_path_buf(),
-            target: target.clone(),
-            written_as,
-            way,
-            published: false,
-        };
-        match std::fs::metadata(&target) {
+        let replaced = match std::fs::metadata(&target) {
             Ok(there) if there.is_dir() => bail!("it is a directory"),
             Ok(there) if there.permissions().readonly() => bail!("it is write-protected"),
-            Ok(there) => {
-                let (beside, file) = if grows { unfinished(&target)? } else { hidden(&target)? };
-                let output = output(beside, if grows { Way::Unfinished } else { Way::Hidden });
-                // As readable to others as what it replaces.
-                file.set_permissions(there.permissions())?;
-                Ok((output, file))
-            }
-            Err(e) if e.kind() != ErrorKind::NotFound => Err(e.into()),
-            Err(_) if grows => {
-                // Fails where somebody else has made it meanwhile: nothing that is there is ever opened for writing.
-                let file = OpenOptions::new().read(true).write(true).create_new(true).open(&target)?;
-                Ok((output(target.clone(), Way::Own), file))
-            }
-            Err(_) => {
-                let (beside, file) = hidden(&target)?;
-                Ok((output(beside, Way::Hidden), file))
-            }
+            Ok(there) => Some(there.permissions()),
+            Err(e) if e.kind() != ErrorKind::NotFound => return Err(e.into()),
+            Err(_) => None,
+        };
+        let (written_as, file) = hidden(&target)?;
+        let output = OutputFile { path: path.to_path_buf(), target, written_as, way: Way::Hidden, published: false };
+        if let Some(permissions) = replaced {
+            // As readable to others as what it replaces.
+            file.set_permissions(permissions)?;
         }
+        Ok((output, file))
+    }
+
+    /// Shows a recording whose beginning is written: under its own name where that is free, else under an unfinished one.
+    pub fn show(&mut self) -> Result<()> {
+        if self.way != Way::Hidden || self.published {
+            return Ok(());
+        }
+        let shown = match renamed_to_free(&self.written_as, &self.target) {
+            Ok(true) => Ok((self.target.clone(), Way::Own)),
+            Ok(false) => unfinished(&self.target, &self.written_as).map(|path| (path, Way::Unfinished)),
+            Err(e) => Err(e.into()),
+        };
+        (self.written_as, self.way) = shown.with_context(|| format!("cannot write {}", self.path.display()))?;
+        Ok(())
     }
 
     /// The name that the user gave.
@@ -134,7 +130,7 @@ impl Drop for OutputFile {
 
 /// Writes a file as a whole: it is there with all its bytes, or as it was before.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let (mut output, mut file) = OutputFile::whole(path)?;
+    let (mut output, mut file) = OutputFile::create(path)?;
     let written = file.write_all(bytes).and_then(|()| output.sync(&file));
     written.with_context(|| format!("cannot write {}", path.display()))?;
     output.publish()
@@ -153,33 +149,50 @@ fn followed(path: &Path) -> std::io::Result<PathBuf> {
     Err(std::io::Error::other("too many symbolic links"))
 }
 
-/// A new file `.NAME.NUMBER.part` beside `target`.
+/// A new file `.NAME.PROCESS-NUMBER.part` beside `target`.
 fn hidden(target: &Path) -> Result<(PathBuf, File)> {
-    let name = target.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    /// File systems take names of 255 bytes; a letter has up to four.
+    const LETTERS: usize = 50;
+    let name: String = target.file_name().unwrap_or_default().to_string_lossy().chars().take(LETTERS).collect();
     let process = std::process::id();
-    beside(target, |number| format!(".{name}.{process}-{number}.part"))
-}
-
-/// A new file `STEM.unfinished.EXTENSION` beside `target`.
-fn unfinished(target: &Path) -> Result<(PathBuf, File)> {
-    let stem = target.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let extension = target.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
-    beside(target, |number| match number {
-        0 => format!("{stem}.unfinished{extension}"),
-        _ => format!("{stem}.unfinished-{}{extension}", number + 1),
-    })
-}
-
-fn beside(target: &Path, name: impl Fn(usize) -> String) -> Result<(PathBuf, File)> {
     for number in 0..MOST_NAMES {
-        let path = target.with_file_name(name(number));
+        let path = target.with_file_name(format!(".{name}.{process}-{number}.part"));
         match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
             Ok(file) => return Ok((path, file)),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
             Err(e) => return Err(e.into()),
         }
     }
-    bail!("{} and all names like it are taken", target.with_file_name(name(0)).display())
+    bail!("all hidden names beside {} are taken", target.display())
+}
+
+/// Renames `written_as` to the first free of `STEM.unfinished.EXTENSION`, `STEM.unfinished-2.EXTENSION`, ... beside `target`.
+fn unfinished(target: &Path, written_as: &Path) -> Result<PathBuf> {
+    let stem = target.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let extension = target.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    for number in 1..=MOST_NAMES {
+        let which = if number == 1 { String::new() } else { format!("-{number}") };
+        let path = target.with_file_name(format!("{stem}.unfinished{which}{extension}"));
+        if renamed_to_free(written_as, &path)? {
+            return Ok(path);
+        }
+    }
+    bail!("{stem}.unfinished{extension} and all names like it are taken")
+}
+
+/// Renames a file where the new name is free. Returns whether it was. Nothing that is there is ever replaced.
+fn renamed_to_free(from: &Path, to: &Path) -> std::io::Result<bool> {
+    match std::fs::hard_link(from, to) {
+        // The second name that is left where this fails is hidden.
+        Ok(()) => std::fs::remove_file(from).map(|()| true),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(false),
+        // File systems without links: the name is taken by an empty file first.
+        Err(_) => match OpenOptions::new().write(true).create_new(true).open(to) {
+            Ok(_taken) => std::fs::rename(from, to).map(|()| true),
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(false),
+            Err(e) => Err(e),
+        },
+    }
 }
 
 /// Opens a pipe or a device. A pipe without a reader would hold the program for ever.
@@ -286,7 +299,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.svg");
         write(&path, b"one").unwrap();
-        let (output, mut file) = OutputFile::whole(&path).unwrap();
+        let (output, mut file) = OutputFile::create(&path).unwrap();
         file.write_all(b"tw").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"one");
         drop((output, file));
@@ -300,23 +313,30 @@ mod tests {
     fn a_recording_grows_beside_the_one_that_it_replaces() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mcap");
-        let (mut first, mut file) = OutputFile::growing(&path).unwrap();
+        let (mut first, mut file) = OutputFile::create(&path).unwrap();
         file.write_all(b"first").unwrap();
+        assert!(!path.exists());
+        first.show().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
         assert_eq!(first.lies_at(), path);
         first.publish().unwrap();
-        let (second, mut file) = OutputFile::growing(&path).unwrap();
+        let (mut second, mut file) = OutputFile::create(&path).unwrap();
         file.write_all(b"second").unwrap();
+        second.show().unwrap();
         let kept = second.lies_at().to_path_buf();
         assert_eq!(kept, folder.path().join("a.unfinished.mcap"));
         // Given up: both are there.
         drop(second);
         assert_eq!(std::fs::read(&kept).unwrap(), b"second");
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
-        let (mut third, mut file) = OutputFile::growing(&path).unwrap();
+        let (mut third, mut file) = OutputFile::create(&path).unwrap();
+        third.show().unwrap();
         assert_eq!(third.lies_at(), folder.path().join("a.unfinished-2.mcap"));
         file.write_all(b"third").unwrap();
         third.publish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
+        // Nothing hidden is left.
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[cfg(unix)]

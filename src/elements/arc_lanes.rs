@@ -274,7 +274,7 @@ impl SupportLanes {
 /// gap.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairLanes {
-    /// Of the abutment.
+    /// The arc of the abutment, and the tangents at its ends.
     centre_x: Column,
     centre_y: Column,
     radius: Column,
@@ -282,7 +282,7 @@ pub struct PairLanes {
     from_ty: Column,
     to_tx: Column,
     to_ty: Column,
-    /// Of the lobe: signed radius, and the normals between which it turns, counterclockwise.
+    /// The arc of the lobe: centre, signed radius, and the outward normals at its ends, counterclockwise.
     ring_x: Column,
     ring_y: Column,
     pub ring_radius: Column,
@@ -306,8 +306,9 @@ pub enum Pair {
     Nothing,
 }
 
-/// Nearer than this to the end of an arc [rad] its pair is looked for anew: there the search, which counts directions within 1e-9 rad
-/// of an arc's end as on it and stops at 3e-7 rad in hollows, may name either neighbour.
+/// Nearer than this to the end of an arc [rad] its pair is looked for anew. There the search may name either neighbour: it counts
+/// directions within 1e-9 rad of an arc's end as on it, and in hollows it stops when a step turns by less than 3e-7 rad, which leaves
+/// at most three times as much at the ratio of radii that [`ROOM`] allows.
 const PAIR_MARGIN_RAD: f64 = 1e-6;
 
 impl PairLanes {
@@ -379,14 +380,16 @@ impl PairLanes {
     }
 }
 
+/// An arc that has no rival is tighter than the hollow by this factor. The ring's foot runs faster than the abutment's by the gap over
+/// the radius, below a hundredth; and the search in a hollow gains at least this factor with every step.
+const ROOM: f64 = 1.35;
+
 /// For every arc of an abutment, whether a contact there with a lobe of `ring` is the only one of the whole abutment.
 ///
 /// Along the abutment from a contact, its normal turns by the length over its own radius, and the hollow under it by no more than
 /// that over the hollow's. As long as the first is ahead no other common normal can follow; where arcs are flatter than the
 /// hollow the lead falls again.
 pub fn sure_arcs(abutment: &Contour, ring: &LobedRing) -> Vec<bool> {
-    /// The ring's foot runs faster than the abutment's by the gap over the radius: below a hundredth.
-    const ROOM: f64 = 1.05;
     let hollow_per_m = ROOM / ring.tightest_hollow_m();
     let lead = |a: &ContourArc| {
         let turned_rad = if a.radius_m.is_infinite() { 0.0 } else { a.normal_end_rad - a.normal_start_rad };

@@ -91,7 +91,7 @@ pub struct McapSink {
 impl McapSink {
     /// Opens the file and writes everything that does not change.
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<McapSink> {
-        let (output, file) = OutputFile::growing(path)?;
+        let (output, file) = OutputFile::create(path)?;
         let options = mcap::WriteOptions::new()
             .profile("pitchline")
             .library(header.program.clone())
@@ -119,6 +119,7 @@ impl McapSink {
             flushed: Instant::now(),
         };
         sink.guarded(|sink| sink.write_head())?;
+        sink.output.show()?;
         Ok(sink)
     }
 

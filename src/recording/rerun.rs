@@ -76,7 +76,7 @@ pub struct RerunSink {
 impl RerunSink {
     /// Opens `path` and writes everything that stands still.
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> Result<RerunSink> {
-        let (output, file) = OutputFile::growing(path)?;
+        let (output, file) = OutputFile::create(path)?;
         let writer = Writer::new(file.try_clone()?).with_context(|| cannot_write(path))?;
         let end = End::File { output, file, writer: writer.clone() };
         RerunSink::begin(path.to_owned(), end, Box::new(writer), recording_id(header), header, view)
@@ -97,7 +97,7 @@ impl RerunSink {
         stream.disable_timeline("log_time");
         stream.disable_timeline("log_tick");
         let scale = ForceScale::new(header);
-        let sink = RerunSink {
+        let mut sink = RerunSink {
             path,
             end,
             header: header.clone(),
@@ -120,6 +120,9 @@ impl RerunSink {
         stream.send_recording_name(header.drive_name.as_str())?;
         scene::log(stream, header, scale)?;
         sink.check_written()?;
+        if let End::File { output, .. } = &mut sink.end {
+            output.show()?;
+        }
         Ok(sink)
     }
 

@@ -14,7 +14,7 @@ fn point(feet: &Feet, i: usize) -> (Vec2, Vec2) {
     (Vec2::new(feet.point_x[i], feet.point_y[i]), Vec2::new(feet.normal_x[i], feet.normal_y[i]))
 }
 
-/// Every contour, and what leads it through a step from a start that has nothing to do with it.
+/// Front and rear contours of abutments for three numbers of teeth.
 fn for_each_contour(mut look: impl FnMut(&Contour, &mut Random)) {
     let mut random = Random(17);
     for teeth in [15, 20, 40] {

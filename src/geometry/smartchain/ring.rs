@@ -350,9 +350,9 @@ impl RingContact {
 /// 0.06, and the side behind the crest over 0.006.
 pub(crate) const FAR_SIDE: f64 = 0.02;
 
-/// Steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
-/// radii, some 1:40.
-const FURTHEST_STEPS: u32 = 10;
+/// Most steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
+/// radii: some 1:40, so that a few steps do; abutments nearly as flat as the hollow need many.
+const FURTHEST_STEPS: u32 = 100;
 
 impl RingArc {
     fn new(element: &Element) -> RingArc {

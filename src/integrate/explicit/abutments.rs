@@ -29,16 +29,13 @@ impl Faced {
     }
 }
 
-/// A block of ends, and their contour.
-type Sides<'a> = (&'a Seen<'a>, &'a Contour);
-
 /// Touches of a block. Returns whether there is any.
 #[inline(always)]
 pub(super) fn touches(seen: &Seen<'_>, abutment: &Contour, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
     match &seen.body.shape {
-        EndShape::Circle { radius_m } => circle((seen, abutment), *radius_m, own, faced, found),
-        EndShape::Lobes { ring, seats, turn } => lobes((seen, abutment), (ring, seats, *turn), own, faced, found),
-        EndShape::Face { along, length_m } => face((seen, abutment), *along, *length_m, own, faced, found),
+        EndShape::Circle { radius_m } => circle(seen, abutment, *radius_m, own, faced, found),
+        EndShape::Lobes { ring, seats, turn } => lobes(seen, abutment, (ring, seats, *turn), own, faced, found),
+        EndShape::Face { along, length_m } => face(seen, abutment, *along, *length_m, own, faced, found),
         EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => false,
     }
 }
@@ -61,7 +58,14 @@ fn feet(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), lanes: &mut 
 }
 
 #[inline(always)]
-fn circle((seen, abutment): Sides<'_>, radius_m: f64, own: &Mask, faced: &mut Faced, found: &mut Found) -> bool {
+fn circle(
+    seen: &Seen<'_>,
+    abutment: &Contour,
+    radius_m: f64,
+    own: &Mask,
+    faced: &mut Faced,
+    found: &mut Found,
+) -> bool {
     let poses = Poses::of(seen);
     let (x, y) = poses.origin();
     let feet = feet(abutment, own, (&x, &y), &mut faced.feet);
@@ -81,7 +85,8 @@ fn circle((seen, abutment): Sides<'_>, radius_m: f64, own: &Mask, faced: &mut Fa
 
 #[inline(always)]
 fn face(
-    (seen, abutment): Sides<'_>,
+    seen: &Seen<'_>,
+    abutment: &Contour,
     along: Vec2,
     length_m: f64,
     own: &Mask,
@@ -119,7 +124,7 @@ fn face(
     found.body_radius = [f64::INFINITY; LANES];
     found.segment = [f64::from(Segment::GuideFace as u32); LANES];
     if any(&beyond) {
-        return corners((seen, abutment), &poses, (along * length_m, &at), &beyond, faced, found) | any(&on);
+        return corners(seen, abutment, &poses, (along * length_m, &at), &beyond, faced, found) | any(&on);
     }
     any(&on)
 }
@@ -127,7 +132,8 @@ fn face(
 /// Lanes past an end of a face: its corner against the contour.
 #[inline(always)]
 fn corners(
-    (seen, abutment): Sides<'_>,
+    seen: &Seen<'_>,
+    abutment: &Contour,
     poses: &Poses,
     (last, at): (Vec2, &Column),
     beyond: &Mask,
@@ -164,7 +170,8 @@ fn corners(
 
 #[inline(always)]
 fn lobes(
-    (seen, abutment): Sides<'_>,
+    seen: &Seen<'_>,
+    abutment: &Contour,
     (ring, seats, turn): (&LobedRing, &Seats, (f64, f64)),
     own: &Mask,
     faced: &mut Faced,

@@ -28,7 +28,7 @@ enum Faces {
 }
 
 impl EndBlock {
-    /// Of all blocks: front and rear ends.
+    /// Front and rear ends of every block of links, as the body `body` meets them.
     pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
         let faces = |block: usize, front: bool| match &model.contour {
             Some(LinkContour::Flanks(rows)) => Faces::Flanks(Box::new(Flanked::new(body, rows, block * LANES, front))),
@@ -195,6 +195,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     let set = 2 * body.set + rear;
                     let end = &mut scratch.end_blocks[k][block][rear];
                     let (own, all_own, front) = (end.own, end.all_own, rear == 0);
+                    if !any(&own) {
+                        continue;
+                    }
                     let mut found = Found::nothing();
                     let seen = Seen { model, state, body, at, front, rotor, far_m: reach_m };
                     let near = match (&mut end.faces, contour) {
@@ -206,30 +209,15 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         _ => false,
                     };
                     let ages = take(&state.contour_ends[set].age, at);
-                    let held = (0..LANES).fold(0, |any, i| any | (own[i] & mask(ages[i] != 0.0))) != 0;
+                    let held = any(&std::array::from_fn(|i| own[i] & mask(ages[i] != 0.0)));
                     if !near && !held && all_own {
                         forget(&state.contour_ends[set], scratch, set, block);
                         continue;
                     }
                     if near || held {
                         load_ends(model, scratch, at, sign, body.origin, lanes);
-                        let mut off = OffJoint::default();
-                        off.alpha.copy_from_slice(&scratch.wrapped.alpha[at..at + LANES]);
-                        place(&found, lanes, &mut off);
-                        let teeth = &mut scratch.contour_tooth[set].as_chunks_mut::<LANES>().0[block];
-                        for i in 0..LANES {
-                            teeth[i] = if found.penetration[i] != NOTHING_M { found.tooth[i] } else { teeth[i] };
-                        }
                         recall(&state.contour_ends[set], at, lanes);
-                        let (mu, stick) = (body.friction, body.stick_speed_m_s);
-                        tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
-                        add_guide_forces(scratch, at, lanes);
-                        if WATCHED {
-                            watch(model, scratch, (k, set, at), &found, (&off, lanes));
-                        }
-                        if let Some(rotor) = body.rotor {
-                            scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
-                        }
+                        act::<WATCHED>(model, scratch, (k, set, at), omega, &found, lanes);
                     } else {
                         lanes.let_go();
                     }
@@ -254,6 +242,34 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     scratch.lanes = Some(own_lanes);
 }
 
+/// Forces of a block of ends on body `k`, from where they touch it.
+#[inline(always)]
+fn act<const WATCHED: bool>(
+    model: &Model,
+    scratch: &mut Scratch,
+    (k, set, at): (usize, usize, usize),
+    omega: f64,
+    found: &Found,
+    lanes: &mut Lanes,
+) {
+    let body = &model.end_bodies[k];
+    let mut off = OffJoint { alpha: take(&scratch.wrapped.alpha, at), ..OffJoint::default() };
+    place(found, lanes, &mut off);
+    let teeth = &mut scratch.contour_tooth[set].as_chunks_mut::<LANES>().0[at / LANES];
+    for i in 0..LANES {
+        teeth[i] = if found.penetration[i] != NOTHING_M { found.tooth[i] } else { teeth[i] };
+    }
+    let (mu, stick) = (body.friction, body.stick_speed_m_s);
+    tooth_contact::contour_forces(&body.law, mu, stick, model.step_s, omega, &off, lanes);
+    add_guide_forces(scratch, at, lanes);
+    if WATCHED {
+        watch(model, scratch, (k, set, at), found, (&off, lanes));
+    }
+    if let Some(rotor) = body.rotor {
+        scratch.chain_torque[rotor] += lanes.torque.iter().sum::<f64>();
+    }
+}
+
 #[inline(always)]
 fn recall(past: &ContactMemory, at: usize, lanes: &mut Lanes) {
     lanes.normal_force = take(&past.normal_force, at);
@@ -276,7 +292,7 @@ fn keep(past: &ContactMemory, scratch: &mut Scratch, set: usize, block: usize, l
     scratch.stale_ends[set][block] = 2;
 }
 
-/// Of a block that nothing touches: forgets old contacts, once for each of the two memories that change hands.
+/// Forgets the old contacts of a block that nothing touches. State and Scratch swap their memories at every step: each is cleared once.
 #[inline(always)]
 fn forget(past: &ContactMemory, scratch: &mut Scratch, set: usize, block: usize) {
     let stale = &mut scratch.stale_ends[set][block];

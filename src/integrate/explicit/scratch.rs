@@ -79,7 +79,7 @@ pub struct Scratch {
     pub(super) nearest_end: [Vec<usize>; 3],
     /// Per body and block of links, for front and rear ends: what they faced last.
     pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
-    /// Of their memories, as of the guide ends.
+    /// Per set of contour ends and block: how many of the two memories still hold an old contact.
     pub(super) stale_ends: [Vec<u8>; 6],
     /// For those who look at every step.
     pub(super) watched: Option<Box<Watched>>,

@@ -15,7 +15,7 @@ pub struct Series<'a> {
 
 /// Writes all series into one file; every path becomes a plot of its own parent.
 pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
-    let (mut output, file) = OutputFile::whole(path)?;
+    let (mut output, file) = OutputFile::create(path)?;
     let writer = Writer::new(file.try_clone()?)?;
     let id = format!("{:016x}", twox_hash::XxHash3_64::oneshot(name.as_bytes()));
     let (_, store, properties, batching, hooks, _) =

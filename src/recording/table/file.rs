@@ -289,7 +289,7 @@ pub struct TableWriter {
 impl TableWriter {
     /// Opens a temporary file beside `path`, and fills in what the header says already.
     pub fn create(table: Table, path: &Path, format: Format, header: &Header) -> anyhow::Result<TableWriter> {
-        let (output, file) = OutputFile::whole(path)?;
+        let (output, file) = OutputFile::create(path)?;
         let stores = table.columns().into_iter().map(|c| c.store).collect();
         let mut writer =
             TableWriter { table, output, path: path.to_path_buf(), sheet: None, stores, waiting: 0, rows: 0, bytes: 0 };
