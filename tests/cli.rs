@@ -38,6 +38,25 @@ fn run_prints_its_results_and_writes_its_recordings() {
 }
 
 #[test]
+fn run_counts_what_contacts_cost_by_pair_and_changes_no_bit() {
+    let args = ["run", "smartchain-20-40", "--duration", "1ms", "--no-output", "--json"];
+    let plain = json(&pitchline(&args));
+    assert!(plain["contact_pairs"].is_null());
+    let counted = json(&pitchline(&[&args[..], &["--stats"]].concat()));
+    assert_eq!(plain["state_hash"], counted["state_hash"]);
+    let pairs = counted["contact_pairs"].as_array().expect("pairs");
+    let bodies: Vec<&str> = pairs.iter().map(|p| p["body"].as_str().expect("a name")).collect();
+    for pair in pairs {
+        let count = |key: &str| pair[key].as_u64().expect("a count");
+        assert!(count("queries") >= count("solved") && 8 * count("solved") >= count("hits"), "{pair}");
+        assert!(pair["share_of_time"].as_f64().is_some_and(|share| share > 0.0 && share < 1.0), "{pair}");
+    }
+    assert!(pairs.iter().any(|p| p["part"] == "abutment" && p["hits"].as_u64() > Some(0)), "{bodies:?}");
+    let table = stdout(&pitchline(&[&args[..5], &["--stats"]].concat()));
+    assert!(bodies.iter().all(|body| table.contains(body)) && table.contains("ns/query"), "{table}");
+}
+
+#[test]
 fn geometry_prints_the_worked_numbers_and_draws() {
     let folder = tempfile::tempdir().expect("a folder");
     let svg = folder.path().join("s.svg");

@@ -211,7 +211,7 @@ impl StepValues<'_> {
             let Part::Contours(set) = part else { continue };
             let age = &self.scratch.memory(*part).age;
             for (lane, tooth) in self.scratch.contour_teeth(*set).iter().enumerate() {
-                let own = u64::from(*tooth).wrapping_mul(lane as u64 * 2 + 1);
+                let own = (*tooth as u64).wrapping_mul(lane as u64 * 2 + 1);
                 teeth = teeth.wrapping_add(if age[lane] > 0.0 { own } else { 0 });
             }
         }

@@ -17,6 +17,7 @@ mod identify;
 mod impacts;
 mod live;
 mod lump;
+mod pair_stats;
 mod replay;
 mod run;
 mod snapshot;

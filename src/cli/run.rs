@@ -1,6 +1,6 @@
 //! `pitchline run`: assembles a drive, or goes on from a recording; runs it, stops where it is told to, records it.
 
-use super::{Failure, Outcome, assemble, live, load_drive, print_json, print_out};
+use super::{Failure, Outcome, assemble, live, load_drive, pair_stats, print_json, print_out};
 use crate::assemble::{Assembly, AssemblyReport, compile_in_place};
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Breakpoint, Names};
@@ -61,6 +61,9 @@ pub struct RunArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    /// Count what looking for contacts costs, pair by pair; takes some time itself
+    #[arg(long)]
+    stats: bool,
     #[command(flatten)]
     live: live::LiveArgs,
     /// Print JSON
@@ -123,6 +126,9 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let started = Instant::now();
     let Start { drive, model, mut state, header, impacts, report } = start;
     let mut scratch = Scratch::new(&model);
+    if args.stats {
+        scratch.count_pairs(&model);
+    }
     let first = state.step;
     let bar = progress_bar(span.steps, step_s);
     let job = Job { header: &header, span, breaks, impacts, camera: Camera::since(header.ledger_origin) };
@@ -151,10 +157,16 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
         let frames = summary.frames;
         return Err(Failure::World(format!("{e}\nthe {frames} frames before it are kept in {}", written.join(", "))));
     }
+    let pairs = args.stats.then(|| scratch.pair_counts(&model));
     if args.json {
-        print_json(&json(&drive, &header, report.as_ref(), &summary, &outputs, wall_s, &scratch))?;
+        let mut answer = json(&drive, &header, report.as_ref(), &summary, &outputs, wall_s, &scratch);
+        if let (Some(pairs), Some(answer)) = (&pairs, answer.as_object_mut()) {
+            answer.insert("contact_pairs".into(), pair_stats::json(pairs, wall_s));
+        }
+        print_json(&answer)?;
     } else {
-        print_out(&text(&header, &summary, &outputs, (wall_s, !args.breaks.is_empty())))?;
+        let said = text(&header, &summary, &outputs, (wall_s, !args.breaks.is_empty()));
+        print_out(&(said + &pairs.map_or(String::new(), |pairs| pair_stats::text(&pairs, wall_s))))?;
     }
     Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
 }

@@ -31,7 +31,8 @@ pub struct Found {
     pub normal_x: Column,
     pub normal_y: Column,
     pub body_radius: Column,
-    pub tooth: [u32; LANES],
+    /// Number of the tooth gap.
+    pub tooth: Column,
     /// A [`Segment`] as a number.
     pub segment: Column,
 }
@@ -49,7 +50,7 @@ impl Found {
             normal_x: zero,
             normal_y: [1.0; LANES],
             body_radius: zero,
-            tooth: [0; LANES],
+            tooth: zero,
             segment: [f64::from(Segment::Ring as u32); LANES],
         }
     }

@@ -14,7 +14,7 @@
 //! gap is the relative speed of the two contact points along the normal, whatever the curvatures.
 
 use super::contact_law::ContactLaw;
-use crate::geometry::chain::silent::SilentLinkContour;
+use crate::geometry::chain::silent::{Flank, LinkEnd, SilentLinkContour};
 use crate::geometry::profile::Element;
 use crate::geometry::silent_sprocket::SilentSprocket;
 use crate::geometry::smartchain::contour::Contour;
@@ -48,6 +48,30 @@ pub enum EndShape {
 }
 
 impl LinkContour {
+    /// Distance from the link's centre that no point of a contour exceeds [m].
+    pub fn extent_m(&self) -> f64 {
+        let furthest = |points: &mut dyn Iterator<Item = f64>| points.fold(0.0, f64::max);
+        match self {
+            // An arc of less than half a turn stays within its chord's length of its ends.
+            LinkContour::Abutments { front, rear } => furthest(
+                &mut front
+                    .arcs()
+                    .iter()
+                    .chain(rear.arcs())
+                    .map(|a| a.start.norm().max(a.end.norm()) + 0.5 * (a.end - a.start).norm()),
+            ),
+            LinkContour::Flanks(rows) => furthest(&mut rows.iter().flat_map(|row| {
+                let crotch = row.crotch.centre.norm() + row.crotch.radius_m;
+                let of_end = |end: &LinkEnd| {
+                    let flank = |f: &Flank| f.start.norm().max(f.end.norm());
+                    let toe = end.toe.centre.norm() + end.toe.radius_m;
+                    flank(&end.outer_flank).max(flank(&end.inner_flank)).max(toe)
+                };
+                [crotch, of_end(&row.front), of_end(&row.rear)]
+            })),
+        }
+    }
+
     /// Longest lever of a normal force about the link's centre [m]; `lever_m`: that of a joint. Working flanks push nearly at
     /// the centre; their toes, which touch only in distress, at the joint's lever.
     pub fn longest_arm_m(&self, lever_m: f64) -> f64 {
@@ -298,6 +322,31 @@ impl EndBody {
                 flank_touch(tooth, seats, &rows[pose.row], pose, rotor, false, far_m)
             }
             _ => None,
+        }
+    }
+
+    /// No link that may touch has its centre farther from the origin than this [m].
+    pub fn distance_bound_m(&self, lever_m: f64) -> f64 {
+        match self.shape {
+            EndShape::Face { length_m, .. } => length_m + self.reach_m(lever_m),
+            _ => self.reach_m(lever_m),
+        }
+    }
+
+    /// Of a guide's face.
+    pub fn face_direction(&self) -> Option<Vec2> {
+        match self.shape {
+            EndShape::Face { along, .. } => Some(along),
+            _ => None,
+        }
+    }
+
+    /// What of a link touches this body.
+    pub fn part_name(&self) -> &'static str {
+        match &self.shape {
+            EndShape::OuterFlanks { .. } => "outer flank",
+            EndShape::InnerFlanks { .. } => "inner flank",
+            EndShape::Circle { .. } | EndShape::Lobes { .. } | EndShape::Face { .. } => "abutment",
         }
     }
 

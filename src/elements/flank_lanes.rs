@@ -8,23 +8,29 @@ use super::arc_lanes::{Found, NOTHING_M};
 use super::end_contact::{Arc, Circle, NORMAL_ROUNDING, SilentTooth};
 use super::tooth_contact::{Column, LANES, Mask, any, mask};
 use crate::geometry::chain::silent::SilentLinkContour;
-use crate::geometry::{Vec2, cross};
+use crate::geometry::{Vec2, cross, perp};
 use crate::recording::frame::Segment;
 
 /// What touches of one side of an end of each link, in the link frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlankLanes {
-    start: [Column; 2],
-    end: [Column; 2],
-    normal: [Column; 2],
-    toe: [Column; 2],
+    start: Points,
+    normal: Points,
+    /// From where to where the flank reaches from its start, along its normal turned by +90 degrees [m].
+    from_m: Column,
+    to_m: Column,
+    toe: Points,
     toe_radius: Column,
-    /// Normals between which the toe turns: of the outer and of the inner flank.
-    outer: [Column; 2],
-    inner: [Column; 2],
-    crotch: [Column; 2],
+    /// Normals between which the toe turns: of the outer and of the inner flank, times the sine of the angle from the first to the
+    /// second.
+    outer: Points,
+    inner: Points,
+    crotch: Points,
     crotch_radius: Column,
 }
+
+/// A point or a direction in every lane: x, y.
+type Points = [Column; 2];
 
 /// Where links are, from the body's origin.
 pub struct Placed<'a> {
@@ -37,37 +43,97 @@ pub struct Placed<'a> {
     pub axis_y: &'a Column,
 }
 
-impl Placed<'_> {
-    /// A direction of lane `i` from the link into the gap frame.
+/// A link in the gap frame: its centre and the direction of its x axis.
+#[derive(Clone, Copy)]
+struct InGap {
+    x: f64,
+    y: f64,
+    cos: f64,
+    sin: f64,
+}
+
+impl InGap {
     #[inline(always)]
-    fn turned(&self, i: usize, v: Vec2) -> Vec2 {
-        let (c, s) = (self.cos[i], self.sin[i]);
-        self.gap_frame(i, Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y))
+    fn of(placed: &Placed<'_>, i: usize) -> InGap {
+        let (x, y, c, s) = (placed.x[i], placed.y[i], placed.cos[i], placed.sin[i]);
+        let (ax, ay) = (placed.axis_x[i], placed.axis_y[i]);
+        InGap { x: ay * x - ax * y, y: ax * x + ay * y, cos: ay * c - ax * s, sin: ax * c + ay * s }
     }
 
     #[inline(always)]
-    fn placed(&self, i: usize, p: Vec2) -> Vec2 {
-        let (c, s) = (self.cos[i], self.sin[i]);
-        self.gap_frame(i, Vec2::new(self.x[i] + (c * p.x - s * p.y), self.y[i] + (s * p.x + c * p.y)))
+    fn turned(self, v: &Points, i: usize) -> (f64, f64) {
+        (self.cos * v[0][i] - self.sin * v[1][i], self.sin * v[0][i] + self.cos * v[1][i])
     }
 
     #[inline(always)]
-    fn gap_frame(&self, i: usize, v: Vec2) -> Vec2 {
-        let (ax, ay) = (self.axis_x[i], self.axis_y[i]);
-        Vec2::new(ay * v.x - ax * v.y, ax * v.x + ay * v.y)
+    fn placed(self, p: &Points, i: usize) -> (f64, f64) {
+        let (x, y) = self.turned(p, i);
+        (self.x + x, self.y + y)
     }
 }
 
-/// A candidate for the deepest place of a lane.
+/// A flank on a convex arc of the body, in the gap frame.
 #[derive(Clone, Copy)]
-struct Candidate {
-    exists: bool,
+struct OnLine {
+    /// Lower than any where they do not face each other.
     penetration: f64,
-    point: Vec2,
-    normal: Vec2,
+    height: f64,
+    circle: Circle,
+    segment: f64,
+}
+
+/// Two arcs, in the gap frame.
+#[derive(Clone, Copy)]
+struct OnArc {
+    /// Lower than any where they do not face each other.
+    penetration: f64,
+    /// Out of the body, over its length [m].
+    normal_x: f64,
+    normal_y: f64,
+    length: f64,
     body_radius: f64,
     segment: f64,
 }
+
+impl OnLine {
+    /// The deeper one; of two alike the first.
+    #[inline(always)]
+    fn or(self, new: OnLine) -> OnLine {
+        let better = new.penetration > self.penetration;
+        let pick = |new: f64, old: f64| if better { new } else { old };
+        OnLine {
+            penetration: pick(new.penetration, self.penetration),
+            height: pick(new.height, self.height),
+            circle: Circle {
+                centre: Vec2::new(
+                    pick(new.circle.centre.x, self.circle.centre.x),
+                    pick(new.circle.centre.y, self.circle.centre.y),
+                ),
+                radius_m: pick(new.circle.radius_m, self.circle.radius_m),
+            },
+            segment: pick(new.segment, self.segment),
+        }
+    }
+}
+
+impl OnArc {
+    #[inline(always)]
+    fn or(self, new: OnArc) -> OnArc {
+        let better = new.penetration > self.penetration;
+        let pick = |new: f64, old: f64| if better { new } else { old };
+        OnArc {
+            penetration: pick(new.penetration, self.penetration),
+            normal_x: pick(new.normal_x, self.normal_x),
+            normal_y: pick(new.normal_y, self.normal_y),
+            length: pick(new.length, self.length),
+            body_radius: pick(new.body_radius, self.body_radius),
+            segment: pick(new.segment, self.segment),
+        }
+    }
+}
+
+/// Penetration of what does not face each other [m].
+const NONE_M: f64 = f64::NEG_INFINITY;
 
 impl FlankLanes {
     /// `rows`: contours of the rows of the chain; `at`: the first link of the block.
@@ -77,16 +143,18 @@ impl FlankLanes {
             let contour = &rows[(at + i) % rows.len()];
             let end = if front { &contour.front } else { &contour.rear };
             let flank = if outer { &end.outer_flank } else { &end.inner_flank };
-            let mut put = |column: fn(&mut FlankLanes) -> &mut [Column; 2], v: Vec2| {
+            let length_m = (flank.end - flank.start).dot(&perp(flank.normal));
+            (lanes.from_m[i], lanes.to_m[i]) = (length_m.min(0.0), length_m.max(0.0));
+            let sense = cross(end.outer_flank.normal, end.inner_flank.normal);
+            let mut put = |column: fn(&mut FlankLanes) -> &mut Points, v: Vec2| {
                 let to = column(&mut lanes);
                 (to[0][i], to[1][i]) = (v.x, v.y);
             };
             put(|l| &mut l.start, flank.start);
-            put(|l| &mut l.end, flank.end);
             put(|l| &mut l.normal, flank.normal);
             put(|l| &mut l.toe, end.toe.centre);
-            put(|l| &mut l.outer, end.outer_flank.normal);
-            put(|l| &mut l.inner, end.inner_flank.normal);
+            put(|l| &mut l.outer, end.outer_flank.normal * sense);
+            put(|l| &mut l.inner, end.inner_flank.normal * sense);
             put(|l| &mut l.crotch, contour.crotch.centre);
             lanes.toe_radius[i] = end.toe.radius_m;
             lanes.crotch_radius[i] = contour.crotch.radius_m;
@@ -111,130 +179,201 @@ impl FlankLanes {
         let (corner_name, root_name) = (number(Segment::TipCorner), number(Segment::Seat));
         let mut touches = [0; LANES];
         for i in 0..LANES {
-            let vector = |v: &[Column; 2]| Vec2::new(v[0][i], v[1][i]);
-            let (start, stop) = (placed.placed(i, vector(&self.start)), placed.placed(i, vector(&self.end)));
-            let normal = placed.turned(i, vector(&self.normal));
-            let toe = Circle { centre: placed.placed(i, vector(&self.toe)), radius_m: self.toe_radius[i] };
-            let ends = [placed.turned(i, vector(&self.outer)), placed.turned(i, vector(&self.inner))];
-            let sense = cross(ends[0], ends[1]);
-            let on_toe = |out: Vec2| {
-                (cross(ends[0], out) * sense >= -NORMAL_ROUNDING) & (cross(out, ends[1]) * sense >= -NORMAL_ROUNDING)
+            let link = InGap::of(placed, i);
+            let (sx, sy) = link.placed(&self.start, i);
+            let (nx, ny) = link.turned(&self.normal, i);
+            let line = |circle: Circle, faces: bool, segment: f64| {
+                let (dx, dy) = (circle.centre.x - sx, circle.centre.y - sy);
+                let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
+                let exists = faces & (height > 0.0) & (along >= self.from_m[i]) & (along <= self.to_m[i]);
+                let penetration = if exists { circle.radius_m - height } else { NONE_M };
+                OnLine { penetration, height, circle, segment }
             };
-            let mut best = Candidate {
-                exists: false,
-                penetration: -far_m,
-                point: Vec2::zeros(),
-                normal: Vec2::zeros(),
-                body_radius: 0.0,
-                segment: 0.0,
+            let on_line = line(face.circle, has(&face, -nx, -ny, 1.0), face_name).or(line(corner, true, corner_name));
+
+            let (tx, ty) = link.placed(&self.toe, i);
+            let (ox, oy) = link.turned(&self.outer, i);
+            let (ix, iy) = link.turned(&self.inner, i);
+            // Whether the toe reaches there, to which its own normal is opposite.
+            let on_toe = |nx: f64, ny: f64, length: f64| {
+                let rounding = NORMAL_ROUNDING * length;
+                (ox * ny - oy * nx <= rounding) & (nx * iy - ny * ix <= rounding)
             };
-            let mut offer = |new: Candidate| {
-                let better = new.exists & (new.penetration > best.penetration);
-                let pick = |new: f64, old: f64| if better { new } else { old };
-                best = Candidate {
-                    exists: better | best.exists,
-                    penetration: pick(new.penetration, best.penetration),
-                    point: Vec2::new(pick(new.point.x, best.point.x), pick(new.point.y, best.point.y)),
-                    normal: Vec2::new(pick(new.normal.x, best.normal.x), pick(new.normal.y, best.normal.y)),
-                    body_radius: pick(new.body_radius, best.body_radius),
-                    segment: pick(new.segment, best.segment),
-                };
+            let toe_radius = self.toe_radius[i];
+            let arc = |circle: Circle, faces: fn(&Arc, f64, f64, f64) -> bool, segment: f64| {
+                let (dx, dy) = (tx - circle.centre.x, ty - circle.centre.y);
+                let length = (dx * dx + dy * dy).sqrt();
+                let exists = faces(&face, dx, dy, length) & on_toe(dx, dy, length);
+                let penetration = if exists { toe_radius + circle.radius_m - length } else { NONE_M };
+                OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius: circle.radius_m, segment }
             };
-            let on_face = line_arc(start, stop, normal, &face.circle, face_name);
-            offer(Candidate { exists: on_face.exists & has(&face, on_face.normal), ..on_face });
-            offer(line_arc(start, stop, normal, &corner, corner_name));
-            let toe_on_face = arc_arc(&toe, &face.circle, face_name);
-            let exists = has(&face, toe_on_face.normal) & on_toe(-toe_on_face.normal);
-            offer(Candidate { exists, ..toe_on_face });
-            let toe_on_corner = arc_arc(&toe, &corner, corner_name);
-            offer(Candidate { exists: on_toe(-toe_on_corner.normal), ..toe_on_corner });
-            if OUTER {
-                let in_root = arc_in_hollow(&toe, &tooth.root.circle, root_name);
-                let exists = in_root.exists & has(&tooth.root, in_root.normal) & on_toe(-in_root.normal);
-                offer(Candidate { exists, ..in_root });
+            let on_toe_arcs = arc(face.circle, has, face_name).or(arc(corner, |_, _, _, _| true, corner_name));
+            let (last, base_x, base_y, link_radius) = if OUTER {
+                let root = &tooth.root;
+                let (dx, dy) = (root.circle.centre.x - tx, root.circle.centre.y - ty);
+                let length = (dx * dx + dy * dy).sqrt();
+                let exists = (dy > 0.0) & has(root, dx, dy, length) & on_toe(dx, dy, length);
+                let penetration = if exists { length + toe_radius - root.circle.radius_m } else { NONE_M };
+                let body_radius = -root.circle.radius_m;
+                let in_root =
+                    OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius, segment: root_name };
+                (on_toe_arcs.or(in_root), tx, ty, toe_radius)
             } else {
-                let crotch = Circle { centre: placed.placed(i, vector(&self.crotch)), radius_m: self.crotch_radius[i] };
-                let inward = placed.turned(i, Vec2::new(0.0, 1.0));
-                offer(corner_in_crotch(&corner, &crotch, inward, corner_name));
-            }
-            touches[i] = own[i] & mask(best.exists);
+                // The tip corner of the tooth in the crotch of the link that straddles it.
+                let (cx, cy) = link.placed(&self.crotch, i);
+                let (dx, dy) = (corner.centre.x - cx, corner.centre.y - cy);
+                let length = (dx * dx + dy * dy).sqrt();
+                // Out of the link's teeth: its y axis.
+                let exists = (length != 0.0) & (dy * link.cos - dx * link.sin <= -0.5 * length);
+                let depth = length + corner.radius_m - self.crotch_radius[i];
+                let penetration = if exists { depth } else { NONE_M };
+                let better = penetration > on_toe_arcs.penetration;
+                let body_radius = corner.radius_m;
+                let in_crotch =
+                    OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius, segment: corner_name };
+                let pick = |new: f64, old: f64| if better { new } else { old };
+                (on_toe_arcs.or(in_crotch), pick(cx, tx), pick(cy, ty), pick(-self.crotch_radius[i], toe_radius))
+            };
+            let arcs = last.penetration > on_line.penetration;
+            let pick = |arc: f64, line: f64| if arcs { arc } else { line };
+            let penetration = pick(last.penetration, on_line.penetration);
+            touches[i] = own[i] & mask(penetration > -far_m);
+            let length = pick(last.length, 1.0);
+            let (mx, my) = (pick(last.normal_x, -nx) / length, pick(last.normal_y, -ny) / length);
+            let radius = pick(link_radius, -on_line.height);
+            let px = pick(base_x, on_line.circle.centre.x) - mx * radius;
+            let py = pick(base_y, on_line.circle.centre.y) - my * radius;
             let (ax, ay) = (placed.axis_x[i], placed.axis_y[i]);
-            let out_of_gap = |v: Vec2| (ay * v.x + ax * v.y, ay * v.y - ax * v.x);
-            found.penetration[i] = if touches[i] != 0 { best.penetration } else { NOTHING_M };
-            (found.point_x[i], found.point_y[i]) = out_of_gap(best.point);
-            (found.normal_x[i], found.normal_y[i]) = out_of_gap(best.normal);
-            (found.body_radius[i], found.segment[i]) = (best.body_radius, best.segment);
+            found.penetration[i] = if touches[i] != 0 { penetration } else { NOTHING_M };
+            (found.point_x[i], found.point_y[i]) = (ay * px + ax * py, ay * py - ax * px);
+            (found.normal_x[i], found.normal_y[i]) = (ay * mx + ax * my, ay * my - ax * mx);
+            found.body_radius[i] = pick(last.body_radius, on_line.circle.radius_m);
+            found.segment[i] = pick(last.segment, on_line.segment);
         }
         any(&touches)
     }
 }
 
-#[inline(always)]
-fn has(arc: &Arc, normal: Vec2) -> bool {
-    (cross(arc.from, normal) >= -NORMAL_ROUNDING) & (cross(normal, arc.to) >= -NORMAL_ROUNDING)
-}
-
-/// A link's flank on a convex arc of the body; `normal` out of the link.
-#[inline(always)]
-fn line_arc(start: Vec2, end: Vec2, normal: Vec2, arc: &Circle, segment: f64) -> Candidate {
-    let height = (arc.centre - start).dot(&normal);
-    let point = arc.centre - normal * height;
-    let d = end - start;
-    let along = (point - start).dot(&d);
-    Candidate {
-        exists: (height > 0.0) & (along >= 0.0) & (along <= d.norm_squared()),
-        penetration: arc.radius_m - height,
-        point,
-        normal: -normal,
-        body_radius: arc.radius_m,
-        segment,
+impl FlankLanes {
+    /// How far the ends are from the contour that they may touch, at least [m]: no point of a link, none farther than `extent_m` from its
+    /// centre, can move less than this before they touch.
+    #[inline(always)]
+    pub fn clearances<const OUTER: bool>(
+        &self,
+        tooth: &SilentTooth,
+        side: usize,
+        placed: &Placed<'_>,
+        extent_m: f64,
+    ) -> Column {
+        let (face, corner) = (tooth.face[side], tooth.corner[side]);
+        let (face_arc, root_arc) = (ArcEnds::new(&face, 1.0), ArcEnds::new(&tooth.root, -1.0));
+        let mut out = [0.0; LANES];
+        for i in 0..LANES {
+            let link = InGap::of(placed, i);
+            let toe = link.placed(&self.toe, i);
+            let flank = Segment2 {
+                start: link.placed(&self.start, i),
+                normal: link.turned(&self.normal, i),
+                from_m: self.from_m[i],
+                to_m: self.to_m[i],
+            };
+            let corner_at = (corner.centre.x, corner.centre.y);
+            let mut of_flank = least(flank.distance(corner_at) - corner.radius_m, flank.distance_to_arc(&face_arc));
+            let mut of_toe = least(distance(toe, corner_at) - corner.radius_m, face_arc.distance(toe));
+            if OUTER {
+                of_toe = least(of_toe, root_arc.distance(toe));
+            } else {
+                let crotch = link.placed(&self.crotch, i);
+                let (dx, dy) = (corner_at.0 - crotch.0, corner_at.1 - crotch.1);
+                let length = (dx * dx + dy * dy).sqrt();
+                // It touches only from within, and only where it looks up into the crotch from near its middle.
+                let within = self.crotch_radius[i] - corner.radius_m - length;
+                let (ox, oy) = (corner_at.0 - link.x, corner_at.1 - link.y);
+                let arm = (ox * ox + oy * oy).sqrt() / extent_m;
+                let below = (dy * link.cos - dx * link.sin + 0.5 * length) * (1.0 / 1.5) / (if arm > 1.0 { arm } else { 1.0 });
+                of_flank = least(of_flank, if within > below { within } else { below });
+            }
+            out[i] = least(of_flank, of_toe - self.toe_radius[i]);
+        }
+        out
     }
 }
 
-/// A link's toe on a convex arc of the body.
-#[inline(always)]
-fn arc_arc(toe: &Circle, arc: &Circle, segment: f64) -> Candidate {
-    let d = toe.centre - arc.centre;
-    let distance = d.norm();
-    let normal = d / distance;
-    Candidate {
-        exists: true,
-        penetration: toe.radius_m + arc.radius_m - distance,
-        point: toe.centre - normal * toe.radius_m,
-        normal,
-        body_radius: arc.radius_m,
-        segment,
+/// A flank in the gap frame, as in [`FlankLanes`].
+struct Segment2 {
+    start: (f64, f64),
+    normal: (f64, f64),
+    from_m: f64,
+    to_m: f64,
+}
+
+impl Segment2 {
+    #[inline(always)]
+    fn distance(&self, (x, y): (f64, f64)) -> f64 {
+        let (dx, dy) = (x - self.start.0, y - self.start.1);
+        let (nx, ny) = self.normal;
+        let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
+        let low = if along < self.from_m { self.from_m } else { along };
+        let past = along - if low > self.to_m { self.to_m } else { low };
+        (height * height + past * past).sqrt()
+    }
+
+    /// Of the segment and an arc that do not cut each other: between an end of one and the other, or along a common normal.
+    #[inline(always)]
+    fn distance_to_arc(&self, arc: &ArcEnds) -> f64 {
+        let (nx, ny) = self.normal;
+        let end = |along: f64| (self.start.0 - ny * along, self.start.1 + nx * along);
+        let of_ends = least(arc.distance(end(self.from_m)), arc.distance(end(self.to_m)));
+        let to_ends = least(self.distance(arc.ends[0]), self.distance(arc.ends[1]));
+        let (dx, dy) = (arc.centre.0 - self.start.0, arc.centre.1 - self.start.1);
+        let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
+        let faces = (along >= self.from_m) & (along <= self.to_m) & (height > 0.0) & has(&arc.arc, -nx, -ny, 1.0);
+        let between = if faces { (height - arc.arc.circle.radius_m).abs() } else { f64::INFINITY };
+        least(least(of_ends, to_ends), between)
     }
 }
 
-/// A link's toe in the root.
-#[inline(always)]
-fn arc_in_hollow(toe: &Circle, root: &Circle, segment: f64) -> Candidate {
-    let d = toe.centre - root.centre;
-    let distance = d.norm();
-    let outward = d / distance;
-    Candidate {
-        exists: d.y < 0.0,
-        penetration: distance + toe.radius_m - root.radius_m,
-        point: toe.centre + outward * toe.radius_m,
-        normal: -outward,
-        body_radius: -root.radius_m,
-        segment,
+/// An arc and where it ends.
+struct ArcEnds {
+    arc: Arc,
+    /// -1: hollow.
+    sense: f64,
+    centre: (f64, f64),
+    ends: [(f64, f64); 2],
+}
+
+impl ArcEnds {
+    #[inline(always)]
+    fn new(arc: &Arc, sense: f64) -> ArcEnds {
+        let (c, r) = (arc.circle.centre, sense * arc.circle.radius_m);
+        let end = |normal: Vec2| (c.x + normal.x * r, c.y + normal.y * r);
+        ArcEnds { arc: *arc, sense, centre: (c.x, c.y), ends: [end(arc.from), end(arc.to)] }
+    }
+
+    #[inline(always)]
+    fn distance(&self, (x, y): (f64, f64)) -> f64 {
+        let (dx, dy) = (x - self.centre.0, y - self.centre.1);
+        let length = (dx * dx + dy * dy).sqrt();
+        let faces = has(&self.arc, self.sense * dx, self.sense * dy, length);
+        let to_ends = least(distance((x, y), self.ends[0]), distance((x, y), self.ends[1]));
+        if faces { (length - self.arc.circle.radius_m).abs() } else { to_ends }
     }
 }
 
-/// The tip corner of a tooth in the crotch of the link that straddles it. `inward`: out of the link's teeth.
 #[inline(always)]
-fn corner_in_crotch(corner: &Circle, crotch: &Circle, inward: Vec2, segment: f64) -> Candidate {
-    let d = corner.centre - crotch.centre;
-    let distance = d.norm();
-    let outward = d / distance;
-    Candidate {
-        exists: (distance != 0.0) & (d.dot(&inward) <= -0.5 * distance),
-        penetration: distance + corner.radius_m - crotch.radius_m,
-        point: crotch.centre + outward * crotch.radius_m,
-        normal: outward,
-        body_radius: corner.radius_m,
-        segment,
-    }
+fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
+    let (dx, dy) = (a.0 - b.0, a.1 - b.1);
+    (dx * dx + dy * dy).sqrt()
+}
+
+#[inline(always)]
+fn least(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Whether a point of the arc has this normal; `length`: of the normal.
+#[inline(always)]
+fn has(arc: &Arc, x: f64, y: f64, length: f64) -> bool {
+    let rounding = -NORMAL_ROUNDING * length;
+    (arc.from.x * y - arc.from.y * x >= rounding) & (x * arc.to.y - y * arc.to.x >= rounding)
 }

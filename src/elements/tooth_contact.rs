@@ -403,7 +403,7 @@ fn any_forces<const CONTOUR: bool>(
         }
         if special != 0 {
             for i in 0..LANES {
-                let out = contact_law::linear_step(k, c, step_input(lanes, i, step));
+                let out = contact_law::linear_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
                 (force[i], rate[i], touch_rate[i], lost[i]) = (out.mean_force, out.rate, out.touch_rate, out.lost);
             }
         }

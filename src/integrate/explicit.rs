@@ -19,6 +19,7 @@
 //! Sums run in chain order or in fixed partial sums, so that no vector width, window or reporting interval changes a bit.
 
 mod abutments;
+mod counts;
 pub(crate) mod ends;
 mod flanks;
 mod guides;
@@ -29,6 +30,8 @@ mod teeth;
 pub(crate) mod watch;
 mod windows;
 
+pub use counts::{CountedPair, PairCounts};
+use guides::BlockForces;
 pub use parts::Part;
 pub use scratch::Scratch;
 use scratch::WINDOW_MARGIN_M;
@@ -163,10 +166,8 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.close(model.chain.n_links);
     }
-    while let Some(at) = scratch.guide_blocks.pop() {
-        put(&mut scratch.guide_x, at, [0.0; LANES]);
-        put(&mut scratch.guide_y, at, [0.0; LANES]);
-        put(&mut scratch.guide_moment, at, [0.0; LANES]);
+    for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
+        *block = BlockForces::default();
     }
     for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
         guides::contacts::<WATCHED>(model, state, scratch, k);
@@ -260,11 +261,11 @@ impl<'a> MemoryBlocks<'a> {
         self.stale[at] = 2;
     }
 
-    /// As [`MemoryBlocks::keep`], for the lanes that are nearest to the body `own`.
+    /// As [`MemoryBlocks::keep`], for the lanes that are the body's own.
     #[cold]
-    fn keep_own(&mut self, nearest: &[usize], own: usize, at: usize, lanes: &Lanes) {
+    fn keep_own(&mut self, own: impl Fn(usize) -> bool, at: usize, lanes: &Lanes) {
         let (past, now) = (&self.past, &mut self.now);
-        for i in (0..LANES).filter(|i| nearest[*i] == own) {
+        for i in (0..LANES).filter(|i| own(*i)) {
             now.normal_force[at][i] = lanes.normal_force[i];
             now.tangential_force[at][i] = lanes.tangential_force[i];
             now.age[at][i] = lanes.age[i];

@@ -1,60 +1,110 @@
 //! Toothed flanks of silent links in their gaps: a block of ends at a time.
 
 use super::LANES;
-use super::ends::{Poses, Seated, Seen};
+use super::ends::{Answer, GapCache, Gaps, Query};
 use crate::elements::arc_lanes::Found;
 use crate::elements::end_contact::{EndBody, EndShape};
 use crate::elements::flank_lanes::{FlankLanes, Placed};
-use crate::elements::tooth_contact::{Mask, any, mask, take};
+use crate::elements::tooth_contact::{Column, any, mask, take};
 use crate::geometry::chain::silent::SilentLinkContour;
 
 /// What a block of ends touches with, and the tooth gaps they were in last.
-pub(super) struct Flanked {
+pub(super) struct FlankCache {
     flanks: FlankLanes,
-    seated: Seated,
+    gaps: GapCache,
+    /// Distance of a joint from the axis beyond which its link touches no tooth [m], and its square.
+    limit: Column,
+    limit_squared: Column,
 }
 
-impl Flanked {
-    pub(super) fn new(body: &EndBody, rows: &[SilentLinkContour], at: usize, front: bool) -> Flanked {
-        let (outer, seats) = match &body.shape {
-            EndShape::OuterFlanks { seats, .. } => (true, Some(seats)),
-            EndShape::InnerFlanks { seats, .. } => (false, Some(seats)),
-            _ => (true, None),
+impl FlankCache {
+    /// `levers`: signed or not, of the joints of all links [m]; `at`: the first link of the block.
+    pub(super) fn new(
+        body: &EndBody,
+        (rows, levers): (&[SilentLinkContour], &[f64]),
+        at: usize,
+        front: bool,
+    ) -> FlankCache {
+        let (tooth, seats, outer) = match &body.shape {
+            EndShape::OuterFlanks { tooth, seats } => (Some(tooth), Some(seats), true),
+            EndShape::InnerFlanks { tooth, seats } => (Some(tooth), Some(seats), false),
+            _ => (None, None, true),
         };
-        Flanked { flanks: FlankLanes::new(rows, at, front, outer), seated: seats.map(Seated::new).unwrap_or_default() }
+        let limit = take(levers, at).map(|lever| tooth.map_or(0.0, |tooth| tooth.reach_m(lever.abs())));
+        FlankCache {
+            flanks: FlankLanes::new(rows, at, front, outer),
+            gaps: seats.map(GapCache::new).unwrap_or_default(),
+            limit,
+            limit_squared: limit.map(|limit| limit * limit),
+        }
     }
 }
 
-/// Touches of a block. Returns whether there is any.
+/// Touches of a block.
 #[inline(always)]
-pub(super) fn touches(seen: &Seen<'_>, own: &Mask, flanked: &mut Flanked, found: &mut Found) -> bool {
-    let (tooth, seats, outer) = match &seen.body.shape {
+pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Found) -> Answer {
+    let (tooth, seats, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, seats } => (tooth, seats, true),
         EndShape::InnerFlanks { tooth, seats } => (tooth, seats, false),
-        _ => return false,
+        _ => return Answer { near: false, gaps: None },
     };
-    let poses = Poses::of(seen);
-    let (jx, jy) = poses.joints(seen);
-    let lever = take(&seen.model.chain.lever, seen.at);
+    let (jx, jy) = query.joints();
     let mut near = [0; LANES];
     for i in 0..LANES {
-        let limit = tooth.reach_m(lever[i].abs());
-        near[i] = own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > limit * limit);
+        near[i] = query.own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > cache.limit_squared[i]);
     }
     if !any(&near) {
-        return false;
+        return Answer { near: false, gaps: Some(Gaps::of(query.own, &beyond_limit(cache, (&jx, &jy)))) };
     }
-    flanked.seated.settle(seats, seen.rotor, &near, (&jx, &jy));
-    let (axis_x, axis_y) = flanked.seated.axes(seen.rotor);
-    let (x, y, cos, sin) = (&poses.x, &poses.y, &poses.cos, &poses.sin);
+    cache.gaps.settle(seats, query.rotor, &near, (&jx, &jy));
+    let (axis_x, axis_y) = cache.gaps.axes(query.rotor);
+    let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
     let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     // Ahead of a front end for the outer flank, behind it for the inner one.
-    let side = usize::from(seen.front == outer);
-    let bounds = (&near, seen.far_m);
-    found.tooth = flanked.seated.seat;
-    if outer {
-        flanked.flanks.deepest::<true>(tooth, side, &placed, bounds, found)
+    let side = usize::from(query.front == outer);
+    let bounds = (&near, query.far_m);
+    found.tooth = cache.gaps.seat;
+    let touches = if outer {
+        cache.flanks.deepest::<true>(tooth, side, &placed, bounds, found)
     } else {
-        flanked.flanks.deepest::<false>(tooth, side, &placed, bounds, found)
+        cache.flanks.deepest::<false>(tooth, side, &placed, bounds, found)
+    };
+    Answer { near: touches, gaps: None }
+}
+
+/// How far joints are outside of the circle within which their links touch teeth [m].
+#[inline(always)]
+fn beyond_limit(cache: &FlankCache, (x, y): (&Column, &Column)) -> Column {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = (x[i] * x[i] + y[i] * y[i]).sqrt() - cache.limit[i];
     }
+    out
+}
+
+/// Gaps of a block whose tooth gaps [`touches`] has looked up: to the contour there, or to where another tooth gap begins.
+#[inline(always)]
+pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Gaps {
+    let (tooth, outer) = match &query.body.shape {
+        EndShape::OuterFlanks { tooth, .. } => (tooth, true),
+        EndShape::InnerFlanks { tooth, .. } => (tooth, false),
+        _ => return Gaps::default(),
+    };
+    let (jx, jy) = query.joints();
+    let (axis_x, axis_y) = cache.gaps.axes(query.rotor);
+    let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
+    let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
+    let side = usize::from(query.front == outer);
+    let to_contour = if outer {
+        cache.flanks.clearances::<true>(tooth, side, &placed, query.extent_m)
+    } else {
+        cache.flanks.clearances::<false>(tooth, side, &placed, query.extent_m)
+    };
+    let to_next = cache.gaps.margins((&jx, &jy), (&axis_x, &axis_y));
+    let mut out = beyond_limit(cache, (&jx, &jy));
+    for i in 0..LANES {
+        let within = if to_contour[i] < to_next[i] { to_contour[i] } else { to_next[i] };
+        out[i] = if out[i] > within { out[i] } else { within };
+    }
+    Gaps::of(query.own, &out)
 }

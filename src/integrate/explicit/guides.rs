@@ -1,12 +1,13 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
 use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, sum, take};
+use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, take};
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
+use std::time::Instant;
 
 /// Contacts of both ends of all links near guide `k`.
 #[inline(always)]
@@ -23,6 +24,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             for rear in 0..2 {
                 let sign = if rear == 0 { 1.0 } else { -1.0 };
                 let set = 2 * body.side + rear;
+                let begun = scratch.counts.is_some().then(Instant::now);
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
                 if !shared && !within {
@@ -48,7 +50,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 memory(state, scratch, set, count).recall(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
-                add_guide_forces(scratch, at, lanes);
+                scratch.end_forces[block].add(lanes);
                 if WATCHED {
                     watch(model, scratch, k, (at, shared), set, lanes);
                 }
@@ -59,11 +61,18 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
                     let (now, stale) = (&mut scratch.guide_ends[set], &mut scratch.stale_blocks[set]);
-                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).keep_own(nearest, k, block, lanes);
+                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).keep_own(
+                        |i| nearest[i] == k,
+                        block,
+                        lanes,
+                    );
                 } else {
                     put(&mut scratch.guide_rate[set], at, lanes.rate);
                     put(&mut scratch.guide_depth[set], at, lanes.penetration);
                     memory(state, scratch, set, count).keep(block, lanes);
+                }
+                if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
+                    counts.plates[k].note(within, Some(&*lanes), begun);
                 }
             }
         }
@@ -89,21 +98,27 @@ fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, b
     watched.note(&Noted { part, at, law, mu, lanes, radius, off: None, rotor: None }, own.as_ref());
 }
 
-#[inline(always)]
-pub(super) fn add_guide_forces(scratch: &mut Scratch, at: usize, lanes: &Lanes) {
-    let mut arms = lanes.moment;
-    for i in 0..LANES {
-        arms[i] += lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
+/// Forces on a block of links that add up, of guides and of all that contours touch: at the centres, with moments.
+#[derive(Clone, Default)]
+pub(super) struct BlockForces {
+    pub(super) x: Column,
+    pub(super) y: Column,
+    pub(super) moment: Column,
+    /// Whether any is not zero.
+    pub(super) used: bool,
+}
+
+impl BlockForces {
+    #[inline(always)]
+    pub(super) fn add(&mut self, lanes: &Lanes) {
+        for i in 0..LANES {
+            let arm = lanes.lever[i] * (lanes.cos[i] * lanes.force_y[i] - lanes.sin[i] * lanes.force_x[i]);
+            self.x[i] += lanes.force_x[i];
+            self.y[i] += lanes.force_y[i];
+            self.moment[i] += lanes.moment[i] + arm;
+        }
+        self.used = true;
     }
-    for (column, values) in [
-        (&mut scratch.guide_x, lanes.force_x),
-        (&mut scratch.guide_y, lanes.force_y),
-        (&mut scratch.guide_moment, arms),
-    ] {
-        let total = sum(take(column, at), values);
-        put(column, at, total);
-    }
-    scratch.guide_blocks.push(at);
 }
 
 /// Accelerations of the ends of the links `at` .. `at + LANES`, at most [m/s2].
@@ -127,7 +142,7 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
 #[inline(always)]
-pub(super) fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec2, lanes: &mut Lanes) {
+fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec2, lanes: &mut Lanes) {
     let c = &model.chain;
     let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
     lanes.x = take(&ends.x, at);

@@ -1,6 +1,7 @@
 //! The part of a step that concerns links and their joints, in loops over blocks of links. One loop that keeps a block's values in
 //! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
 
+use super::guides::BlockForces;
 use super::scratch::{Constants, Ends, Wrapped};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
@@ -123,42 +124,29 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     let count = n / LANES;
     let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     {
-        let Scratch {
-            bush_x,
-            bush_y,
-            bush_moment,
-            guide_x,
-            guide_y,
-            guide_moment,
-            ax,
-            ay,
-            alpha,
-            stale_bushes,
-            guide_blocks,
-            constants,
-            ..
-        } = &mut *scratch;
+        let Scratch { bush_x, bush_y, bush_moment, ax, ay, alpha, stale_bushes, end_forces, constants, .. } =
+            &mut *scratch;
         let (bx0, bx1) = (blocks(bush_x.before(), count), blocks(bush_x.own(), count));
         let (by0, by1) = (blocks(bush_y.before(), count), blocks(bush_y.own(), count));
         let (bm0, bm1) = (blocks(bush_moment.before(), count), blocks(bush_moment.own(), count));
         let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
-        let (gx, gy, gm) = (blocks(guide_x, count), blocks(guide_y, count), blocks(guide_moment, count));
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
-        let stale = &stale_bushes[..count];
+        let (stale, pushed) = (&stale_bushes[..count], &end_forces[..count]);
         // Where no bush and no guide end touches, nothing is given.
         let mut before = stale[(c.n_links - 1) / LANES];
         for at in 0..count {
             let idle = stale[at] | before == 0;
             before = stale[at];
             let zero = [0.0; LANES];
-            if idle && !guide_blocks.contains(&(at * LANES)) {
+            if idle && !pushed[at].used {
                 (ax[at], ay[at], al[at]) = (zero, zero, zero);
                 continue;
             }
             let (on0, on1, own) = (on0[at], on1[at], constants.block(at));
             let (lever, im, ij) = (own.lever, own.inverse_mass, own.inverse_inertia);
             let (bx0, bx1, by0, by1, bm0, bm1) = (bx0[at], bx1[at], by0[at], by1[at], bm0[at], bm1[at]);
-            let (gx, gy, gm, cos, sin) = (gx[at], gy[at], gm[at], cos[at], sin[at]);
+            let BlockForces { x: gx, y: gy, moment: gm, .. } = pushed[at];
+            let (cos, sin) = (cos[at], sin[at]);
             let (mut x, mut y, mut turn) = (zero, zero, zero);
             for i in 0..LANES {
                 let rear_owns = 1.0 - on0[i];

@@ -137,7 +137,7 @@ impl Scratch {
 
     /// True only where no guide end and no contour of a link touches anything: known without a look at them.
     pub fn is_off_guides(&self) -> bool {
-        self.guide_blocks.is_empty()
+        self.end_forces.iter().all(|block| !block.used)
     }
 
     /// Per block, zero where [`Scratch::is_idle`]; empty where that is not known.
@@ -159,7 +159,7 @@ impl Scratch {
     }
 
     /// Tooth gaps that contour ends touch, by lane.
-    pub fn contour_teeth(&self, set: usize) -> &[u32] {
+    pub fn contour_teeth(&self, set: usize) -> &[f64] {
         &self.contour_tooth[set]
     }
 
@@ -201,7 +201,7 @@ impl Scratch {
             }
             Part::Contours(set) => {
                 let body = model.end_bodies.get(self.nearest_end[set / 2][lane])?;
-                Some((body.body, self.contour_tooth[set][lane]))
+                Some((body.body, self.contour_tooth[set][lane] as u32))
             }
         }
     }

@@ -1,6 +1,8 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
+use super::counts::Counts;
 use super::ends::EndBlock;
+use super::guides::BlockForces;
 use super::watch::Watched;
 use super::{RunIn, Window};
 use crate::elements::friction;
@@ -43,11 +45,8 @@ pub struct Scratch {
     pub(super) guide_rate: [Vec<f64>; 4],
     pub(super) bush_depth: Vec<f64>,
     pub(super) guide_depth: [Vec<f64>; 4],
-    /// Guide forces per link, and the blocks in which they are not zero.
-    pub(super) guide_blocks: Vec<usize>,
-    pub(super) guide_x: Vec<f64>,
-    pub(super) guide_y: Vec<f64>,
-    pub(super) guide_moment: Vec<f64>,
+    /// Forces of guides and of what contours touch, per block of links.
+    pub(super) end_forces: Vec<BlockForces>,
     /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
     pub(super) seat_cos: Vec<Vec<f64>>,
     pub(super) seat_sin: Vec<Vec<f64>>,
@@ -73,16 +72,23 @@ pub struct Scratch {
     pub(super) contour_ends: [ContactMemory; 6],
     pub(super) contour_rate: [Vec<f64>; 6],
     pub(super) contour_depth: [Vec<f64>; 6],
-    pub(super) contour_tooth: [Vec<u32>; 6],
+    /// Tooth gaps that contours touch, or have touched last.
+    pub(super) contour_tooth: [Vec<f64>; 6],
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
     /// Per body and block of links, for front and rear ends: what they faced last.
     pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
+    /// Distance of the farthest point of a contour from its link's centre [m].
+    pub(super) contour_extent_m: f64,
+    /// The step whose contacts of contours were looked for last.
+    pub(super) contour_step: u64,
     /// Per set of contour ends and block: how many of the two memories still hold an old contact.
     pub(super) stale_ends: [Vec<u8>; 6],
     /// For those who look at every step.
     pub(super) watched: Option<Box<Watched>>,
+    /// For those who ask what contacts cost.
+    pub(super) counts: Option<Box<Counts>>,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -246,10 +252,7 @@ impl Scratch {
             guide_rate: std::array::from_fn(|_| column()),
             bush_depth: column(),
             guide_depth: std::array::from_fn(|_| column()),
-            guide_blocks: Vec::new(),
-            guide_x: column(),
-            guide_y: column(),
-            guide_moment: column(),
+            end_forces: vec![BlockForces::default(); n / LANES],
             // All joints in gap 0 until somebody looks.
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
@@ -269,12 +272,15 @@ impl Scratch {
             contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
             contour_rate: std::array::from_fn(|_| column()),
             contour_depth: std::array::from_fn(|_| column()),
-            contour_tooth: std::array::from_fn(|_| vec![0; n]),
+            contour_tooth: std::array::from_fn(|_| column()),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
             end_blocks: model.end_bodies.iter().map(|body| EndBlock::all(model, body, n / LANES)).collect(),
+            contour_extent_m: model.contour.as_ref().map_or(0.0, |contour| contour.extent_m()),
+            contour_step: u64::MAX - 1,
             stale_ends: std::array::from_fn(|_| vec![2; n / LANES]),
             watched: None,
+            counts: None,
             ax: column(),
             ay: column(),
             alpha: column(),

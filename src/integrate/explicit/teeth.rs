@@ -6,6 +6,7 @@ use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning, blocks
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
+use std::time::Instant;
 
 /// What the bushes near a sprocket are loaded from: blocks of columns of one length, so that one bounds check does for all.
 /// Of the link before each joint, and of the link behind it.
@@ -99,6 +100,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     for Window { start, end, shared } in &s.tooth_windows[k] {
         for at in start / LANES..(end / LANES).min(count) {
             let nearest = &s.nearest_sprocket[at * LANES..];
+            let begun = s.counts.is_some().then(|| (Instant::now(), *seats.reseats));
             if !shared && !tooth_contact::any_inside(body, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
                 // Outside the tip circle.
                 if memory.forget(at) {
@@ -122,7 +124,8 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 reseat(model, &mut seats, k, turning, at, lanes);
                 tooth_contact::penetrations(body, turning, lanes);
             }
-            if tooth_contact::any_within(reach_m, lanes) {
+            let near = tooth_contact::any_within(reach_m, lanes);
+            if near {
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
                 for (sum, torque) in partial.iter_mut().zip(lanes.torque) {
@@ -139,7 +142,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     results.rate[at][i] = lanes.rate[i];
                     results.depth[at][i] = lanes.penetration[i];
                 }
-                memory.keep_own(nearest, k, at, lanes);
+                memory.keep_own(|i| nearest[i] == k, at, lanes);
                 for i in 0..LANES {
                     results.force_x[at][i] += lanes.force_x[i];
                     results.force_y[at][i] += lanes.force_y[i];
@@ -152,6 +155,10 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 results.force_y[at] = lanes.force_y;
                 results.moment[at] = lanes.moment;
                 memory.keep(at, lanes);
+            }
+            if let (Some((begun, reseats)), Some(counts)) = (begun, &mut s.counts) {
+                counts.bushes[k].searches += *seats.reseats - reseats;
+                counts.bushes[k].note(near, near.then_some(&*lanes), begun);
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Who is near whom: runs of joints near each sprocket and of links near each guide, looked up every so many steps with a
 //! margin that they cannot cross in between. What lies outside touches nothing, so looking more or less often changes no bit.
 
+use super::guides::BlockForces;
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
 use crate::model::Model;
@@ -19,9 +20,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.clear();
     }
-    for column in [&mut scratch.guide_x, &mut scratch.guide_y, &mut scratch.guide_moment] {
-        column.fill(0.0);
-    }
+    scratch.end_forces.fill(BlockForces::default());
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         if sprocket.geometry.iso().is_none() {
             continue;
