@@ -13,9 +13,9 @@
 //! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
 //! Where it has arcs that are flatter, others may exist: [`sure_arcs`] tells from which arcs on a pair has no rival.
 
-use super::tooth_contact::{Column, LANES, Mask, mask};
+use super::tooth_contact::{Column, LANES};
 use crate::geometry::smartchain::contour::{Contour, ContourArc};
-use crate::geometry::smartchain::ring::{FAR_SIDE, LobedRing, RingContact};
+use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
 use crate::recording::frame::Segment;
 
@@ -79,15 +79,15 @@ pub struct FootLanes {
     out_y: Column,
 }
 
-/// Feet of perpendiculars.
+/// The foot of a perpendicular, or the place of a common normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Feet {
-    pub point_x: Column,
-    pub point_y: Column,
+pub struct Foot {
+    pub point_x: f64,
+    pub point_y: f64,
     /// Out of the contour.
-    pub normal_x: Column,
-    pub normal_y: Column,
-    pub distance: Column,
+    pub normal_x: f64,
+    pub normal_y: f64,
+    pub distance: f64,
 }
 
 /// Lower than any side, for an element with no other before it; and higher, for a lane that knows nothing yet.
@@ -146,40 +146,26 @@ impl FootLanes {
         (self.to_tx[i], self.to_ty[i]) = if at_end { (0.0, 0.0) } else { (to_t.x, to_t.y) };
     }
 
-    /// Lanes whose point faces another element now. The points lie outside of the contour.
+    /// Foot on the element of lane `i`, and whether the point faces that element, which signs tell of points outside of the contour.
     #[inline(always)]
-    pub fn strayed(&self, x: &Column, y: &Column) -> Mask {
-        let mut out = [0; LANES];
-        for i in 0..LANES {
-            let from = (x[i] - self.from_x[i]) * self.from_tx[i] + (y[i] - self.from_y[i]) * self.from_ty[i];
-            let to = (x[i] - self.to_x[i]) * self.to_tx[i] + (y[i] - self.to_y[i]) * self.to_ty[i];
-            out[i] = !mask(from > self.from_above[i]) | mask(to > 0.0);
-        }
-        out
-    }
-
-    /// Feet on the elements.
-    #[inline(always)]
-    pub fn feet(&self, x: &Column, y: &Column) -> Feet {
-        let mut out = Feet::default();
-        for i in 0..LANES {
-            let (dx, dy) = (x[i] - self.centre_x[i], y[i] - self.centre_y[i]);
-            let length = (dx * dx + dy * dy).sqrt();
-            let r = self.radius[i];
-            let (fx, fy) = (self.out_x[i], self.out_y[i]);
-            let height = dx * fx + dy * fy;
-            let inside = (r < 0.0) | ((r == 0.0) & (height < 0.0));
-            let signed = if inside { -length } else { length };
-            let flat = r == f64::INFINITY;
-            let (nx, ny) = (if flat { fx } else { dx / signed }, if flat { fy } else { dy / signed });
-            let reach = if flat { 0.0 } else { r };
-            let distance = if flat { height } else { signed - r };
-            let (bx, by) = (self.centre_x[i] + nx * reach, self.centre_y[i] + ny * reach);
-            out.point_x[i] = if flat { x[i] - nx * height } else { bx };
-            out.point_y[i] = if flat { y[i] - ny * height } else { by };
-            (out.normal_x[i], out.normal_y[i], out.distance[i]) = (nx, ny, distance);
-        }
-        out
+    pub fn foot(&self, i: usize, x: f64, y: f64) -> (Foot, bool) {
+        let from = (x - self.from_x[i]) * self.from_tx[i] + (y - self.from_y[i]) * self.from_ty[i];
+        let to = (x - self.to_x[i]) * self.to_tx[i] + (y - self.to_y[i]) * self.to_ty[i];
+        let faced = (from > self.from_above[i]) & !(to > 0.0);
+        let (cx, cy, r) = (self.centre_x[i], self.centre_y[i], self.radius[i]);
+        let (dx, dy) = (x - cx, y - cy);
+        let length = (dx * dx + dy * dy).sqrt();
+        let (fx, fy) = (self.out_x[i], self.out_y[i]);
+        let height = dx * fx + dy * fy;
+        let inside = (r < 0.0) | ((r == 0.0) & (height < 0.0));
+        let signed = if inside { -length } else { length };
+        let flat = r == f64::INFINITY;
+        let (nx, ny) = (if flat { fx } else { dx / signed }, if flat { fy } else { dy / signed });
+        let reach = if flat { 0.0 } else { r };
+        let distance = if flat { height } else { signed - r };
+        let point_x = if flat { x - nx * height } else { cx + nx * reach };
+        let point_y = if flat { y - ny * height } else { cy + ny * reach };
+        (Foot { point_x, point_y, normal_x: nx, normal_y: ny, distance }, faced)
     }
 }
 
@@ -244,30 +230,16 @@ impl SupportLanes {
         (self.end_x[i], self.end_y[i]) = (end.x, end.y);
     }
 
-    /// Lanes whose direction faces another element now.
+    /// The point of lane `i` that reaches furthest in a direction, and whether the direction faces the element that is remembered.
     #[inline(always)]
-    pub fn strayed(&self, x: &Column, y: &Column) -> Mask {
-        let mut out = [0; LANES];
-        for i in 0..LANES {
-            let before = y[i] * self.before_x[i] - x[i] * self.before_y[i];
-            let end = y[i] * self.end_x[i] - x[i] * self.end_y[i];
-            // Normals look to +y: only of such a direction do signs tell all.
-            out[i] = !mask((before > self.before_above[i]) & (y[i] > 0.0)) | mask(end > 0.0);
-        }
-        out
-    }
-
-    /// Points that reach furthest in the directions.
-    #[inline(always)]
-    pub fn points(&self, x: &Column, y: &Column) -> (Column, Column) {
-        let mut out = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            let on_start = x[i] * self.start_tx[i] + y[i] * self.start_ty[i] < 0.0;
-            let (px, py) = (self.centre_x[i] + x[i] * self.radius[i], self.centre_y[i] + y[i] * self.radius[i]);
-            out.0[i] = if on_start { self.start_x[i] } else { px };
-            out.1[i] = if on_start { self.start_y[i] } else { py };
-        }
-        out
+    pub fn point(&self, i: usize, x: f64, y: f64) -> ((f64, f64), bool) {
+        let before = y * self.before_x[i] - x * self.before_y[i];
+        let end = y * self.end_x[i] - x * self.end_y[i];
+        // Normals look to +y: only of such a direction do signs tell all.
+        let faced = (before > self.before_above[i]) & (y > 0.0) & !(end > 0.0);
+        let on_start = x * self.start_tx[i] + y * self.start_ty[i] < 0.0;
+        let (px, py) = (self.centre_x[i] + x * self.radius[i], self.centre_y[i] + y * self.radius[i]);
+        ((if on_start { self.start_x[i] } else { px }, if on_start { self.start_y[i] } else { py }), faced)
     }
 }
 
@@ -293,8 +265,8 @@ pub struct PairLanes {
     last_y: Column,
     /// 1: before the crest; -1: behind it; 0: the crest.
     side: Column,
-    /// Whether the pair may be kept; otherwise it is looked for in every step.
-    known: Mask,
+    /// 1 where the pair may be kept; else it is looked for in every step.
+    known: Column,
 }
 
 /// What a search for a common normal found.
@@ -314,7 +286,7 @@ const PAIR_MARGIN_RAD: f64 = 1e-6;
 
 impl PairLanes {
     /// Looks up which pair of arcs faces each other. `sure`: as [`sure_arcs`] tells; `axis` and `turn` as in
-    /// [`PairLanes::contacts`], of this lane.
+    /// [`PairLanes::contact`].
     #[cold]
     #[inline(never)]
     pub fn search(
@@ -325,7 +297,7 @@ impl PairLanes {
         axis: Vec2,
         turn: Vec2,
     ) -> Pair {
-        self.known[i] = 0;
+        self.known[i] = 0.0;
         let Some(contact) = ring.contact_at(abutment, axis, turn) else { return Pair::Nothing };
         let arcs = contact.abutment_radius_m > 0.0 && contact.ring_radius_m.is_finite();
         if !arcs || !sure[contact.abutment_arc] {
@@ -345,39 +317,37 @@ impl PairLanes {
         (self.first_x[i], self.first_y[i]) = (on_ring.first.x, on_ring.first.y);
         (self.last_x[i], self.last_y[i]) = (on_ring.last.x, on_ring.last.y);
         self.side[i] = on_ring.side;
-        self.known[i] = u64::MAX;
+        self.known[i] = 1.0;
     }
 
-    /// Contacts of the pairs: point and normal on the abutment, and the gap. Axes of the sprocket in the link frame, directions of
-    /// the gap frame's +x there, and how far the abutment lies to the left of the crest over its radius. With them, the lanes whose
-    /// pair does not hold.
+    /// Contact of the pair of lane `i`: point and normal on the abutment, and the gap. Axis of the sprocket in the link frame, direction of
+    /// the gap frame's +x there, and how far the abutment lies to the left of the crest, over the width of a lobe's own side. With it,
+    /// whether the pair holds.
     #[inline(always)]
-    pub fn contacts(&self, axis: [&Column; 2], turn: [&Column; 2], lean: &Column) -> (Feet, Mask) {
-        let (mut out, mut strayed) = (Feet::default(), [0; LANES]);
-        for i in 0..LANES {
-            let (tx, ty) = (turn[0][i], turn[1][i]);
-            let qx = axis[0][i] + (tx * self.ring_x[i] - ty * self.ring_y[i]);
-            let qy = axis[1][i] + (ty * self.ring_x[i] + tx * self.ring_y[i]);
-            let (dx, dy) = (qx - self.centre_x[i], qy - self.centre_y[i]);
-            let length = (dx * dx + dy * dy).sqrt();
-            let signed = if self.ring_radius[i] < 0.0 { -length } else { length };
-            let (nx, ny) = (dx / signed, dy / signed);
-            let from = nx * self.from_tx[i] + ny * self.from_ty[i];
-            let to = nx * self.to_tx[i] + ny * self.to_ty[i];
-            // Out of the lobe, in its frame.
-            let (ux, uy) = (0.0 - (tx * nx + ty * ny), ty * nx - tx * ny);
-            let first = self.first_x[i] * uy - self.first_y[i] * ux;
-            let last = ux * self.last_y[i] - uy * self.last_x[i];
-            let margin = PAIR_MARGIN_RAD;
-            let holds = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
-            let beyond = mask(self.side[i] * lean[i] > FAR_SIDE);
-            strayed[i] = !mask(holds) | beyond | !self.known[i];
-            out.point_x[i] = self.centre_x[i] + nx * self.radius[i];
-            out.point_y[i] = self.centre_y[i] + ny * self.radius[i];
-            (out.normal_x[i], out.normal_y[i]) = (nx, ny);
-            out.distance[i] = signed - self.ring_radius[i] - self.radius[i];
-        }
-        (out, strayed)
+    pub fn contact(&self, i: usize, axis: (f64, f64), (tx, ty): (f64, f64), lean: f64) -> (Foot, bool) {
+        let qx = axis.0 + (tx * self.ring_x[i] - ty * self.ring_y[i]);
+        let qy = axis.1 + (ty * self.ring_x[i] + tx * self.ring_y[i]);
+        let (dx, dy) = (qx - self.centre_x[i], qy - self.centre_y[i]);
+        let length = (dx * dx + dy * dy).sqrt();
+        let signed = if self.ring_radius[i] < 0.0 { -length } else { length };
+        let (nx, ny) = (dx / signed, dy / signed);
+        let from = nx * self.from_tx[i] + ny * self.from_ty[i];
+        let to = nx * self.to_tx[i] + ny * self.to_ty[i];
+        // Out of the lobe, in its frame.
+        let (ux, uy) = (0.0 - (tx * nx + ty * ny), ty * nx - tx * ny);
+        let first = self.first_x[i] * uy - self.first_y[i] * ux;
+        let last = ux * self.last_y[i] - uy * self.last_x[i];
+        let margin = PAIR_MARGIN_RAD;
+        let faced = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
+        let behind = self.side[i] * lean > 1.0;
+        let foot = Foot {
+            point_x: self.centre_x[i] + nx * self.radius[i],
+            point_y: self.centre_y[i] + ny * self.radius[i],
+            normal_x: nx,
+            normal_y: ny,
+            distance: signed - self.ring_radius[i] - self.radius[i],
+        };
+        (foot, faced & !behind & (self.known[i] > 0.0))
     }
 }
 

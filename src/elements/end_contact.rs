@@ -333,6 +333,14 @@ impl EndBody {
         }
     }
 
+    /// Whether its contacts are in tooth gaps.
+    pub fn has_teeth(&self) -> bool {
+        match self.shape {
+            EndShape::Lobes { .. } | EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => true,
+            EndShape::Circle { .. } | EndShape::Face { .. } => false,
+        }
+    }
+
     /// Of a guide's face.
     pub fn face_direction(&self) -> Option<Vec2> {
         match self.shape {

@@ -290,7 +290,8 @@ impl FlankLanes {
                 let within = self.crotch_radius[i] - corner.radius_m - length;
                 let (ox, oy) = (corner_at.0 - link.x, corner_at.1 - link.y);
                 let arm = (ox * ox + oy * oy).sqrt() / extent_m;
-                let below = (dy * link.cos - dx * link.sin + 0.5 * length) * (1.0 / 1.5) / (if arm > 1.0 { arm } else { 1.0 });
+                let below =
+                    (dy * link.cos - dx * link.sin + 0.5 * length) * (1.0 / 1.5) / (if arm > 1.0 { arm } else { 1.0 });
                 of_flank = least(of_flank, if within > below { within } else { below });
             }
             out[i] = least(of_flank, of_toe - self.toe_radius[i]);

@@ -39,7 +39,7 @@ pub use watch::{ContactValue, Extreme, MOST_SPROCKETS, Parts, TorqueSums, Touche
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::rotor::{Rotor, turned};
-use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut, take};
+use crate::elements::tooth_contact::{BlockStep, Column, LANES, Lanes, Remembered, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 
@@ -246,6 +246,25 @@ impl<'a> MemoryBlocks<'a> {
         lanes.tangential_force = self.past.tangential_force[at];
         lanes.age = self.past.age[at];
         lanes.approach = self.past.approach[at];
+    }
+
+    #[inline(always)]
+    fn remembered(&self, at: usize) -> Remembered {
+        let past = &self.past;
+        [past.normal_force[at], past.tangential_force[at], past.age[at], past.approach[at]]
+    }
+
+    /// As [`MemoryBlocks::keep`].
+    #[inline(always)]
+    fn keep_step(&mut self, at: usize, step: &BlockStep) {
+        let (past, now) = (&self.past, &mut self.now);
+        now.normal_force[at] = step.normal_force;
+        now.tangential_force[at] = step.tangential_force;
+        now.age[at] = step.age;
+        now.approach[at] = step.approach;
+        now.lost_damping[at] = sum(past.lost_damping[at], step.lost_damping);
+        now.lost_friction[at] = sum(past.lost_friction[at], step.lost_friction);
+        self.stale[at] = 2;
     }
 
     /// Gives the contact memory of a block back to its columns.

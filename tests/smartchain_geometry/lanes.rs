@@ -1,7 +1,7 @@
 //! The kernel that remembers what abutments faced, against the searches that know nothing.
 
 use crate::{Random, abutment, smooth};
-use pitchline::elements::arc_lanes::{Feet, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
+use pitchline::elements::arc_lanes::{Foot, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
 use pitchline::elements::tooth_contact::LANES;
 use pitchline::geometry::Vec2;
 use pitchline::geometry::smartchain::contour::Contour;
@@ -10,8 +10,8 @@ use pitchline::geometry::smartchain::{LobedRing, Side};
 
 const POSES: usize = 100_000;
 
-fn point(feet: &Feet, i: usize) -> (Vec2, Vec2) {
-    (Vec2::new(feet.point_x[i], feet.point_y[i]), Vec2::new(feet.normal_x[i], feet.normal_y[i]))
+fn point(foot: &Foot) -> (Vec2, Vec2) {
+    (Vec2::new(foot.point_x, foot.point_y), Vec2::new(foot.normal_x, foot.normal_y))
 }
 
 /// Front and rear contours of abutments for three numbers of teeth.
@@ -37,19 +37,18 @@ fn feet_are_those_of_the_search_whatever_was_faced_before() {
                 let height = if i % 2 == 0 { 25e-3 + 50e-3 * random.unit() } else { 4e-3 + 3e-3 * random.unit() };
                 (x[i], y[i]) = ((random.unit() - 0.5) * 0.3 * height, contour.start().y + height);
             }
-            let strayed = lanes.strayed(&x, &y);
-            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-                lanes.search(i, contour, Vec2::new(x[i], y[i]));
-                moved += 1;
-            }
-            assert_eq!(lanes.strayed(&x, &y), [0; LANES], "found where it is");
-            let feet = lanes.feet(&x, &y);
             for i in 0..LANES {
+                if !lanes.foot(i, x[i], y[i]).1 {
+                    lanes.search(i, contour, Vec2::new(x[i], y[i]));
+                    moved += 1;
+                }
+                let (kept, faced) = lanes.foot(i, x[i], y[i]);
+                assert!(faced, "found where it is");
                 let foot = contour.closest_to_point(Vec2::new(x[i], y[i]));
-                assert_eq!(feet.distance[i], foot.distance_m, "{foot:?}");
+                assert_eq!(kept.distance, foot.distance_m, "{foot:?}");
                 assert_eq!(lanes.radius[i], foot.radius_m);
                 if foot.radius_m != 0.0 {
-                    assert_eq!(point(&feet, i), (foot.point, foot.normal));
+                    assert_eq!(point(&kept), (foot.point, foot.normal));
                 }
             }
         }
@@ -68,18 +67,15 @@ fn supports_are_those_of_the_search_whatever_was_faced_before() {
                 let angle = (random.unit() - 0.5) * if i % 2 == 0 { 0.1 } else { 6.0 };
                 (y[i], x[i]) = (libm::cos(angle), libm::sin(angle));
             }
-            let strayed = lanes.strayed(&x, &y);
             for i in 0..LANES {
-                if strayed[i] != 0 {
-                    lanes.search(i, contour, Vec2::new(x[i], y[i]));
-                } else {
+                if lanes.point(i, x[i], y[i]).1 {
                     kept += 1;
+                } else {
+                    lanes.search(i, contour, Vec2::new(x[i], y[i]));
                 }
-            }
-            let (px, py) = lanes.points(&x, &y);
-            for i in 0..LANES {
+                let (px, py) = lanes.point(i, x[i], y[i]).0;
                 let support = contour.support(Vec2::new(x[i], y[i])).1;
-                assert_eq!(Vec2::new(px[i], py[i]), support, "towards {} {}", x[i], y[i]);
+                assert_eq!(Vec2::new(px, py), support, "towards {} {}", x[i], y[i]);
             }
         }
     });
@@ -111,28 +107,26 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
                     continue;
                 }
                 let lean = ring.lean(near.point - axis, turn);
-                let of_lanes = |warm: &PairLanes| {
-                    let (x, y) = ([axis.x; LANES], [axis.y; LANES]);
-                    warm.contacts([&x, &y], [&[turn.x; LANES], &[turn.y; LANES]], &[lean; LANES])
-                };
+                let of_lane = |lanes: &PairLanes, i| lanes.contact(i, (axis.x, axis.y), (turn.x, turn.y), lean);
                 // From nothing, and from every lane that remembers something else.
                 let mut cold = PairLanes::default();
                 let found = cold.search(0, (contour, &sure), &ring, axis, turn);
-                let (feet, strayed) = of_lanes(&warm);
                 for i in 0..LANES {
-                    if strayed[i] != 0 {
-                        searched += 1;
-                    } else {
+                    let (foot, holds) = of_lane(&warm, i);
+                    if holds {
                         assert_eq!(found, Pair::Kept, "a pair that no search finds");
-                        assert_eq!(feet.distance[i], of_lanes(&cold).0.distance[0], "another pair");
+                        assert_eq!(foot.distance, of_lane(&cold, 0).0.distance, "another pair");
                         kept += 1;
+                    } else {
+                        searched += 1;
                     }
                 }
                 let exact: Option<RingContact> = ring.contact(contour, axis, libm::atan2(turn.y, turn.x));
                 match (found, exact) {
                     (Pair::Kept, Some(exact)) => {
-                        let (_, normal) = point(&of_lanes(&cold).0, 0);
-                        let off_m = (of_lanes(&cold).0.distance[0] - exact.gap_m).abs();
+                        let kept = of_lane(&cold, 0).0;
+                        let (_, normal) = point(&kept);
+                        let off_m = (kept.distance - exact.gap_m).abs();
                         farthest_m = farthest_m.max(off_m);
                         assert!((normal - exact.normal).norm() < 1e-7, "{normal:?} {exact:?}");
                     }

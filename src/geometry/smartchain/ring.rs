@@ -55,6 +55,8 @@ pub struct LobedRing {
     pub crest_arc: usize,
     /// The same for contact search.
     arcs: Vec<RingArc>,
+    /// Inverse of the distance from the crest's ray beyond which an abutment touches its own side only [1/m].
+    leans_per_m: f64,
 }
 
 /// An element of the outline with what contact search needs of it.
@@ -222,6 +224,7 @@ impl LobedRing {
             transition,
             valley_radius_m,
             crest_radius_m: crest.y,
+            leans_per_m: 1.0 / (FAR_SIDE * crest.y),
             envelope_end_radius_m: end.norm(),
             flank_start_rad,
             envelope_end_rad: -wrap_angle(atan2(end.y, end.x) - 0.5 * PI),
@@ -279,7 +282,7 @@ impl LobedRing {
         for side in [0..=self.crest_arc, self.crest_arc + 1..=self.arcs.len() - 1] {
             let (first, last) = (*side.start(), *side.end());
             // Far behind the crest as seen from this side: the other side's.
-            if (first == 0) == (lean > 0.0) && lean.abs() > FAR_SIDE {
+            if (first == 0) == (lean > 0.0) && lean.abs() > 1.0 {
                 continue;
             }
             // At the end of an element, the point of the abutment that faces it lies ahead as long as the contact does.
@@ -314,11 +317,11 @@ impl LobedRing {
         self.arcs.iter().filter(|a| a.radius_m < 0.0).map(|a| -a.radius_m).fold(f64::INFINITY, f64::min)
     }
 
-    /// How far the point `at` of an abutment, seen from the axis, lies to the left of the crest's ray, over the crest's radius.
-    /// `turn`: as in [`LobedRing::contact_at`].
+    /// How far the point `at` of an abutment, seen from the axis, lies to the left of the crest's ray, over what makes it touch its own
+    /// side only. `turn`: as in [`LobedRing::contact_at`].
     #[inline(always)]
     pub fn lean(&self, at: Vec2, turn: Vec2) -> f64 {
-        0.0 - (turn.x * at.x + turn.y * at.y) / self.crest_radius_m
+        0.0 - (turn.x * at.x + turn.y * at.y) * self.leans_per_m
     }
 
     /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
@@ -348,7 +351,7 @@ impl RingContact {
 
 /// Further than this from the crest, over the radius, an abutment touches its own side only: at 40 teeth flanks reach over
 /// 0.06, and the side behind the crest over 0.006.
-pub(crate) const FAR_SIDE: f64 = 0.02;
+const FAR_SIDE: f64 = 0.02;
 
 /// Most steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
 /// radii: some 1:40, so that a few steps do; abutments nearly as flat as the hollow need many.

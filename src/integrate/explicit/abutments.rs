@@ -2,11 +2,11 @@
 
 use super::LANES;
 use super::ends::{Answer, GapCache, Gaps, Poses, Query};
-use crate::elements::arc_lanes::{Feet, FootLanes, Found, NOTHING_M, Pair, PairLanes, SupportLanes, sure_arcs};
+use crate::elements::arc_lanes::{Foot, FootLanes, Found, NOTHING_M, Pair, PairLanes, SupportLanes, sure_arcs};
 use crate::elements::end_contact::{EndBody, EndShape, Seats};
 use crate::elements::tooth_contact::{Column, Mask, any, mask};
 use crate::geometry::smartchain::contour::Contour;
-use crate::geometry::smartchain::ring::LobedRing;
+use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
 use crate::recording::frame::Segment;
 use std::sync::Arc;
@@ -22,6 +22,11 @@ pub(super) struct AbutmentCache {
     sure: Arc<[bool]>,
     /// Whether the abutment has no hollow.
     convex: bool,
+    /// Gaps to a face's plane, or to the highest circle of lobes [m].
+    gaps_m: Column,
+    /// Of ends past a face's ends to its corner [m]; whether there are any.
+    past_m: Column,
+    beyond: Mask,
     /// Elements of lanes that were looked up anew.
     searches: u64,
 }
@@ -47,28 +52,52 @@ pub(super) fn touches(query: &Query<'_>, abutment: &Contour, cache: &mut Abutmen
     match &query.body.shape {
         EndShape::Circle { radius_m } => circle(query, abutment, *radius_m, cache, found),
         EndShape::Lobes { ring, seats, turn } => lobes(query, abutment, (ring, seats, *turn), cache, found),
-        EndShape::Face { along, length_m } => face(query, abutment, *along, *length_m, cache, found),
-        EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => Answer { near: false, gaps: None },
+        EndShape::Face { along, length_m } => face(query, abutment, (*along, *length_m), cache, found),
+        EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => Answer::Apart(None),
     }
 }
 
-/// Feet of the perpendiculars from these points; what each lane faces is looked up where it has changed.
-#[inline(always)]
-fn feet(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), cache: &mut AbutmentCache) -> Feet {
-    let lanes = &mut cache.feet;
-    let (feet, mut strayed) = (lanes.feet(x, y), lanes.strayed(x, y));
-    for i in 0..LANES {
-        // Inside of a contour signs do not tell all.
-        strayed[i] = own[i] & (strayed[i] | !mask(feet.distance[i] > 0.0));
+/// Perpendiculars from points in the frames of the links onto their contours.
+struct Feet {
+    point_x: Column,
+    point_y: Column,
+    normal_x: Column,
+    normal_y: Column,
+    distance: Column,
+}
+
+impl Feet {
+    #[inline(always)]
+    fn put(&mut self, i: usize, foot: &Foot) {
+        (self.point_x[i], self.point_y[i]) = (foot.point_x, foot.point_y);
+        (self.normal_x[i], self.normal_y[i], self.distance[i]) = (foot.normal_x, foot.normal_y, foot.distance);
     }
-    if !any(&strayed) {
-        return feet;
+
+    fn nothing() -> Feet {
+        let zero = [0.0; LANES];
+        Feet { point_x: zero, point_y: zero, normal_x: zero, normal_y: zero, distance: zero }
     }
-    for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-        lanes.search(i, abutment, Vec2::new(x[i], y[i]));
-        cache.searches += 1;
+
+    /// Of the lanes of `own`; those that have come to face another element are searched for.
+    #[inline(always)]
+    fn of(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), cache: &mut AbutmentCache) -> Feet {
+        let mut out = Feet::nothing();
+        let mut strayed = [0; LANES];
+        for i in 0..LANES {
+            let (foot, faced) = cache.feet.foot(i, x[i], y[i]);
+            // Inside of a contour signs do not tell all.
+            strayed[i] = own[i] & !mask(faced & (foot.distance > 0.0));
+            out.put(i, &foot);
+        }
+        if any(&strayed) {
+            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+                cache.feet.search(i, abutment, Vec2::new(x[i], y[i]));
+                cache.searches += 1;
+                out.put(i, &cache.feet.foot(i, x[i], y[i]).0);
+            }
+        }
+        out
     }
-    lanes.feet(x, y)
 }
 
 #[inline(always)]
@@ -80,124 +109,135 @@ fn circle(
     found: &mut Found,
 ) -> Answer {
     let (x, y) = query.poses.origin();
-    let feet = feet(abutment, query.own, (&x, &y), cache);
+    let feet = Feet::of(abutment, query.own, (&x, &y), cache);
     let (mut near, mut gaps_m) = ([0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let penetration = radius_m - feet.distance[i];
-        near[i] = query.own[i] & mask(penetration > -query.far_m);
         gaps_m[i] = 0.0 - penetration;
+        near[i] = query.own[i] & mask(penetration > -query.far_m);
         found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
     }
-    let answer = Answer { near: any(&near), gaps: Some(Gaps::of(query.own, &gaps_m)) };
-    if answer.near {
-        query.poses.put(&feet, found);
+    cache.gaps_m = gaps_m;
+    if !any(&near) {
+        return Answer::Apart(Some(Gaps::of(query.own, &gaps_m)));
+    }
+    put(&query.poses, &feet, found);
+    if query.details {
         found.body_radius = [radius_m; LANES];
-        found.tooth = [0.0; LANES];
         found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
-    answer
+    Answer::Near
+}
+
+/// Points and normals of the links in the world.
+#[inline(always)]
+fn put(poses: &Poses<'_>, feet: &Feet, found: &mut Found) {
+    for i in 0..LANES {
+        let (px, py) = poses.world(i, feet.point_x[i], feet.point_y[i]);
+        let (nx, ny) = poses.world(i, feet.normal_x[i], feet.normal_y[i]);
+        (found.point_x[i], found.point_y[i]) = (poses.x[i] + px, poses.y[i] + py);
+        (found.normal_x[i], found.normal_y[i]) = (-nx, -ny);
+    }
 }
 
 #[inline(always)]
 fn face(
     query: &Query<'_>,
     abutment: &Contour,
-    along: Vec2,
-    length_m: f64,
+    (along, length_m): (Vec2, f64),
     cache: &mut AbutmentCache,
     found: &mut Found,
 ) -> Answer {
     let (poses, own) = (&query.poses, query.own);
     let up = perp(along);
-    // Down into the face, as the links see it.
-    let (x, y) = poses.link_frame(&[-up.x; LANES], &[-up.y; LANES]);
-    let mut strayed = cache.support.strayed(&x, &y);
-    for i in 0..LANES {
-        strayed[i] &= own[i];
-    }
-    if any(&strayed) {
+    let (mut strayed, mut near, mut beyond) = ([0; LANES], [0; LANES], [0; LANES]);
+    let (mut gaps_m, mut at) = ([0.0; LANES], [0.0; LANES]);
+    for searched in [false, true] {
+        for i in 0..LANES {
+            // Down into the face, as the link sees it.
+            let (dx, dy) = poses.link(i, -up.x, -up.y);
+            let ((px, py), faced) = cache.support.point(i, dx, dy);
+            strayed[i] = own[i] & !mask(faced);
+            let gap = (poses.x[i] * up.x + poses.y[i] * up.y) - (px * dx + py * dy);
+            // The face's direction is the one down turned by +90 degrees.
+            let x = (poses.x[i] * along.x + poses.y[i] * along.y) + (py * dx - px * dy);
+            near[i] = own[i] & !mask(gap > query.far_m);
+            let on = near[i] & mask((x >= 0.0) & (x <= length_m));
+            beyond[i] = near[i] & !on;
+            (gaps_m[i], at[i]) = (gap, x);
+            found.penetration[i] = if on != 0 { 0.0 - gap } else { NOTHING_M };
+            found.point_x[i] = along.x * x + up.x * gap;
+            found.point_y[i] = along.y * x + up.y * gap;
+        }
+        if searched || !any(&strayed) {
+            break;
+        }
         for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-            cache.support.search(i, abutment, Vec2::new(x[i], y[i]));
+            let (x, y) = poses.link(i, -up.x, -up.y);
+            cache.support.search(i, abutment, Vec2::new(x, y));
             cache.searches += 1;
         }
     }
-    let (px, py) = cache.support.points(&x, &y);
-    let (mut gaps_m, mut near) = ([0.0; LANES], [0; LANES]);
-    for i in 0..LANES {
-        let height = px[i] * x[i] + py[i] * y[i];
-        gaps_m[i] = (poses.x[i] * up.x + poses.y[i] * up.y) - height;
-        near[i] = own[i] & !mask(gaps_m[i] > query.far_m);
-    }
-    let mut answer = Answer { near: any(&near), gaps: Some(Gaps::of(own, &gaps_m)) };
-    if !answer.near {
-        return answer;
-    }
-    let (wx, wy) = poses.world_frame(&px, &py);
-    let (mut on, mut beyond, mut at) = ([0; LANES], [0; LANES], [0.0; LANES]);
-    for i in 0..LANES {
-        let (qx, qy) = (poses.x[i] + wx[i], poses.y[i] + wy[i]);
-        at[i] = qx * along.x + qy * along.y;
-        on[i] = near[i] & mask((at[i] >= 0.0) & (at[i] <= length_m));
-        beyond[i] = near[i] & !on[i];
-        found.penetration[i] = if on[i] != 0 { 0.0 - gaps_m[i] } else { NOTHING_M };
-        (found.point_x[i], found.point_y[i]) = (qx, qy);
+    if !any(&near) {
+        return Answer::Apart(Some(Gaps::of(own, &gaps_m)));
     }
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
-    found.body_radius = [f64::INFINITY; LANES];
-    found.tooth = [0.0; LANES];
-    found.segment = [f64::from(Segment::GuideFace as u32); LANES];
-    if any(&beyond) {
-        let (touches, past_m) = corners(query, abutment, (along * length_m, &at), &beyond, cache, found);
-        answer.near = touches | any(&on);
-        if let Some(gaps) = &mut answer.gaps {
-            for i in 0..LANES {
-                gaps.at_least_m[i] = if beyond[i] != 0 { past_m[i] } else { gaps.at_least_m[i] };
-                gaps.past_end[i] = if beyond[i] != 0 { 1.0 } else { 0.0 };
-            }
-        }
+    if query.details {
+        found.body_radius = [f64::INFINITY; LANES];
+        found.segment = [f64::from(Segment::GuideFace as u32); LANES];
     }
-    answer
+    (cache.gaps_m, cache.beyond) = (gaps_m, beyond);
+    if any(&beyond) {
+        corners(query, abutment, (along * length_m, &at), cache, found);
+    }
+    Answer::Near
 }
 
-/// Lanes past an end of a face: its corner against the contour. Whether any is near, and how far they are at least: of a convex
-/// contour that rests on the face's plane past its end, nothing is nearer to the face than to its corner.
+/// Lanes past an end of a face: its corner against the contour.
 #[inline(always)]
 fn corners(
     query: &Query<'_>,
     abutment: &Contour,
     (last, at): (Vec2, &Column),
-    beyond: &Mask,
     cache: &mut AbutmentCache,
     found: &mut Found,
-) -> (bool, Column) {
-    let poses = &query.poses;
-    let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+) {
+    let (poses, beyond) = (&query.poses, cache.beyond);
+    let (mut x, mut y, mut near) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
     for i in 0..LANES {
         let (cx, cy) = (if at[i] < 0.0 { 0.0 } else { last.x }, if at[i] < 0.0 { 0.0 } else { last.y });
-        (x[i], y[i]) = (cx - poses.x[i], cy - poses.y[i]);
+        (x[i], y[i]) = poses.link(i, cx - poses.x[i], cy - poses.y[i]);
     }
-    let (x, y) = poses.link_frame(&x, &y);
-    let feet = feet(abutment, beyond, (&x, &y), cache);
-    let mut near = [0; LANES];
+    let feet = Feet::of(abutment, &beyond, (&x, &y), cache);
     for i in 0..LANES {
         // Corner to corner there is no normal.
         near[i] = beyond[i] & mask((cache.feet.radius[i] != 0.0) & (feet.distance[i] < query.far_m));
     }
-    let past_m = if cache.convex { feet.distance } else { [0.0; LANES] };
-    if !any(&near) {
-        return (false, past_m);
-    }
-    let mut placed = Found::nothing();
-    poses.put(&feet, &mut placed);
+    cache.past_m = feet.distance;
     for i in (0..LANES).filter(|i| near[*i] != 0) {
+        let (px, py) = poses.world(i, feet.point_x[i], feet.point_y[i]);
+        let (nx, ny) = poses.world(i, feet.normal_x[i], feet.normal_y[i]);
         found.penetration[i] = 0.0 - feet.distance[i];
-        (found.point_x[i], found.point_y[i]) = (placed.point_x[i], placed.point_y[i]);
-        (found.normal_x[i], found.normal_y[i]) = (placed.normal_x[i], placed.normal_y[i]);
+        (found.point_x[i], found.point_y[i]) = (poses.x[i] + px, poses.y[i] + py);
+        (found.normal_x[i], found.normal_y[i]) = (-nx, -ny);
         found.body_radius[i] = 0.0;
         let end = if at[i] < 0.0 { Segment::GuideLeadIn } else { Segment::GuideLeadOut };
         found.segment[i] = f64::from(end as u32);
     }
-    (true, past_m)
+}
+
+/// Gaps of a block that [`touches`] found near, though nothing acts on it: to a plane or a circle; past a face's ends to its corner, from
+/// which nothing of a convex contour is nearer to the face.
+#[inline(always)]
+pub(super) fn near_gaps(query: &Query<'_>, cache: &AbutmentCache) -> Gaps {
+    let mut out = Gaps::of(query.own, &cache.gaps_m);
+    if matches!(query.body.shape, EndShape::Face { .. }) && any(&cache.beyond) {
+        for i in (0..LANES).filter(|i| cache.beyond[*i] != 0) {
+            out.at_least_m[i] = if cache.convex { cache.past_m[i] } else { 0.0 };
+            out.past_end[i] = 1.0;
+        }
+    }
+    out
 }
 
 #[inline(always)]
@@ -210,49 +250,54 @@ fn lobes(
 ) -> Answer {
     let poses = &query.poses;
     let (x, y) = poses.origin();
-    let feet = feet(abutment, query.own, (&x, &y), cache);
+    let feet = Feet::of(abutment, query.own, (&x, &y), cache);
     // The highest circle first: most links are beyond it.
-    let (mut near, mut gaps_m) = ([0; LANES], [0.0; LANES]);
+    let (mut near, mut over_crest_m) = ([0; LANES], [0.0; LANES]);
     for i in 0..LANES {
-        gaps_m[i] = feet.distance[i] - ring.crest_radius_m;
-        near[i] = query.own[i] & !mask(gaps_m[i] > query.far_m);
+        over_crest_m[i] = feet.distance[i] - ring.crest_radius_m;
+        near[i] = query.own[i] & !mask(over_crest_m[i] > query.far_m);
     }
-    // Between lobes it is not known how fast a gap closes.
-    let gaps = Some(Gaps::of(query.own, &gaps_m));
+    cache.gaps_m = over_crest_m;
     if !any(&near) {
-        return Answer { near: false, gaps };
+        return Answer::Apart(Some(Gaps::of(query.own, &over_crest_m)));
     }
     let (jx, jy) = query.joints();
     cache.gaps.settle(seats, query.rotor, &near, (&jx, &jy));
-    let (turn_x, turn_y) = turns(poses, turn, cache.gaps.axes(query.rotor));
-    let mut lean = [0.0; LANES];
+    let gap_turn = turned(turn, query.rotor);
+    let (mut turn_x, mut turn_y, mut lean) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
-        let at = Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]);
-        lean[i] = ring.lean(at, Vec2::new(turn_x[i], turn_y[i]));
+        // +y of the gap frame points along the seat.
+        let (seat_x, seat_y) = turned(gap_turn, (cache.gaps.cos[i], cache.gaps.sin[i]));
+        let (gx, gy) = poses.link(i, seat_x, seat_y);
+        (turn_x[i], turn_y[i]) = (gy, 0.0 - gx);
+        lean[i] = ring.lean(Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]), Vec2::new(gy, 0.0 - gx));
     }
-    let (mut contacts, mut strayed) = cache.pairs.contacts([&x, &y], [&turn_x, &turn_y], &lean);
-    found.body_radius = cache.pairs.ring_radius;
+    let (mut contacts, mut strayed) = (Feet::nothing(), [0; LANES]);
     for i in 0..LANES {
-        strayed[i] &= near[i];
+        let (foot, holds) = cache.pairs.contact(i, (x[i], y[i]), (turn_x[i], turn_y[i]), lean[i]);
+        strayed[i] = near[i] & !mask(holds);
+        contacts.put(i, &foot);
+    }
+    if query.details {
+        found.body_radius = cache.pairs.ring_radius;
+        found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
     if any(&strayed) {
-        let mut alone = [None; LANES];
         for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-            let (axis, turn) = (Vec2::new(x[i], y[i]), Vec2::new(turn_x[i], turn_y[i]));
+            let turn = (turn_x[i], turn_y[i]);
+            let (axis, gap_x) = (Vec2::new(x[i], y[i]), Vec2::new(turn.0, turn.1));
             cache.searches += 1;
-            match cache.pairs.search(i, (abutment, &cache.sure), ring, axis, turn) {
-                Pair::Kept => {}
-                Pair::Alone(contact) => alone[i] = Some(contact),
+            match cache.pairs.search(i, (abutment, &cache.sure), ring, axis, gap_x) {
+                Pair::Kept => {
+                    contacts.put(i, &cache.pairs.contact(i, (axis.x, axis.y), turn, lean[i]).0);
+                    found.body_radius[i] = cache.pairs.ring_radius[i];
+                }
+                Pair::Alone(contact) => {
+                    contacts.put(i, &foot_of(&contact));
+                    found.body_radius[i] = contact.ring_radius_m;
+                }
                 Pair::Nothing => near[i] = 0,
             }
-        }
-        contacts = cache.pairs.contacts([&x, &y], [&turn_x, &turn_y], &lean).0;
-        found.body_radius = cache.pairs.ring_radius;
-        for (i, c) in alone.iter().enumerate() {
-            let Some(c) = c else { continue };
-            found.body_radius[i] = c.ring_radius_m;
-            (contacts.point_x[i], contacts.point_y[i]) = (c.point.x, c.point.y);
-            (contacts.normal_x[i], contacts.normal_y[i], contacts.distance[i]) = (c.normal.x, c.normal.y, c.gap_m);
         }
     }
     for i in 0..LANES {
@@ -260,23 +305,21 @@ fn lobes(
         near[i] &= mask(penetration > -query.far_m);
         found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
     }
-    let answer = Answer { near: any(&near), gaps };
-    if answer.near {
-        found.tooth = cache.gaps.seat;
-        found.segment = [f64::from(Segment::Ring as u32); LANES];
-        poses.put(&contacts, found);
+    if !any(&near) {
+        return Answer::Apart(Some(Gaps::of(query.own, &over_crest_m)));
     }
-    answer
+    found.tooth = cache.gaps.seat;
+    put(poses, &contacts, found);
+    Answer::Near
 }
 
-/// Directions of the gap frames' +x in the frames of the links. `(gx, gy)`: of the gaps' axes in the world.
+fn foot_of(c: &RingContact) -> Foot {
+    let (point_x, point_y, normal_x, normal_y) = (c.point.x, c.point.y, c.normal.x, c.normal.y);
+    Foot { point_x, point_y, normal_x, normal_y, distance: c.gap_m }
+}
+
+/// One unit vector turned by the angle of another.
 #[inline(always)]
-fn turns(poses: &Poses<'_>, (c, s): (f64, f64), (gx, gy): (Column, Column)) -> (Column, Column) {
-    let (mut ax, mut ay) = ([0.0; LANES], [0.0; LANES]);
-    for i in 0..LANES {
-        (ax[i], ay[i]) = (c * gx[i] - s * gy[i], s * gx[i] + c * gy[i]);
-    }
-    // +y of the gap frame points along the seat.
-    let (x, y) = poses.link_frame(&ax, &ay);
-    (y, x.map(|x| 0.0 - x))
+fn turned((c, s): (f64, f64), (x, y): (f64, f64)) -> (f64, f64) {
+    (c * x - s * y, s * x + c * y)
 }

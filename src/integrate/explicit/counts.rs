@@ -1,11 +1,11 @@
 //! What looking for contacts costs, by pair of bodies: what a next change of the kernels is measured by.
 
-use super::{LANES, Scratch};
-use crate::elements::tooth_contact::Lanes;
+use super::Scratch;
+use crate::elements::tooth_contact::Column;
 use crate::model::Model;
 use std::time::Instant;
 
-/// Of one kind of part of the links and one body. A query is one block of [`LANES`] ends in one step.
+/// Of one kind of part of the links and one body. A query is one block of [`super::LANES`] ends in one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairCounts {
     /// Blocks near the body that were looked at.
@@ -25,13 +25,12 @@ pub struct PairCounts {
 }
 
 impl PairCounts {
-    /// A query that is done. `solved`: lanes with forces.
-    pub(super) fn note(&mut self, near: bool, solved: Option<&Lanes>, begun: Instant) {
+    /// A query that is done. `solved`: normal forces.
+    pub(super) fn note(&mut self, near: bool, solved: Option<&Column>, begun: Instant) {
         self.queries += 1;
         self.near += u64::from(near);
         self.solved += u64::from(solved.is_some());
-        let forces = solved.map_or([0.0; LANES], |lanes| lanes.normal_force);
-        self.hits += forces.iter().filter(|force| **force != 0.0).count() as u64;
+        self.hits += solved.into_iter().flatten().filter(|force| **force != 0.0).count() as u64;
         self.time_s += begun.elapsed().as_secs_f64();
     }
 }

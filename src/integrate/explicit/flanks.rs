@@ -46,7 +46,7 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
     let (tooth, seats, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, seats } => (tooth, seats, true),
         EndShape::InnerFlanks { tooth, seats } => (tooth, seats, false),
-        _ => return Answer { near: false, gaps: None },
+        _ => return Answer::Apart(None),
     };
     let (jx, jy) = query.joints();
     let mut near = [0; LANES];
@@ -54,7 +54,7 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
         near[i] = query.own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > cache.limit_squared[i]);
     }
     if !any(&near) {
-        return Answer { near: false, gaps: Some(Gaps::of(query.own, &beyond_limit(cache, (&jx, &jy)))) };
+        return Answer::Apart(Some(Gaps::of(query.own, &beyond_limit(cache, (&jx, &jy)))));
     }
     cache.gaps.settle(seats, query.rotor, &near, (&jx, &jy));
     let (axis_x, axis_y) = cache.gaps.axes(query.rotor);
@@ -69,7 +69,7 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
     } else {
         cache.flanks.deepest::<false>(tooth, side, &placed, bounds, found)
     };
-    Answer { near: touches, gaps: None }
+    if touches { Answer::Near } else { Answer::Apart(None) }
 }
 
 /// How far joints are outside of the circle within which their links touch teeth [m].

@@ -3,7 +3,7 @@
 use super::watch::Noted;
 use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, take};
 use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
+use crate::elements::tooth_contact::{self, BlockStep, Column, LANES, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -72,7 +72,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     memory(state, scratch, set, count).keep(block, lanes);
                 }
                 if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
-                    counts.plates[k].note(within, Some(&*lanes), begun);
+                    counts.plates[k].note(within, Some(&lanes.normal_force), begun);
                 }
             }
         }
@@ -109,6 +109,16 @@ pub(super) struct BlockForces {
 }
 
 impl BlockForces {
+    #[inline(always)]
+    pub(super) fn add_at_centre(&mut self, step: &BlockStep) {
+        for i in 0..LANES {
+            self.x[i] += step.force_x[i];
+            self.y[i] += step.force_y[i];
+            self.moment[i] += step.moment[i];
+        }
+        self.used = true;
+    }
+
     #[inline(always)]
     pub(super) fn add(&mut self, lanes: &Lanes) {
         for i in 0..LANES {

@@ -158,7 +158,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
             if let (Some((begun, reseats)), Some(counts)) = (begun, &mut s.counts) {
                 counts.bushes[k].searches += *seats.reseats - reseats;
-                counts.bushes[k].note(near, near.then_some(&*lanes), begun);
+                counts.bushes[k].note(near, near.then_some(&lanes.normal_force), begun);
             }
         }
     }
