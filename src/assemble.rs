@@ -10,8 +10,11 @@
 
 use crate::diag::Report;
 use crate::drive::{Drive, Effects};
+use crate::elements::contact_law::PairRadii;
+use crate::elements::end_contact::FAR_M;
 use crate::elements::rotor::Rotor;
 use crate::geometry::Vec2;
+use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
@@ -388,30 +391,20 @@ fn remember_contacts(model: &Model, state: &mut State) {
             }
         }
     }
-    let Some(contour) = &model.contour else { return };
-    for body in &model.end_bodies {
+    let mut finder = EndFinder::new(model);
+    let l = &state.links;
+    let poses = LinkPoses::new(model.chain.n_links, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));
+    for (k, body) in model.end_bodies.iter().enumerate() {
         let (rotor, _) = explicit::ends::turning(model, state, body);
-        for link in 0..model.chain.n_links {
-            for (rear, front) in [(0, true), (1, false)] {
-                let pose = explicit::ends::pose(model, state, body, link, front);
-                if !body.within_reach(pose.centre, model.chain.lever[link]) {
-                    continue;
-                }
-                let Some(touch) = body.touch(contour, &pose, rotor, crate::elements::end_contact::FAR_M) else {
-                    continue;
-                };
-                let radii = crate::elements::contact_law::PairRadii {
-                    bush_m: touch.link_radius_m,
-                    body_m: touch.body_radius_m,
-                };
-                let force = body.law.elastic(touch.penetration_m, radii).force_n;
-                if force > 0.0 {
-                    let memory = &mut state.contour_ends[2 * body.set + rear];
-                    memory.normal_force[link] = force;
-                    memory.age[link] = 1.0;
-                }
+        finder.find(model, (k, rotor), &poses, FAR_M, |link, front, touch| {
+            let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
+            let force = body.law.elastic(touch.penetration_m, radii).force_n;
+            if force > 0.0 {
+                let memory = &mut state.contour_ends[2 * body.set + usize::from(!front)];
+                memory.normal_force[link] = force;
+                memory.age[link] = 1.0;
             }
-        }
+        });
     }
 }
 

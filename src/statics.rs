@@ -7,8 +7,9 @@
 
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
-use crate::elements::end_contact::{EndTouch, FAR_M, LinkPose};
+use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::geometry::{Vec2, perp, rotated, unit};
+use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::Model;
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
@@ -72,9 +73,9 @@ fn free_rotors(model: &Model) -> Vec<usize> {
 
 /// Finds the equilibrium near `start`, loads scaled by `load_factor`.
 pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Result<Equilibrium, NotConverged> {
-    let free = free_rotors(model);
+    let mut problem = Problem::new(model, free_rotors(model), load_factor);
     let mut q = start;
-    let mut system = assemble(model, &q, &free, load_factor);
+    let mut system = problem.system(&q);
     let mut shift = 0.0_f64;
     let mut stillest: Option<(f64, Configuration)> = None;
     for iterations in 0..MOST_ITERATIONS {
@@ -92,7 +93,7 @@ pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Res
         }
         let negative: Vec<Vector3<f64>> = system.gradient.iter().map(|g| -g).collect();
         let direction = system.solve(&negative, &(-&system.rotor_gradient), shift);
-        let accepted = direction.and_then(|(dq, dr)| line_search(model, &q, &free, load_factor, &system, &dq, &dr));
+        let accepted = direction.and_then(|(dq, dr)| line_search(&mut problem, &q, &system, &dq, &dr));
         match accepted {
             Some((next, next_system, full)) => {
                 (q, system) = (next, next_system);
@@ -119,26 +120,25 @@ type Step = (Configuration, System, bool);
 
 /// Halves the step until energy or residual falls; None where nothing does.
 fn line_search(
-    model: &Model,
+    problem: &mut Problem<'_>,
     q: &Configuration,
-    free: &[usize],
-    load_factor: f64,
     system: &System,
     dq: &[Vector3<f64>],
     dr: &DVector<f64>,
 ) -> Option<Step> {
     let slope: f64 = system.gradient.iter().zip(dq).map(|(g, d)| g.dot(d)).sum::<f64>() + system.rotor_gradient.dot(dr);
-    let residual = system.residual(model);
+    let residual = system.residual(problem.model);
     // Not longer than half a millimetre a step: contacts are found within one tooth gap.
     let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * 4e-3)).fold(0.0, f64::max);
     // Nor may a sprocket that nothing holds yet turn its teeth past the chain.
-    let rims = free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.sprockets[*k].geometry.pitch_radius_m());
+    let model = problem.model;
+    let rims = problem.free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.sprockets[*k].geometry.pitch_radius_m());
     let longest = rims.fold(longest, f64::max);
     let mut factor = if longest > 5e-4 { 5e-4 / longest } else { 1.0 };
     let full = factor == 1.0;
     for halving in 0..30 {
-        let next = moved(q, free, dq, dr, factor);
-        let next_system = assemble(model, &next, free, load_factor);
+        let next = moved(q, &problem.free, dq, dr, factor);
+        let next_system = problem.system(&next);
         // Strictly: far down the halvings a step that changes nothing is none.
         let lower = slope < 0.0
             && next_system.energy < system.energy
@@ -167,11 +167,12 @@ fn moved(q: &Configuration, free: &[usize], dq: &[Vector3<f64>], dr: &DVector<f6
 pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<Vector3<f64>>, Vec<f64>)> {
     const TURN_RAD: f64 = 1e-7;
     let free = free_rotors(model);
-    let system = assemble(model, at, &free, 1.0);
-    let turned = |by: f64| {
+    let mut problem = Problem::new(model, free.clone(), 1.0);
+    let system = problem.system(at);
+    let mut turned = |by: f64| {
         let mut q = at.clone();
         q.rotors[model.driver] += by;
-        assemble(model, &q, &free, 1.0)
+        problem.system(&q)
     };
     let (plus, minus) = (turned(TURN_RAD), turned(-TURN_RAD));
     let rhs: Vec<Vector3<f64>> =
@@ -199,8 +200,8 @@ pub struct Reduced {
 pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
     let n = model.sprockets.len();
     let all: Vec<usize> = (0..n).collect();
-    let whole = assemble(model, at, &all, 1.0);
-    let links = assemble(model, at, &[], 1.0);
+    let whole = Problem::new(model, all, 1.0).system(at);
+    let links = Problem::new(model, Vec::new(), 1.0).system(at);
     let none = DVector::zeros(0);
     let mut shapes = Vec::new();
     for column in &whole.columns {
@@ -231,8 +232,8 @@ fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
 /// [rad/s]: its frequency [rad/s], and the share of the sprockets in its kinetic energy. Inverse iteration on K - near^2 M.
 pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f64)> {
     let free = free_rotors(model);
-    let mut system = assemble(model, at, &free, 1.0);
-    let original = assemble(model, at, &free, 1.0);
+    let mut problem = Problem::new(model, free.clone(), 1.0);
+    let (mut system, original) = (problem.system(at), problem.system(at));
     let shift = near * near;
     let c = &model.chain;
     for (i, d) in system.diagonal.iter_mut().enumerate() {
@@ -283,87 +284,107 @@ fn joint_offset(model: &Model, q: &Configuration, j: usize) -> Vec2 {
     pa + unit(fa) * model.chain.lever[j] - pb + unit(fb) * model.chain.lever[k]
 }
 
-fn assemble(model: &Model, q: &Configuration, free: &[usize], load_factor: f64) -> System {
-    let n = model.chain.n_links;
-    let mut s = System {
-        gradient: vec![Vector3::zeros(); n],
-        diagonal: vec![Matrix3::zeros(); n],
-        next: vec![Matrix3::zeros(); n],
-        columns: vec![vec![Vector3::zeros(); n]; free.len()],
-        rotor_gradient: DVector::zeros(free.len()),
-        rotor_diagonal: DVector::zeros(free.len()),
-        energy: 0.0,
-    };
-    for j in 0..n {
-        add_joint(model, q, j, &mut s);
+/// What is to stand still: a model under some of its load, and the sprockets that are free to turn.
+struct Problem<'a> {
+    model: &'a Model,
+    free: Vec<usize>,
+    load_factor: f64,
+    finder: EndFinder,
+}
+
+impl<'a> Problem<'a> {
+    fn new(model: &'a Model, free: Vec<usize>, load_factor: f64) -> Problem<'a> {
+        Problem { model, free, load_factor, finder: EndFinder::new(model) }
     }
-    for (index, sprocket) in model.sprockets.iter().enumerate() {
-        let column = free.iter().position(|k| *k == index);
-        if let Some(c) = column {
-            let torque = sprocket.rotor.outer_torque_nm() * load_factor;
-            s.energy -= torque * q.rotors[index];
-            s.rotor_gradient[c] -= torque;
-        }
-        let Some(teeth) = sprocket.geometry.iso() else { continue };
-        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
+
+    fn system(&mut self, q: &Configuration) -> System {
+        let Problem { model, free, load_factor, finder } = self;
+        let (model, load_factor) = (*model, *load_factor);
+        let n = model.chain.n_links;
+        let mut s = System {
+            gradient: vec![Vector3::zeros(); n],
+            diagonal: vec![Matrix3::zeros(); n],
+            next: vec![Matrix3::zeros(); n],
+            columns: vec![vec![Vector3::zeros(); n]; free.len()],
+            rotor_gradient: DVector::zeros(free.len()),
+            rotor_diagonal: DVector::zeros(free.len()),
+            energy: 0.0,
+        };
         for j in 0..n {
-            let (link, front) = model.chain.bush_carrier(j);
-            let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
-            let (p, heading) = q.links[link];
-            let offset = p + unit(heading) * lever - sprocket.body.centre;
-            if offset.norm() > reach {
-                continue;
+            add_joint(model, q, j, &mut s);
+        }
+        for (index, sprocket) in model.sprockets.iter().enumerate() {
+            let column = free.iter().position(|k| *k == index);
+            if let Some(c) = column {
+                let torque = sprocket.rotor.outer_torque_nm() * load_factor;
+                s.energy -= torque * q.rotors[index];
+                s.rotor_gradient[c] -= torque;
             }
-            let angle = q.rotors[index];
-            let hit = contact::gap_contact(teeth, rotated(offset, -angle), sprocket.body.bush_radius_m);
-            let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
-            let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
-            if elastic.force_n > 0.0 {
-                let normal = rotated(hit.touch.normal, angle);
-                // Distance to the centre of curvature decides how the normal turns: convex bodies weaken, concave stiffen.
-                let bend = if hit.body_radius_m < 0.0 {
-                    1.0 / (-hit.body_radius_m - radii.bush_m + hit.touch.penetration_m)
-                } else {
-                    -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
-                };
-                add_contact(&mut s, link, unit(heading) * lever, normal, elastic, bend, column.map(|c| (c, offset)));
+            let Some(teeth) = sprocket.geometry.iso() else { continue };
+            let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
+            for j in 0..n {
+                let (link, front) = model.chain.bush_carrier(j);
+                let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
+                let (p, heading) = q.links[link];
+                let offset = p + unit(heading) * lever - sprocket.body.centre;
+                if offset.norm() > reach {
+                    continue;
+                }
+                let angle = q.rotors[index];
+                let hit = contact::gap_contact(teeth, rotated(offset, -angle), sprocket.body.bush_radius_m);
+                let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
+                let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
+                if elastic.force_n > 0.0 {
+                    let normal = rotated(hit.touch.normal, angle);
+                    // Distance to the centre of curvature decides how the normal turns: convex bodies weaken, concave stiffen.
+                    let bend = if hit.body_radius_m < 0.0 {
+                        1.0 / (-hit.body_radius_m - radii.bush_m + hit.touch.penetration_m)
+                    } else {
+                        -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
+                    };
+                    add_contact(
+                        &mut s,
+                        link,
+                        unit(heading) * lever,
+                        normal,
+                        elastic,
+                        bend,
+                        column.map(|c| (c, offset)),
+                    );
+                }
             }
         }
+        for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
+            add_guide(model, q, guide, &mut s);
+        }
+        add_end_contacts(model, q, (free, finder), &mut s);
+        s
     }
-    for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
-        add_guide(model, q, guide, &mut s);
-    }
-    add_end_contacts(model, q, free, &mut s);
-    s
 }
 
 /// Links' own contours.
-fn add_end_contacts(model: &Model, q: &Configuration, free: &[usize], s: &mut System) {
-    let Some(contour) = &model.contour else { return };
-    for body in &model.end_bodies {
+fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize], &mut EndFinder), s: &mut System) {
+    if model.contour.is_none() {
+        return;
+    }
+    let poses = LinkPoses::new(model.chain.n_links, |i| {
+        let (centre, heading) = q.links[i];
+        let (sin, cos) = sin_cos(heading);
+        (centre, cos, sin)
+    });
+    let mut touches = Vec::new();
+    for (k, body) in model.end_bodies.iter().enumerate() {
         let column = body.rotor.and_then(|r| free.iter().position(|k| *k == r));
         let (sin, cos) = sin_cos(body.rotor.map_or(0.0, |r| q.rotors[r]));
-        for (link, (p, heading)) in q.links.iter().enumerate() {
-            let (link_sin, link_cos) = sin_cos(*heading);
-            for front in [true, false] {
-                let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
-                let pose = LinkPose {
-                    centre: p - body.origin,
-                    cos: link_cos,
-                    sin: link_sin,
-                    lever,
-                    front,
-                    row: link % model.rows.len(),
-                };
-                if !body.within_reach(pose.centre, model.chain.lever[link]) {
-                    continue;
-                }
-                let Some(touch) = body.touch(contour, &pose, (cos, sin), FAR_M) else { continue };
-                let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
-                let elastic = body.law.elastic(touch.penetration_m, radii);
-                if elastic.force_n > 0.0 {
-                    add_end_contact(s, link, pose.centre, &touch, elastic, column);
-                }
+        touches.clear();
+        finder.find(model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| touches.push((link, !front, touch)));
+        // In chain order, so that the energy's rounding does not depend on the blocks.
+        touches.sort_unstable_by_key(|(link, rear, _)| (*link, *rear));
+        for (link, _, touch) in &touches {
+            let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
+            let elastic = body.law.elastic(touch.penetration_m, radii);
+            if elastic.force_n > 0.0 {
+                add_end_contact(s, *link, q.links[*link].0 - body.origin, touch, elastic, column);
             }
         }
     }

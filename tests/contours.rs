@@ -42,11 +42,15 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
                             front,
                             row: link % model.rows.len(),
                         };
-                        let searched = body.touch(contour, &pose, rotor, 0.0).map_or(0.0, |t| t.penetration_m);
+                        let touch = body.touch(contour, &pose, rotor, 0.0);
+                        let searched = touch.map_or(0.0, |t| t.penetration_m);
+                        // Lobes have arcs of up to 3.4 m, whose distances are rounded off at that size: measured 1.3e-15 m.
+                        let radius_m = touch.map_or(0.0, |t| t.body_radius_m).abs();
+                        let bound_m = if radius_m.is_finite() { 2.0 * f64::EPSILON * radius_m } else { 0.0 };
                         let part = Part::Contours(2 * body.set + usize::from(!front));
                         let found = scratch.touch(part, link).map_or(0.0, |(depth, _)| depth);
                         let off_m = (found - searched.max(0.0)).abs();
-                        assert!(off_m < 1e-15, "{name}, {}, link {link}: {found:e}, {searched:e}", body.name);
+                        assert!(off_m < bound_m.max(1e-15), "{name}, {}, link {link}: {found:e}, {searched:e}", body.name);
                         farthest_m = farthest_m.max(off_m);
                         touches += u64::from(found > 0.0);
                     }

@@ -19,9 +19,10 @@
 //! Flanks, abutments and plate ends are part of their link: the joint ahead is its own front one, r goes from there to the point
 //! that touches, and there is no rest. Guides stand still (W = 0).
 
+use crate::elements::end_contact::FAR_M;
 use crate::elements::rotor::Rotor;
 use crate::geometry::{Vec2, cross, perp};
-use crate::integrate::explicit::{self, Part, Scratch, ends};
+use crate::integrate::explicit::{self, Part, Scratch};
 use crate::model::Model;
 use crate::recording::frame::{Feature, Segment};
 use crate::replay::Replay;
@@ -340,11 +341,15 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
         }
         Part::Contours(set) => {
-            let own = model.end_bodies.iter().find(|b| b.set == set / 2 && b.body == body)?;
-            let (rotor, _) = ends::turning(model, state, own);
-            let pose = ends::pose(model, state, own, lane, set % 2 == 0);
-            let t = own.touch(model.contour.as_ref()?, &pose, rotor, crate::elements::end_contact::FAR_M)?;
-            Some(Touch { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + own.origin })
+            let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
+            let mut found = None;
+            scratch.end_touches(model, state, (k, FAR_M), |link, front, t| {
+                if link == lane && front == (set % 2 == 0) {
+                    found = Some(t);
+                }
+            });
+            let (t, origin) = (found?, model.end_bodies[k].origin);
+            Some(Touch { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + origin })
         }
     }
 }

@@ -13,6 +13,7 @@
 //! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
 //! Where it has arcs that are flatter, others may exist: [`sure_arcs`] tells from which arcs on a pair has no rival.
 
+use super::end_contact::EndTouch;
 use super::tooth_contact::{Column, LANES};
 use crate::geometry::smartchain::contour::{Contour, ContourArc};
 use crate::geometry::smartchain::ring::{LobedRing, RingContact};
@@ -30,7 +31,9 @@ pub struct Found {
     /// Out of the body.
     pub normal_x: Column,
     pub normal_y: Column,
+    /// Radii of curvature there [m]: of the body, and of the link's contour as in [`super::end_contact::EndTouch`].
     pub body_radius: Column,
+    pub link_radius: Column,
     /// Number of the tooth gap.
     pub tooth: Column,
     /// A [`Segment`] as a number.
@@ -50,8 +53,24 @@ impl Found {
             normal_x: zero,
             normal_y: [1.0; LANES],
             body_radius: zero,
+            link_radius: zero,
             tooth: zero,
             segment: [f64::from(Segment::Ring as u32); LANES],
+        }
+    }
+}
+
+impl Found {
+    /// One lane of them, where details were asked for.
+    pub fn touch(&self, i: usize) -> EndTouch {
+        EndTouch {
+            penetration_m: self.penetration[i],
+            point: Vec2::new(self.point_x[i], self.point_y[i]),
+            normal: Vec2::new(self.normal_x[i], self.normal_y[i]),
+            link_radius_m: self.link_radius[i],
+            body_radius_m: self.body_radius[i],
+            tooth: self.tooth[i] as u32,
+            segment: Segment::ALL[self.segment[i] as usize],
         }
     }
 }
@@ -230,6 +249,12 @@ impl SupportLanes {
         (self.end_x[i], self.end_y[i]) = (end.x, end.y);
     }
 
+    /// Radius of curvature where [`SupportLanes::point`] is: zero at corners and on flats [m].
+    #[inline(always)]
+    pub fn radius(&self, i: usize, x: f64, y: f64) -> f64 {
+        if x * self.start_tx[i] + y * self.start_ty[i] < 0.0 { 0.0 } else { self.radius[i] }
+    }
+
     /// The point of lane `i` that reaches furthest in a direction, and whether the direction faces the element that is remembered.
     #[inline(always)]
     pub fn point(&self, i: usize, x: f64, y: f64) -> ((f64, f64), bool) {
@@ -250,7 +275,7 @@ pub struct PairLanes {
     /// The arc of the abutment, and the tangents at its ends.
     centre_x: Column,
     centre_y: Column,
-    radius: Column,
+    pub radius: Column,
     from_tx: Column,
     from_ty: Column,
     to_tx: Column,

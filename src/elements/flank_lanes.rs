@@ -248,6 +248,7 @@ impl FlankLanes {
             (found.point_x[i], found.point_y[i]) = (ay * px + ax * py, ay * py - ax * px);
             (found.normal_x[i], found.normal_y[i]) = (ay * mx + ax * my, ay * my - ax * mx);
             found.body_radius[i] = pick(last.body_radius, on_line.circle.radius_m);
+            found.link_radius[i] = pick(link_radius, f64::INFINITY);
             found.segment[i] = pick(last.segment, on_line.segment);
         }
         any(&touches)

@@ -14,7 +14,7 @@
 //! r is that of the bush above, and s adds its lever to the normal force: v_n loses (omega_link - omega_body) s, l d x n
 //! becomes l d x n - s, and the moment about the joint gains -s F_n.
 
-use super::arc_lanes::NOTHING_M;
+use super::arc_lanes::{Found, NOTHING_M};
 use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
 use super::friction;
 use crate::geometry::Vec2;
@@ -220,6 +220,8 @@ pub struct OffJoint {
     pub radius: Column,
     pub offset: Column,
     pub alpha: Column,
+    /// Of the link's contour [m].
+    pub link_radius: Column,
 }
 
 impl Lanes {
@@ -494,7 +496,7 @@ impl EndColumns {
 
     /// Puts all of it into columns.
     #[inline(always)]
-    pub fn load(&self, body_radius: &Column, lanes: &mut Lanes, off: &mut OffJoint) {
+    pub fn load(&self, found: &Found, lanes: &mut Lanes, off: &mut OffJoint) {
         for i in 0..LANES {
             let e = self.lane(i);
             (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (e.x, e.y, e.vx, e.vy);
@@ -504,7 +506,9 @@ impl EndColumns {
             (lanes.normal_x[i], lanes.normal_y[i]) = (e.normal_x, e.normal_y);
             (off.radius[i], off.offset[i]) = (e.radius, e.offset);
             lanes.penetration[i] = self.penetration[i];
-            lanes.body_radius[i] = if self.penetration[i] != NOTHING_M { body_radius[i] } else { 0.0 };
+            let touches = self.penetration[i] != NOTHING_M;
+            lanes.body_radius[i] = if touches { found.body_radius[i] } else { 0.0 };
+            off.link_radius[i] = if touches { found.link_radius[i] } else { 0.0 };
         }
     }
 
@@ -626,7 +630,7 @@ fn remembered(
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
     rates(step, omega, lanes);
-    normal_forces(law, radius, step, lanes);
+    normal_forces(law, &[radius; LANES], step, lanes);
     let half = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
@@ -666,7 +670,7 @@ pub fn contour_forces(
         lanes.mobility[i] = motion.mobility;
         (lanes.free_rate[i], lanes.free_acceleration[i]) = (motion.free_rate, motion.free_acceleration);
     }
-    normal_forces(law, 0.0, step, lanes);
+    normal_forces(law, &off.link_radius, step, lanes);
     for i in 0..LANES {
         let given = lanes.end(off, i).give(friction, step, omega, lanes.normal_force[i], lanes.tangential_force[i]);
         (lanes.slide[i], lanes.tangential_force[i]) = (given.slide, given.tangential_force);
@@ -703,7 +707,7 @@ impl Lanes {
 
 /// Normal forces, and what contacts remember of themselves.
 #[inline(always)]
-fn normal_forces(law: &ContactLaw, one_radius: f64, step: f64, lanes: &mut Lanes) {
+fn normal_forces(law: &ContactLaw, link_radius: &Column, step: f64, lanes: &mut Lanes) {
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
         let (k, c) = (stiffness_n_per_m, damping_n_s_per_m);
@@ -734,19 +738,19 @@ fn normal_forces(law: &ContactLaw, one_radius: f64, step: f64, lanes: &mut Lanes
         (lanes.age, lanes.approach, lanes.lost_damping) = (age, approach, lost);
         (lanes.normal_force, lanes.rate) = (force, rate);
     } else {
-        quadrature(law, one_radius, step, lanes);
+        quadrature(law, link_radius, step, lanes);
     }
 }
 
 /// Normal forces of the laws that have no closed form, lane by lane.
 #[inline(never)]
-fn quadrature(law: &ContactLaw, radius: f64, step: f64, lanes: &mut Lanes) {
+fn quadrature(law: &ContactLaw, link_radius: &Column, step: f64, lanes: &mut Lanes) {
     for i in 0..LANES {
         let touching = lanes.penetration[i] > 0.0 || lanes.penetration[i] + step * lanes.free_rate[i] > 0.0;
         let approach = if lanes.age[i] == 0.0 { lanes.free_rate[i] } else { lanes.approach[i] };
         lanes.approach[i] = if touching { approach } else { 0.0 };
         lanes.age[i] = if touching { lanes.age[i] + 1.0 } else { 0.0 };
-        let radii = PairRadii { bush_m: radius, body_m: lanes.body_radius[i] };
+        let radii = PairRadii { bush_m: link_radius[i], body_m: lanes.body_radius[i] };
         let out = (lanes.age[i] != 0.0).then(|| contact_law::quadrature_step(law, radii, step_input(lanes, i, step)));
         lanes.normal_force[i] = out.map_or(0.0, |o| o.mean_force);
         lanes.rate[i] = out.map_or(lanes.free_rate[i], |o| o.rate);
@@ -770,7 +774,6 @@ fn step_input(lanes: &Lanes, i: usize, step: f64) -> StepInput {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elements::arc_lanes::Found;
 
     /// Columns of random ends that touch a body at random places, and the speed of the fastest of their points.
     struct Scene {
@@ -842,7 +845,7 @@ mod tests {
         /// The long way.
         fn forces(&self, law: &ContactLaw, friction: (f64, f64)) -> Lanes {
             let (mut lanes, mut off) = (Lanes::default(), OffJoint::default());
-            self.ends().load(&self.found.body_radius, &mut lanes, &mut off);
+            self.ends().load(&self.found, &mut lanes, &mut off);
             [lanes.normal_force, lanes.tangential_force, lanes.age, lanes.approach] = self.past;
             contour_forces(law, friction, (self.step, self.omega), &off, &mut lanes);
             lanes

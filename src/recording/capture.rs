@@ -18,7 +18,7 @@ use crate::elements::rotor::Rotor;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, ends};
+use crate::integrate::explicit::{Part, Scratch};
 use crate::model::{Model, SprocketModel};
 use crate::state::{ContactMemory, State};
 use crate::units::direction;
@@ -318,15 +318,9 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
 /// Links' own contours: abutments and toothed flanks.
 fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, speeds, .. } = *node;
-    let Some(contour) = &model.contour else { return };
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let (rotor, _) = ends::turning(model, state, body);
-        for link in scratch.ends_near(model, k).filter(|i| node.is_asked(*i)) {
-            for front in [false, true] {
-                let pose = ends::pose(model, state, body, link, front);
-                let Some(t) = body.touch(contour, &pose, rotor, 0.0).filter(|t| t.penetration_m > 0.0) else {
-                    continue;
-                };
+        scratch.end_touches(model, state, (k, 0.0), |link, front, t| {
+            if node.is_asked(link) && t.penetration_m > 0.0 {
                 let set = 2 * body.set + usize::from(!front);
                 let (p, v) = node.end(link, front);
                 let point = t.point + body.origin;
@@ -348,7 +342,7 @@ fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 let on_body = point + t.normal * t.penetration_m;
                 rows.push(row(node, &pair, shape, (on_body, point), t.normal, t.penetration_m, v - surface));
             }
-        }
+        });
     }
 }
 

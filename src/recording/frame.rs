@@ -514,6 +514,18 @@ pub enum Segment {
 }
 
 impl Segment {
+    pub const ALL: [Segment; 9] = [
+        Segment::Seat,
+        Segment::FlankClockwise,
+        Segment::FlankCounterclockwise,
+        Segment::TipCorner,
+        Segment::TipLand,
+        Segment::GuideFace,
+        Segment::GuideLeadIn,
+        Segment::GuideLeadOut,
+        Segment::Ring,
+    ];
+
     /// In words, of a `Contacts::segment`.
     pub fn name(segment: u32) -> &'static str {
         const NAMES: [&str; 9] = [

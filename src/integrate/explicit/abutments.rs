@@ -124,6 +124,7 @@ fn circle(
     put(&query.poses, &feet, found);
     if query.details {
         found.body_radius = [radius_m; LANES];
+        found.link_radius = cache.feet.radius;
         found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
     Answer::Near
@@ -184,6 +185,10 @@ fn face(
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
     if query.details {
         found.body_radius = [f64::INFINITY; LANES];
+        for i in 0..LANES {
+            let (dx, dy) = poses.link(i, -up.x, -up.y);
+            found.link_radius[i] = cache.support.radius(i, dx, dy);
+        }
         found.segment = [f64::from(Segment::GuideFace as u32); LANES];
     }
     (cache.gaps_m, cache.beyond) = (gaps_m, beyond);
@@ -220,7 +225,7 @@ fn corners(
         found.penetration[i] = 0.0 - feet.distance[i];
         (found.point_x[i], found.point_y[i]) = (poses.x[i] + px, poses.y[i] + py);
         (found.normal_x[i], found.normal_y[i]) = (-nx, -ny);
-        found.body_radius[i] = 0.0;
+        (found.body_radius[i], found.link_radius[i]) = (0.0, cache.feet.radius[i]);
         let end = if at[i] < 0.0 { Segment::GuideLeadIn } else { Segment::GuideLeadOut };
         found.segment[i] = f64::from(end as u32);
     }
@@ -279,7 +284,7 @@ fn lobes(
         contacts.put(i, &foot);
     }
     if query.details {
-        found.body_radius = cache.pairs.ring_radius;
+        (found.body_radius, found.link_radius) = (cache.pairs.ring_radius, cache.pairs.radius);
         found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
     if any(&strayed) {
@@ -291,10 +296,12 @@ fn lobes(
                 Pair::Kept => {
                     contacts.put(i, &cache.pairs.contact(i, (axis.x, axis.y), turn, lean[i]).0);
                     found.body_radius[i] = cache.pairs.ring_radius[i];
+                    found.link_radius[i] = cache.pairs.radius[i];
                 }
                 Pair::Alone(contact) => {
                     contacts.put(i, &foot_of(&contact));
                     found.body_radius[i] = contact.ring_radius_m;
+                    found.link_radius[i] = contact.abutment_radius_m;
                 }
                 Pair::Nothing => near[i] = 0,
             }

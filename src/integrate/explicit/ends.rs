@@ -1,15 +1,22 @@
 //! The part of a step that concerns links' own contours: abutments and toothed flanks. Many ends at a time; what is near which
 //! body is looked up with the other windows.
 
-use super::abutments::{self, AbutmentCache};
-use super::flanks::{self, FlankCache};
+mod finder;
+mod query;
+
+pub(crate) use finder::{EndFinder, LinkPoses};
+pub(super) use query::{Answer, GapCache, Gaps, Poses, Query};
+use query::{Cache, Motion};
+
+use super::abutments;
+use super::flanks;
 use super::guides::BlockForces;
 use super::scratch::{Ends, Wrapped};
 use super::watch::{Noted, Watched};
 use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window};
 use crate::elements::arc_lanes::{Found, NOTHING_M};
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::end_contact::{EndBody, LinkContour, LinkPose, Seats};
+use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::tooth_contact::{self, Column, EndColumns, Lanes, Mask, OffJoint, any, blocks, blocks_mut, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
@@ -30,79 +37,9 @@ pub(super) struct EndBlock {
     cache: Cache,
 }
 
-/// Gaps between a block of ends and a body.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Gaps {
-    /// At least this wide [m]; of lanes of other bodies infinite.
-    pub(super) at_least_m: Column,
-    /// 1 where motion along a face narrows them too: past its ends; else 0.
-    pub(super) past_end: Column,
-}
-
-impl Gaps {
-    /// Of these lanes; the others' are infinite.
-    #[inline(always)]
-    pub(super) fn of(own: &Mask, gaps_m: &Column) -> Gaps {
-        let mut out = Gaps::default();
-        for i in 0..LANES {
-            out.at_least_m[i] = if own[i] != 0 { gaps_m[i] } else { f64::INFINITY };
-        }
-        out
-    }
-
-    /// Narrows them by what the links have moved. Returns whether all are still too wide for this step.
-    #[inline(always)]
-    fn outlast(&mut self, motion: &Motion) -> bool {
-        let mut due = [0; LANES];
-        for i in 0..LANES {
-            let along = self.past_end[i] * motion.along_m[i];
-            self.at_least_m[i] -= motion.moved_m[i] + along;
-            due[i] = !mask(self.at_least_m[i] > motion.way_m[i] + along + along);
-        }
-        !any(&due)
-    }
-
-    #[inline(always)]
-    fn narrowest(&self) -> f64 {
-        self.at_least_m.iter().copied().fold(f64::INFINITY, f64::min)
-    }
-
-    #[inline(always)]
-    fn narrow(&mut self, by_m: f64) {
-        for i in 0..LANES {
-            self.at_least_m[i] -= by_m;
-        }
-    }
-}
-
-/// How points of a block of links move against a body, at most: those that may touch it.
-struct Motion {
-    /// In the step before [m].
-    moved_m: Column,
-    /// In this one, as the contacts reckon [m].
-    way_m: Column,
-    /// Along a face, in the step before; in this one no more than twice that [m].
-    along_m: Column,
-}
-
-/// What a block of ends touches with.
-enum Cache {
-    Abutments(Box<AbutmentCache>),
-    Flanks(Box<FlankCache>),
-}
-
 impl EndBlock {
     /// Front and rear ends of every block of links, as the body `body` meets them.
     pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
-        let cache = |block: usize, front: bool| match &model.contour {
-            Some(LinkContour::Flanks(rows)) => {
-                Cache::Flanks(Box::new(FlankCache::new(body, (rows, &model.chain.lever), block * LANES, front)))
-            }
-            Some(LinkContour::Abutments { front: ahead, rear }) => {
-                Cache::Abutments(Box::new(AbutmentCache::new(body, if front { ahead } else { rear })))
-            }
-            None => Cache::Abutments(Box::default()),
-        };
         let end = |block, front| EndBlock {
             own: [0; LANES],
             has_own: false,
@@ -110,7 +47,7 @@ impl EndBlock {
             is_clear: false,
             unmoved_steps: 0,
             gaps: Gaps::default(),
-            cache: cache(block, front),
+            cache: Cache::new(model, body, block, front),
         };
         (0..count).map(|block| [end(block, true), end(block, false)]).collect()
     }
@@ -199,164 +136,6 @@ struct Results<'a> {
     rate: &'a mut [Column],
     depth: &'a mut [Column],
     tooth: &'a mut [Column],
-}
-
-/// One end of a block of links against one body.
-pub(super) struct Query<'a> {
-    pub(super) body: &'a EndBody,
-    pub(super) front: bool,
-    /// Cosine and sine of the sprocket's angle.
-    pub(super) rotor: (f64, f64),
-    /// Gap beyond which nothing is of interest, and by which no gap changes within a step [m].
-    pub(super) far_m: f64,
-    /// As in [`Pass`].
-    pub(super) extent_m: f64,
-    /// Whether radii of curvature and segments are asked for.
-    pub(super) details: bool,
-    pub(super) own: &'a Mask,
-    pub(super) poses: Poses<'a>,
-    /// The joints at the ends, in the world.
-    pub(super) joint_x: &'a Column,
-    pub(super) joint_y: &'a Column,
-}
-
-impl<'a> Query<'a> {
-    #[inline(always)]
-    fn new(
-        links: &Sources<'a>,
-        (far_m, extent_m): (f64, f64),
-        meeting: &Meeting<'a>,
-        (ends, at): (&EndSources<'a>, usize),
-        own: &'a Mask,
-    ) -> Query<'a> {
-        Query {
-            body: meeting.body,
-            front: ends.sign > 0.0,
-            rotor: meeting.rotor,
-            far_m,
-            extent_m,
-            details: meeting.details,
-            own,
-            poses: Poses::of(links, at, meeting.body),
-            joint_x: &ends.x[at],
-            joint_y: &ends.y[at],
-        }
-    }
-
-    /// Steps for which gaps of this width stay wider than [`Query::far_m`], however fast links move.
-    #[inline(always)]
-    pub(super) fn idle_steps(&self, gap_m: f64) -> u64 {
-        ((gap_m - self.far_m) / self.far_m) as u64
-    }
-
-    /// The joints from the body's origin.
-    #[inline(always)]
-    pub(super) fn joints(&self) -> (Column, Column) {
-        from_origin(self.body, self.joint_x, self.joint_y)
-    }
-}
-
-/// What a query tells of a block.
-pub(super) enum Answer {
-    /// Something touches, or is nearer than [`Query::far_m`].
-    Near,
-    /// Nothing does. Without gaps where to find them takes longer than the query did, or where it is not known how fast they close.
-    Apart(Option<Gaps>),
-}
-
-/// Centres of links from the body's origin, and their headings.
-pub(super) struct Poses<'a> {
-    pub(super) x: Column,
-    pub(super) y: Column,
-    pub(super) cos: &'a Column,
-    pub(super) sin: &'a Column,
-}
-
-impl<'a> Poses<'a> {
-    #[inline(always)]
-    fn of(from: &Sources<'a>, at: usize, body: &EndBody) -> Poses<'a> {
-        let (x, y) = from_origin(body, &from.x[at], &from.y[at]);
-        Poses { x, y, cos: &from.cos[at], sin: &from.sin[at] }
-    }
-
-    /// A direction into the frame of the link of lane `i`.
-    #[inline(always)]
-    pub(super) fn link(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
-        (self.cos[i] * x + self.sin[i] * y, self.cos[i] * y - self.sin[i] * x)
-    }
-
-    /// And out of it.
-    #[inline(always)]
-    pub(super) fn world(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
-        (self.cos[i] * x - self.sin[i] * y, self.sin[i] * x + self.cos[i] * y)
-    }
-
-    /// The body's origin in the frames of the links.
-    #[inline(always)]
-    pub(super) fn origin(&self) -> (Column, Column) {
-        let mut out = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            (out.0[i], out.1[i]) = self.link(i, -self.x[i], -self.y[i]);
-        }
-        out
-    }
-}
-
-/// The tooth gaps that joints are in: number, and direction of the axis in the sprocket's frame.
-#[derive(Clone, Debug, Default)]
-pub(super) struct GapCache {
-    pub(super) seat: Column,
-    pub(super) cos: Column,
-    pub(super) sin: Column,
-    /// Tangent of how far off an axis it is surely the nearest.
-    sure_tan: f64,
-}
-
-impl GapCache {
-    pub(super) fn new(seats: &Seats) -> GapCache {
-        GapCache { sure_tan: seats.sure_tan(), ..GapCache::default() }
-    }
-
-    /// Directions of the axes in the world.
-    #[inline(always)]
-    pub(super) fn axes(&self, (c, s): (f64, f64)) -> (Column, Column) {
-        let mut out = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            out.0[i] = c * self.cos[i] - s * self.sin[i];
-            out.1[i] = s * self.cos[i] + c * self.sin[i];
-        }
-        out
-    }
-
-    /// How far joints are from where they leave their gaps, at least [m]; `(gx, gy)`: as [`GapCache::axes`] has them.
-    #[inline(always)]
-    pub(super) fn margins(&self, (x, y): (&Column, &Column), (gx, gy): (&Column, &Column)) -> Column {
-        let per_length = 1.0 / (1.0 + self.sure_tan * self.sure_tan).sqrt();
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
-            out[i] = (self.sure_tan * along - across.abs()) * per_length;
-        }
-        out
-    }
-
-    /// Looks up the gaps of the lanes of `near` that have left theirs.
-    #[inline(always)]
-    pub(super) fn settle(&mut self, seats: &Seats, rotor: (f64, f64), near: &Mask, (x, y): (&Column, &Column)) {
-        let (gx, gy) = self.axes(rotor);
-        let mut strayed = [0; LANES];
-        for i in 0..LANES {
-            let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
-            strayed[i] = near[i] & !mask(across.abs() < self.sure_tan * along);
-        }
-        if any(&strayed) {
-            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
-                let seat = seats.nearest(Vec2::new(x[i], y[i]), rotor).0;
-                (self.cos[i], self.sin[i]) = seats.direction(seat);
-                self.seat[i] = seat as f64;
-            }
-        }
-    }
 }
 
 /// What all ends share in a step.
@@ -488,13 +267,7 @@ impl Pass<'_> {
     fn ask(&mut self, meeting: &Meeting<'_>, ends: &EndSources<'_>, at: usize, end: &mut EndBlock) -> Answer {
         let bounds = (self.far_m, self.extent_m);
         let query = Query::new(&self.links, bounds, meeting, (ends, at), &end.own);
-        match (&mut end.cache, self.contour) {
-            (Cache::Abutments(cache), LinkContour::Abutments { front, rear }) => {
-                abutments::touches(&query, if query.front { front } else { rear }, cache, self.found)
-            }
-            (Cache::Flanks(cache), _) => flanks::touches(&query, cache, self.found),
-            _ => Answer::Apart(None),
-        }
+        end.cache.touches(&query, self.contour, self.found)
     }
 
     /// Whether gaps that were known are still too wide for a touch in this step.
@@ -596,7 +369,7 @@ impl Pass<'_> {
             }
         }
         let (off, lanes) = (&mut *self.off, &mut *self.lanes);
-        columns(&self.links, ends, (body, at), self.found).load(&self.found.body_radius, lanes, off);
+        columns(&self.links, ends, (body, at), self.found).load(self.found, lanes, off);
         results.memory.recall(at, lanes);
         tooth_contact::contour_forces(&body.law, friction, motion, off, lanes);
         self.pushed[at].add(lanes);
@@ -710,20 +483,6 @@ pub(crate) fn turning(model: &Model, state: &State, body: &EndBody) -> ((f64, f6
             let s = &state.rotors;
             ((s.cos[r], s.sin[r]), s.omega[r] + 0.5 * model.step_s * s.alpha[r])
         }
-    }
-}
-
-/// Pose of a link's end for a body.
-pub(crate) fn pose(model: &Model, state: &State, body: &EndBody, link: usize, front: bool) -> LinkPose {
-    let l = &state.links;
-    let lever = model.chain.lever[link];
-    LinkPose {
-        centre: Vec2::new(l.x[link], l.y[link]) - body.origin,
-        cos: l.cos[link],
-        sin: l.sin[link],
-        lever: if front { lever } else { -lever },
-        front,
-        row: link % model.rows.len(),
     }
 }
 

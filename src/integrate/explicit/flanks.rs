@@ -9,6 +9,7 @@ use crate::elements::tooth_contact::{Column, any, mask, take};
 use crate::geometry::chain::silent::SilentLinkContour;
 
 /// What a block of ends touches with, and the tooth gaps they were in last.
+#[derive(Clone)]
 pub(super) struct FlankCache {
     flanks: FlankLanes,
     gaps: GapCache,

@@ -1,0 +1,252 @@
+//! Where contours of links touch bodies, for those who look without a step: equilibria, frames, explanations.
+
+use super::super::{LANES, Scratch};
+use super::query::{Answer, Cache, Poses, Query};
+use super::{EndSources, Meeting, Sources, from_origin, holds};
+use crate::elements::arc_lanes::{Found, NOTHING_M};
+use crate::elements::end_contact::{EndBody, EndTouch, LinkContour};
+use crate::elements::tooth_contact::{Column, any, blocks, mask};
+use crate::geometry::Vec2;
+use crate::integrate::{Isa, Look, vectorised};
+use crate::model::Model;
+use crate::state::State;
+
+/// Finds where contours of links touch bodies, outside of a step: for equilibria. Remembers what ends faced last, which changes no bit.
+pub(crate) struct EndFinder {
+    isa: Isa,
+    /// By body, block and end.
+    caches: Vec<Vec<[Cache; 2]>>,
+}
+
+/// Where links are to be looked at: centres and directions, padded to whole blocks.
+pub(crate) struct LinkPoses {
+    x: Vec<Column>,
+    y: Vec<Column>,
+    cos: Vec<Column>,
+    sin: Vec<Column>,
+}
+
+impl LinkPoses {
+    /// `of(i)`: centre, cosine and sine of the heading of link `i`.
+    pub(crate) fn new(n: usize, of: impl Fn(usize) -> (Vec2, f64, f64)) -> LinkPoses {
+        let count = n.div_ceil(LANES);
+        let far_away = [crate::state::FAR_AWAY_M; LANES];
+        let (zero, one) = ([0.0; LANES], [1.0; LANES]);
+        let mut out =
+            LinkPoses { x: vec![far_away; count], y: vec![zero; count], cos: vec![one; count], sin: vec![zero; count] };
+        for i in 0..n {
+            let (at, lane) = (i / LANES, i % LANES);
+            let (centre, cos, sin) = of(i);
+            (out.x[at][lane], out.y[at][lane]) = (centre.x, centre.y);
+            (out.cos[at][lane], out.sin[at][lane]) = (cos, sin);
+        }
+        out
+    }
+}
+
+/// A block that is looked at with a vector unit.
+struct Glance<'a> {
+    query: Query<'a>,
+    contour: &'a LinkContour,
+    cache: &'a mut Cache,
+}
+
+impl Look for Glance<'_> {
+    type Seen = Option<Found>;
+
+    #[inline(always)]
+    fn look(self) -> Option<Found> {
+        let mut found = Found::nothing();
+        match self.cache.touches(&self.query, self.contour, &mut found) {
+            Answer::Near => Some(found),
+            Answer::Apart(_) => None,
+        }
+    }
+}
+
+impl EndFinder {
+    pub(crate) fn new(model: &Model) -> EndFinder {
+        let count = if model.contour.is_some() { model.chain.n_links.div_ceil(LANES) } else { 0 };
+        let of_body = |body: &EndBody| {
+            (0..count).map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
+        };
+        EndFinder { isa: Isa::detect(), caches: model.end_bodies.iter().map(of_body).collect() }
+    }
+
+    /// Tells link, whether it is its front end, and touch of every end that is nearer than `far_m` to body `k`, whose angle has cosine
+    /// and sine `rotor`.
+    pub(crate) fn find(
+        &mut self,
+        model: &Model,
+        (k, rotor): (usize, (f64, f64)),
+        poses: &LinkPoses,
+        far_m: f64,
+        mut tell: impl FnMut(usize, bool, EndTouch),
+    ) {
+        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
+        let levers = &model.chain.lever;
+        for (at, caches) in self.caches[k].iter_mut().enumerate() {
+            let (x, y, cos, sin) = (&poses.x[at], &poses.y[at], &poses.cos[at], &poses.sin[at]);
+            let (from_x, from_y) = from_origin(body, x, y);
+            let within = |i: usize| {
+                let link = at * LANES + i;
+                let centre = Vec2::new(from_x[i], from_y[i]);
+                mask(link < model.chain.n_links && body.within_reach(centre, levers[link]))
+            };
+            let own = std::array::from_fn(within);
+            if !any(&own) {
+                continue;
+            }
+            for (cache, front) in caches.iter_mut().zip([true, false]) {
+                let lever = |i: usize| if front { levers[at * LANES + i] } else { 0.0 - levers[at * LANES + i] };
+                let joint_x = std::array::from_fn(|i| x[i] + lever(i) * cos[i]);
+                let joint_y = std::array::from_fn(|i| y[i] + lever(i) * sin[i]);
+                let query = Query {
+                    body,
+                    front,
+                    rotor,
+                    far_m,
+                    extent_m: 0.0,
+                    details: true,
+                    own: &own,
+                    poses: Poses { x: from_x, y: from_y, cos, sin },
+                    joint_x: &joint_x,
+                    joint_y: &joint_y,
+                };
+                if let Some(found) = vectorised(self.isa, Glance { query, contour, cache }) {
+                    for i in (0..LANES).filter(|i| found.penetration[*i] != NOTHING_M) {
+                        tell(at * LANES + i, front, found.touch(i));
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Scratch {
+    /// Tells link, whether it is its front end, and touch of every end that is nearer than `far_m` to body `k` at this node, of blocks in
+    /// which something touches: the step has found them, they are looked at once more for what it does not keep.
+    pub(crate) fn end_touches(
+        &self,
+        model: &Model,
+        state: &State,
+        (k, far_m): (usize, f64),
+        mut tell: impl FnMut(usize, bool, EndTouch),
+    ) {
+        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
+        let count = model.chain.padded / LANES;
+        let links = Sources::new(model, state, (&self.omega, &self.wrapped), count);
+        let meeting = Meeting::new(model, state, k, (self.fastest_m_s, true));
+        for at in self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count)) {
+            for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
+                let end = &self.end_blocks[k][at][rear];
+                let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);
+                if !holds(&ages[at], &end.own) {
+                    continue;
+                }
+                let ends = EndSources::new(ends, sign, count);
+                let query = Query::new(&links, (far_m, self.contour_extent_m), &meeting, (&ends, at), &end.own);
+                let mut cache = end.cache.clone();
+                if let Some(found) = vectorised(self.isa, Glance { query, contour, cache: &mut cache }) {
+                    for i in (0..LANES).filter(|i| found.penetration[*i] != NOTHING_M) {
+                        tell(at * LANES + i, rear == 0, found.touch(i));
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::assemble::at_rest;
+    use crate::drive::{BUNDLED, Drive};
+    use crate::elements::end_contact::{FAR_M, LinkPose};
+    use crate::units::sin_cos;
+
+    /// Over two links and on near-rigid parts, besides the bundled drives.
+    const OVER_TWO_LINKS: [&str; 6] = [
+        "chain.smartchain.handover=two_links",
+        "sprockets.driven.teeth=20",
+        "sprockets.driven.x_mm=240",
+        "sprockets.driven.root_relief_um=30",
+        "chain.smartchain.links=80",
+        "loads.constant.driven.torque_nm=10",
+    ];
+
+    #[test]
+    fn ends_are_found_where_the_search_that_knows_nothing_finds_them() {
+        let mut seed = 0x2545_f491_4f6c_dd1d_u64;
+        let mut random = || {
+            seed ^= seed << 13;
+            seed ^= seed >> 7;
+            seed ^= seed << 17;
+            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        for (name, sets) in [("silent-20-40", &[][..]), ("smartchain-20-40", &[]), ("smartchain-20-40", &OVER_TWO_LINKS)] {
+            let text = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive").1;
+            let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+            let drive = Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"));
+            let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
+            let (n, contour) = (model.chain.n_links, model.contour.as_ref().expect("contours"));
+            let mut finder = EndFinder::new(&model);
+            let (mut compared, mut farthest_m) = (0, 0.0_f64);
+            for round in 0..200 {
+                // From micrometres and a thousandth of a radian to a good part of a link.
+                let spread = if round % 4 == 0 { 1e-3 } else { 2e-5 };
+                let moved: Vec<(Vec2, f64, f64)> = rest
+                    .configuration
+                    .links
+                    .iter()
+                    .map(|(p, heading)| {
+                        let (sin, cos) = sin_cos(heading + spread * 50.0 * random());
+                        (p + Vec2::new(random(), random()) * spread, cos, sin)
+                    })
+                    .collect();
+                let poses = LinkPoses::new(n, |i| moved[i]);
+                for (k, body) in model.end_bodies.iter().enumerate() {
+                    let angle = body.rotor.map_or(0.0, |r| rest.configuration.rotors[r] + spread * 10.0 * random());
+                    let (sin, cos) = sin_cos(angle);
+                    let mut found = std::collections::BTreeMap::new();
+                    finder.find(&model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| {
+                        found.insert((link, front), touch);
+                    });
+                    for (link, (p, cos_link, sin_link)) in moved.iter().enumerate() {
+                        for front in [true, false] {
+                            let lever = model.chain.lever[link];
+                            let pose = LinkPose {
+                                centre: p - body.origin,
+                                cos: *cos_link,
+                                sin: *sin_link,
+                                lever: if front { lever } else { -lever },
+                                front,
+                                row: link % model.rows.len(),
+                            };
+                            let within = body.within_reach(pose.centre, lever);
+                            let exact = within.then(|| body.touch(contour, &pose, (cos, sin), FAR_M)).flatten();
+                            let exact = exact.filter(|touch| touch.penetration_m > -FAR_M);
+                            let own = found.get(&(link, front));
+                            let at = format!("{name}, {}, link {link}, round {round}: {own:?}, {exact:?}", body.name);
+                            assert_eq!(own.is_some(), exact.is_some(), "{at}");
+                            let (Some(own), Some(exact)) = (own, exact) else { continue };
+                            let off_m = (own.penetration_m - exact.penetration_m).abs();
+                            assert!(off_m < 3e-15, "{off_m:e} m off: {at}");
+                            // In hollows the search stops at 3e-7 rad, where the gap is right to rounding.
+                            let rounding_rad = if exact.body_radius_m < 0.0 { 1e-7 } else { 1e-12 };
+                            assert!((own.normal - exact.normal).norm() < rounding_rad, "{at}");
+                            assert!((own.point - exact.point).norm() < rounding_rad * 10e-3, "{at}");
+                            assert_eq!(own.body_radius_m, exact.body_radius_m, "{at}");
+                            assert_eq!(own.link_radius_m, exact.link_radius_m, "{at}");
+                            assert_eq!((own.tooth, own.segment), (exact.tooth, exact.segment), "{at}");
+                            farthest_m = farthest_m.max(off_m);
+                            compared += 1;
+                        }
+                    }
+                }
+            }
+            println!("{name}: {compared} touches, none off by more than {farthest_m:.1e} m");
+            assert!(compared > 10_000);
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! One end of a block of links against one body: what is asked, what is told, and what is remembered for the next time.
+
+use super::super::LANES;
+use super::super::abutments::{self, AbutmentCache};
+use super::super::flanks::{self, FlankCache};
+use super::{EndSources, Meeting, Sources, from_origin};
+use crate::elements::arc_lanes::Found;
+use crate::elements::end_contact::{EndBody, LinkContour, Seats};
+use crate::elements::tooth_contact::{Column, Mask, any, mask};
+use crate::geometry::Vec2;
+use crate::model::Model;
+
+/// One end of a block of links against one body.
+pub(in super::super) struct Query<'a> {
+    pub(in super::super) body: &'a EndBody,
+    pub(in super::super) front: bool,
+    /// Cosine and sine of the sprocket's angle.
+    pub(in super::super) rotor: (f64, f64),
+    /// Gap beyond which nothing is of interest, and by which no gap changes within a step [m].
+    pub(in super::super) far_m: f64,
+    /// As in [`Pass`].
+    pub(in super::super) extent_m: f64,
+    /// Whether radii of curvature and segments are asked for.
+    pub(in super::super) details: bool,
+    pub(in super::super) own: &'a Mask,
+    pub(in super::super) poses: Poses<'a>,
+    /// The joints at the ends, in the world.
+    pub(in super::super) joint_x: &'a Column,
+    pub(in super::super) joint_y: &'a Column,
+}
+
+impl<'a> Query<'a> {
+    #[inline(always)]
+    pub(super) fn new(
+        links: &Sources<'a>,
+        (far_m, extent_m): (f64, f64),
+        meeting: &Meeting<'a>,
+        (ends, at): (&EndSources<'a>, usize),
+        own: &'a Mask,
+    ) -> Query<'a> {
+        Query {
+            body: meeting.body,
+            front: ends.sign > 0.0,
+            rotor: meeting.rotor,
+            far_m,
+            extent_m,
+            details: meeting.details,
+            own,
+            poses: Poses::of(links, at, meeting.body),
+            joint_x: &ends.x[at],
+            joint_y: &ends.y[at],
+        }
+    }
+
+    /// Steps for which gaps of this width stay wider than [`Query::far_m`], however fast links move.
+    #[inline(always)]
+    pub(in super::super) fn idle_steps(&self, gap_m: f64) -> u64 {
+        ((gap_m - self.far_m) / self.far_m) as u64
+    }
+
+    /// The joints from the body's origin.
+    #[inline(always)]
+    pub(in super::super) fn joints(&self) -> (Column, Column) {
+        from_origin(self.body, self.joint_x, self.joint_y)
+    }
+}
+
+/// What a query tells of a block.
+pub(in super::super) enum Answer {
+    /// Something touches, or is nearer than [`Query::far_m`].
+    Near,
+    /// Nothing does. Without gaps where to find them takes longer than the query did, or where it is not known how fast they close.
+    Apart(Option<Gaps>),
+}
+
+/// Centres of links from the body's origin, and their headings.
+pub(in super::super) struct Poses<'a> {
+    pub(in super::super) x: Column,
+    pub(in super::super) y: Column,
+    pub(in super::super) cos: &'a Column,
+    pub(in super::super) sin: &'a Column,
+}
+
+impl<'a> Poses<'a> {
+    #[inline(always)]
+    fn of(from: &Sources<'a>, at: usize, body: &EndBody) -> Poses<'a> {
+        let (x, y) = from_origin(body, &from.x[at], &from.y[at]);
+        Poses { x, y, cos: &from.cos[at], sin: &from.sin[at] }
+    }
+
+    /// A direction into the frame of the link of lane `i`.
+    #[inline(always)]
+    pub(in super::super) fn link(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
+        (self.cos[i] * x + self.sin[i] * y, self.cos[i] * y - self.sin[i] * x)
+    }
+
+    /// And out of it.
+    #[inline(always)]
+    pub(in super::super) fn world(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
+        (self.cos[i] * x - self.sin[i] * y, self.sin[i] * x + self.cos[i] * y)
+    }
+
+    /// The body's origin in the frames of the links.
+    #[inline(always)]
+    pub(in super::super) fn origin(&self) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            (out.0[i], out.1[i]) = self.link(i, -self.x[i], -self.y[i]);
+        }
+        out
+    }
+}
+
+/// The tooth gaps that joints are in: number, and direction of the axis in the sprocket's frame.
+#[derive(Clone, Debug, Default)]
+pub(in super::super) struct GapCache {
+    pub(in super::super) seat: Column,
+    pub(in super::super) cos: Column,
+    pub(in super::super) sin: Column,
+    /// Tangent of how far off an axis it is surely the nearest.
+    sure_tan: f64,
+}
+
+impl GapCache {
+    pub(in super::super) fn new(seats: &Seats) -> GapCache {
+        GapCache { sure_tan: seats.sure_tan(), ..GapCache::default() }
+    }
+
+    /// Directions of the axes in the world.
+    #[inline(always)]
+    pub(in super::super) fn axes(&self, (c, s): (f64, f64)) -> (Column, Column) {
+        let mut out = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            out.0[i] = c * self.cos[i] - s * self.sin[i];
+            out.1[i] = s * self.cos[i] + c * self.sin[i];
+        }
+        out
+    }
+
+    /// How far joints are from where they leave their gaps, at least [m]; `(gx, gy)`: as [`GapCache::axes`] has them.
+    #[inline(always)]
+    pub(in super::super) fn margins(&self, (x, y): (&Column, &Column), (gx, gy): (&Column, &Column)) -> Column {
+        let per_length = 1.0 / (1.0 + self.sure_tan * self.sure_tan).sqrt();
+        let mut out = [0.0; LANES];
+        for i in 0..LANES {
+            let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
+            out[i] = (self.sure_tan * along - across.abs()) * per_length;
+        }
+        out
+    }
+
+    /// Looks up the gaps of the lanes of `near` that have left theirs.
+    #[inline(always)]
+    pub(in super::super) fn settle(
+        &mut self,
+        seats: &Seats,
+        rotor: (f64, f64),
+        near: &Mask,
+        (x, y): (&Column, &Column),
+    ) {
+        let (gx, gy) = self.axes(rotor);
+        let mut strayed = [0; LANES];
+        for i in 0..LANES {
+            let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
+            strayed[i] = near[i] & !mask(across.abs() < self.sure_tan * along);
+        }
+        if any(&strayed) {
+            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+                let seat = seats.nearest(Vec2::new(x[i], y[i]), rotor).0;
+                (self.cos[i], self.sin[i]) = seats.direction(seat);
+                self.seat[i] = seat as f64;
+            }
+        }
+    }
+}
+
+/// Gaps between a block of ends and a body.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in super::super) struct Gaps {
+    /// At least this wide [m]; of lanes of other bodies infinite.
+    pub(in super::super) at_least_m: Column,
+    /// 1 where motion along a face narrows them too: past its ends; else 0.
+    pub(in super::super) past_end: Column,
+}
+
+impl Gaps {
+    /// Of these lanes; the others' are infinite.
+    #[inline(always)]
+    pub(in super::super) fn of(own: &Mask, gaps_m: &Column) -> Gaps {
+        let mut out = Gaps::default();
+        for i in 0..LANES {
+            out.at_least_m[i] = if own[i] != 0 { gaps_m[i] } else { f64::INFINITY };
+        }
+        out
+    }
+
+    /// Narrows them by what the links have moved. Returns whether all are still too wide for this step.
+    #[inline(always)]
+    pub(super) fn outlast(&mut self, motion: &Motion) -> bool {
+        let mut due = [0; LANES];
+        for i in 0..LANES {
+            let along = self.past_end[i] * motion.along_m[i];
+            self.at_least_m[i] -= motion.moved_m[i] + along;
+            due[i] = !mask(self.at_least_m[i] > motion.way_m[i] + along + along);
+        }
+        !any(&due)
+    }
+
+    #[inline(always)]
+    pub(super) fn narrowest(&self) -> f64 {
+        self.at_least_m.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    #[inline(always)]
+    pub(super) fn narrow(&mut self, by_m: f64) {
+        for i in 0..LANES {
+            self.at_least_m[i] -= by_m;
+        }
+    }
+}
+
+/// How points of a block of links move against a body, at most: those that may touch it.
+pub(super) struct Motion {
+    /// In the step before [m].
+    pub(super) moved_m: Column,
+    /// In this one, as the contacts reckon [m].
+    pub(super) way_m: Column,
+    /// Along a face, in the step before; in this one no more than twice that [m].
+    pub(super) along_m: Column,
+}
+
+/// What a block of ends touches with.
+#[derive(Clone)]
+pub(super) enum Cache {
+    Abutments(Box<AbutmentCache>),
+    Flanks(Box<FlankCache>),
+}
+
+impl Cache {
+    /// Of front or rear ends of a block of links, as the body `body` meets them.
+    pub(super) fn new(model: &Model, body: &EndBody, block: usize, front: bool) -> Cache {
+        match &model.contour {
+            Some(LinkContour::Flanks(rows)) => {
+                Cache::Flanks(Box::new(FlankCache::new(body, (rows, &model.chain.lever), block * LANES, front)))
+            }
+            Some(LinkContour::Abutments { front: ahead, rear }) => {
+                Cache::Abutments(Box::new(AbutmentCache::new(body, if front { ahead } else { rear })))
+            }
+            None => Cache::Abutments(Box::default()),
+        }
+    }
+
+    /// Where the ends of a block meet the body.
+    #[inline(always)]
+    pub(super) fn touches(&mut self, query: &Query<'_>, contour: &LinkContour, found: &mut Found) -> Answer {
+        match (self, contour) {
+            (Cache::Abutments(cache), LinkContour::Abutments { front, rear }) => {
+                abutments::touches(query, if query.front { front } else { rear }, cache, found)
+            }
+            (Cache::Flanks(cache), _) => flanks::touches(query, cache, found),
+            _ => Answer::Apart(None),
+        }
+    }
+}
