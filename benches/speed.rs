@@ -10,6 +10,7 @@ use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::{ViewOptions, capture, create};
 use pitchline::simulate::{Span, run};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 #[global_allocator]
@@ -62,6 +63,55 @@ fn drive(overrides: &[&str]) -> Drive {
     Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &overrides).expect("the bundled drive")
 }
 
+/// Kinds of chains: the bundled drives, and other forms of what touches.
+const KINDS: [(&str, &str, &[&str]); 6] = [
+    ("bush-20-40", "bush-20-40", &[]),
+    ("silent-20-40", "silent-20-40", &[]),
+    ("smartchain-20-40", "smartchain-20-40", &[]),
+    (
+        "silent-20-40 with crowned teeth",
+        "silent-20-40",
+        &[
+            "sprockets.driver.face=crowned",
+            "sprockets.driver.face_radius_mm=10",
+            "sprockets.driver.contact_distance_mm=1.5",
+            "sprockets.driven.face=crowned",
+            "sprockets.driven.face_radius_mm=20",
+            "sprockets.driven.contact_distance_mm=1.5",
+        ],
+    ),
+    (
+        "abutments over two links, 20/20 teeth",
+        "smartchain-20-40",
+        &with(EQUAL_SPROCKETS, "chain.smartchain.handover=two_links"),
+    ),
+    (
+        "hollow abutments, 20/20 teeth",
+        "smartchain-20-40",
+        &with(EQUAL_SPROCKETS, "chain.smartchain.inclination_deg=3.5"),
+    ),
+];
+
+/// Both sprockets with 20 teeth: over two links and with hollow abutments rings are round.
+const EQUAL_SPROCKETS: [&str; 5] = [
+    "sprockets.driven.teeth=20",
+    "sprockets.driven.x_mm=240",
+    "sprockets.driven.root_relief_um=30",
+    "chain.smartchain.links=80",
+    "loads.constant.driven.torque_nm=10",
+];
+
+const fn with<'a>(all: [&'a str; 5], one: &'a str) -> [&'a str; 6] {
+    let [a, b, c, d, e] = all;
+    [a, b, c, d, e, one]
+}
+
+fn bundled(name: &str, sets: &[&str]) -> Drive {
+    let (name, text) = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive");
+    let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+    Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"))
+}
+
 fn assembled(drive: &Drive) -> Assembly {
     assemble(drive).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -87,42 +137,33 @@ fn main() {
         if names.iter().any(|n| !pitchline::recording::extensions().iter().any(|e| n.ends_with(e))) {
             continue;
         }
-        let drive = drive(&[]);
-        let span = Span::new(duration, 50e-6, a.model.step_s);
-        let header = capture::header(&drive, &a.model, &a.report, span.steps_per_frame);
         let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
-        let [cpu, system, most] = lowest(
-            || {
-                paths.iter().for_each(|p| _ = std::fs::remove_file(p));
-                a.state.clone()
-            },
-            |mut state| {
-                let mut sinks: Vec<_> =
-                    paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
-                let mut scratch = Scratch::new(&a.model);
-                let stop = AtomicBool::new(false);
-                run(&a.model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
-                for sink in &mut sinks {
-                    sink.finish().expect("finishes");
-                }
-            },
-        );
+        let [cpu, system, most] = recorded(&drive(&[]), &a, duration, &paths);
         println!(
             "with {}: {cpu:.2} CPU s per simulated s, {system:.2} of them the system's; the highest {most:.2}",
             names.join(" and ")
         );
     }
-    // Other kinds of chains, beside the bush chain's in the same run.
+    // All kinds of chains, each beside the bush chain's in the same run.
     for isa in Isa::available().into_iter().filter(|isa| *isa != Isa::Baseline) {
         let mut bush_s = None;
-        for (name, text) in BUNDLED {
-            let a = assembled(&Drive::parse(name, text, &[]).expect("a bundled drive"));
-            let simulated_s = 0.1;
+        for (kind, name, sets) in KINDS {
+            let a = assembled(&bundled(name, sets));
+            let simulated_s = 0.2;
             let [cpu, ..] = stepped(&a, isa, (simulated_s / a.model.step_s) as u64);
             let per_s = cpu / simulated_s;
             let times = per_s / *bush_s.get_or_insert(per_s);
-            println!("{isa:?}, {name}: {per_s:.2} CPU s per simulated s, {times:.2} times the first");
+            println!("{isa:?}, {kind}: {per_s:.2} CPU s per simulated s, {times:.2} times the first");
         }
+    }
+    let mut bush_s = None;
+    for (name, _) in BUNDLED {
+        let drive = bundled(name, &[]);
+        let a = assembled(&drive);
+        let simulated_s = 0.2;
+        let [cpu, ..] = recorded(&drive, &a, simulated_s, &[folder.path().join("c.mcap")]);
+        let times = cpu / *bush_s.get_or_insert(cpu);
+        println!("{name} with the archive: {:.2} CPU s per simulated s, {times:.2} times the first", cpu / simulated_s);
     }
     // Longer chains: what an added link costs.
     let mut last: Option<(f64, f64)> = None;
@@ -141,6 +182,28 @@ fn main() {
         println!("{links} links: {step_ns:.0} ns a step{added}");
         last = Some((f64::from(links), step_ns));
     }
+}
+
+/// CPU time of a run with a frame every 50 us in each of these files.
+fn recorded(drive: &Drive, a: &Assembly, duration_s: f64, paths: &[PathBuf]) -> [f64; 3] {
+    let span = Span::new(duration_s, 50e-6, a.model.step_s);
+    let header = capture::header(drive, &a.model, &a.report, span.steps_per_frame);
+    lowest(
+        || {
+            paths.iter().for_each(|p| _ = std::fs::remove_file(p));
+            a.state.clone()
+        },
+        |mut state| {
+            let mut sinks: Vec<_> =
+                paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+            let mut scratch = Scratch::new(&a.model);
+            let stop = AtomicBool::new(false);
+            run(&a.model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
+            for sink in &mut sinks {
+                sink.finish().expect("finishes");
+            }
+        },
+    )
 }
 
 /// CPU time of so many steps, without recording.

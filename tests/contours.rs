@@ -50,7 +50,11 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
                         let part = Part::Contours(2 * body.set + usize::from(!front));
                         let found = scratch.touch(part, link).map_or(0.0, |(depth, _)| depth);
                         let off_m = (found - searched.max(0.0)).abs();
-                        assert!(off_m < bound_m.max(1e-15), "{name}, {}, link {link}: {found:e}, {searched:e}", body.name);
+                        assert!(
+                            off_m < bound_m.max(1e-15),
+                            "{name}, {}, link {link}: {found:e}, {searched:e}",
+                            body.name
+                        );
                         farthest_m = farthest_m.max(off_m);
                         touches += u64::from(found > 0.0);
                     }
