@@ -131,7 +131,8 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
             sets.push(format!("contact.{body}.linear.stiffness_n_per_m={contact}"));
         }
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
-        let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 26e3 * period_s).remove(0);
+        // Over 26 tooth periods the median of the bushes' speeds is good to 2 %.
+        let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 104e3 * period_s).remove(0);
         let bush = summary.kind(Kind::Bush).expect("bushes touch");
         let stretch_m = (summary.tight_tension_n - design_n) / 3e7;
         let expected = 3.0 * gap_m / period_s * (stretch_m / gap_m).powf(2.0 / 3.0);

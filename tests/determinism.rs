@@ -4,6 +4,7 @@ mod common;
 
 use common::{assembled, drive};
 use pitchline::assemble::Assembly;
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::ChainModel;
@@ -42,20 +43,20 @@ fn every_vector_unit_and_every_look_interval_gives_the_same_bits() {
 
 #[test]
 fn wider_padding_gives_the_same_bits() {
-    let a = assembled(&drive(&[]));
-    let reference = hash_after(&a, &a.state, &mut Scratch::new(&a.model), STEPS).0;
-    for width in [16, 64] {
-        let mut model = a.model.clone();
-        model.chain = ChainModel::new(model.chain.n_links, &model.rows, model.chain.joint, width);
-        let mut state =
-            State::at_rest(a.state.n_links, model.chain.padded, 2, model.guide_sides(), model.contour_sets());
-        state.restore(&a.state.keyframe()).expect("same columns");
-        let padded = Assembly { model, state, report: a.report.clone() };
-        assert_eq!(
-            hash_after(&padded, &padded.state, &mut Scratch::new(&padded.model), STEPS).0,
-            reference,
-            "padded to {width}"
-        );
+    for (name, text) in BUNDLED {
+        let a = assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")));
+        let steps = if name == BUNDLED[0].0 { STEPS } else { STEPS / 4 };
+        let reference = hash_after(&a, &a.state, &mut Scratch::new(&a.model), steps).0;
+        for width in [16, 64] {
+            let mut model = a.model.clone();
+            model.chain = ChainModel::new(model.chain.n_links, &model.rows, model.chain.joint, width);
+            let mut state =
+                State::at_rest(a.state.n_links, model.chain.padded, 2, model.guide_sides(), model.contour_sets());
+            state.restore(&a.state.keyframe()).expect("same columns");
+            let padded = Assembly { model, state, report: a.report.clone() };
+            let hash = hash_after(&padded, &padded.state, &mut Scratch::new(&padded.model), steps).0;
+            assert_eq!(hash, reference, "{name}, padded to {width}");
+        }
     }
 }
 

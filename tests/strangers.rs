@@ -227,3 +227,13 @@ fn page_headers_that_hold_lists_are_refused_before_they_are_skipped() {
     let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
     assert!(said.contains("page_header_list.parquet") && said.contains("a page header holds a list"), "{said}");
 }
+
+/// Found by fuzzing: a channel of variable length whose offsets claim 10^14 bytes, which the library asked the system for.
+#[test]
+fn a_channel_of_variable_length_is_no_column_of_numbers() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/variable_length.mf4");
+    let read = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000));
+    let columns = read.unwrap_or_else(|e| panic!("{e}"));
+    let wrong: Vec<&str> = columns.wrong.iter().flatten().map(String::as_str).collect();
+    assert!(wrong.iter().any(|w| w.contains("has values of variable length, no numbers")), "{wrong:?}");
+}

@@ -308,7 +308,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     Some((closing_m_s, parts))
 }
 
-/// What a lane touches, by exact detection.
+/// What a lane touches: bushes and plate ends by exact detection, contours as the step found them.
 fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: usize) -> Option<Touch> {
     let (body, tooth) = scratch.partner(model, part, lane)?;
     let l = &state.links;

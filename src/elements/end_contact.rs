@@ -1,7 +1,7 @@
 //! Contacts of a link's own contour at one of its ends: abutments on rings and guide faces, toothed flanks on teeth.
 //!
-//! Geometry only, one end of one link and one body at a time, by a search that knows nothing of the step before: for assembling,
-//! frames and explanations. Steps find the same places many at a time ([`super::arc_lanes`], [`super::flank_lanes`]); forces as in
+//! Geometry only, one end of one link and one body at a time, by a search that knows nothing of the step before: what tests hold the
+//! kernels against. All else finds the same places many at a time ([`super::arc_lanes`], [`super::flank_lanes`]); forces as in
 //! [`super::tooth_contact`]. Each pair of contours gives its deepest place:
 //! ```text
 //! abutment, circular ring   gap = |O - K| - rho, K the foot of the perpendicular from the axis O on the contour
@@ -52,7 +52,7 @@ impl LinkContour {
     pub fn extent_m(&self) -> f64 {
         let furthest = |points: &mut dyn Iterator<Item = f64>| points.fold(0.0, f64::max);
         match self {
-            // An arc of less than half a turn stays within its chord's length of its ends.
+            // An arc of less than half a turn lies in the disc whose diameter is its chord.
             LinkContour::Abutments { front, rear } => furthest(
                 &mut front
                     .arcs()

@@ -330,7 +330,7 @@ impl Segment2 {
         let (dx, dy) = (arc.centre.0 - self.start.0, arc.centre.1 - self.start.1);
         let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
         let faces = (along >= self.from_m) & (along <= self.to_m) & (height > 0.0) & has(&arc.arc, -nx, -ny, 1.0);
-        let between = if faces { (height - arc.arc.circle.radius_m).abs() } else { f64::INFINITY };
+        let between = if faces { height - arc.arc.circle.radius_m } else { f64::INFINITY };
         least(least(of_ends, to_ends), between)
     }
 }
@@ -352,13 +352,14 @@ impl ArcEnds {
         ArcEnds { arc: *arc, sense, centre: (c.x, c.y), ends: [end(arc.from), end(arc.to)] }
     }
 
+    /// Of a point, negative beyond the arc.
     #[inline(always)]
     fn distance(&self, (x, y): (f64, f64)) -> f64 {
         let (dx, dy) = (x - self.centre.0, y - self.centre.1);
         let length = (dx * dx + dy * dy).sqrt();
         let faces = has(&self.arc, self.sense * dx, self.sense * dy, length);
         let to_ends = least(distance((x, y), self.ends[0]), distance((x, y), self.ends[1]));
-        if faces { (length - self.arc.circle.radius_m).abs() } else { to_ends }
+        if faces { self.sense * (length - self.arc.circle.radius_m) } else { to_ends }
     }
 }
 

@@ -789,7 +789,7 @@ mod tests {
     impl Scene {
         fn random(random: &mut impl FnMut(f64, f64) -> f64) -> Scene {
             let (step, omega, lever) = (random(1e-7, 1e-5), random(-700.0, 700.0), random(-10e-3, 10e-3));
-            let (sin, cos) = random(-4.0, 4.0).sin_cos();
+            let (sin, cos) = sin_cos(random(-4.0, 4.0));
             let speed = 40.0 * random(0.0, 1.0).powi(6);
             let mut columns = [[0.0; LANES]; 13];
             let (mut found, mut fastest_m_s) = (Found::nothing(), 0.0_f64);
@@ -804,7 +804,7 @@ mod tests {
                 for (column, value) in columns.iter_mut().zip(values) {
                     column[i] = value;
                 }
-                let (ny, nx) = random(-4.0, 4.0).sin_cos();
+                let (ny, nx) = sin_cos(random(-4.0, 4.0));
                 let (radius, offset) = (random(0.0, 5e-3), random(-5e-3, 5e-3));
                 (found.normal_x[i], found.normal_y[i]) = (nx, ny);
                 (found.point_x[i], found.point_y[i]) = (x - radius * nx - offset * ny, y - radius * ny + offset * nx);

@@ -1,7 +1,7 @@
 //! Abutments on rings, lobes and guide faces: a block of ends at a time, from what they faced in the step before.
 
 use super::LANES;
-use super::ends::{Answer, GapCache, Gaps, Poses, Query};
+use super::ends::{Answer, Clearances, Poses, Query, ToothGaps};
 use crate::elements::arc_lanes::{Foot, FootLanes, Found, NOTHING_M, Pair, PairLanes, SupportLanes, sure_arcs};
 use crate::elements::end_contact::{EndBody, EndShape, Seats};
 use crate::elements::tooth_contact::{Column, Mask, any, mask};
@@ -17,12 +17,12 @@ pub(super) struct AbutmentCache {
     feet: FootLanes,
     support: SupportLanes,
     pairs: PairLanes,
-    gaps: GapCache,
+    tooth_gaps: ToothGaps,
     /// Arcs of the abutment that touch a lobe in one place only.
     sure: Arc<[bool]>,
     /// Whether the abutment has no hollow.
     convex: bool,
-    /// Gaps to a face's plane, or to the highest circle of lobes [m].
+    /// Clearances to a face's plane, or to the highest circle of lobes [m].
     gaps_m: Column,
     /// Of ends past a face's ends to its corner [m]; whether there are any.
     past_m: Column,
@@ -37,8 +37,8 @@ impl AbutmentCache {
         let EndShape::Lobes { ring, seats, .. } = &body.shape else {
             return AbutmentCache { convex, ..AbutmentCache::default() };
         };
-        let (gaps, sure) = (GapCache::new(seats), sure_arcs(abutment, ring).into());
-        AbutmentCache { gaps, sure, convex, ..AbutmentCache::default() }
+        let (tooth_gaps, sure) = (ToothGaps::new(seats), sure_arcs(abutment, ring).into());
+        AbutmentCache { tooth_gaps, sure, convex, ..AbutmentCache::default() }
     }
 
     pub(super) fn searches(&self) -> u64 {
@@ -119,7 +119,7 @@ fn circle(
     }
     cache.gaps_m = gaps_m;
     if !any(&near) {
-        return Answer::Apart(Some(Gaps::of(query.own, &gaps_m)));
+        return Answer::Apart(Some(Clearances::of(query.own, &gaps_m)));
     }
     put(&query.poses, &feet, found);
     if query.details {
@@ -180,7 +180,7 @@ fn face(
         }
     }
     if !any(&near) {
-        return Answer::Apart(Some(Gaps::of(own, &gaps_m)));
+        return Answer::Apart(Some(Clearances::of(own, &gaps_m)));
     }
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
     if query.details {
@@ -231,11 +231,11 @@ fn corners(
     }
 }
 
-/// Gaps of a block that [`touches`] found near, though nothing acts on it: to a plane or a circle; past a face's ends to its corner, from
+/// Clearances of a block that [`touches`] found near, though nothing acts on it: to a plane or a circle; past a face's ends to its corner, from
 /// which nothing of a convex contour is nearer to the face.
 #[inline(always)]
-pub(super) fn near_gaps(query: &Query<'_>, cache: &AbutmentCache) -> Gaps {
-    let mut out = Gaps::of(query.own, &cache.gaps_m);
+pub(super) fn near_gaps(query: &Query<'_>, cache: &AbutmentCache) -> Clearances {
+    let mut out = Clearances::of(query.own, &cache.gaps_m);
     if matches!(query.body.shape, EndShape::Face { .. }) && any(&cache.beyond) {
         for i in (0..LANES).filter(|i| cache.beyond[*i] != 0) {
             out.at_least_m[i] = if cache.convex { cache.past_m[i] } else { 0.0 };
@@ -264,15 +264,15 @@ fn lobes(
     }
     cache.gaps_m = over_crest_m;
     if !any(&near) {
-        return Answer::Apart(Some(Gaps::of(query.own, &over_crest_m)));
+        return Answer::Apart(Some(Clearances::of(query.own, &over_crest_m)));
     }
     let (jx, jy) = query.joints();
-    cache.gaps.settle(seats, query.rotor, &near, (&jx, &jy));
+    cache.tooth_gaps.settle(seats, query.rotor, &near, (&jx, &jy));
     let gap_turn = turned(turn, query.rotor);
     let (mut turn_x, mut turn_y, mut lean) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         // +y of the gap frame points along the seat.
-        let (seat_x, seat_y) = turned(gap_turn, (cache.gaps.cos[i], cache.gaps.sin[i]));
+        let (seat_x, seat_y) = turned(gap_turn, (cache.tooth_gaps.cos[i], cache.tooth_gaps.sin[i]));
         let (gx, gy) = poses.link(i, seat_x, seat_y);
         (turn_x[i], turn_y[i]) = (gy, 0.0 - gx);
         lean[i] = ring.lean(Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]), Vec2::new(gy, 0.0 - gx));
@@ -313,9 +313,9 @@ fn lobes(
         found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
     }
     if !any(&near) {
-        return Answer::Apart(Some(Gaps::of(query.own, &over_crest_m)));
+        return Answer::Apart(Some(Clearances::of(query.own, &over_crest_m)));
     }
-    found.tooth = cache.gaps.seat;
+    found.tooth = cache.tooth_gaps.seat;
     put(poses, &contacts, found);
     Answer::Near
 }

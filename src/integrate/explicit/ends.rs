@@ -5,7 +5,7 @@ mod finder;
 mod query;
 
 pub(crate) use finder::{EndFinder, LinkPoses};
-pub(super) use query::{Answer, GapCache, Gaps, Poses, Query};
+pub(super) use query::{Answer, Clearances, Poses, Query, ToothGaps};
 use query::{Cache, Motion};
 
 use super::abutments;
@@ -31,9 +31,8 @@ pub(super) struct EndBlock {
     all_own: bool,
     /// Whether nothing touches and gaps are known that are wide enough to wait for.
     is_clear: bool,
-    /// Then: steps for which they are wide enough however fast links move; and how wide they are at least after those. Changes no bit: what is left out could not touch.
-    unmoved_steps: u64,
-    gaps: Gaps,
+    /// Then: how wide they are at least. Changes no bit: what is left out could not touch.
+    clearances: Clearances,
     cache: Cache,
 }
 
@@ -45,8 +44,7 @@ impl EndBlock {
             has_own: false,
             all_own: false,
             is_clear: false,
-            unmoved_steps: 0,
-            gaps: Gaps::default(),
+            clearances: Clearances::default(),
             cache: Cache::new(model, body, block, front),
         };
         (0..count).map(|block| [end(block, true), end(block, false)]).collect()
@@ -138,6 +136,9 @@ struct Results<'a> {
     tooth: &'a mut [Column],
 }
 
+/// Links are accelerated by less. assumed: a kilonewton on a gram.
+const LARGEST_ACCELERATION_M_S2: f64 = 1e6;
+
 /// What all ends share in a step.
 struct Pass<'a> {
     model: &'a Model,
@@ -198,7 +199,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let mut pass = Pass {
         model,
         contour,
-        far_m: 2.0 * s.fastest_m_s * model.step_s,
+        far_m: model.step_s * (2.0 * s.fastest_m_s + LARGEST_ACCELERATION_M_S2 * model.step_s),
         links: Sources::new(model, state, (&s.omega, &s.wrapped), count),
         fastest_m_s: s.fastest_m_s,
         extent_m: s.contour_extent_m,
@@ -273,11 +274,7 @@ impl Pass<'_> {
     /// Whether gaps that were known are still too wide for a touch in this step.
     #[inline(always)]
     fn is_apart(&self, meeting: &Meeting<'_>, at: usize, end: &mut EndBlock) -> bool {
-        if end.unmoved_steps > 0 {
-            end.unmoved_steps -= 1;
-            return true;
-        }
-        end.gaps.outlast(&self.motion(meeting, at))
+        end.clearances.outlast(&self.motion(meeting, at))
     }
 
     /// Bounds for all points of the links of a block that may touch a body. Between two nodes they move by the speeds in the middle of
@@ -291,7 +288,7 @@ impl Pass<'_> {
         let (past_ax, past_ay, past_alpha) = (&l.past_ax[at], &l.past_ay[at], &l.past_alpha[at]);
         let (h, extent) = (self.model.step_s, self.extent_m);
         // That normals and arms turn, and the body's change of speed.
-        let reach_m = meeting.body.distance_bound_m(self.model.chain.lever[0]);
+        let reach_m = meeting.body.distance_bound_m(extent);
         let turned_m = tooth_contact::turned_m(h, meeting.past_omega, self.fastest_m_s);
         let turned_m = turned_m + h * h * meeting.past_alpha.abs() * reach_m;
         let (turning, face) = (meeting.past_omega, meeting.body.face_direction());
@@ -307,7 +304,8 @@ impl Pass<'_> {
             let push = ax[i].abs() + ay[i].abs() + 2.0 * extent * alpha[i].abs();
             let past = past_ax[i].abs() + past_ay[i].abs() + 2.0 * extent * past_alpha[i].abs();
             out.moved_m[i] = moved;
-            out.way_m[i] = 1.01 * moved + h * h * (0.77 * push + 0.26 * past);
+            // What is added is above the rounding of distances.
+            out.way_m[i] = 1.01 * moved + h * h * (0.77 * push + 0.26 * past) + 1e-12;
             out.along_m[i] = h * along;
         }
         out
@@ -411,10 +409,7 @@ impl Pass<'_> {
                 (Answer::Apart(None), Cache::Abutments(_)) => None,
             };
             if let Some(gaps) = gaps {
-                let steps = query.idle_steps(gaps.narrowest());
-                end.gaps = gaps;
-                end.gaps.narrow(steps as f64 * self.far_m);
-                (end.is_clear, end.unmoved_steps) = (true, steps);
+                (end.clearances, end.is_clear) = (gaps, true);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Toothed flanks of silent links in their gaps: a block of ends at a time.
 
 use super::LANES;
-use super::ends::{Answer, GapCache, Gaps, Query};
+use super::ends::{Answer, Clearances, Query, ToothGaps};
 use crate::elements::arc_lanes::Found;
 use crate::elements::end_contact::{EndBody, EndShape};
 use crate::elements::flank_lanes::{FlankLanes, Placed};
@@ -12,7 +12,7 @@ use crate::geometry::chain::silent::SilentLinkContour;
 #[derive(Clone)]
 pub(super) struct FlankCache {
     flanks: FlankLanes,
-    gaps: GapCache,
+    tooth_gaps: ToothGaps,
     /// Distance of a joint from the axis beyond which its link touches no tooth [m], and its square.
     limit: Column,
     limit_squared: Column,
@@ -34,7 +34,7 @@ impl FlankCache {
         let limit = take(levers, at).map(|lever| tooth.map_or(0.0, |tooth| tooth.reach_m(lever.abs())));
         FlankCache {
             flanks: FlankLanes::new(rows, at, front, outer),
-            gaps: seats.map(GapCache::new).unwrap_or_default(),
+            tooth_gaps: seats.map(ToothGaps::new).unwrap_or_default(),
             limit,
             limit_squared: limit.map(|limit| limit * limit),
         }
@@ -55,16 +55,16 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
         near[i] = query.own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > cache.limit_squared[i]);
     }
     if !any(&near) {
-        return Answer::Apart(Some(Gaps::of(query.own, &beyond_limit(cache, (&jx, &jy)))));
+        return Answer::Apart(Some(Clearances::of(query.own, &beyond_limit(cache, (&jx, &jy)))));
     }
-    cache.gaps.settle(seats, query.rotor, &near, (&jx, &jy));
-    let (axis_x, axis_y) = cache.gaps.axes(query.rotor);
+    cache.tooth_gaps.settle(seats, query.rotor, &near, (&jx, &jy));
+    let (axis_x, axis_y) = cache.tooth_gaps.axes(query.rotor);
     let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
     let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     // Ahead of a front end for the outer flank, behind it for the inner one.
     let side = usize::from(query.front == outer);
     let bounds = (&near, query.far_m);
-    found.tooth = cache.gaps.seat;
+    found.tooth = cache.tooth_gaps.seat;
     let touches = if outer {
         cache.flanks.deepest::<true>(tooth, side, &placed, bounds, found)
     } else {
@@ -83,16 +83,16 @@ fn beyond_limit(cache: &FlankCache, (x, y): (&Column, &Column)) -> Column {
     out
 }
 
-/// Gaps of a block whose tooth gaps [`touches`] has looked up: to the contour there, or to where another tooth gap begins.
+/// Clearances of a block whose tooth gaps [`touches`] has looked up: to the contour there, or to where another tooth gap begins.
 #[inline(always)]
-pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Gaps {
+pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Clearances {
     let (tooth, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, .. } => (tooth, true),
         EndShape::InnerFlanks { tooth, .. } => (tooth, false),
-        _ => return Gaps::default(),
+        _ => return Clearances::default(),
     };
     let (jx, jy) = query.joints();
-    let (axis_x, axis_y) = cache.gaps.axes(query.rotor);
+    let (axis_x, axis_y) = cache.tooth_gaps.axes(query.rotor);
     let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
     let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     let side = usize::from(query.front == outer);
@@ -101,11 +101,11 @@ pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Gaps {
     } else {
         cache.flanks.clearances::<false>(tooth, side, &placed, query.extent_m)
     };
-    let to_next = cache.gaps.margins((&jx, &jy), (&axis_x, &axis_y));
+    let to_next = cache.tooth_gaps.margins((&jx, &jy), (&axis_x, &axis_y));
     let mut out = beyond_limit(cache, (&jx, &jy));
     for i in 0..LANES {
         let within = if to_contour[i] < to_next[i] { to_contour[i] } else { to_next[i] };
         out[i] = if out[i] > within { out[i] } else { within };
     }
-    Gaps::of(query.own, &out)
+    Clearances::of(query.own, &out)
 }

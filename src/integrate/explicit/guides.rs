@@ -27,18 +27,19 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let begun = scratch.counts.is_some().then(Instant::now);
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
-                if !shared && !within {
+                let near = shared
+                    || within && {
+                        let held = take(&state.guide_ends[set].normal_force, at);
+                        let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
+                        let push = pushes(model, scratch, at);
+                        guide_contact::any_near(body, reach_m, model.step_s, held, motion, push)
+                    };
+                if !near {
                     if scratch.stale_blocks[set][block] != 0 {
                         memory(state, scratch, set, count).forget(block);
                     }
-                    continue;
-                }
-                let held = take(&state.guide_ends[set].normal_force, at);
-                let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
-                let push = pushes(model, scratch, at);
-                if !shared && !guide_contact::any_near(body, reach_m, model.step_s, held, motion, push) {
-                    if scratch.stale_blocks[set][block] != 0 {
-                        memory(state, scratch, set, count).forget(block);
+                    if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
+                        counts.plates[k].note(false, None, begun);
                     }
                     continue;
                 }
@@ -72,7 +73,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     memory(state, scratch, set, count).keep(block, lanes);
                 }
                 if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
-                    counts.plates[k].note(within, Some(&lanes.normal_force), begun);
+                    counts.plates[k].note(true, Some(&lanes.normal_force), begun);
                 }
             }
         }
@@ -104,7 +105,7 @@ pub(super) struct BlockForces {
     pub(super) x: Column,
     pub(super) y: Column,
     pub(super) moment: Column,
-    /// Whether any is not zero.
+    /// Whether anything was added, be it zero.
     pub(super) used: bool,
 }
 

@@ -79,7 +79,7 @@ pub struct Scratch {
     pub(super) nearest_end: [Vec<usize>; 3],
     /// Per body and block of links, for front and rear ends: what they faced last.
     pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
-    /// Distance of the farthest point of a contour from its link's centre [m].
+    /// Distance from a link's centre that no point of its contour and no joint exceeds [m].
     pub(super) contour_extent_m: f64,
     /// The step whose contacts of contours were looked for last.
     pub(super) contour_step: u64,
@@ -276,7 +276,10 @@ impl Scratch {
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
             end_blocks: model.end_bodies.iter().map(|body| EndBlock::all(model, body, n / LANES)).collect(),
-            contour_extent_m: model.contour.as_ref().map_or(0.0, |contour| contour.extent_m()),
+            contour_extent_m: {
+                let contour_m = model.contour.as_ref().map_or(0.0, |contour| contour.extent_m());
+                model.chain.lever.iter().copied().fold(contour_m, f64::max)
+            },
             contour_step: u64::MAX - 1,
             stale_ends: std::array::from_fn(|_| vec![2; n / LANES]),
             watched: None,

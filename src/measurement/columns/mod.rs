@@ -254,6 +254,10 @@ fn mdf_channel(
     channel: &falcon_mdf::Channel,
     rows: usize,
 ) -> Result<(Vec<f64>, String), String> {
+    // Texts and bytes. The library makes what their offsets claim before it has seen that it is there.
+    if channel.channel_type == falcon_mdf::blocks::channel::ChannelType::VariableLength {
+        return Err("has values of variable length, no numbers".into());
+    }
     let cannot = |e: falcon_mdf::Mf4Error| format!("cannot be read: {e}");
     let (mut values, mut unit) = (Vec::new(), String::new());
     let mut add = |signal: &falcon_mdf::Signal, values: &mut Vec<f64>| -> Result<(), falcon_mdf::Mf4Error> {

@@ -184,7 +184,9 @@ mod tests {
             seed ^= seed << 17;
             (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
-        for (name, sets) in [("silent-20-40", &[][..]), ("smartchain-20-40", &[]), ("smartchain-20-40", &OVER_TWO_LINKS)] {
+        for (name, sets) in
+            [("silent-20-40", &[][..]), ("smartchain-20-40", &[]), ("smartchain-20-40", &OVER_TWO_LINKS)]
+        {
             let text = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive").1;
             let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
             let drive = Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"));
@@ -248,5 +250,101 @@ mod tests {
             println!("{name}: {compared} touches, none off by more than {farthest_m:.1e} m");
             assert!(compared > 10_000);
         }
+    }
+
+    /// No motion shorter than the clearance of an end makes it touch.
+    #[test]
+    fn flanks_touch_nothing_within_their_clearance() {
+        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut random = || {
+            seed ^= seed << 13;
+            seed ^= seed >> 7;
+            seed ^= seed << 17;
+            (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        let text = BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("a bundled drive").1;
+        let drive = Drive::parse("silent-20-40", text, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
+        let contour = model.contour.as_ref().expect("flanks");
+        let (n, extent_m) = (model.chain.n_links, contour.extent_m().max(model.chain.lever[0]));
+        let (mut compared, mut closest) = (0, f64::INFINITY);
+        for round in 0..400 {
+            let spread = if round % 2 == 0 { 2e-3 } else { 2e-4 };
+            let moved: Vec<(Vec2, f64)> = rest.configuration.links[..n]
+                .iter()
+                .map(|(p, heading)| (p + Vec2::new(random(), random()) * spread, heading + spread * 100.0 * random()))
+                .collect();
+            for (k, body) in model.end_bodies.iter().enumerate() {
+                let rotor = body.rotor.map_or((1.0, 0.0), |r| {
+                    let (sin, cos) = sin_cos(rest.configuration.rotors[r]);
+                    (cos, sin)
+                });
+                let columns = |of: &dyn Fn(usize) -> f64| -> Column { std::array::from_fn(of) };
+                for at in 0..n / LANES {
+                    let place = |i: usize| moved[at * LANES + i];
+                    let (x, y) =
+                        (columns(&|i| place(i).0.x - body.origin.x), columns(&|i| place(i).0.y - body.origin.y));
+                    let (cos, sin) = (columns(&|i| sin_cos(place(i).1).1), columns(&|i| sin_cos(place(i).1).0));
+                    for front in [true, false] {
+                        let sign = if front { 1.0 } else { -1.0 };
+                        let lever = |i: usize| sign * model.chain.lever[at * LANES + i];
+                        let joint_x = columns(&|i| x[i] + body.origin.x + lever(i) * cos[i]);
+                        let joint_y = columns(&|i| y[i] + body.origin.y + lever(i) * sin[i]);
+                        let own = [u64::MAX; LANES];
+                        let poses = Poses { x, y, cos: &cos, sin: &sin };
+                        let query = Query {
+                            body,
+                            front,
+                            rotor,
+                            far_m: 1e-9,
+                            extent_m,
+                            details: false,
+                            own: &own,
+                            poses,
+                            joint_x: &joint_x,
+                            joint_y: &joint_y,
+                        };
+                        let mut cache = Cache::new(&model, body, at, front);
+                        let mut found = Found::nothing();
+                        _ = cache.touches(&query, contour, &mut found);
+                        let Cache::Flanks(flanks) = &cache else { panic!("flanks") };
+                        let clear = crate::integrate::explicit::flanks::gaps(&query, flanks).at_least_m;
+                        for i in 0..LANES {
+                            let link = at * LANES + i;
+                            let touch = |centre: Vec2, heading: f64| {
+                                let (sin, cos) = sin_cos(heading);
+                                let row = link % model.rows.len();
+                                let pose = LinkPose { centre, cos, sin, lever: lever(i), front, row };
+                                body.touch(contour, &pose, rotor, 0.0).map_or(f64::NEG_INFINITY, |t| t.penetration_m)
+                            };
+                            let (centre, heading) = (place(i).0 - body.origin, place(i).1);
+                            if clear[i] <= 0.0 || clear[i] > 2e-3 {
+                                continue;
+                            }
+                            // All of the way in one direction, or part of it and a turn for the rest.
+                            for _ in 0..4 {
+                                let share = random() + 0.5;
+                                let (sin, cos) = sin_cos(7.0 * random());
+                                let way = Vec2::new(cos, sin) * (clear[i] * share * 0.999);
+                                let turn = clear[i] * (1.0 - share) * 0.999 / extent_m
+                                    * if random() < 0.0 { -1.0 } else { 1.0 };
+                                let depth = touch(centre + way, heading + turn);
+                                assert!(
+                                    depth <= 0.0,
+                                    "{}, link {link}: clear by {:e}, {depth:e} deep",
+                                    body.name,
+                                    clear[i]
+                                );
+                                compared += 1;
+                            }
+                            closest = closest.min(clear[i]);
+                        }
+                        let _ = k;
+                    }
+                }
+            }
+        }
+        println!("{compared} motions, the shortest clearance {closest:e} m");
+        assert!(compared > 50_000);
     }
 }

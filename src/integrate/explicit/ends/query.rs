@@ -16,7 +16,7 @@ pub(in super::super) struct Query<'a> {
     pub(in super::super) front: bool,
     /// Cosine and sine of the sprocket's angle.
     pub(in super::super) rotor: (f64, f64),
-    /// Gap beyond which nothing is of interest, and by which no gap changes within a step [m].
+    /// Gap beyond which nothing is of interest in this step [m].
     pub(in super::super) far_m: f64,
     /// As in [`Pass`].
     pub(in super::super) extent_m: f64,
@@ -52,12 +52,6 @@ impl<'a> Query<'a> {
         }
     }
 
-    /// Steps for which gaps of this width stay wider than [`Query::far_m`], however fast links move.
-    #[inline(always)]
-    pub(in super::super) fn idle_steps(&self, gap_m: f64) -> u64 {
-        ((gap_m - self.far_m) / self.far_m) as u64
-    }
-
     /// The joints from the body's origin.
     #[inline(always)]
     pub(in super::super) fn joints(&self) -> (Column, Column) {
@@ -70,7 +64,7 @@ pub(in super::super) enum Answer {
     /// Something touches, or is nearer than [`Query::far_m`].
     Near,
     /// Nothing does. Without gaps where to find them takes longer than the query did, or where it is not known how fast they close.
-    Apart(Option<Gaps>),
+    Apart(Option<Clearances>),
 }
 
 /// Centres of links from the body's origin, and their headings.
@@ -113,7 +107,7 @@ impl<'a> Poses<'a> {
 
 /// The tooth gaps that joints are in: number, and direction of the axis in the sprocket's frame.
 #[derive(Clone, Debug, Default)]
-pub(in super::super) struct GapCache {
+pub(in super::super) struct ToothGaps {
     pub(in super::super) seat: Column,
     pub(in super::super) cos: Column,
     pub(in super::super) sin: Column,
@@ -121,9 +115,9 @@ pub(in super::super) struct GapCache {
     sure_tan: f64,
 }
 
-impl GapCache {
-    pub(in super::super) fn new(seats: &Seats) -> GapCache {
-        GapCache { sure_tan: seats.sure_tan(), ..GapCache::default() }
+impl ToothGaps {
+    pub(in super::super) fn new(seats: &Seats) -> ToothGaps {
+        ToothGaps { sure_tan: seats.sure_tan(), ..ToothGaps::default() }
     }
 
     /// Directions of the axes in the world.
@@ -137,7 +131,7 @@ impl GapCache {
         out
     }
 
-    /// How far joints are from where they leave their gaps, at least [m]; `(gx, gy)`: as [`GapCache::axes`] has them.
+    /// How far joints are from where they leave their gaps, at least [m]; `(gx, gy)`: as [`ToothGaps::axes`] has them.
     #[inline(always)]
     pub(in super::super) fn margins(&self, (x, y): (&Column, &Column), (gx, gy): (&Column, &Column)) -> Column {
         let per_length = 1.0 / (1.0 + self.sure_tan * self.sure_tan).sqrt();
@@ -174,20 +168,20 @@ impl GapCache {
     }
 }
 
-/// Gaps between a block of ends and a body.
+/// Clearances between a block of ends and a body.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in super::super) struct Gaps {
+pub(in super::super) struct Clearances {
     /// At least this wide [m]; of lanes of other bodies infinite.
     pub(in super::super) at_least_m: Column,
     /// 1 where motion along a face narrows them too: past its ends; else 0.
     pub(in super::super) past_end: Column,
 }
 
-impl Gaps {
+impl Clearances {
     /// Of these lanes; the others' are infinite.
     #[inline(always)]
-    pub(in super::super) fn of(own: &Mask, gaps_m: &Column) -> Gaps {
-        let mut out = Gaps::default();
+    pub(in super::super) fn of(own: &Mask, gaps_m: &Column) -> Clearances {
+        let mut out = Clearances::default();
         for i in 0..LANES {
             out.at_least_m[i] = if own[i] != 0 { gaps_m[i] } else { f64::INFINITY };
         }
@@ -204,18 +198,6 @@ impl Gaps {
             due[i] = !mask(self.at_least_m[i] > motion.way_m[i] + along + along);
         }
         !any(&due)
-    }
-
-    #[inline(always)]
-    pub(super) fn narrowest(&self) -> f64 {
-        self.at_least_m.iter().copied().fold(f64::INFINITY, f64::min)
-    }
-
-    #[inline(always)]
-    pub(super) fn narrow(&mut self, by_m: f64) {
-        for i in 0..LANES {
-            self.at_least_m[i] -= by_m;
-        }
     }
 }
 
