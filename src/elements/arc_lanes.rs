@@ -170,7 +170,7 @@ impl FootLanes {
     pub fn foot(&self, i: usize, x: f64, y: f64) -> (Foot, bool) {
         let from = (x - self.from_x[i]) * self.from_tx[i] + (y - self.from_y[i]) * self.from_ty[i];
         let to = (x - self.to_x[i]) * self.to_tx[i] + (y - self.to_y[i]) * self.to_ty[i];
-        let faced = (from > self.from_above[i]) & !(to > 0.0);
+        let faced = (from > self.from_above[i]) & (to <= 0.0);
         let (cx, cy, r) = (self.centre_x[i], self.centre_y[i], self.radius[i]);
         let (dx, dy) = (x - cx, y - cy);
         let length = (dx * dx + dy * dy).sqrt();
@@ -261,7 +261,7 @@ impl SupportLanes {
         let before = y * self.before_x[i] - x * self.before_y[i];
         let end = y * self.end_x[i] - x * self.end_y[i];
         // Normals look to +y: only of such a direction do signs tell all.
-        let faced = (before > self.before_above[i]) & (y > 0.0) & !(end > 0.0);
+        let faced = (before > self.before_above[i]) & (y > 0.0) & (end <= 0.0);
         let on_start = x * self.start_tx[i] + y * self.start_ty[i] < 0.0;
         let (px, py) = (self.centre_x[i] + x * self.radius[i], self.centre_y[i] + y * self.radius[i]);
         ((if on_start { self.start_x[i] } else { px }, if on_start { self.start_y[i] } else { py }), faced)
