@@ -62,11 +62,20 @@ const PEAK_ERROR_PERCENT: f64 = 1.0;
 
 #[test]
 fn engagement_peaks_at_the_default_step_stay_within_one_percent_of_a_fine_step() {
-    let cases: [(&str, &[&str]); 3] = [
-        ("base", &[]),
-        ("contact damping 600 N s/m", &["contact.sprocket.linear.damping_n_s_per_m=600"]),
-        ("pin damping 300 N s/m", &["chain.joint.damping_n_s_per_m=300"]),
-    ];
+    stay_within_one_percent("base", &[]);
+}
+
+#[test]
+fn so_they_do_with_contact_damping_of_600_n_s_per_m() {
+    stay_within_one_percent("contact damping 600 N s/m", &["contact.sprocket.linear.damping_n_s_per_m=600"]);
+}
+
+#[test]
+fn so_they_do_with_pin_damping_of_300_n_s_per_m() {
+    stay_within_one_percent("pin damping 300 N s/m", &["chain.joint.damping_n_s_per_m=300"]);
+}
+
+fn stay_within_one_percent(name: &str, overrides: &[&str]) {
     let factors: &[f64] =
         if std::env::var_os("PITCHLINE_SCHEME_TABLE").is_some() { &[0.7, 1.0, 1.2, 1.4, 1.7] } else { &[1.0] };
     println!(
@@ -74,38 +83,33 @@ fn engagement_peaks_at_the_default_step_stay_within_one_percent_of_a_fine_step()
         REFERENCE_STEP_S * 1e6
     );
     println!("{:<28} {:>8} {:>26} {:>26}", "case", "step us", "max %", "mean %");
-    let mut failures = Vec::new();
-    for (name, overrides) in cases {
-        let mut table: Vec<(f64, Errors)> = Vec::new();
-        for rpm in SPEEDS_RPM {
-            let speed = format!("speeds.constant.driver.speed_rpm={rpm}");
-            let mut all = overrides.to_vec();
-            all.push(&speed);
-            let a = assembled(&drive_without_guides(&all));
-            let default = a.report.step_s;
-            let window = (5e-3, 90e-3);
-            let reference = peaks(&a.model, &a.state, default, REFERENCE_STEP_S, window);
-            for (i, factor) in factors.iter().enumerate() {
-                let step = default * factor;
-                let tried = peaks(&a.model, &a.state, default, step, window);
-                if table.len() <= i {
-                    table.push((step, Errors::default()));
-                }
-                compare(&reference, &tried, &mut table[i].1);
+    let mut table: Vec<(f64, Errors)> = Vec::new();
+    for rpm in SPEEDS_RPM {
+        let speed = format!("speeds.constant.driver.speed_rpm={rpm}");
+        let mut all = overrides.to_vec();
+        all.push(&speed);
+        let a = assembled(&drive_without_guides(&all));
+        let default = a.report.step_s;
+        let window = (5e-3, 90e-3);
+        let reference = peaks(&a.model, &a.state, default, REFERENCE_STEP_S, window);
+        for (i, factor) in factors.iter().enumerate() {
+            let step = default * factor;
+            let tried = peaks(&a.model, &a.state, default, step, window);
+            if table.len() <= i {
+                table.push((step, Errors::default()));
             }
-        }
-        for (i, (step, e)) in table.iter().enumerate() {
-            let show = |v: &[f64]| {
-                let mean = v.iter().sum::<f64>() / v.len() as f64;
-                let (low, high) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
-                (mean, format!("{mean:+.2} [{low:+.2}, {high:+.2}]"))
-            };
-            let ((max, max_text), (mean, mean_text)) = (show(&e.max_percent), show(&e.mean_percent));
-            println!("{name:<28} {:>8.3} {max_text:>26} {mean_text:>26}", step * 1e6);
-            if factors[i] == 1.0 && (max.abs() > PEAK_ERROR_PERCENT || mean.abs() > PEAK_ERROR_PERCENT) {
-                failures.push(name);
-            }
+            compare(&reference, &tried, &mut table[i].1);
         }
     }
-    assert!(failures.is_empty(), "above {PEAK_ERROR_PERCENT} %: {failures:?}");
+    for (i, (step, e)) in table.iter().enumerate() {
+        let show = |v: &[f64]| {
+            let mean = v.iter().sum::<f64>() / v.len() as f64;
+            let (low, high) = v.iter().fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+            (mean, format!("{mean:+.2} [{low:+.2}, {high:+.2}]"))
+        };
+        let ((max, max_text), (mean, mean_text)) = (show(&e.max_percent), show(&e.mean_percent));
+        println!("{name:<28} {:>8.3} {max_text:>26} {mean_text:>26}", step * 1e6);
+        let holds = factors[i] != 1.0 || (max.abs() <= PEAK_ERROR_PERCENT && mean.abs() <= PEAK_ERROR_PERCENT);
+        assert!(holds, "{name}: above {PEAK_ERROR_PERCENT} %");
+    }
 }
