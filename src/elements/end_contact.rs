@@ -341,7 +341,7 @@ impl EndBody {
         }
     }
 
-    /// Of a guide's face.
+    /// Returns the direction of a guide's face as a unit vector; None for bodies that are no guide.
     pub fn face_direction(&self) -> Option<Vec2> {
         match self.shape {
             EndShape::Face { along, .. } => Some(along),
@@ -349,7 +349,7 @@ impl EndBody {
         }
     }
 
-    /// What of a link touches this body.
+    /// Returns the name of the part of a link that touches this body.
     pub fn part_name(&self) -> &'static str {
         match &self.shape {
             EndShape::OuterFlanks { .. } => "outer flank",

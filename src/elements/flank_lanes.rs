@@ -320,7 +320,8 @@ impl Segment2 {
         (height * height + past * past).sqrt()
     }
 
-    /// Of the segment and an arc that do not cut each other: between an end of one and the other, or along a common normal.
+    /// Returns the distance from the flank to an arc that it does not cut [m]. The nearest points are an end of one of them, or lie on
+    /// a common normal.
     #[inline(always)]
     fn distance_to_arc(&self, arc: &ArcEnds) -> f64 {
         let (nx, ny) = self.normal;
@@ -352,7 +353,7 @@ impl ArcEnds {
         ArcEnds { arc: *arc, sense, centre: (c.x, c.y), ends: [end(arc.from), end(arc.to)] }
     }
 
-    /// Of a point, negative beyond the arc.
+    /// Returns the distance from a point to the arc [m]. It is negative where the point lies inside the body.
     #[inline(always)]
     fn distance(&self, (x, y): (f64, f64)) -> f64 {
         let (dx, dy) = (x - self.centre.0, y - self.centre.1);

@@ -220,7 +220,7 @@ pub struct OffJoint {
     pub radius: Column,
     pub offset: Column,
     pub alpha: Column,
-    /// Of the link's contour [m].
+    /// Radius of curvature of the link's contour at the contact point [m].
     pub link_radius: Column,
 }
 
@@ -346,7 +346,7 @@ struct EndLane {
     y: f64,
     vx: f64,
     vy: f64,
-    /// Of the joint, one step back.
+    /// Acceleration of the joint in the step before [m/s2].
     ax: f64,
     ay: f64,
     cos: f64,

@@ -29,9 +29,9 @@ pub(super) struct EndBlock {
     own: Mask,
     has_own: bool,
     all_own: bool,
-    /// Whether nothing touches and gaps are known that are wide enough to wait for.
+    /// Nothing touches, and `clearances` hold lower bounds of the gaps.
     is_clear: bool,
-    /// Then: how wide they are at least. Changes no bit: what is left out could not touch.
+    /// Lower bounds of the gaps while `is_clear`. A block is skipped only where it cannot touch, so they change no bit.
     clearances: Clearances,
     cache: Cache,
 }
@@ -287,7 +287,7 @@ impl Pass<'_> {
         let (ax, ay, alpha) = (&l.ax[at], &l.ay[at], &l.alpha[at]);
         let (past_ax, past_ay, past_alpha) = (&l.past_ax[at], &l.past_ay[at], &l.past_alpha[at]);
         let (h, extent) = (self.model.step_s, self.extent_m);
-        // That normals and arms turn, and the body's change of speed.
+        // Second-order motion: normals and arms turn, and the body changes its speed.
         let reach_m = meeting.body.distance_bound_m(extent);
         let turned_m = tooth_contact::turned_m(h, meeting.past_omega, self.fastest_m_s);
         let turned_m = turned_m + h * h * meeting.past_alpha.abs() * reach_m;

@@ -274,7 +274,7 @@ mod tests {
                 .iter()
                 .map(|(p, heading)| (p + Vec2::new(random(), random()) * spread, heading + spread * 100.0 * random()))
                 .collect();
-            for (k, body) in model.end_bodies.iter().enumerate() {
+            for body in &model.end_bodies {
                 let rotor = body.rotor.map_or((1.0, 0.0), |r| {
                     let (sin, cos) = sin_cos(rest.configuration.rotors[r]);
                     (cos, sin)
@@ -339,7 +339,6 @@ mod tests {
                             }
                             closest = closest.min(clear[i]);
                         }
-                        let _ = k;
                     }
                 }
             }

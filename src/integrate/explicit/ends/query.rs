@@ -63,7 +63,7 @@ impl<'a> Query<'a> {
 pub(in super::super) enum Answer {
     /// Something touches, or is nearer than [`Query::far_m`].
     Near,
-    /// Nothing does. Without gaps where to find them takes longer than the query did, or where it is not known how fast they close.
+    /// Nothing is near. None: the query does not know the clearances; the caller may compute them.
     Apart(Option<Clearances>),
 }
 
@@ -82,13 +82,13 @@ impl<'a> Poses<'a> {
         Poses { x, y, cos: &from.cos[at], sin: &from.sin[at] }
     }
 
-    /// A direction into the frame of the link of lane `i`.
+    /// Turns a direction of the world into the frame of the link of lane `i`.
     #[inline(always)]
     pub(in super::super) fn link(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
         (self.cos[i] * x + self.sin[i] * y, self.cos[i] * y - self.sin[i] * x)
     }
 
-    /// And out of it.
+    /// Turns a direction of the link of lane `i` into the world.
     #[inline(always)]
     pub(in super::super) fn world(&self, i: usize, x: f64, y: f64) -> (f64, f64) {
         (self.cos[i] * x - self.sin[i] * y, self.sin[i] * x + self.cos[i] * y)
