@@ -227,6 +227,10 @@ impl ImpactWatch {
         for open in self.open.iter_mut().flatten().filter(|o| !o.placed) {
             let (link, feature) = (open.impact.link, open.impact.feature);
             let part = self.parts[open.parts].of;
+            // Nothing overlaps yet: no need to look for it among all contacts.
+            if scratch.touch(part, open.lane).is_none() {
+                continue;
+            }
             let contacts = contacts_of(model, state, scratch, Some(link as usize));
             let same = |i: &usize| {
                 contacts.link[*i] == link

@@ -130,6 +130,11 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         for body in ["sprocket", "ring", "guide"] {
             sets.push(format!("contact.{body}.linear.stiffness_n_per_m={contact}"));
         }
+        // The closed forms tell the motion: at 2.9 us bushes that land at 0.02 m/s are seen to land 7 mm/s slower, with the step's square.
+        // Stiff contacts need shorter ones anyhow.
+        if contact < 1e9 {
+            sets.push("run.step_us=1".to_string());
+        }
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
         // Over 26 tooth periods the median of the bushes' speeds is good to 2 %.
         let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 104e3 * period_s).remove(0);
@@ -521,9 +526,11 @@ const APART_M: f64 = 0.5e-6;
 #[test]
 fn engagement_mirrors_disengagement_when_time_runs_back() {
     let free = ["contact.sprocket.friction=0", "contact.guide.friction=0", "chain.joint.friction=0"];
-    for name in ["bush-20-40", "silent-20-40", "smartchain-20-40"] {
+    // Abutments without damping bear a shorter step than the default, which reckons with damping.
+    let shorter = [&free[..], &["run.step_us=2"]].concat();
+    for (name, sets) in [("bush-20-40", &free[..]), ("silent-20-40", &free), ("smartchain-20-40", &shorter)] {
         let mut errors = Vec::new();
-        let assembly = assemble(&drive(name, &free)).unwrap_or_else(|e| panic!("{e}"));
+        let assembly = assemble(&drive(name, sets)).unwrap_or_else(|e| panic!("{e}"));
         for finer in [1.0, 4.0, 16.0] {
             let (mut model, mut state) = (undamped(&assembly.model), assembly.state.clone());
             let coarse_s = model.step_s;

@@ -5,7 +5,7 @@ use std::process::Command;
 /// Instructions for each link and step of the bundled drive, AVX2 path (valgrind knows no AVX-512), everything included that
 /// grows with the number of steps. When a change moves it, re-measure, and say in the commit why.
 const INSTRUCTIONS_PER_LINK_STEP: f64 = 283.8;
-/// Measured twice the same to 1e-4; the C library's copies differ between systems.
+/// Measured twice the same to 1e-4, of abutments to 3e-3; the C library's copies differ between systems.
 const TOLERANCE: f64 = 0.05;
 
 /// A drive, changes of its values, its number of links, instructions for each link and step, and between which durations they are
@@ -16,7 +16,7 @@ type Counted = (&'static str, &'static [&'static str], f64, f64, [u32; 2]);
 /// from link to link.
 const CONTOURS: [Counted; 3] = [
     ("silent-20-40", &[], 90.0, 503.8, [2, 4]),
-    ("smartchain-20-40", &[], 90.0, 674.0, [1, 3]),
+    ("smartchain-20-40", &[], 90.0, 741.0, [2, 22]),
     (
         "smartchain-20-40",
         &[
@@ -28,8 +28,8 @@ const CONTOURS: [Counted; 3] = [
             "chain.smartchain.handover=two_links",
         ],
         80.0,
-        740.4,
-        [1, 3],
+        793.0,
+        [2, 22],
     ),
 ];
 

@@ -326,7 +326,10 @@ fn the_verb_draws_svg_and_png_and_says_what() {
     assert!(json["force_scale_n_per_mm"].as_f64() > Some(0.0) && json["joint_force_scale_n_per_mm"].is_null());
     assert_eq!(said, "", "there is a frame at 1 ms");
     let text = std::fs::read_to_string(&svg).expect("drawn");
-    assert!(text.contains("around sprockets.driver") && text.contains("20 teeth") && text.contains("t = 1.0000 ms"));
+    let shown_ms = json["frames"][0]["t_s"].as_f64().map(|t| 1e3 * t).expect("a time");
+    assert!((shown_ms - 1.0).abs() < 0.05, "the frame nearest to 1 ms");
+    assert!(text.contains("around sprockets.driver") && text.contains("20 teeth"));
+    assert!(text.contains(&format!("t = {shown_ms:.4} ms")));
     let (json, _) = draw(&png, &["--at", "0.8ms..1.3ms/6", "--around", "link:50", "--joints"]);
     assert_eq!(json["frames"].as_array().map(Vec::len), Some(6));
     let bytes = std::fs::read(&png).expect("drawn");

@@ -220,12 +220,18 @@ fn a_library_that_gives_up_is_an_error() {
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
 
-/// Found by fuzzing: a page header that states a list of 2^31 elements, which the library skips one by one.
+/// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one.
 #[test]
-fn page_headers_that_hold_lists_are_refused_before_they_are_skipped() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/page_header_list.parquet");
-    let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
-    assert!(said.contains("page_header_list.parquet") && said.contains("a page header holds a list"), "{said}");
+fn lists_that_are_not_there_are_refused_before_they_are_skipped() {
+    let (many, kind) = ("a list of more elements than it has bytes", "holds something unknown");
+    for (name, part, why) in
+        [("page_header_list", "a page header", [many, kind]), ("footer_list", "the footer", [many, kind])]
+    {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
+        let said =
+            read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
+        assert!(said.contains(name) && said.contains(part) && why.iter().any(|w| said.contains(w)), "{said}");
+    }
 }
 
 /// Found by fuzzing: a channel of variable length whose offsets claim 10^14 bytes, which the library asked the system for.

@@ -343,7 +343,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
         Part::Contours(set) => {
             let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
             let mut found = None;
-            scratch.end_touches(model, state, (k, FAR_M), |link, front, t| {
+            scratch.end_touches(model, state, (k, FAR_M), Some(lane), |link, front, t| {
                 if link == lane && front == (set % 2 == 0) {
                     found = Some(t);
                 }

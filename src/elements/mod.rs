@@ -3,6 +3,7 @@
 
 pub mod arc_lanes;
 pub mod contact_law;
+pub mod contour_forces;
 pub mod end_contact;
 pub mod flank_lanes;
 pub mod friction;

@@ -38,8 +38,9 @@ use scratch::WINDOW_MARGIN_M;
 pub use watch::{ContactValue, Extreme, MOST_SPROCKETS, Parts, TorqueSums, Touches, Wanted, linear_force};
 
 use super::{Isa, StepError, StepErrorKind};
+use crate::elements::contour_forces::{BlockStep, Remembered};
 use crate::elements::rotor::{Rotor, turned};
-use crate::elements::tooth_contact::{BlockStep, Column, LANES, Lanes, Remembered, blocks, blocks_mut, take};
+use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 

@@ -1,6 +1,7 @@
 //! Time integration: one explicit scheme, its step rule, and the kernels for each vector unit.
 
 pub mod explicit;
+mod link_row;
 pub mod step_bound;
 
 /// Which instructions the kernels are compiled for. All give the same bits: no fused multiply-add, no approximate

@@ -5,11 +5,15 @@
 //! contact damping   h <= 0.75 / (c w)          accuracy: the series of the mean force takes c w h as small
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
+//! abutments         h <= 0.90 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
 //! w = 1/m + l^2/J, the inverse effective mass of a link's end; w_j = max(1/m, l^2/J) of the lightest link. The constants of
-//! the first two lines are measured: see tests/convergence.rs, which holds the errors they stand for.
+//! the first three lines are measured: see tests/convergence.rs, which holds the errors they stand for. Abutments roll on
+//! without impact, so that their chain has peaks as right at longer steps: 1.27 and 1.4 in the first and third line.
 
+use super::link_row::{self, Row, RowContact, RowLink};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::model::{Model, flank_radii};
 
 /// One bound and where it comes from.
@@ -26,6 +30,15 @@ const CONTACT: f64 = 0.95;
 const CONTACT_DAMPING: f64 = 0.75;
 const PIN_DAMPING: f64 = 1.0;
 const PIN_STIFFNESS: f64 = 1.0;
+/// Of chains with abutments: peaks of the bundled one are right to 0.5 % there.
+const CONTACT_OF_ABUTMENTS: f64 = 1.27;
+const PIN_DAMPING_WITH_ABUTMENTS: f64 = 1.4;
+/// Share of the step at which the linearised scheme grows: friction, tension and links that differ are not in it.
+const STABLE_SHARE: f64 = 0.9;
+/// Step by which it is looked for.
+const STABLE_SEARCH: f64 = 0.97;
+/// Share of the other bounds below which nobody looks: there the step is a fortieth of any period.
+const LEAST_SEARCHED: f64 = 0.1;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
@@ -36,6 +49,7 @@ pub fn step_bound(model: &Model) -> StepBound {
         largest(&|j| chain.bush_inverse_mass[j] + chain.bush_lever[j].powi(2) * chain.bush_inverse_inertia[j]);
     let end_mobility = largest(&|i| chain.inverse_mass[i] + chain.lever[i].powi(2) * chain.inverse_inertia[i]);
     let joint_mobility = largest(&|i| chain.inverse_mass[i].max(chain.lever[i].powi(2) * chain.inverse_inertia[i]));
+    let has_abutments = matches!(model.contour, Some(LinkContour::Abutments { .. }));
     let mut bounds = Vec::new();
     for s in model.sprockets.iter().filter(|s| s.geometry.iso().is_some()) {
         bounds.extend(contact_bounds(&format!("sprockets.{}", s.name), &s.body.law, flank_radii(s), bush_mobility));
@@ -45,7 +59,9 @@ pub fn step_bound(model: &Model) -> StepBound {
         let contour_mobility = largest(&|i| chain.inverse_mass[i] + arm * arm * chain.inverse_inertia[i]);
         for b in &model.end_bodies {
             let radii = PairRadii { bush_m: arm, body_m: f64::INFINITY };
-            bounds.extend(contact_bounds(&b.name, &b.law, radii, contour_mobility));
+            let [stiffness, damping] = contact_bounds(&b.name, &b.law, radii, contour_mobility);
+            let longer = if has_abutments { CONTACT_OF_ABUTMENTS / CONTACT } else { 1.0 };
+            bounds.extend([StepBound { step_s: longer * stiffness.step_s, ..stiffness }, damping]);
         }
     }
     for g in model.guides.iter().filter(|g| g.body.touches_plates) {
@@ -54,8 +70,9 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     let joint = &chain.joint;
     if joint.damping_n_s_per_m > 0.0 {
+        let share = if has_abutments { PIN_DAMPING_WITH_ABUTMENTS } else { PIN_DAMPING };
         bounds.push(StepBound {
-            step_s: PIN_DAMPING / (joint.damping_n_s_per_m * 4.0 * joint_mobility),
+            step_s: share / (joint.damping_n_s_per_m * 4.0 * joint_mobility),
             cause: "damping of the joints (chain.joint)".into(),
         });
     }
@@ -63,7 +80,68 @@ pub fn step_bound(model: &Model) -> StepBound {
         step_s: PIN_STIFFNESS / libm::sqrt(joint.stiffness_n_per_m * 4.0 * joint_mobility),
         cause: "stiffness of the joints (chain.joint)".into(),
     });
-    bounds.into_iter().min_by(|a, b| a.step_s.total_cmp(&b.step_s)).expect("the joints always give a bound")
+    let smallest = |a: StepBound, b: StepBound| if b.step_s < a.step_s { b } else { a };
+    let accurate = bounds.into_iter().reduce(smallest).expect("the joints always give a bound");
+    match &model.contour {
+        Some(contour) if has_abutments => {
+            let row = RowLink {
+                inverse_mass: largest(&|i| chain.inverse_mass[i]),
+                inverse_inertia: largest(&|i| chain.inverse_inertia[i]),
+                lever_m: largest(&|i| chain.lever[i]),
+                arm_m: contour.longest_arm_m(chain.lever[0]),
+                joint_stiffness_n_per_m: joint.stiffness_n_per_m,
+                joint_damping_n_s_per_m: joint.damping_n_s_per_m,
+            };
+            abutments_bound(&row, &model.end_bodies, accurate)
+        }
+        _ => accurate,
+    }
+}
+
+/// `accurate`, or what abutments on one or two of the bodies bear, if that is less.
+fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> StepBound {
+    let mut bound = accurate;
+    let mut looked_at: Vec<[(f64, f64); 2]> = Vec::new();
+    for (i, p) in bodies.iter().enumerate() {
+        for q in bodies[i..].iter().filter(|q| q.set != p.set || q.body == p.body) {
+            let radii = PairRadii { bush_m: link.arm_m, body_m: f64::INFINITY };
+            let law = |b: &EndBody| (b.law.stiffness_at(PEAK_FORCE_N, radii), b.law.damping_at(PEAK_FORCE_N));
+            let laws = [law(p), law(q)];
+            if looked_at.contains(&laws) {
+                continue;
+            }
+            looked_at.push(laws);
+            for row in rows(laws, p.body != q.body) {
+                let mut step_s = bound.step_s / STABLE_SHARE;
+                while link_row::grows(link, &row, step_s) && step_s > LEAST_SEARCHED * bound.step_s {
+                    step_s *= STABLE_SEARCH;
+                }
+                if STABLE_SHARE * step_s < bound.step_s {
+                    let between = if p.body == q.body { String::new() } else { format!(" and {}", q.name) };
+                    let cause = format!("chatter of abutments between {}{between}", p.name);
+                    bound = StepBound { step_s: STABLE_SHARE * step_s, cause };
+                }
+            }
+        }
+    }
+    bound
+}
+
+/// Links on their way from a body with the second law to one with the first: one link touches both, with its front end or with its
+/// rear end. Else links that lie on one body.
+fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<Row> {
+    let on = |front: bool, (stiffness_n_per_m, damping_n_s_per_m): (f64, f64)| RowContact {
+        front,
+        stiffness_n_per_m,
+        damping_n_s_per_m,
+    };
+    let (on_p, on_q) = (vec![on(true, p), on(false, p)], vec![on(true, q), on(false, q)]);
+    if !two_bodies {
+        return vec![vec![on_p; 4]];
+    }
+    let with_front = vec![on(true, p), on(true, q), on(false, q)];
+    let with_rear = vec![on(true, p), on(false, p), on(false, q)];
+    [with_front, with_rear].map(|both| vec![on_q.clone(), both, on_p.clone(), on_p.clone()]).to_vec()
 }
 
 fn contact_bounds(name: &str, law: &ContactLaw, radii: PairRadii, mobility: f64) -> [StepBound; 2] {

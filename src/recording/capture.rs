@@ -319,7 +319,7 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
 fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, speeds, .. } = *node;
     for (k, body) in model.end_bodies.iter().enumerate() {
-        scratch.end_touches(model, state, (k, 0.0), |link, front, t| {
+        scratch.end_touches(model, state, (k, 0.0), node.only, |link, front, t| {
             if node.is_asked(link) && t.penetration_m > 0.0 {
                 let set = 2 * body.set + usize::from(!front);
                 let (p, v) = node.end(link, front);

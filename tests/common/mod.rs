@@ -12,8 +12,14 @@ use std::collections::BTreeMap;
 
 /// The bundled 20/40 drive, `path=value` overrides applied.
 pub fn drive(overrides: &[&str]) -> Drive {
+    bundled(BUNDLED[0].0, overrides)
+}
+
+/// A bundled drive, likewise.
+pub fn bundled(name: &str, overrides: &[&str]) -> Drive {
     let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
-    match Drive::parse(BUNDLED[0].0, BUNDLED[0].1, &overrides) {
+    let (name, text) = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive");
+    match Drive::parse(name, text, &overrides) {
         Ok(drive) => drive,
         Err(report) => panic!("{report}"),
     }

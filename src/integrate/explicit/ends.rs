@@ -16,8 +16,9 @@ use super::watch::{Noted, Watched};
 use super::{LANES, MemoryBlocks, Part, Scratch, WINDOW_MARGIN_M, Window};
 use crate::elements::arc_lanes::{Found, NOTHING_M};
 use crate::elements::contact_law::ContactLaw;
+use crate::elements::contour_forces::{self, EndColumns, Lead, OffJoint};
 use crate::elements::end_contact::{EndBody, LinkContour};
-use crate::elements::tooth_contact::{self, Column, EndColumns, Lanes, Mask, OffJoint, any, blocks, blocks_mut, mask};
+use crate::elements::tooth_contact::{Column, Lanes, Mask, any, blocks, blocks_mut, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -150,6 +151,8 @@ struct Pass<'a> {
     extent_m: f64,
     /// Forces on the links of every block.
     pushed: &'a mut [BlockForces],
+    /// What contacts of this step have changed so far, for every block.
+    leads: &'a mut [Lead],
     watched: &'a mut Option<Box<Watched>>,
     /// The block whose forces are next.
     lanes: &'a mut Lanes,
@@ -180,7 +183,7 @@ impl<'a> Meeting<'a> {
     fn new(model: &'a Model, state: &State, index: usize, (fastest_m_s, watched): (f64, bool)) -> Meeting<'a> {
         let body = &model.end_bodies[index];
         let (rotor, omega) = turning(model, state, body);
-        let turned_m = tooth_contact::turned_m(model.step_s, omega, fastest_m_s);
+        let turned_m = contour_forces::turned_m(model.step_s, omega, fastest_m_s);
         let (past_omega, past_alpha) =
             body.rotor.map_or((0.0, 0.0), |r| (state.rotors.omega[r], state.rotors.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
@@ -192,6 +195,17 @@ impl<'a> Meeting<'a> {
 /// Contacts of all bodies that ends of links touch.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
+    match &model.contour {
+        None => {}
+        Some(LinkContour::Abutments { .. }) => contacts_of::<WATCHED, true>(model, state, scratch),
+        // Flanks push nearly at the centre of their link: their forces are the same to 1e-5 whether they take the others' lead or not.
+        Some(LinkContour::Flanks(_)) => contacts_of::<WATCHED, false>(model, state, scratch),
+    }
+}
+
+/// LED: contacts of a link take the lead of those before them.
+#[inline(always)]
+fn contacts_of<const WATCHED: bool, const LED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
     let Some(contour) = &model.contour else { return };
     let s = scratch;
     let count = model.chain.padded / LANES;
@@ -204,11 +218,15 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         fastest_m_s: s.fastest_m_s,
         extent_m: s.contour_extent_m,
         pushed: &mut s.end_forces[..count],
+        leads: &mut s.end_leads[..count],
         watched: &mut s.watched,
         lanes: s.lanes.get_or_insert_default(),
         off: &mut off,
         found: &mut found,
     };
+    for lead in pass.leads.iter_mut().filter(|lead| lead.used) {
+        *lead = Lead::default();
+    }
     let goes_on = state.step == s.contour_step + 1;
     s.contour_step = state.step;
     for k in (0..model.end_bodies.len()).filter(|k| !s.end_windows[*k].is_empty()) {
@@ -234,7 +252,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     if !end.has_own {
                         continue;
                     }
-                    if end.is_clear && goes_on && pass.is_apart(&meeting, at, end) {
+                    if end.is_clear && goes_on && pass.is_apart::<LED>(&meeting, at, end) {
                         if let Some(counts) = &mut s.counts {
                             counts.contours[k].skipped += 1;
                         }
@@ -243,9 +261,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     let begun = s.counts.is_some().then(Instant::now);
                     let answer = pass.ask(&meeting, &ends, at, end);
                     let near = matches!(answer, Answer::Near);
-                    let acts = pass.acts(&meeting, (&ends, &results), (at, end), near);
+                    let acts = pass.acts::<LED>(&meeting, (&ends, &results), (at, end), near);
                     if acts {
-                        pass.push::<WATCHED>(&mut meeting, (&ends, &mut results, set), (at, end));
+                        pass.push::<WATCHED, LED>(&mut meeting, (&ends, &mut results, set), (at, end));
                     } else {
                         pass.let_go(&meeting, (&ends, &mut results), (at, end), answer);
                     }
@@ -273,23 +291,24 @@ impl Pass<'_> {
 
     /// Whether gaps that were known are still too wide for a touch in this step.
     #[inline(always)]
-    fn is_apart(&self, meeting: &Meeting<'_>, at: usize, end: &mut EndBlock) -> bool {
-        end.clearances.outlast(&self.motion(meeting, at))
+    fn is_apart<const LED: bool>(&self, meeting: &Meeting<'_>, at: usize, end: &mut EndBlock) -> bool {
+        end.clearances.outlast(&self.motion::<LED>(meeting, at))
     }
 
     /// Bounds for all points of the links of a block that may touch a body. Between two nodes they move by the speeds in the middle of
     /// the step; contacts reckon with those at the node, which differ by the accelerations of this step and the one before.
     #[inline(always)]
-    fn motion(&self, meeting: &Meeting<'_>, at: usize) -> Motion {
+    fn motion<const LED: bool>(&self, meeting: &Meeting<'_>, at: usize) -> Motion {
         let l = &self.links;
         let (x, y) = from_origin(meeting.body, &l.x[at], &l.y[at]);
         let (vx, vy, omega) = (&l.past_vx[at], &l.past_vy[at], &l.past_omega[at]);
         let (ax, ay, alpha) = (&l.ax[at], &l.ay[at], &l.alpha[at]);
         let (past_ax, past_ay, past_alpha) = (&l.past_ax[at], &l.past_ay[at], &l.past_alpha[at]);
+        let lead = &self.leads[at];
         let (h, extent) = (self.model.step_s, self.extent_m);
         // Second-order motion: normals and arms turn, and the body changes its speed.
         let reach_m = meeting.body.distance_bound_m(extent);
-        let turned_m = tooth_contact::turned_m(h, meeting.past_omega, self.fastest_m_s);
+        let turned_m = contour_forces::turned_m(h, meeting.past_omega, self.fastest_m_s);
         let turned_m = turned_m + h * h * meeting.past_alpha.abs() * reach_m;
         let (turning, face) = (meeting.past_omega, meeting.body.face_direction());
         let mut out = Motion { moved_m: [0.0; LANES], way_m: [0.0; LANES], along_m: [0.0; LANES] };
@@ -301,7 +320,10 @@ impl Pass<'_> {
                 None => (ux.abs() + uy.abs(), 0.0),
             };
             let moved = h * (across + arm) + turned_m;
-            let push = ax[i].abs() + ay[i].abs() + 2.0 * extent * alpha[i].abs();
+            let mut push = ax[i].abs() + ay[i].abs() + 2.0 * extent * alpha[i].abs();
+            if LED && lead.used {
+                push += lead.ax[i].abs() + lead.ay[i].abs() + 2.0 * extent * lead.alpha[i].abs();
+            }
             let past = past_ax[i].abs() + past_ay[i].abs() + 2.0 * extent * past_alpha[i].abs();
             out.moved_m[i] = moved;
             // What is added is above the rounding of distances.
@@ -313,7 +335,7 @@ impl Pass<'_> {
 
     /// Whether an end of the block has touched or may touch in this step.
     #[inline(always)]
-    fn acts(
+    fn acts<const LED: bool>(
         &mut self,
         meeting: &Meeting<'_>,
         (ends, results): (&EndSources<'_>, &Results<'_>),
@@ -326,14 +348,14 @@ impl Pass<'_> {
             return held;
         }
         held || {
-            let columns = columns(&self.links, ends, (meeting.body, at), self.found);
-            columns.may_touch(self.model.step_s, meeting.omega, meeting.turned_m, &end.own)
+            let columns = self.columns(ends, (meeting.body, at));
+            columns.may_touch::<LED>(self.model.step_s, meeting.omega, meeting.turned_m, &end.own)
         }
     }
 
     /// Forces of a block whose contact points are in [`Pass::found`].
     #[inline(always)]
-    fn push<const WATCHED: bool>(
+    fn push<const WATCHED: bool, const LED: bool>(
         &mut self,
         meeting: &mut Meeting<'_>,
         (ends, results, set): (&EndSources<'_>, &mut Results<'_>, usize),
@@ -355,9 +377,12 @@ impl Pass<'_> {
             && let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = body.law
         {
             let (law, past) = ((stiffness_n_per_m, damping_n_s_per_m), results.memory.remembered(at));
-            let columns = columns(&self.links, ends, (body, at), self.found);
-            if let Some(step) = tooth_contact::plain_contour_step(law, friction, motion, columns, past) {
+            let columns = self.columns(ends, (body, at));
+            if let Some(step) = contour_forces::plain_contour_step::<LED>(law, friction, motion, columns, past) {
                 self.pushed[at].add_at_centre(&step);
+                if LED {
+                    self.leads[at].add(&step);
+                }
                 for i in 0..LANES {
                     meeting.torque[i] += step.torque[i];
                 }
@@ -366,11 +391,16 @@ impl Pass<'_> {
                 return;
             }
         }
+        let columns = self.columns(ends, (body, at));
         let (off, lanes) = (&mut *self.off, &mut *self.lanes);
-        columns(&self.links, ends, (body, at), self.found).load(self.found, lanes, off);
+        columns.load::<LED>(self.found, lanes, off);
         results.memory.recall(at, lanes);
-        tooth_contact::contour_forces(&body.law, friction, motion, off, lanes);
+        let past = [lanes.normal_force, lanes.tangential_force];
+        contour_forces::contour_forces(&body.law, friction, motion, off, lanes);
         self.pushed[at].add(lanes);
+        if LED {
+            self.leads[at].add_own(&columns, lanes, [&past[0], &past[1]], &end.own);
+        }
         for i in 0..LANES {
             meeting.torque[i] += lanes.torque[i];
         }
@@ -382,6 +412,39 @@ impl Pass<'_> {
             (results.rate[at], results.depth[at]) = (lanes.rate, lanes.penetration);
         } else {
             results.keep_own(&end.own, at, lanes);
+        }
+    }
+
+    /// The ends of block `at` and their contact points as the forces need them.
+    #[inline(always)]
+    fn columns(&self, ends: &EndSources<'_>, (body, at): (&EndBody, usize)) -> EndColumns {
+        let (from, found) = (&self.links, &*self.found);
+        let lead = &self.leads[at];
+        EndColumns {
+            x: ends.x[at],
+            y: ends.y[at],
+            vx: ends.vx[at],
+            vy: ends.vy[at],
+            omega: from.omega[at],
+            ax: from.ax[at],
+            ay: from.ay[at],
+            alpha: from.alpha[at],
+            cos: from.cos[at],
+            sin: from.sin[at],
+            lever: from.lever[at],
+            inverse_mass: from.inverse_mass[at],
+            inverse_inertia: from.inverse_inertia[at],
+            sign: ends.sign,
+            origin: body.origin,
+            penetration: found.penetration,
+            point_x: found.point_x,
+            point_y: found.point_y,
+            normal_x: found.normal_x,
+            normal_y: found.normal_y,
+            lead_ax: lead.ax,
+            lead_ay: lead.ay,
+            lead_alpha: lead.alpha,
+            quarter_step: 0.25 * self.model.step_s,
         }
     }
 
@@ -429,33 +492,6 @@ fn from_origin(body: &EndBody, x: &Column, y: &Column) -> (Column, Column) {
         y[i] -= body.origin.y;
     }
     (x, y)
-}
-
-/// The ends of block `at` and their contact points as the forces need them.
-#[inline(always)]
-fn columns(from: &Sources<'_>, ends: &EndSources<'_>, (body, at): (&EndBody, usize), found: &Found) -> EndColumns {
-    EndColumns {
-        x: ends.x[at],
-        y: ends.y[at],
-        vx: ends.vx[at],
-        vy: ends.vy[at],
-        omega: from.omega[at],
-        ax: from.ax[at],
-        ay: from.ay[at],
-        alpha: from.alpha[at],
-        cos: from.cos[at],
-        sin: from.sin[at],
-        lever: from.lever[at],
-        inverse_mass: from.inverse_mass[at],
-        inverse_inertia: from.inverse_inertia[at],
-        sign: ends.sign,
-        origin: body.origin,
-        penetration: found.penetration,
-        point_x: found.point_x,
-        point_y: found.point_y,
-        normal_x: found.normal_x,
-        normal_y: found.normal_y,
-    }
 }
 
 impl Results<'_> {

@@ -2,8 +2,9 @@
 
 use super::watch::Noted;
 use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, take};
+use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, BlockStep, Column, LANES, Lanes};
+use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;

@@ -131,7 +131,7 @@ impl Scratch {
         match part {
             Part::Bushes => self.stale_bushes[block] == 0,
             Part::Guides(set) => self.stale_blocks[set][block] == 0,
-            Part::Contours(_) => false,
+            Part::Contours(set) => self.stale_ends[set][block] == 0,
         }
     }
 
@@ -140,12 +140,12 @@ impl Scratch {
         self.end_forces.iter().all(|block| !block.used)
     }
 
-    /// Per block, zero where [`Scratch::is_idle`]; empty where that is not known.
+    /// Per block, zero where [`Scratch::is_idle`].
     pub fn touching_blocks(&self, part: Part) -> &[u8] {
         match part {
             Part::Bushes => &self.stale_bushes,
             Part::Guides(set) => &self.stale_blocks[set],
-            Part::Contours(_) => &[],
+            Part::Contours(set) => &self.stale_ends[set],
         }
     }
 

@@ -5,6 +5,7 @@ use super::ends::EndBlock;
 use super::guides::BlockForces;
 use super::watch::Watched;
 use super::{RunIn, Window};
+use crate::elements::contour_forces::Lead;
 use crate::elements::friction;
 use crate::elements::tooth_contact::{Column, LANES, Lanes, take};
 use crate::integrate::Isa;
@@ -47,6 +48,8 @@ pub struct Scratch {
     pub(super) guide_depth: [Vec<f64>; 4],
     /// Forces of guides and of what contours touch, per block of links.
     pub(super) end_forces: Vec<BlockForces>,
+    /// See [`Lead`]; empty where there are no contours.
+    pub(super) end_leads: Vec<Lead>,
     /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
     pub(super) seat_cos: Vec<Vec<f64>>,
     pub(super) seat_sin: Vec<Vec<f64>>,
@@ -253,6 +256,7 @@ impl Scratch {
             bush_depth: column(),
             guide_depth: std::array::from_fn(|_| column()),
             end_forces: vec![BlockForces::default(); n / LANES],
+            end_leads: vec![Lead::default(); if model.contour.is_some() { n / LANES } else { 0 }],
             // All joints in gap 0 until somebody looks.
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],

@@ -10,7 +10,8 @@
 use super::parts::{PARTS, Part};
 use super::{Scratch, WINDOW_MARGIN_M, put};
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::tooth_contact::{Column, LANES, Lanes, OffJoint, blocks};
+use crate::elements::contour_forces::OffJoint;
+use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks};
 use crate::model::Model;
 use crate::state::State;
 

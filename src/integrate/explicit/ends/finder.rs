@@ -125,19 +125,22 @@ impl EndFinder {
 
 impl Scratch {
     /// Tells link, whether it is its front end, and touch of every end that is nearer than `far_m` to body `k` at this node, of blocks in
-    /// which something touches: the step has found them, they are looked at once more for what it does not keep.
+    /// which something touches, or of the block of link `only`: the step has found them, they are looked at once more for what it does
+    /// not keep.
     pub(crate) fn end_touches(
         &self,
         model: &Model,
         state: &State,
         (k, far_m): (usize, f64),
+        only: Option<usize>,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
         let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
         let count = model.chain.padded / LANES;
         let links = Sources::new(model, state, (&self.omega, &self.wrapped), count);
         let meeting = Meeting::new(model, state, k, (self.fastest_m_s, true));
-        for at in self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count)) {
+        let near = self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count));
+        for at in near.filter(|at| only.is_none_or(|link| link / LANES == *at)) {
             for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
                 let end = &self.end_blocks[k][at][rear];
                 let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);

@@ -1,6 +1,6 @@
 //! Parquet files: the columns that are asked for, one after the other, a few thousand values at a time.
 
-mod page_headers;
+mod thrift;
 
 use super::{Columns, Memory, Wanted};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
@@ -18,6 +18,7 @@ pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Resu
     let shown = path.display();
     let file = std::fs::File::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    thrift::check_footer(&file).map_err(|e| wrong(path, &e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| wrong(path, &e))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
@@ -86,7 +87,7 @@ fn column(
         let Some((start, length)) = placed.map(|c| c.byte_range()) else {
             return Err(ParquetError::General("a column that lies nowhere".into()));
         };
-        page_headers::check(pages, start, length)?;
+        thrift::check_pages(pages, start, length)?;
         match group.get_column_reader(index)? {
             ColumnReader::BoolColumnReader(r) => take(r, rows, &mut values, |v| f64::from(u8::from(v)))?,
             ColumnReader::Int32ColumnReader(r) => take(r, rows, &mut values, f64::from)?,
