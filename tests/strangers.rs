@@ -223,14 +223,14 @@ fn a_library_that_gives_up_is_an_error() {
 /// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one.
 #[test]
 fn lists_that_are_not_there_are_refused_before_they_are_skipped() {
-    let (many, kind) = ("a list of more elements than it has bytes", "holds something unknown");
-    for (name, part, why) in
-        [("page_header_list", "a page header", [many, kind]), ("footer_list", "the footer", [many, kind])]
-    {
+    for (name, why) in [
+        ("page_header_list", "a page header holds something unknown"),
+        ("footer_list", "the footer holds something unknown"),
+    ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
         let said =
             read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
-        assert!(said.contains(name) && said.contains(part) && why.iter().any(|w| said.contains(w)), "{said}");
+        assert!(said.contains(name) && said.contains(why), "{said}");
     }
 }
 

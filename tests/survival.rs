@@ -80,6 +80,51 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
     assert!(late <= 2 && worst < LARGEST_LOSS_S + SLOW_MACHINE_S);
 }
 
+/// 130 means that files are finished: a second Ctrl-C that cuts them short ends with 1 and says so.
+#[cfg(unix)]
+#[test]
+fn interrupted_runs_finish_their_files_or_say_that_they_did_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut finished, mut cut) = (0, 0);
+    for signals in [1, 2, 2, 2, 2, 2] {
+        let path = folder.path().join("interrupted.mcap");
+        let _gone = std::fs::remove_file(&path);
+        let child = Command::new(PROGRAM)
+            .args(["run", "bush-20-40", "--duration", "100s", "--every", "200us", "-o"])
+            .arg(&path)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        let waiting = Instant::now();
+        while !path.exists() && waiting.elapsed() < Duration::from_secs(120) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        std::thread::sleep(Duration::from_millis(100));
+        for _ in 0..signals {
+            let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("there is a kill");
+            assert!(sent.success() || signals == 2);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let out = child.wait_with_output().expect("ends");
+        let said = String::from_utf8_lossy(&out.stderr);
+        let reader = Reader::open(&path).unwrap_or_else(|e| panic!("{e:#}"));
+        match out.status.code() {
+            Some(130) => {
+                assert!(reader.complete(), "{said}");
+                finished += 1;
+            }
+            Some(1) => {
+                assert!(signals == 2 && said.contains("interrupted twice"), "{said}");
+                cut += 1;
+            }
+            other => panic!("{other:?}: {said}"),
+        }
+    }
+    println!("{finished} finished, {cut} cut short");
+    assert!(finished >= 1);
+}
+
 #[test]
 fn cut_files_are_read_up_to_their_last_whole_chunk_and_repaired() {
     let folder = tempfile::tempdir().expect("a folder");

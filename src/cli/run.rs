@@ -15,6 +15,7 @@ use crate::replay::{Replay, drive_of, resting};
 use crate::simulate::{Around, Breaks, Ending, Job, Span, Summary, hit_text, run_job};
 use crate::state::State;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -179,14 +180,19 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     stop
 }
 
-/// Set by Ctrl-C; a second one ends the program at once.
+/// Set by Ctrl-C; a second one ends the program at once, with what it was writing as it is.
 pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     // Fails only where a handler was set before: then that one stands.
     let _set = ctrlc::set_handler(move || {
         if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
+            // A closed stderr is no reason to stay.
+            let _told = writeln!(
+                std::io::stderr(),
+                "error: interrupted twice: files are left as they are, a recording may not be finished"
+            );
+            std::process::exit(1);
         }
     });
     stop

@@ -6,7 +6,7 @@
 //!
 //! 1 joints at x_n, v(n-1/2) + h/2 a(n-1)                   J_n, what they give
 //! 2 contacts, with a(n-1) + J_n - J(n-1) from everything   mean over the hat: elements::contact_law
-//!   else, and speeds v(n-1/2) + h/2 a(n-1) + h/4 (J_n - J(n-1))
+//!   else, and speeds v(n-1/2) + h/2 a(n-1) + h/4 (J_n - J(n-1)); of abutments one after the other: elements::contour_forces
 //! 3 joints again at x_n + h^2/12 a and v(n-1/2) + h/4 (a + a(n-1)), a from 1 and 2: their mean over the hat
 //! a_n = 2 + 3
 //! ```

@@ -289,6 +289,7 @@ impl Thrift<'_> {
 }
 
 #[cfg(test)]
+#[allow(clippy::expect_used, reason = "tests end where what they need is not there")]
 mod tests {
     use super::*;
     use std::io::Write;
