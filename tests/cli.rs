@@ -383,22 +383,43 @@ fn a_full_disk_ends_with_one_and_names_the_file() {
     assert!(stderr(&out).contains("full.mcap") && stderr(&out).contains("No space left"), "{}", stderr(&out));
 }
 
+/// Words of a shell's line up to a comment, a pipe or a redirection; quotes keep them together.
+fn shell_words(line: &str) -> Vec<String> {
+    let (mut words, mut quote, mut open) = (vec![String::new()], None, false);
+    for c in line.chars() {
+        match (quote, c) {
+            (None, '\'' | '"') => (quote, open) = (Some(c), true),
+            (Some(q), c) if q == c => quote = None,
+            (None, '#' | '|' | '>' | '&') if words.last().is_some_and(String::is_empty) && !open => break,
+            (None, ' ') => {
+                if open || !words.last().is_some_and(String::is_empty) {
+                    words.push(String::new());
+                }
+                open = false;
+            }
+            _ => words.last_mut().expect("one at least").push(c),
+        }
+    }
+    words.retain(|w| !w.is_empty());
+    words
+}
+
+/// With all their flags: an unknown one, or a value that is none, is an error before the help that is asked for behind them.
 #[test]
 fn the_commands_of_the_readme_exist() {
+    assert_eq!(shell_words("run 'a b' -o x.mcap  # so"), ["run", "a b", "-o", "x.mcap"]);
+    let flags = pitchline(&["run", "bush-20-40", "--no-such-flag", "--help"]);
+    assert_eq!(flags.status.code(), Some(2));
     let readme = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/README.md")).expect("README.md");
     let mut seen = 0;
     for line in readme.lines().filter_map(|l| l.trim().strip_prefix("$ pitchline ")) {
-        // Checked as far as the command line goes; outputs go nowhere.
-        let words: Vec<&str> = line.split('#').next().unwrap_or("").split_whitespace().collect();
-        let mut args = vec![words[0]];
-        if words[0] == "geometry" {
-            args.push(words[1]);
-        }
-        args.push("--help");
-        assert!(pitchline(&args).status.success(), "{line}");
+        let words = shell_words(line);
+        let args: Vec<&str> = words.iter().map(String::as_str).chain(["--help"]).collect();
+        let out = pitchline(&args);
+        assert!(out.status.success(), "{line}: {}", stderr(&out));
         seen += 1;
     }
-    assert!(seen >= 4, "{seen} commands");
+    assert!(seen >= 20, "{seen} commands");
 }
 
 /// Bad input, said so.

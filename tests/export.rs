@@ -572,3 +572,11 @@ fn a_disk_that_runs_full_is_an_error_that_names_the_file_and_leaves_nothing() {
         assert_eq!(std::fs::read_dir(&out).expect("a folder").count(), 0, "nothing is left");
     }
 }
+
+#[test]
+fn the_help_names_every_table() {
+    let said = String::from_utf8(export(&["--help"]).stdout).expect("text");
+    for table in TABLES {
+        assert!(said.contains(table.name), "{}", table.name);
+    }
+}

@@ -16,8 +16,7 @@ pub struct ExportArgs {
     /// Folder that gets a file per table, or one .parquet or .csv file for one table
     #[arg(short, long = "output", value_name = "FOLDER_OR_FILE")]
     output: PathBuf,
-    /// Tables to write: links, contacts, joints, rotors, energy, events, impacts, bodies, link_info [default: all]
-    #[arg(long, value_name = "TABLE,...", value_delimiter = ',')]
+    #[arg(long, value_name = "TABLE,...", value_delimiter = ',', help = tables_help())]
     tables: Vec<String>,
     /// Format of the files in a folder: parquet or csv [default: parquet]
     #[arg(long, value_parser = format)]
@@ -108,6 +107,11 @@ fn plan(args: &ExportArgs) -> Result<Plan, Failure> {
     let tables: Vec<_> = tables.into_iter().map(|t| (t, args.output.clone())).collect();
     check_files(&args.recording, &tables)?;
     Ok(Plan { tables, format, folder: None, from_s, to_s })
+}
+
+fn tables_help() -> String {
+    let names: Vec<&str> = TABLES.iter().map(|t| t.name).collect();
+    format!("Tables to write: {} [default: all]", names.join(", "))
 }
 
 /// Tables by name, in their own order; all when none is named.

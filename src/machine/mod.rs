@@ -191,9 +191,10 @@ pub struct Linked {
     pub declared: Vec<String>,
 }
 
-/// Keys that tell a lumped drive from one with links.
+/// Whether a drive file says `fidelity = "lumped"`, however TOML writes it. Of a file with mistakes what can be read of it counts.
 pub fn is_lumped(text: &str) -> bool {
-    text.lines().any(|l| l.split('#').next().is_some_and(|l| l.replace(' ', "").starts_with("fidelity=\"lumped\"")))
+    let (root, _mistakes) = toml::de::DeTable::parse_recoverable(text);
+    root.get_ref().get("fidelity").and_then(|value| value.get_ref().as_str()) == Some("lumped")
 }
 
 impl Machine {
@@ -257,6 +258,32 @@ impl Machine {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
             Reads::Pulses { body, .. } => Some(body),
             Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_lumped;
+
+    #[test]
+    fn a_lumped_drive_is_one_however_toml_writes_it() {
+        for text in [
+            "fidelity = \"lumped\"",
+            "fidelity='lumped'",
+            "title = 'x'\n'fidelity' = 'lumped' # so",
+            "fidelity = 'lumped'\nx = =",
+        ] {
+            assert!(is_lumped(text), "{text}");
+        }
+        for text in [
+            "",
+            "# fidelity = \"lumped\"",
+            "title = \"\"\"\nfidelity = \"lumped\"\n\"\"\"",
+            "[run]\nfidelity = \"lumped\"",
+            "fidelity = 1",
+        ] {
+            assert!(!is_lumped(text), "{text}");
         }
     }
 }
