@@ -180,6 +180,9 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     stop
 }
 
+/// How long an interrupted program tries to say so.
+const LAST_WORD: std::time::Duration = std::time::Duration::from_millis(100);
+
 /// Set by Ctrl-C; a second one ends the program at once, with what it was writing as it is.
 pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
@@ -187,11 +190,16 @@ pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     // Fails only where a handler was set before: then that one stands.
     let _set = ctrlc::set_handler(move || {
         if flag.swap(true, Ordering::Relaxed) {
-            // A closed stderr is no reason to stay.
-            let _told = writeln!(
-                std::io::stderr(),
-                "error: interrupted twice: files are left as they are, a recording may not be finished"
-            );
+            // By another thread: nobody may read stderr, and who interrupts twice shall not wait for that.
+            let (told, is_told) = std::sync::mpsc::channel();
+            std::thread::spawn(move || {
+                let _written = writeln!(
+                    std::io::stderr(),
+                    "error: interrupted twice: files are left as they are, a recording may not be finished"
+                );
+                let _sent = told.send(());
+            });
+            let _waited = is_told.recv_timeout(LAST_WORD);
             std::process::exit(1);
         }
     });

@@ -37,7 +37,7 @@ const PIN_DAMPING_WITH_ABUTMENTS: f64 = 1.4;
 const STABLE_SHARE: f64 = 0.9;
 /// Step by which it is looked for.
 const STABLE_SEARCH: f64 = 0.97;
-/// Share of the other bounds below which nobody looks: there the step is a fortieth of any period.
+/// Share of the other bounds at which the search ends, whatever grows there: the step is a fortieth of any period.
 const LEAST_SEARCHED: f64 = 0.1;
 
 /// The smallest of all bounds.
@@ -101,23 +101,23 @@ pub fn step_bound(model: &Model) -> StepBound {
 /// `accurate`, or what abutments on one or two of the bodies bear, if that is less.
 fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> StepBound {
     let mut bound = accurate;
-    let mut looked_at: Vec<[(f64, f64); 2]> = Vec::new();
+    let mut looked_at = Vec::new();
     for (i, p) in bodies.iter().enumerate() {
         for q in bodies[i..].iter().filter(|q| q.set != p.set || q.body == p.body) {
             let radii = PairRadii { bush_m: link.arm_m, body_m: f64::INFINITY };
             let law = |b: &EndBody| (b.law.stiffness_at(PEAK_FORCE_N, radii), b.law.damping_at(PEAK_FORCE_N));
-            let laws = [law(p), law(q)];
-            if looked_at.contains(&laws) {
+            let (laws, two_bodies) = ([law(p), law(q)], p.body != q.body);
+            if looked_at.contains(&(laws, two_bodies)) {
                 continue;
             }
-            looked_at.push(laws);
-            for row in rows(laws, p.body != q.body) {
+            looked_at.push((laws, two_bodies));
+            for row in rows(laws, two_bodies) {
                 let mut step_s = bound.step_s / STABLE_SHARE;
                 while link_row::grows(link, &row, step_s) && step_s > LEAST_SEARCHED * bound.step_s {
                     step_s *= STABLE_SEARCH;
                 }
                 if STABLE_SHARE * step_s < bound.step_s {
-                    let between = if p.body == q.body { String::new() } else { format!(" and {}", q.name) };
+                    let between = if two_bodies { format!(" and {}", q.name) } else { String::new() };
                     let cause = format!("chatter of abutments between {}{between}", p.name);
                     bound = StepBound { step_s: STABLE_SHARE * step_s, cause };
                 }

@@ -137,7 +137,7 @@ struct Results<'a> {
     tooth: &'a mut [Column],
 }
 
-/// Links are accelerated by less. assumed: a kilonewton on a gram.
+/// Links are accelerated by less, or are met a step later. assumed: a kilonewton on a gram.
 const LARGEST_ACCELERATION_M_S2: f64 = 1e6;
 
 /// What all ends share in a step.

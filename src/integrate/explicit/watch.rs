@@ -10,7 +10,7 @@
 use super::parts::{PARTS, Part};
 use super::{Scratch, WINDOW_MARGIN_M, put};
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::contour_forces::OffJoint;
+use crate::elements::contour_forces::{Lead, OffJoint};
 use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks};
 use crate::model::Model;
 use crate::state::State;
@@ -408,17 +408,21 @@ fn velocity_change(half: f64, (on_link, on_sprocket): (f64, f64), state: &State,
     let (s, count) = (&state.links, scratch.ax.len() / LANES);
     let (ax, ay, alpha) = (blocks(&scratch.ax, count), blocks(&scratch.ay, count), blocks(&scratch.alpha, count));
     let (ax0, ay0, alpha0) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
-    // Contacts are given speeds that know already half of what the joints change: v + h/2 a(n-1) + h/4 (J_n - J(n-1)).
+    // Contacts are given speeds that know already half of what the joints change, and half of what contacts before them in the step
+    // have changed: v + h/2 a(n-1) + h/4 (J_n - J(n-1)) + h/4 lead.
+    let no_leads = Lead::default();
     let (jx, jy) = (blocks(&scratch.joint_ax, count), blocks(&scratch.joint_ay, count));
     let (jx0, jy0) = (blocks(&s.joint_ax, count), blocks(&s.joint_ay, count));
     let (jt, jt0) = (blocks(&scratch.joint_alpha, count), blocks(&s.joint_alpha, count));
     let mut most = [0.0; LANES];
     for b in 0..count {
+        let lead = scratch.end_leads.get(b).unwrap_or(&no_leads);
         for i in 0..LANES {
             let x = ax[b][i] - ax0[b][i] - 0.5 * (jx[b][i] - jx0[b][i]);
             let y = ay[b][i] - ay0[b][i] - 0.5 * (jy[b][i] - jy0[b][i]);
             let turn = alpha[b][i] - alpha0[b][i] - 0.5 * (jt[b][i] - jt0[b][i]);
-            let change = x.abs() + y.abs() + on_link * turn.abs();
+            let led = 0.5 * (lead.changes[i] + on_link * lead.turning_changes[i]);
+            let change = x.abs() + y.abs() + on_link * turn.abs() + led;
             most[i] = if change > most[i] { change } else { most[i] };
         }
     }

@@ -1,7 +1,8 @@
 //! A file's footer and the headers of its columns' pages, looked at before the library decodes them. The library skips a list as
-//! often as the list states, whether its elements are there or not: a list of 2^31 took it a minute. And it reads what it
-//! knows as what it expects, whatever the bytes say that it is, so that a list may hide where nobody else sees it. Here every element
-//! takes a byte at least, and every field of the format is of the format's kind.
+//! often as the list states, whether its elements are there or not: a list of 2^31 took it a minute. It also reads each field
+//! that it knows as the kind that the format gives it, whatever kind the bytes state: bytes that are text by their own account may hold
+//! such a list for the library. Here every element takes a byte at least, every field of the format is of the format's kind, and a
+//! footer ends where its length says.
 //! Encoding: Thrift's compact protocol, <https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md>; fields:
 //! <https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift>.
 
@@ -69,6 +70,7 @@ const LOGICAL_TYPE: Shape = Struct(&[
     (16, Struct(&[(1, Byte)])),
     (17, Struct(&[(1, Binary)])),
     (18, Struct(&[(1, Binary), (2, Int)])),
+    (19, NOTHING),
 ]);
 const SCHEMA_ELEMENT: Shape = Struct(&[
     (1, Int),
@@ -132,7 +134,7 @@ const FILE_META_DATA: Fields = &[
     (4, List(&ROW_GROUP)),
     (5, List(&KEY_VALUE)),
     (6, Binary),
-    (7, List(&Struct(&[(1, NOTHING), (2, NOTHING)]))),
+    (7, List(&Struct(&[(1, NOTHING), (2, NOTHING), (3, NOTHING)]))),
     (8, Struct(&[(1, ENCRYPTION), (2, ENCRYPTION)])),
     (9, Binary),
 ];
@@ -165,6 +167,9 @@ pub(super) fn check_footer(mut file: &File) -> Result<(), ParquetError> {
         let mut footer = Thrift { bytes: BufReader::new(file), at: start, end: tail, part: "the footer" };
         footer.bytes.seek(SeekFrom::Start(start))?;
         footer.structure(FILE_META_DATA, 0)?;
+        if footer.at != tail {
+            return Err(footer.wrong("ends before its length"));
+        }
     }
     file.rewind()?;
     Ok(())
@@ -319,6 +324,9 @@ mod tests {
         // Field 1 is a number; as text of six bytes it would hide a list that the library, which reads the 6 as the number, goes on to find.
         assert!(footer(&[0x15, 4, 0]).is_ok());
         assert!(footer(&[0x18, 6, 0x29, 0xf1, 0xff, 0xff, 0xff, 0x07, 0]).is_err());
+        // A union of the format whose member is stated as a boolean, which takes no byte, and what is left behind the end.
+        assert!(footer(&[0x79, 0x1c, 0x31, 0x00, 0x00]).is_err());
+        assert!(footer(&[0x15, 4, 0, 0]).is_err());
         // Field 65537 is 1 in 16 bits.
         assert!(footer(&[0x08, 0x82, 0x80, 0x08, 6, 1, 1, 1, 1, 1, 1, 0]).is_err());
     }
