@@ -220,12 +220,14 @@ fn a_library_that_gives_up_is_an_error() {
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
 
-/// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one.
+/// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one, and a
+/// dictionary of 2^31 numbers, for which it asks the system.
 #[test]
-fn lists_that_are_not_there_are_refused_before_they_are_skipped() {
+fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
     for (name, why) in [
         ("page_header_list", "a page header holds something unknown"),
         ("footer_list", "the footer holds something unknown"),
+        ("dictionary_count", "a page header states more values of a dictionary than its page has room for"),
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
         let said =

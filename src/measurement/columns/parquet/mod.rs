@@ -35,7 +35,8 @@ pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Resu
             None => {
                 memory.take(rows.saturating_mul(8)).map_err(|e| format!("`{shown}`: {rows} rows: {e}"))?;
                 let is_time = ticks_per_second(&about).is_some();
-                let mut values = column(&reader, &pages, index, (rows, is_time)).map_err(|e| wrong(path, &e))?;
+                let mut values = column(&reader, &pages, index, (rows, is_time), memory.bytes as u64)
+                    .map_err(|e| wrong(path, &e))?;
                 in_units(&about, &mut values);
                 columns.put(index, values, is_time.then(|| "s".to_string()));
             }
@@ -72,6 +73,7 @@ fn column(
     pages: &std::fs::File,
     index: usize,
     (rows, is_time): (usize, bool),
+    largest_page: u64,
 ) -> Result<Vec<f64>, ParquetError> {
     // More than that only as they come: the number of rows is what the file states.
     let mut values = Vec::with_capacity(rows.min(1 << 20));
@@ -87,7 +89,7 @@ fn column(
         let Some((start, length)) = placed.map(|c| c.byte_range()) else {
             return Err(ParquetError::General("a column that lies nowhere".into()));
         };
-        thrift::check_pages(pages, start, length)?;
+        thrift::check_pages(pages, start, length, largest_page)?;
         match group.get_column_reader(index)? {
             ColumnReader::BoolColumnReader(r) => take(r, rows, &mut values, |v| f64::from(u8::from(v)))?,
             ColumnReader::Int32ColumnReader(r) => take(r, rows, &mut values, f64::from)?,

@@ -39,16 +39,22 @@ const STATISTICS: Shape =
     Struct(&[(1, Binary), (2, Binary), (3, Int), (4, Int), (5, Binary), (6, Binary), (7, Bool), (8, Bool), (9, Int)]);
 const PAGE_HEADER: Fields = &[
     (1, Int),
-    (2, Int),
+    (UNCOMPRESSED_PAGE_SIZE, Int),
     (COMPRESSED_PAGE_SIZE, Int),
     (4, Int),
     (5, Struct(&[(1, Int), (2, Int), (3, Int), (4, Int), (5, STATISTICS)])),
     (6, Struct(&[])),
-    (7, Struct(&[(1, Int), (2, Int), (3, Bool)])),
+    (DICTIONARY, Struct(&[(VALUES, Int), (2, Int), (3, Bool)])),
     (8, Struct(&[(1, Int), (2, Int), (3, Int), (4, Int), (5, Int), (6, Int), (7, Bool), (8, STATISTICS)])),
 ];
-/// The bytes of the page that follows its header.
+/// The bytes of the page when it is unpacked, and as it follows its header.
+const UNCOMPRESSED_PAGE_SIZE: i64 = 2;
 const COMPRESSED_PAGE_SIZE: i64 = 3;
+/// The header of a dictionary's page, and how many values it states.
+const DICTIONARY: i64 = 7;
+const VALUES: i64 = 1;
+/// Bytes that a dictionary's value takes at least: numbers of 32 bits, or the length of a text.
+const LEAST_VALUE: u64 = 4;
 
 const NOTHING: Shape = Struct(&[]);
 const TIME: Shape = Struct(&[(1, Bool), (2, Struct(&[(1, NOTHING), (2, NOTHING), (3, NOTHING)]))]);
@@ -139,17 +145,27 @@ const FILE_META_DATA: Fields = &[
     (9, Binary),
 ];
 
-/// Looks at the header of each page that begins in the `length` bytes from `start`.
-pub(super) fn check_pages(file: &File, start: u64, length: u64) -> Result<(), ParquetError> {
+/// Looks at the header of each page that begins in the `length` bytes from `start`. The library asks the system for what a header
+/// states: a page of `largest` bytes at most, and a dictionary that its page can hold.
+pub(super) fn check_pages(file: &File, start: u64, length: u64, largest: u64) -> Result<(), ParquetError> {
     let end = start.saturating_add(length);
-    let mut header = Thrift { bytes: BufReader::new(file), at: start, end, part: "a page header" };
+    let mut header = Thrift::new(file, start, end, "a page header");
     header.bytes.seek(SeekFrom::Start(start))?;
     while header.at < end {
-        let size = header.structure(PAGE_HEADER, 0)?.and_then(|size| i32::try_from(size).ok());
-        let Some(page) = size.and_then(|size| u64::try_from(size).ok()) else {
+        header.page = Page::default();
+        header.structure(PAGE_HEADER, 0)?;
+        let Page { uncompressed, compressed, dictionary } = header.page;
+        let size = |stated: Option<i64>| stated.and_then(|s| i32::try_from(s).ok()).and_then(|s| u64::try_from(s).ok());
+        let (Some(compressed), Some(uncompressed)) = (size(compressed), size(uncompressed)) else {
             return Err(header.wrong("states no size of its page"));
         };
-        header.skip(page)?;
+        if uncompressed > largest {
+            return Err(header.wrong(&format!("states a page of {uncompressed} bytes, more than {largest}")));
+        }
+        if u64::try_from(dictionary).is_ok_and(|count| count.saturating_mul(LEAST_VALUE) > uncompressed) {
+            return Err(header.wrong("states more values of a dictionary than its page has room for"));
+        }
+        header.skip(compressed)?;
     }
     Ok(())
 }
@@ -164,7 +180,7 @@ pub(super) fn check_footer(mut file: &File) -> Result<(), ParquetError> {
     file.read_exact(&mut magic)?;
     let Some(start) = tail.checked_sub(u64::from(u32::from_le_bytes(size))) else { return Ok(()) };
     if magic == MAGIC {
-        let mut footer = Thrift { bytes: BufReader::new(file), at: start, end: tail, part: "the footer" };
+        let mut footer = Thrift::new(file, start, tail, "the footer");
         footer.bytes.seek(SeekFrom::Start(start))?;
         footer.structure(FILE_META_DATA, 0)?;
         if footer.at != tail {
@@ -182,23 +198,38 @@ struct Thrift<'a> {
     end: u64,
     /// What is read.
     part: &'static str,
+    page: Page,
+    /// Field of the outermost structure that is read.
+    member: i64,
 }
 
-impl Thrift<'_> {
+/// What a page header states.
+#[derive(Clone, Copy, Default)]
+struct Page {
+    uncompressed: Option<i64>,
+    compressed: Option<i64>,
+    /// Values of a dictionary.
+    dictionary: i64,
+}
+
+impl<'a> Thrift<'a> {
+    fn new(file: &'a File, at: u64, end: u64, part: &'static str) -> Thrift<'a> {
+        Thrift { bytes: BufReader::new(file), at, end, part, page: Page::default(), member: 0 }
+    }
     fn wrong(&self, what: &str) -> ParquetError {
         ParquetError::General(format!("{} {what}", self.part))
     }
 
-    /// Reads a structure up to its end and returns the last of its whole numbers in field `COMPRESSED_PAGE_SIZE`.
-    fn structure(&mut self, fields: Fields, depth: u8) -> Result<Option<i64>, ParquetError> {
+    /// Reads a structure up to its end.
+    fn structure(&mut self, fields: Fields, depth: u8) -> Result<(), ParquetError> {
         if depth > DEEPEST {
             return Err(self.wrong("is nested too deeply"));
         }
-        let (mut field, mut size) = (0_i64, None);
+        let mut field = 0_i64;
         loop {
             let begin = self.byte()?;
             if begin == 0 {
-                return Ok(size);
+                return Ok(());
             }
             field = match begin >> 4 {
                 0 => self.zigzag()?,
@@ -208,14 +239,21 @@ impl Thrift<'_> {
             if i16::try_from(field).is_err() {
                 return Err(self.wrong("numbers a field beyond the format's"));
             }
+            if depth == 0 {
+                self.member = field;
+            }
             let shape = fields.iter().find(|(number, _)| *number == field).map(|(_, shape)| *shape);
             match (shape, begin & 0xf) {
                 // Booleans: the kind is the value.
                 (None | Some(Bool), 1 | 2) => {}
                 (Some(Int), 4..=6) => {
                     let value = self.zigzag()?;
-                    if field == COMPRESSED_PAGE_SIZE {
-                        size = Some(value);
+                    match (depth, self.member, field) {
+                        (0, _, UNCOMPRESSED_PAGE_SIZE) => self.page.uncompressed = Some(value),
+                        (0, _, COMPRESSED_PAGE_SIZE) => self.page.compressed = Some(value),
+                        // The last one counts, as for the library.
+                        (1, DICTIONARY, VALUES) => self.page.dictionary = value,
+                        _ => {}
                     }
                 }
                 (shape, kind) => self.value(shape, kind, depth)?,
@@ -236,8 +274,8 @@ impl Thrift<'_> {
             }
             (9 | 10, None) => self.list(None, depth + 1),
             (9 | 10, Some(List(shape))) => self.list(Some(*shape), depth + 1),
-            (12, None) => self.structure(&[], depth + 1).map(drop),
-            (12, Some(Struct(fields))) => self.structure(fields, depth + 1).map(drop),
+            (12, None) => self.structure(&[], depth + 1),
+            (12, Some(Struct(fields))) => self.structure(fields, depth + 1),
             (1..=12, Some(_)) => Err(self.wrong("holds something of another kind than the format's")),
             _ => Err(self.wrong("holds something unknown")),
         }
