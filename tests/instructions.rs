@@ -5,7 +5,7 @@ use std::process::Command;
 /// Instructions for each link and step of the bundled drive, AVX2 path (valgrind knows no AVX-512), everything included that
 /// grows with the number of steps. When a change moves it, re-measure, and say in the commit why.
 const INSTRUCTIONS_PER_LINK_STEP: f64 = 283.8;
-/// Measured twice the same to 1e-4, of abutments to 3e-3; the C library's copies differ between systems.
+/// Measured twice the same to 1e-4, of abutments to 1 %, since their assembling costs most and varies; the C library's copies differ between systems.
 const TOLERANCE: f64 = 0.05;
 
 /// A drive, changes of its values, its number of links, instructions for each link and step, and between which durations they are

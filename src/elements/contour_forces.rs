@@ -38,7 +38,7 @@ struct EndLane {
     ay: f64,
     cos: f64,
     sin: f64,
-    /// Of the link.
+    /// Angular speed of the link; its angular acceleration in the step before [rad/s, rad/s2].
     omega: f64,
     alpha: f64,
     lever: f64,
@@ -139,7 +139,7 @@ pub struct EndColumns {
     pub y: Column,
     pub vx: Column,
     pub vy: Column,
-    /// Of the links, at their centres; accelerations one step back.
+    /// Angular speeds of the links; accelerations of their centres, linear and angular, in the step before.
     pub omega: Column,
     pub ax: Column,
     pub ay: Column,

@@ -17,7 +17,7 @@ use crate::elements::contact_law::{self, StepInput};
 pub(super) struct RowLink {
     pub inverse_mass: f64,
     pub inverse_inertia: f64,
-    /// Of the joints [m].
+    /// Distance of the joints from the link's centre [m].
     pub lever_m: f64,
     /// Lever of the contacts' normal forces about the link's centre [m].
     pub arm_m: f64,

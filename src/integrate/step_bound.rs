@@ -30,7 +30,7 @@ const CONTACT: f64 = 0.95;
 const CONTACT_DAMPING: f64 = 0.75;
 const PIN_DAMPING: f64 = 1.0;
 const PIN_STIFFNESS: f64 = 1.0;
-/// Of chains with abutments: peaks of the bundled one are right to 0.6 % there.
+/// Chains with abutments take these two instead: the peaks of the bundled one are then right to 0.6 %.
 const CONTACT_OF_ABUTMENTS: f64 = 1.28;
 const PIN_DAMPING_WITH_ABUTMENTS: f64 = 1.45;
 /// Share of the step at which the linearised scheme grows: friction, tension and links that differ are not in it. In whole drives

@@ -22,7 +22,7 @@ const TAIL: u64 = 8;
 enum Shape {
     Bool,
     Byte,
-    /// Of 16, 32 or 64 bits: all are written alike.
+    /// A whole number of 16, 32 or 64 bits: the bytes are the same for all three.
     Int,
     Double,
     Binary,
