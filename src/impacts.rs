@@ -239,6 +239,8 @@ impl ImpactWatch {
             };
             let Some(i) = (0..contacts.link.len()).find(same) else { continue };
             let impact = &mut open.impact;
+            // Foreseen a step ahead when the impact began; measured now.
+            impact.approach_speed_m_s = scratch.memory(part).approach[open.lane];
             (impact.body, impact.tooth, impact.segment) = (contacts.body[i], contacts.tooth[i], contacts.segment[i]);
             (impact.x_m, impact.y_m) = (contacts.point_body_x_m[i], contacts.point_body_y_m[i]);
             open.placed = true;

@@ -208,6 +208,15 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
                 tension_before_n: before,
             });
         }
+        // Foreseen until the two overlap at a node, measured there.
+        if lane.history.iter().all(|[_, _, depth_m]| *depth_m <= 0.0)
+            && let Some(Approach { closing_speed_m_s, parts, .. }) = &mut lane.approach
+            && let Some(gained) = parts.last_mut()
+        {
+            let measured_m_s = memory.approach[lane.lane];
+            gained.speed_m_s += measured_m_s - *closing_speed_m_s;
+            *closing_speed_m_s = measured_m_s;
+        }
         lane.history.push([t_s, memory.normal_force[lane.lane], scratch.depth(lane.part, lane.lane)]);
     }
     tensions.push(tension);

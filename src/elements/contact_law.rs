@@ -245,7 +245,7 @@ pub struct StepForce {
     pub mean_force: f64,
     /// Closing speed at the node [m/s].
     pub rate: f64,
-    /// Closing speed at the touch, where it lies within a step ahead [m/s].
+    /// Closing speed at the touch, where it lies within a step ahead or behind [m/s]; else zero.
     pub touch_rate: f64,
     /// Energy lost to damping over the step [J].
     pub lost: f64,
@@ -285,6 +285,18 @@ fn at_node(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> AtNode {
 fn before(s: StepInput) -> (f64, f64) {
     let mean_rate = s.free_rate - 0.5 * s.step * s.free_acceleration;
     (mean_rate, s.step * mean_rate - s.penetration)
+}
+
+/// Closing speed at a touch within the last step [m/s]. `free_before`: mean over that step without this contact's force.
+#[inline(always)]
+fn touched_behind(s: StepInput, free_before: f64, gap_before: f64) -> f64 {
+    // Joints have answered this contact's force by now: so much of the acceleration, at most, was not there before the touch.
+    let answered = s.mobility * s.past_force;
+    let lowest = if s.free_acceleration > 0.0 - answered { s.free_acceleration } else { 0.0 - answered };
+    let acceleration = s.free_acceleration - if lowest < answered { lowest } else { answered };
+    let speed = free_before - 0.5 * s.step * acceleration;
+    let reach = speed * speed + 2.0 * acceleration * gap_before;
+    if reach > 0.0 { reach } else { 0.0 }.sqrt()
 }
 
 /// Mean force of a contact that is closed throughout [N].
@@ -391,6 +403,8 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let lacking = if fresh { until * until } else { 0.0 } + gone;
     let time = if coming { q * q } else { gone };
     let time = if touching { 2.0 * square - lacking } else { time };
+    let behind = if fresh { touched_behind(s, free_before, gap_before) } else { 0.0 };
+    let touch_rate = if closed { behind } else { touch_rate };
     StepForce { mean_force: mean, rate, touch_rate, lost: c * rate * rate * time * (0.5 * per_step) }
 }
 
