@@ -332,6 +332,9 @@ pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
     f("links.vx_m_s", &links.vx_m_s);
     f("links.vy_m_s", &links.vy_m_s);
     f("links.omega_rad_s", &links.omega_rad_s);
+    f("links.ax_m_s2", &links.ax_m_s2);
+    f("links.ay_m_s2", &links.ay_m_s2);
+    f("links.alpha_rad_s2", &links.alpha_rad_s2);
     f("joints.force_x_n", &joints.force_x_n);
     f("joints.force_y_n", &joints.force_y_n);
     f("joints.friction_torque_nm", &joints.friction_torque_nm);
@@ -360,6 +363,7 @@ pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
         ("contacts.normal_force_n", &c.normal_force_n),
         ("contacts.tangential_force_n", &c.tangential_force_n),
         ("contacts.age_s", &c.age_s),
+        ("contacts.instant_force_n", &c.instant_force_n),
     ] {
         f(name, column);
     }

@@ -156,9 +156,9 @@ pub fn run_job(
         !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));
     let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
     impacts.follows_forces = !sinks.is_empty() || over;
-    let (mut found, mut closer) = (Vec::new(), false);
+    let mut found = Vec::new();
     match &breaks {
-        Some(breaks) => watch(breaks, model, first, scratch),
+        Some(breaks) => watch(breaks, model, scratch),
         None => scratch.watch(model, &Wanted::default()),
     }
     let around = breaks.as_ref().and_then(|b| b.around);
@@ -205,11 +205,6 @@ pub fn run_job(
         if let Some(breaks) = &mut breaks {
             found.clear();
             look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over], &mut found);
-            let close = breaks.watches.iter().any(|w| w.is_close(state.step + 1));
-            if close != closer {
-                closer = close;
-                watch(breaks, model, state.step + 1, scratch);
-            }
             if !found.is_empty() {
                 stops.note(&found, breaks, (first, state.step), &mut recorder, header)?;
                 due |= stops.is_dense(state.step);
@@ -346,8 +341,8 @@ impl Stops {
 }
 
 /// Has a step keep what breakpoints need of it.
-fn watch(breaks: &Breaks, model: &Model, step: u64, scratch: &mut Scratch) {
-    let wanted = breaks.watches.iter().map(|w| w.wants(model, step)).fold(Wanted::default(), Wanted::and);
+fn watch(breaks: &Breaks, model: &Model, scratch: &mut Scratch) {
+    let wanted = breaks.watches.iter().map(BreakWatch::wants).fold(Wanted::default(), Wanted::and);
     scratch.watch(model, &wanted);
 }
 

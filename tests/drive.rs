@@ -558,7 +558,10 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
             }
             all.sort_by_key(|r| (r.0, r.1, r.2));
             let c = contacts_at(&model, &state, &scratch);
+            // What does not overlap pushes within the step.
+            assert!((0..c.link.len()).all(|i| c.penetration_m[i] > 0.0 || c.normal_force_n[i] > 0.0));
             let found: Vec<_> = (0..c.link.len())
+                .filter(|i| c.penetration_m[*i] > 0.0)
                 .map(|i| (c.link[i], c.feature[i], c.body[i], c.tooth[i], c.penetration_m[i]))
                 .collect();
             let keys =

@@ -79,11 +79,23 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
     match table {
         "links" => per_frame(
             recording,
-            &["link", "x_m", "y_m", "angle_rad", "vx_m_s", "vy_m_s", "omega_rad_s"],
+            &[
+                "link",
+                "x_m",
+                "y_m",
+                "angle_rad",
+                "vx_m_s",
+                "vy_m_s",
+                "omega_rad_s",
+                "ax_m_s2",
+                "ay_m_s2",
+                "alpha_rad_s2",
+            ],
             |f| f.links.x_m.len(),
             |f, i| {
                 let l = &f.links;
-                let floats = [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
+                let poses = [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
+                let floats = poses.into_iter().chain([&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2]);
                 std::iter::once(whole(i as u64)).chain(floats.map(|c| float(c[i]))).collect()
             },
         ),
@@ -175,7 +187,7 @@ fn expected_contacts(recording: &Recording) -> Sheet {
         "link", "feature", "feature_name", "body", "body_path", "tooth", "segment", "segment_name",
         "point_body_x_m", "point_body_y_m", "point_link_x_m", "point_link_y_m", "normal_x", "normal_y",
         "penetration_m", "approach_speed_m_s", "normal_speed_m_s", "tangential_speed_m_s", "normal_force_n",
-        "tangential_force_n", "stick", "age_s",
+        "tangential_force_n", "stick", "age_s", "instant_force_n",
     ];
     let cells = |f: &Frame, i: usize| {
         let c = &f.contacts;
@@ -204,7 +216,7 @@ fn expected_contacts(recording: &Recording) -> Sheet {
             &c.tangential_force_n,
         ];
         row.extend(floats.map(|column| float(column[i])));
-        row.extend([Cell::Truth(c.stick[i]), float(c.age_s[i])]);
+        row.extend([Cell::Truth(c.stick[i]), float(c.age_s[i]), float(c.instant_force_n[i])]);
         row
     };
     per_frame(recording, &names, |f| f.contacts.link.len(), cells)
@@ -578,5 +590,28 @@ fn the_help_names_every_table() {
     let said = String::from_utf8(export(&["--help"]).stdout).expect("text");
     for table in TABLES {
         assert!(said.contains(table.name), "{}", table.name);
+    }
+}
+
+/// The script of docs/recording-format.md, as it stands there, on tables of the samples.
+#[test]
+fn the_documented_script_finds_forces_balanced() {
+    let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recording-format.md")).expect("docs");
+    let (_, script) = docs.split_once("```python\n").expect("a script");
+    let (script, _) = script.split_once("```").expect("its end");
+    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
+    if Command::new(&python).arg("--version").output().is_err() {
+        println!("skipped: no {python}");
+        return;
+    }
+    for sample in samples() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("balance.py");
+        std::fs::write(&path, script).expect("writable");
+        let tables = format!("{}/", folder.path().join("tables").display());
+        done(&[text(&sample), "-o", &tables, "--format", "csv"]);
+        let out = Command::new(&python).arg(&path).arg(&tables).output().expect("runs");
+        println!("{}", String::from_utf8_lossy(&out.stdout));
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     }
 }

@@ -4,9 +4,10 @@ mod common;
 
 use common::{assembled, drive};
 use pitchline::assemble::Assembly;
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera};
-use pitchline::recording::frame::{Frame, Header};
+use pitchline::recording::frame::{Frame, Header, LinkInfo};
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::simulate::{Span, run};
 use prost::Message;
@@ -52,14 +53,15 @@ fn mcap_gives_back_every_value_to_the_bit() {
     let bytes = std::fs::metadata(&path).expect("there").len() as f64;
     let (n, last) = (frames.len() as f64, &frames[frames.len() - 1]);
     println!(
-        "{:.0} bytes a frame: {} links x 6 + {} joints x 3 values, {} contacts; raw message {} bytes",
+        "{:.0} bytes a frame: {} links x 9 + {} joints x 3 values, {} contacts; raw message {} bytes",
         bytes / n,
         last.links.x_m.len(),
         last.joints.force_x_n.len(),
         last.contacts.link.len(),
         last.encoded_len()
     );
-    assert!(bytes / n < 15_000.0, "measured 10800; a frame has 9.6 kB of values");
+    // measured: 1.19 times the values, with header, keyframes, scenes and transforms.
+    assert!(bytes / n < 1.3 * last.encoded_len() as f64);
 }
 
 #[test]
@@ -180,6 +182,9 @@ fn values(f: &Frame) -> Vec<f64> {
     for column in [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s] {
         v.extend(column);
     }
+    for column in [&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2] {
+        v.extend(column);
+    }
     for column in [&f.joints.force_x_n, &f.joints.force_y_n, &f.joints.friction_torque_nm] {
         v.extend(column);
     }
@@ -206,6 +211,7 @@ fn values(f: &Frame) -> Vec<f64> {
     }
     v.extend(c.stick.iter().map(|s| f64::from(u8::from(*s))));
     v.extend(&c.age_s);
+    v.extend(&c.instant_force_n);
     let r = &f.rotors;
     for column in [&r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm] {
         v.extend(column);
@@ -332,4 +338,100 @@ fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
         let _ = parse_mdf(flipped, Some(0));
     }
     assert!(errors as usize > BENCH.len() / 2, "{errors} of {} cuts are errors", BENCH.len());
+}
+
+/// Largest share of the largest force, and of the largest moment, that is left over on any link of a frame.
+fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
+    let (l, n) = (&f.links, f.links.x_m.len());
+    let mut left: Vec<[f64; 3]> = (0..n)
+        .map(|i| {
+            let LinkInfo { mass_kg, inertia_kg_m2, .. } = header.links[i];
+            [-mass_kg * l.ax_m_s2[i], -mass_kg * l.ay_m_s2[i], -inertia_kg_m2 * l.alpha_rad_s2[i]]
+        })
+        .collect();
+    let mut largest = [0.0_f64; 2];
+    let mut push = |link: usize, (x, y): (f64, f64), (fx, fy): (f64, f64), torque: f64| {
+        let moment = (x - l.x_m[link]) * fy - (y - l.y_m[link]) * fx + torque;
+        for (sum, value) in left[link].iter_mut().zip([fx, fy, moment]) {
+            *sum += value;
+        }
+        largest = [largest[0].max(fx.hypot(fy)), largest[1].max(moment.abs())];
+    };
+    for j in 0..n {
+        let force = (f.joints.force_x_n[j], f.joints.force_y_n[j]);
+        for (link, side, sign) in [(j, 0.5, -1.0), ((j + 1) % n, -0.5, 1.0)] {
+            let (arm, angle) = (side * header.links[link].pitch_m, l.angle_rad[link]);
+            let at = (l.x_m[link] + arm * angle.cos(), l.y_m[link] + arm * angle.sin());
+            push(link, at, (sign * force.0, sign * force.1), sign * f.joints.friction_torque_nm[j]);
+        }
+    }
+    let c = &f.contacts;
+    for i in 0..c.link.len() {
+        let (nx, ny, normal, friction) = (c.normal_x[i], c.normal_y[i], c.normal_force_n[i], c.tangential_force_n[i]);
+        let force = (normal * nx - friction * ny, normal * ny + friction * nx);
+        push(c.link[i] as usize, (c.point_link_x_m[i], c.point_link_y_m[i]), force, 0.0);
+    }
+    let most = |of: &dyn Fn(&[f64; 3]) -> f64| left.iter().map(of).fold(0.0, f64::max);
+    [most(&|f| f[0].hypot(f[1])) / largest[0], most(&|f| f[2].abs()) / largest[1]]
+}
+
+/// Other laws, links that differ, joints with clearance or hard to turn, guides of their own, sensors: whatever makes a force is in the
+/// columns of a frame. measured: 3e-13.
+#[test]
+fn forces_of_a_frame_add_up_to_the_accelerations() {
+    let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
+                 damping_n_s_per_m = 200\n\n";
+    let [bush, silent, smart] = BUNDLED.map(|(_, text)| text.to_string());
+    let (head, rest) = bush.split_once("[contact.sprocket.linear]").expect("there");
+    let with_hertz = format!("{head}{hertz}{}", &rest[rest.find("[contact.guide]").expect("there")..]);
+    let sensors = "\n[sensors.torque.driver]\n[sensors.tachometer.driven]\n";
+    let odd = [
+        "effects.pitch_error.long.link=7",
+        "effects.pitch_error.long.length_um=20",
+        "chain.joint.clearance_um=2",
+        "effects.tight_joint.a.joint=5",
+        "effects.tight_joint.a.torque_nm=0.02",
+        "effects.guide_friction.slack.friction=0.3",
+        "effects.gap_error.driver.gap=5",
+        "effects.gap_error.driver.outward_um=30",
+    ];
+    let cranked = ["chain.bush.bushes=every_link"];
+    for (text, sets) in [
+        (bush.clone() + sensors, &[][..]),
+        (bush.clone(), &odd[..]),
+        (bush, &cranked[..]),
+        (with_hertz, &[]),
+        (silent, &[]),
+        (smart.clone() + sensors, &[]),
+        (smart, &odd[3..6]),
+    ] {
+        let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+        let drive = Drive::parse("a.toml", &text, &sets).unwrap_or_else(|e| panic!("{e}"));
+        let Assembly { model, mut state, report } = assembled(&drive);
+        let header = capture::header(&drive, &model, &report, 1);
+        let (mut camera, mut scratch) = (Camera::default(), Scratch::new(&model));
+        let (mut worst, mut contacts, mut ahead) = ([0.0_f64; 2], 0, 0);
+        for step in 0..2000 {
+            explicit::evaluate(&model, &state, &mut scratch).expect("holds");
+            if step % 7 == 0 {
+                let frame = camera.take(&model, &state, &scratch);
+                let left = imbalance(&header, &frame);
+                worst = [worst[0].max(left[0]), worst[1].max(left[1])];
+                contacts += frame.contacts.link.len();
+                ahead += frame.contacts.penetration_m.iter().filter(|d| **d <= 0.0).count();
+                // In the order of their kinds.
+                if let [speed, torque] = frame.sensors[..] {
+                    assert_eq!(torque, frame.rotors.outer_torque_nm[0], "the sensor is the rotor's torque");
+                    assert_eq!(speed, frame.rotors.speed_rad_s[1]);
+                }
+            }
+            explicit::advance(&model, &mut state, &mut scratch);
+        }
+        println!(
+            "{sets:?}: {:.1e} of forces, {:.1e} of moments; {contacts} contacts, {ahead} apart",
+            worst[0], worst[1]
+        );
+        assert!(worst[0] < 1e-9 && worst[1] < 1e-9, "{worst:?}");
+        assert!(contacts > 1000);
+    }
 }

@@ -1,6 +1,6 @@
 //! Recordings survive: killed runs, cut, flipped and hostile files, full disks.
 
-use pitchline::recording::frame::Header;
+use pitchline::recording::frame::{FORMAT_VERSION, Header};
 use pitchline::recording::mcap;
 use pitchline::recording::reader::{Flow, Reader, WHOLE, Wanted};
 use pitchline::recording::{ViewOptions, create};
@@ -238,8 +238,14 @@ fn hostile_files_are_refused_in_bounded_memory() {
     // A header whose columns do not fit each other must not be indexed blindly.
     let links = vec![Default::default(); 3];
     let link_outlines = vec![Default::default()];
-    let header =
-        Header { drive_name: "odd".into(), format_version: 1, step_s: 1e-6, links, link_outlines, ..Header::default() };
+    let header = Header {
+        drive_name: "odd".into(),
+        format_version: FORMAT_VERSION,
+        step_s: 1e-6,
+        links,
+        link_outlines,
+        ..Header::default()
+    };
     let mut sink = create(&path, &header, ViewOptions::default()).expect("opens");
     let mut frame = pitchline::recording::frame::Frame::default();
     let l = &mut frame.links;
@@ -279,7 +285,7 @@ fn recordings_of_the_longest_chains_can_be_read() {
     let bodies = vec![Default::default()];
     let header = Header {
         drive_name: "long".into(),
-        format_version: 1,
+        format_version: FORMAT_VERSION,
         step_s: 1e-6,
         links: vec![Default::default(); links],
         link_outlines: vec![Default::default()],
@@ -289,6 +295,9 @@ fn recordings_of_the_longest_chains_can_be_read() {
     let mut frame = pitchline::recording::frame::Frame::default();
     let l = &mut frame.links;
     for column in [&mut l.x_m, &mut l.y_m, &mut l.angle_rad, &mut l.vx_m_s, &mut l.vy_m_s, &mut l.omega_rad_s] {
+        *column = vec![0.5; links];
+    }
+    for column in [&mut l.ax_m_s2, &mut l.ay_m_s2, &mut l.alpha_rad_s2] {
         *column = vec![0.5; links];
     }
     let j = &mut frame.joints;
@@ -313,6 +322,7 @@ fn recordings_of_the_longest_chains_can_be_read() {
         &mut c.normal_force_n,
         &mut c.tangential_force_n,
         &mut c.age_s,
+        &mut c.instant_force_n,
     ] {
         *column = vec![0.5; rows];
     }

@@ -159,6 +159,9 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     linear(&mut f.links.vx_m_s, &b.vx_m_s);
     linear(&mut f.links.vy_m_s, &b.vy_m_s);
     linear(&mut f.links.omega_rad_s, &b.omega_rad_s);
+    linear(&mut f.links.ax_m_s2, &b.ax_m_s2);
+    linear(&mut f.links.ay_m_s2, &b.ay_m_s2);
+    linear(&mut f.links.alpha_rad_s2, &b.alpha_rad_s2);
     linear(&mut f.joints.force_x_n, &high.joints.force_x_n);
     linear(&mut f.joints.force_y_n, &high.joints.force_y_n);
     linear(&mut f.sensors, &high.sensors);

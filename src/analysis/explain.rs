@@ -19,7 +19,6 @@
 //! Flanks, abutments and plate ends are part of their link: the joint ahead is its own front one, r goes from there to the point
 //! that touches, and there is no rest. Guides stand still (W = 0).
 
-use crate::elements::end_contact::FAR_M;
 use crate::elements::rotor::Rotor;
 use crate::geometry::{Vec2, cross, perp};
 use crate::integrate::explicit::{self, Part, Scratch};
@@ -352,7 +351,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
         Part::Contours(set) => {
             let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
             let mut found = None;
-            scratch.end_touches(model, state, (k, FAR_M), Some(lane), |link, front, t| {
+            scratch.end_touches(model, state, k, Some(lane), |link, front, t| {
                 if link == lane && front == (set % 2 == 0) {
                     found = Some(t);
                 }

@@ -1,10 +1,10 @@
 //! Comparisons that the extremes of a step settle: what a step notes on the way costs little, and says of most steps that nothing
 //! in them fulfils an expression.
 
-use super::columns::{Band, ChainTorques, FORCE_BLUR, SPEED_BLUR_M_S};
+use super::columns::Band;
 use super::quantities::{Quantity, Scope, What};
 use super::{Compare, Expr, Number, Operator, energy_number};
-use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch, TorqueSums};
+use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch};
 use crate::recording::frame::Energy;
 
 /// A quantity of any contact, link or joint, its size where that is meant, against a constant.
@@ -47,10 +47,7 @@ impl<'a> Compared<'a> {
             What::Age => ContactValue::Age,
             What::NormalForce => ContactValue::NormalForce,
             What::TangentialSpeed => ContactValue::TangentialSpeed,
-            // Of either sign.
-            What::TangentialForce => {
-                return Some(Extreme { value: ContactValue::FrictionLimit, sign: 1.0, absolute: false, parts });
-            }
+            What::TangentialForce => ContactValue::TangentialForce,
             _ => return None,
         };
         Some(Extreme { value, sign, absolute: self.absolute, parts })
@@ -68,12 +65,7 @@ pub(super) struct Quick {
 impl Quick {
     pub(super) fn of(compared: &Compared, parts: Parts, step_s: f64) -> Option<Quick> {
         let extreme = compared.extreme(parts)?;
-        let blur = match extreme.value {
-            ContactValue::TangentialSpeed => SPEED_BLUR_M_S,
-            ContactValue::NormalForce | ContactValue::FrictionLimit => FORCE_BLUR,
-            _ => 0.0,
-        };
-        let band = Band::new(compared.operator, compared.bound, compared.absolute, blur)?;
+        let band = Band::new(compared.operator, compared.bound, compared.absolute, 0.0)?;
         let unit = if extreme.value == ContactValue::Age { step_s } else { 1.0 };
         Some(Quick { extreme, band, unit })
     }
@@ -92,9 +84,7 @@ impl Quick {
     /// False: some contact may fulfil it, or the extreme was not noted.
     pub(super) fn is_impossible(&self, scratch: &Scratch) -> bool {
         let Some(most) = scratch.extreme(&self.extreme) else { return false };
-        let predicted = self.extreme.value == ContactValue::TangentialSpeed;
-        let blur = if predicted { scratch.velocity_change() } else { 0.0 };
-        !self.band.is_reached_by(most * self.unit, blur)
+        !self.band.is_reached_by(most * self.unit)
     }
 }
 
@@ -130,7 +120,7 @@ impl QuickEnergy {
         let Some(band) = Band::new(self.operator, self.bound, self.absolute, energy_blur(self.what, energy)) else {
             return false;
         };
-        !band.is_reached_by(band.of(energy_number(self.what, &energy.0)), 0.0)
+        !band.is_reached_by(band.of(energy_number(self.what, &energy.0)))
     }
 }
 
@@ -151,10 +141,4 @@ pub(super) fn of_expression(expr: &Expr, parts: Parts, found: &mut Vec<Extreme>)
         Expr::Compare(compare) => found.extend(Compared::of(compare).and_then(|c| c.extreme(parts))),
         Expr::Not(_) => {}
     }
-}
-
-/// Friction is an uncertainty.
-pub(super) fn coarse_torques(sums: &TorqueSums) -> ChainTorques {
-    let total = |lanes: &[f64]| lanes.iter().sum::<f64>();
-    (sums.torque.each_ref().map(|lanes| total(lanes)), total(&sums.friction) + FORCE_BLUR)
 }

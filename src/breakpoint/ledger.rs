@@ -1,6 +1,5 @@
 //! The energy ledger of a step from its own columns, for breakpoints: that of a frame, summed in another order.
 
-use super::columns::Pairing;
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::rotor::Rotor;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
@@ -63,7 +62,7 @@ impl Ledger {
         let c = &model.chain;
         // Held links have no inverse mass.
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
-        let with_stiffness = |part: Part| match Pairing::one(model, part).map(|p| p.law) {
+        let with_stiffness = |part: Part| match one_law(model, part) {
             Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
             _ => (part, None),
         };
@@ -291,11 +290,21 @@ fn past_memory(state: &State, part: Part) -> &ContactMemory {
 fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, depths: &Column) -> Option<f64> {
     let mut sum_j = 0.0;
     for (i, depth) in depths.iter().enumerate().filter(|(_, d)| **d > 0.0) {
-        let (body, _) = scratch.partner(model, part, at + i)?;
-        let ContactLaw::Linear { stiffness_n_per_m, .. } = Pairing::with(model, part, body)?.law else { return None };
+        let ContactLaw::Linear { stiffness_n_per_m, .. } = *scratch.law(model, part, at + i)? else { return None };
         sum_j += 0.5 * stiffness_n_per_m * depth * depth;
     }
     Some(sum_j)
+}
+
+/// Of everything that a part can touch; None: laws differ from body to body. Effects change them guide by guide.
+fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
+    let all: Vec<ContactLaw> = match part {
+        Part::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),
+        Part::Guides(_) => model.guides.iter().map(|g| g.body.law).collect(),
+        Part::Contours(_) => model.end_bodies.iter().filter(|b| part.is_set(b.set)).map(|b| b.law).collect(),
+    };
+    let first = *all.first()?;
+    all.iter().all(|other| *other == first).then_some(first)
 }
 
 /// In pairs.

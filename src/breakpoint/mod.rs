@@ -1,10 +1,9 @@
 //! Breakpoints: expressions over the quantities of a frame and the impacts of a step, looked at in every step.
 //!
 //! A hit is a contact (a link, or a joint) that fulfils the expression and did not in the step before; an impact that fulfils
-//! it; or, where the expression asks about neither, the step in which it becomes true. Whether it is true is decided as it
-//! would be from a frame of that step. Taking a frame costs more than a step does, so columns that the step has computed
-//! anyway are looked at first: they differ from a frame's by rounding only, and a frame is taken where they lie within
-//! [`SLACK`] of the bound, and for quantities that no step computes.
+//! it; or, where the expression asks about neither, the step in which it becomes true. Hits are those of a scan over frames of all
+//! steps: both read the columns that the step has worked with. Energies alone are summed in another order than those of frames, and a
+//! frame is taken where rounding could decide.
 
 mod columns;
 mod extremes;
@@ -16,9 +15,6 @@ pub mod scratch;
 use crate::diag::Report;
 use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
-
-/// Relative difference below which a comparison from a step's own columns is not trusted.
-const SLACK: f64 = 1e-7;
 
 /// What a drive calls its bodies, and how many links it has.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -107,9 +103,7 @@ pub struct Hit {
 pub trait Values {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64>;
     fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32>;
-    /// Relative uncertainty of the numbers.
-    fn slack(&self) -> f64;
-    /// Absolute uncertainty of one of them, beside that.
+    /// How uncertain one of them is.
     fn blur(&self, _quantity: &Quantity) -> f64 {
         0.0
     }
@@ -136,9 +130,6 @@ pub struct Uses {
     /// Anything but impacts.
     pub frame: bool,
     pub energy: bool,
-    /// Torques on sprockets, or anything else that a step has to keep of its contacts.
-    pub torque: bool,
-    pub touches: bool,
     pub segments: bool,
     /// Anything that changes while the same parts touch the same teeth.
     pub varying: bool,
@@ -207,7 +198,6 @@ fn note(expr: &Expr, uses: &mut Uses) {
         Scope::Contact => {
             (uses.contact, uses.frame) = (true, true);
             uses.varying |= !matches!(q.what, What::Link | What::Tooth | What::Body | What::Feature | What::Segment);
-            uses.touches |= matches!(q.what, What::TangentialForce | What::TangentialSpeed | What::Stick);
             uses.segments |= q.what == What::Segment;
         }
         Scope::Impact => {
@@ -223,12 +213,7 @@ fn note(expr: &Expr, uses: &mut Uses) {
             (uses.frame, uses.varying) = (true, true);
         }
         Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
-        Scope::Sprocket => {
-            (uses.frame, uses.varying) = (true, true);
-            uses.torque |= matches!(q.what, What::Torque | What::OuterTorque);
-            uses.touches |= uses.torque;
-        }
-        Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Sprocket | Scope::Run => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
@@ -275,26 +260,15 @@ pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<boo
         }
         Expr::Compare(Compare::Numbers { left, operator, right }) => {
             let (a, b) = (number(left, values, bound)?, number(right, values, bound)?);
-            let exact = [left, right].iter().all(|n| is_exact(n));
             let blur = |n: &Number| match n {
                 Number::Constant(_) => 0.0,
                 Number::Quantity { quantity, .. } => values.blur(quantity),
             };
-            let slack = if exact { 0.0 } else { values.slack() * (a.abs() + b.abs()) + blur(left) + blur(right) };
-            if slack > 0.0 && (a - b).abs() <= slack {
+            let unsure = blur(left) + blur(right);
+            if unsure > 0.0 && (a - b).abs() <= unsure {
                 return None;
             }
             Some(operator.holds(a, b))
-        }
-    }
-}
-
-/// Indices, and numbers that both ways to a value give to the bit.
-fn is_exact(number: &Number) -> bool {
-    match number {
-        Number::Constant(_) => true,
-        Number::Quantity { quantity, .. } => {
-            matches!(quantity.what, What::Link | What::Tooth | What::Step | What::Time | What::CrankAngle)
         }
     }
 }
@@ -399,10 +373,6 @@ impl Values for Frame {
             _ => None,
         }
     }
-
-    fn slack(&self) -> f64 {
-        0.0
-    }
 }
 
 fn energy_number(what: What, e: &Energy) -> f64 {
@@ -437,17 +407,21 @@ fn contact_number(frame: &Frame, what: What, row: usize) -> Option<f64> {
     column.get(row).copied()
 }
 
+/// Pull along a link, mean of the forces in its front and its rear joint.
+fn tension_n(angle_rad: f64, front_n: (f64, f64), rear_n: (f64, f64)) -> f64 {
+    let (s, c) = libm::sincos(angle_rad);
+    // The link feels the opposite of the force in its front joint.
+    -0.5 * ((front_n.0 * c + front_n.1 * s) + (rear_n.0 * c + rear_n.1 * s))
+}
+
 fn link_number(frame: &Frame, what: What, i: usize) -> Option<f64> {
     let l = &frame.links;
     match what {
         What::Tension => {
-            let (s, c) = libm::sincos(*l.angle_rad.get(i)?);
             let j = &frame.joints;
             let rear = (i + j.force_x_n.len() - 1) % j.force_x_n.len();
-            // The link feels the opposite of the force in its front joint.
-            let front_pull = j.force_x_n[i] * c + j.force_y_n[i] * s;
-            let rear_pull = j.force_x_n[rear] * c + j.force_y_n[rear] * s;
-            Some(-0.5 * (front_pull + rear_pull))
+            let force = |joint: usize| (j.force_x_n[joint], j.force_y_n[joint]);
+            Some(tension_n(*l.angle_rad.get(i)?, force(i), force(rear)))
         }
         What::Speed => Some(libm::hypot(*l.vx_m_s.get(i)?, *l.vy_m_s.get(i)?)),
         What::VelocityX => l.vx_m_s.get(i).copied(),

@@ -1,11 +1,10 @@
 //! Values of a step's own columns, for breakpoints: what the step has computed anyway.
 
-use super::columns::{Band, ChainTorques, FORCE_BLUR, Pairing, Reach, SPEED_BLUR_M_S, Torques};
+use super::columns::{Band, Reach, rounding};
 use super::extremes::{self, Compared, Quick, QuickEnergy};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
-use super::{Bound, Breakpoint, Compare, Expr, Hit, SLACK, Subject, Values, energy_number, truth};
-use crate::elements::contact_law::ContactLaw;
+use super::{Bound, Breakpoint, Compare, Expr, Hit, Subject, Values, energy_number, tension_n, truth};
 use crate::elements::rotor::Rotor;
 use crate::integrate::explicit::{Part, Parts, Scratch, Wanted};
 use crate::integrate::vectorised;
@@ -21,9 +20,6 @@ pub struct BreakWatch {
     pub goes_on: bool,
     parts: Vec<Part>,
     set: Parts,
-    all_parts: Vec<Part>,
-    /// Of all parts.
-    pairings: Vec<Option<Pairing>>,
     held: Vec<Subject>,
     now: Vec<Subject>,
     /// Who touched which tooth a step ago.
@@ -32,35 +28,25 @@ pub struct BreakWatch {
     /// Any of these that cannot be settles the whole: in a few instructions.
     quick: Vec<Quick>,
     quick_energies: Vec<QuickEnergy>,
-    /// Before this step contacts are looked at one by one: not long ago their extremes did not settle it.
-    close_until: u64,
 }
-
-/// Steps for which a step keeps what touches where, once that was asked for.
-const CLOSE_STEPS: u64 = 256;
 
 /// Values after the evaluation of a step. A contact is part x links + lane.
 pub(super) struct StepValues<'a> {
     pub(super) model: &'a Model,
     pub(super) state: &'a State,
     pub(super) scratch: &'a Scratch,
-    /// Those that the expression may concern, and all.
+    /// Those that the expression may concern.
     pub(super) parts: &'a [Part],
     set: Parts,
-    pub(super) all_parts: &'a [Part],
-    pub(super) pairings: &'a [Option<Pairing>],
     /// And how uncertain they are [J]; where the expression asks for them.
     energy: Option<&'a (Energy, f64)>,
-    /// Where the expression asks for them.
-    torques: Option<ChainTorques>,
 }
 
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
         // Parts that can touch nothing the expression asks for are never looked at.
-        let all_parts = Part::of(model);
         let may_concern = |p: &Part| may_concern(&breakpoint.expr, *p, model);
-        let parts: Vec<Part> = all_parts.iter().copied().filter(may_concern).collect();
+        let parts: Vec<Part> = Part::of(model).into_iter().filter(may_concern).collect();
         let set = parts.iter().copied().collect();
         let quick = Quick::needed_by(&breakpoint.expr, set, model.step_s);
         let quick_energies = QuickEnergy::needed_by(&breakpoint.expr);
@@ -69,31 +55,19 @@ impl BreakWatch {
             goes_on: false,
             set,
             parts,
-            pairings: all_parts.iter().map(|p| Pairing::one(model, *p)).collect(),
-            all_parts,
             held: Vec::new(),
             now: Vec::new(),
             signature: None,
             ledger: Ledger::new(model),
             quick_energies,
             quick,
-            close_until: 0,
         }
     }
 
-    /// Whether [`BreakWatch::wants`] asks at this step for what touches where, because extremes do not settle the expression.
-    pub fn is_close(&self, step: u64) -> bool {
-        step < self.close_until
-    }
-
     /// What a step has to keep for this.
-    pub fn wants(&self, model: &Model, step: u64) -> Wanted {
+    pub fn wants(&self) -> Wanted {
         let uses = self.breakpoint.uses;
-        let hertz = |law: &ContactLaw| matches!(law, ContactLaw::HertzLine(_));
-        let laws = model.sprockets.iter().map(|s| &s.body.law).chain(model.guides.iter().map(|g| &g.body.law));
-        let hertz = uses.contact && laws.chain(model.end_bodies.iter().map(|b| &b.law)).any(hertz);
-        let touches = hertz || uses.touches && self.is_close(step);
-        let mut wanted = Wanted { touches, segments: uses.segments, torques: uses.torque, ..Wanted::default() };
+        let mut wanted = Wanted { segments: uses.segments, ..Wanted::default() };
         extremes::of_expression(&self.breakpoint.expr, self.set, &mut wanted.extremes);
         if uses.contact && !uses.varying {
             wanted.sets.push(self.set);
@@ -119,10 +93,8 @@ impl BreakWatch {
             self.goes_on = false;
             return;
         }
-        let (parts, set, all_parts, pairings) = (&self.parts, self.set, &self.all_parts, &self.pairings);
         let uses = self.breakpoint.uses;
-        let torques = scratch.torques().filter(|_| uses.torque).map(extremes::coarse_torques);
-        let mut values = StepValues { model, state, scratch, parts, set, all_parts, pairings, energy, torques };
+        let values = StepValues { model, state, scratch, parts: &self.parts, set: self.set, energy };
         if uses.contact && !uses.varying {
             let signature = values.signature();
             if signature.is_some() && signature == self.signature {
@@ -133,20 +105,9 @@ impl BreakWatch {
         self.now.clear();
         // What is one number is told by itself.
         let one = !(uses.contact || uses.any_link || uses.any_joint);
-        if one || values.may_hold(&self.breakpoint.expr) {
-            let mut known = values.holding(&self.breakpoint, &mut self.now);
-            if uses.touches && !(known && one) {
-                self.close_until = state.step + CLOSE_STEPS;
-            }
-            if !known && uses.torque {
-                // Nearer than friction can be told without: with it.
-                values.torques = vectorised(scratch.isa, Torques(&values));
-                self.now.clear();
-                known = values.holding(&self.breakpoint, &mut self.now);
-            }
-            if !known {
-                self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
-            }
+        let known = !(one || values.may_hold(&self.breakpoint.expr)) || values.holding(&self.breakpoint, &mut self.now);
+        if !known {
+            self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
         }
         if self.now.is_empty() && self.held.is_empty() {
             self.goes_on = false;
@@ -227,7 +188,7 @@ impl StepValues<'_> {
                 // Of one link, joint or sprocket, of two quantities, or of names: told one by one.
                 let Some(compared) = Compared::of(compare) else { return true };
                 let Compared { quantity, absolute, operator, bound } = compared;
-                let Some(band) = Band::new(operator, bound, absolute, self.blur(quantity)) else { return true };
+                let Some(band) = Band::new(operator, bound, absolute, rounding(quantity)) else { return true };
                 if quantity.scope == Scope::Contact {
                     let quick = Quick::of(&compared, self.set, self.model.step_s);
                     if quick.is_some_and(|q| q.is_impossible(self.scratch)) {
@@ -252,16 +213,14 @@ impl StepValues<'_> {
             for (p, part) in self.parts.iter().enumerate() {
                 let memory = self.scratch.memory(*part);
                 for lane in (0..n).filter(|lane| memory.age[*lane] != 0.0) {
-                    let depth = self.scratch.depth(*part, lane);
-                    // Overlapping by a rounding error: a frame may show it or not.
-                    if depth <= -1e-15 {
+                    if !self.scratch.is_contact(*part, lane) {
                         continue;
                     }
                     let (link, feature) = part.feature(self.model, lane);
                     let bound = Bound { contact: Some(p * n + lane), link: Some(link), ..Bound::default() };
                     match truth(expr, self, &bound) {
                         Some(false) => {}
-                        Some(true) if depth > 1e-15 => {
+                        Some(true) => {
                             let Some((body, _)) = self.scratch.partner(self.model, *part, lane) else { return false };
                             found.push(Subject::Contact {
                                 link: link as u32,
@@ -269,7 +228,7 @@ impl StepValues<'_> {
                                 body: body as u32,
                             });
                         }
-                        _ => return false,
+                        None => return false,
                     }
                 }
             }
@@ -296,16 +255,15 @@ impl StepValues<'_> {
         true
     }
 
+    fn angle(&self, i: usize) -> f64 {
+        let l = &self.state.links;
+        crate::units::direction(l.sin[i], l.cos[i])
+    }
+
     fn tension(&self, i: usize) -> f64 {
         let n = self.model.chain.n_links;
         let (front, rear) = (self.scratch.joint_force(i), self.scratch.joint_force((i + n - 1) % n));
-        let l = &self.state.links;
-        -0.5 * ((front.0 + rear.0) * l.cos[i] + (front.1 + rear.1) * l.sin[i])
-    }
-
-    fn joint_force(&self, j: usize) -> f64 {
-        let (x, y, _) = self.scratch.joint_force(j);
-        libm::sqrt(x * x + y * y)
+        tension_n(self.angle(i), (front.0, front.1), (rear.0, rear.1))
     }
 
     fn contact(&self, what: What, contact: usize) -> Option<f64> {
@@ -314,20 +272,15 @@ impl StepValues<'_> {
         let memory = self.scratch.memory(part);
         match what {
             What::Penetration => Some(self.scratch.depth(part, lane)),
-            What::NormalForce => self.normal_force(part, lane),
+            What::NormalForce => Some(memory.normal_force[lane]),
             What::ApproachSpeed => Some(memory.approach[lane]),
             What::NormalSpeed => Some(self.scratch.closing_speed(part, lane)),
             What::Age => Some(memory.age[lane] * self.model.step_s),
-            What::TangentialSpeed => self.slide_of(part, lane),
-            What::TangentialForce => {
-                let pairing = self.pairing(part, lane)?;
-                let ratio = (self.slide_of(part, lane)? / pairing.stick_speed_m_s).clamp(-1.0, 1.0);
-                Some(-pairing.mu * self.normal_force(part, lane)? * ratio)
-            }
+            What::TangentialSpeed => Some(self.scratch.sliding_speeds(part)[lane]),
+            What::TangentialForce => Some(memory.tangential_force[lane]),
             What::Stick => {
-                let (stick, slide) = (self.pairing(part, lane)?.stick_speed_m_s, self.slide_of(part, lane)?.abs());
-                let unsure = SLACK * stick + SPEED_BLUR_M_S;
-                ((slide - stick).abs() > unsure).then_some(if slide < stick { 1.0 } else { 0.0 })
+                let stick = self.scratch.sticks(self.model, part, lane)?;
+                Some(f64::from(u8::from(stick)))
             }
             What::Link => Some(part.feature(self.model, lane).0 as f64),
             What::Tooth => self.scratch.partner(self.model, part, lane).map(|(_, tooth)| f64::from(tooth)),
@@ -345,7 +298,7 @@ impl StepValues<'_> {
             What::Omega => Some(l.omega[i] + half * s.alpha[i]),
             What::X => Some(l.x[i]),
             What::Y => Some(l.y[i]),
-            What::Angle => Some(crate::units::direction(l.sin[i], l.cos[i])),
+            What::Angle => Some(self.angle(i)),
             What::Link => Some(i as f64),
             _ => None,
         }
@@ -360,7 +313,10 @@ impl Values for StepValues<'_> {
             Scope::Joint => {
                 let j = index.or(bound.joint)?;
                 match quantity.what {
-                    What::Force => Some(self.joint_force(j)),
+                    What::Force => {
+                        let (x, y, _) = self.scratch.joint_force(j);
+                        Some(libm::hypot(x, y))
+                    }
                     _ => Some(self.scratch.joint_force(j).2),
                 }
             }
@@ -371,9 +327,8 @@ impl Values for StepValues<'_> {
                         Some(self.state.rotors.omega[k] + 0.5 * self.model.step_s * self.scratch.rotor_alpha[k])
                     }
                     What::Angle => Some(self.state.rotors.angle[k]),
-                    // Frames add up the forces of the node, steps their means.
                     what => {
-                        let torque = *self.torques.as_ref()?.0.get(k)?;
+                        let torque = *self.scratch.chain_torque().get(k)?;
                         match self.model.sprockets[k].rotor {
                             _ if what == What::Torque => Some(torque),
                             Rotor::Driven { .. } => Some(-torque),
@@ -407,19 +362,8 @@ impl Values for StepValues<'_> {
         }
     }
 
-    fn slack(&self) -> f64 {
-        SLACK
-    }
-
+    /// Energies are summed in another order than those of frames.
     fn blur(&self, quantity: &Quantity) -> f64 {
-        match (quantity.scope, quantity.what) {
-            (Scope::Contact, What::TangentialSpeed) => return SPEED_BLUR_M_S,
-            (Scope::Contact, What::TangentialForce | What::NormalForce)
-            | (Scope::Link, What::Tension)
-            | (Scope::Joint, What::Force) => return FORCE_BLUR,
-            (Scope::Sprocket, What::Torque | What::OuterTorque) => return self.torques.map_or(0.0, |t| t.1),
-            _ => {}
-        }
         let energy = self.energy.filter(|_| quantity.scope == Scope::Energy);
         energy.map_or(0.0, |energy| extremes::energy_blur(quantity.what, energy))
     }

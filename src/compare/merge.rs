@@ -91,6 +91,9 @@ pub fn frames(parts: &[Part], frames: &[&Frame]) -> Frame {
         merged.links.vx_m_s.extend_from_slice(&l.vx_m_s);
         merged.links.vy_m_s.extend_from_slice(&l.vy_m_s);
         merged.links.omega_rad_s.extend_from_slice(&l.omega_rad_s);
+        merged.links.ax_m_s2.extend_from_slice(&l.ax_m_s2);
+        merged.links.ay_m_s2.extend_from_slice(&l.ay_m_s2);
+        merged.links.alpha_rad_s2.extend_from_slice(&l.alpha_rad_s2);
         merged.joints.force_x_n.extend_from_slice(&frame.joints.force_x_n);
         merged.joints.force_y_n.extend_from_slice(&frame.joints.force_y_n);
         merged.joints.friction_torque_nm.extend_from_slice(&frame.joints.friction_torque_nm);
@@ -130,6 +133,7 @@ fn add_contacts(merged: &mut Frame, part: &Part, frame: &Frame) {
         (&mut to.normal_force_n, &from.normal_force_n),
         (&mut to.tangential_force_n, &from.tangential_force_n),
         (&mut to.age_s, &from.age_s),
+        (&mut to.instant_force_n, &from.instant_force_n),
     ] {
         to.extend_from_slice(from);
     }

@@ -117,12 +117,13 @@ impl EndLane {
         let mobility = 0.5 * step * w_t;
         let free = slide - mobility * past_friction;
         let ft = friction::solved_force(mu, normal_force, free, stick_speed, mobility);
+        let slide = free + mobility * ft;
         let (fx, fy) = (normal_force * nx - ft * ny, normal_force * ny + ft * nx);
         let moment = -e.radius * ft - e.offset * normal_force;
         Given {
             slide,
             tangential_force: ft,
-            lost_friction: -ft * (free + mobility * ft) * step,
+            lost_friction: -ft * slide * step,
             force_x: fx,
             force_y: fy,
             moment,
@@ -248,10 +249,6 @@ pub struct Lead {
     pub ax: Column,
     pub ay: Column,
     pub alpha: Column,
-    /// Sums of what each contact has changed, taken positive, which bound all that any contact took; by the long way only
-    /// [m/s2, rad/s2].
-    pub changes: Column,
-    pub turning_changes: Column,
     /// Whether any is not zero.
     pub used: bool,
 }
@@ -276,8 +273,6 @@ impl Lead {
             self.ax[i] += ax;
             self.ay[i] += ay;
             self.alpha[i] += alpha;
-            self.changes[i] += ax.abs() + ay.abs();
-            self.turning_changes[i] += alpha.abs();
         }
         self.used = true;
     }
@@ -299,6 +294,7 @@ pub struct BlockStep {
     pub age: Column,
     pub approach: Column,
     pub rate: Column,
+    pub slide: Column,
     pub lost_damping: Column,
     pub lost_friction: Column,
     /// On the link at its centre, with the moment about it.
@@ -345,6 +341,7 @@ pub fn plain_contour_step<const LED: bool>(
         let arm = e.lever * (e.cos * given.force_y - e.sin * given.force_x);
         (out.normal_force[i], out.tangential_force[i]) = (law.mean_force, given.tangential_force);
         (out.age[i], out.approach[i], out.rate[i]) = (kept.age, kept.approach, law.rate);
+        out.slide[i] = given.slide;
         (out.lost_damping[i], out.lost_friction[i]) = (kept.lost, given.lost_friction);
         (out.force_x[i], out.force_y[i]) = (given.force_x, given.force_y);
         (out.moment[i], out.torque[i]) = (given.moment + arm, given.torque);
@@ -557,6 +554,7 @@ mod tests {
                 age: long.age,
                 approach: long.approach,
                 rate: long.rate,
+                slide: long.slide,
                 lost_damping: long.lost_damping,
                 lost_friction: long.lost_friction,
                 force_x: long.force_x,

@@ -196,7 +196,7 @@ pub struct Lanes {
     pub body_radius: Column,
     /// Of the joint's path while it slides along the element: inverse distance from the centre, positive on concave ones [1/m].
     pub curvature: Column,
-    /// Closing speed at the node; sliding speed there, before the forces change it.
+    /// Closing speed at the node; sliding speed that friction works with, which its own force has changed already.
     pub rate: Column,
     pub slide: Column,
     pub lost_damping: Column,
@@ -368,15 +368,16 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
         let (vx, vy) = (lanes.vx[i], lanes.vy[i]);
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
         let slide = vy * nx - vx * ny - lanes.omega[i] * radius - omega * (outward - radius);
-        lanes.slide[i] = slide;
         let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
         let w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
         let mobility = half * w_t;
         let free = slide - mobility * lanes.tangential_force[i];
         let fn_ = lanes.normal_force[i];
         let ft = friction::solved_force(mu, fn_, free, stick_speed, mobility);
+        let slid = free + mobility * ft;
+        lanes.slide[i] = slid;
         lanes.tangential_force[i] = ft;
-        lanes.lost_friction[i] = -ft * (free + mobility * ft) * step;
+        lanes.lost_friction[i] = -ft * slid * step;
         let fx = fn_ * nx - ft * ny;
         let fy = fn_ * ny + ft * nx;
         lanes.force_x[i] = fx;

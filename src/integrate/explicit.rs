@@ -35,7 +35,7 @@ use guides::BlockForces;
 pub use parts::Part;
 pub use scratch::Scratch;
 use scratch::WINDOW_MARGIN_M;
-pub use watch::{ContactValue, Extreme, MOST_SPROCKETS, Parts, TorqueSums, Touches, Wanted, linear_force};
+pub use watch::{ContactValue, Extreme, Parts, Wanted};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::contour_forces::{BlockStep, Remembered};
@@ -179,9 +179,6 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     links::feel(model, state, scratch);
     links::joints(model, state, scratch);
     rotor_accelerations(model, state, scratch);
-    if WATCHED {
-        watch::note_node(model, state, scratch);
-    }
 }
 
 /// Puts lanes that are nearer to another body out of reach.

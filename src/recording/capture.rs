@@ -1,9 +1,9 @@
 //! Takes a Frame: everything at the node of a State, computed from State and Scratch and changing neither.
 //!
-//! Contacts are found again here by the exact detection of [`crate::contact`], not copied from the kernels, which only say where
-//! something may touch, and their forces are those of the node (k d + c d'), while the step works with means over the step.
-//! Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at the node as well: sums up to the step before, plus half
-//! of this step's.
+//! Forces, friction, slides and accelerations are copied: they are what the step works with, means over the step about the node, so that the
+//! forces on a link add up to its mass times its acceleration. What the law gives at the instant stands beside. Where contacts touch is
+//! found again, by the exact detection of [`crate::contact`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
+//! the node as well: sums up to the step before, plus half of this step's.
 
 use super::frame::{
     BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
@@ -19,8 +19,8 @@ use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{Part, Scratch};
-use crate::model::{Model, SprocketModel};
-use crate::state::{ContactMemory, State};
+use crate::model::Model;
+use crate::state::State;
 use crate::units::direction;
 
 /// Takes frames of one run; remembers where its ledger began.
@@ -73,18 +73,11 @@ impl Node<'_> {
         link < self.model.chain.n_links && self.only.is_none_or(|only| only == link)
     }
 
-    fn omega(&self, i: usize) -> f64 {
-        self.state.links.omega[i] + 0.5 * self.model.step_s * self.scratch.alpha[i]
-    }
-
-    /// Position and velocity of one end of link `i`.
-    fn end(&self, i: usize, front: bool) -> (Vec2, Vec2) {
-        let (s, half) = (&self.state.links, 0.5 * self.model.step_s);
+    /// One end of link `i`.
+    fn end(&self, i: usize, front: bool) -> Vec2 {
+        let s = &self.state.links;
         let lever = self.model.chain.lever[i] * if front { 1.0 } else { -1.0 };
-        let (cos, sin) = (s.cos[i] * lever, s.sin[i] * lever);
-        let (vx, vy) = (s.vx[i] + half * self.scratch.ax[i], s.vy[i] + half * self.scratch.ay[i]);
-        let omega = self.omega(i);
-        (Vec2::new(s.x[i] + cos, s.y[i] + sin), Vec2::new(vx - sin * omega, vy + cos * omega))
+        Vec2::new(s.x[i] + s.cos[i] * lever, s.y[i] + s.sin[i] * lever)
     }
 }
 
@@ -105,26 +98,22 @@ struct Row {
     slide: f64,
     normal_force: f64,
     friction_force: f64,
+    instant_force: f64,
     stick: bool,
     age_s: f64,
     stored_j: f64,
 }
 
-/// What touches: a circle at a joint of a link, and the law between it and the body.
+/// What touches: a part of a link with its radius of curvature there, and the law between it and the body.
 struct Pair<'a> {
     link: usize,
     feature: Feature,
     body: usize,
-    centre: Vec2,
     radius: f64,
     law: &'a ContactLaw,
     friction: f64,
-    stick_speed: f64,
-    memory: &'a ContactMemory,
+    part: Part,
     lane: usize,
-    /// Closing speed as the step solved it: with the contact's force since its touch, which the link's velocity spreads over
-    /// the whole step.
-    rate: f64,
 }
 
 impl Camera {
@@ -150,7 +139,7 @@ impl Camera {
         let speeds = speeds_at(model, state, scratch);
         let node = Node { model, state, scratch, speeds: &speeds, only: None };
         self.rows.find(&node);
-        fill_rotors(&node, &self.rows, &mut frame.rotors);
+        fill_rotors(&node, &mut frame.rotors);
         let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
         fill_contacts(&self.rows, &mut frame.contacts);
@@ -211,6 +200,9 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
     at_node(&mut links.vx_m_s, &s.vx, &scratch.ax);
     at_node(&mut links.vy_m_s, &s.vy, &scratch.ay);
     at_node(&mut links.omega_rad_s, &s.omega, &scratch.alpha);
+    fill(&mut links.ax_m_s2, scratch.ax[..n].iter().copied());
+    fill(&mut links.ay_m_s2, scratch.ay[..n].iter().copied());
+    fill(&mut links.alpha_rad_s2, scratch.alpha[..n].iter().copied());
 }
 
 fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
@@ -219,97 +211,74 @@ fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
 }
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
-    let Node { model, state, scratch, speeds, .. } = *node;
-    let memory = scratch.memories().0;
+    let Node { model, state, scratch, .. } = *node;
+    let memory = scratch.memory(Part::Bushes);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
-        let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m + sprocket.body.most_shift_m;
-        for (j, gap) in scratch.joints_near(k).filter(|(j, _)| *j < model.chain.n_links) {
+        for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| *j < model.chain.n_links) {
             let (link, front) = model.chain.bush_carrier(j);
-            if scratch.is_idle(Part::Bushes, j / LANES) || !node.is_asked(link) {
+            if memory.age[j] == 0.0 || !scratch.is_contact(Part::Bushes, j) || !node.is_asked(link) {
                 continue;
             }
-            let (p, v) = node.end(link, front);
+            let p = node.end(link, front);
             let d = p - sprocket.body.centre;
-            if d.norm_squared() > reach * reach {
-                continue;
-            }
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
-            let tooth = gap.unwrap_or_else(|| contact::seat_index(teeth, in_frame));
             let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
             let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
-            if hit.touch.penetration_m <= 0.0 {
-                continue;
-            }
             let pair = Pair {
                 link,
                 feature: if front { Feature::FrontBush } else { Feature::RearBush },
                 body: k,
-                centre: p,
                 radius: sprocket.body.bush_radius_m,
                 law: &sprocket.body.law,
                 friction: sprocket.body.friction,
-                stick_speed: sprocket.body.stick_speed_m_s,
-                memory,
+                part: Part::Bushes,
                 lane: j,
-                rate: scratch.closing_speed(Part::Bushes, j),
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
             let normal = to_world(hit.touch.normal);
-            // Both bodies at the deepest point of the bush, where the force acts.
-            let surface = perp(p - normal * pair.radius - sprocket.body.centre) * speeds[k];
             let shape = (hit.tooth, hit.segment, hit.body_radius_m);
             let points = (on_body, p - normal * pair.radius);
-            rows.push(row(node, &pair, shape, points, normal, hit.touch.penetration_m, v - surface));
+            rows.push(row(node, &pair, shape, points, normal));
         }
     }
 }
 
 fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, scratch, .. } = *node;
-    let memories = scratch.memories().1;
     for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         let up = perp(b.along);
-        for link in scratch.links_near(k).filter(|i| node.is_asked(*i)) {
+        for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
-                if scratch.is_idle(Part::Guides(2 * b.side + usize::from(!front)), link / LANES) {
+                let part = Part::Guides(2 * b.side + usize::from(!front));
+                if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
-                let (p, v) = node.end(link, front);
+                let p = node.end(link, front);
                 let d = p - b.origin;
                 let (along, above) = (d.dot(&b.along), d.dot(&up));
-                if above <= -b.plate_radius_m || along < -b.relief_m || along > b.length_m + b.relief_m {
-                    continue;
-                }
                 let foot = along.clamp(0.0, b.length_m);
                 let from = Vec2::new(along - foot, above + b.end_radius_m);
                 let distance = from.norm();
-                let penetration = b.end_radius_m + b.plate_radius_m - distance;
-                if penetration <= 0.0 {
-                    continue;
-                }
                 let normal = (b.along * from.x + up * from.y) / distance;
                 let pair = Pair {
                     link,
                     feature: if front { Feature::FrontPlateEnd } else { Feature::RearPlateEnd },
                     body: model.sprockets.len() + k,
-                    centre: p,
                     radius: b.plate_radius_m,
                     law: &b.law,
                     friction: b.friction,
-                    stick_speed: b.stick_speed_m_s,
-                    memory: &memories[2 * b.side + usize::from(!front)],
+                    part,
                     lane: link,
-                    rate: scratch.closing_speed(Part::Guides(2 * b.side + usize::from(!front)), link),
                 };
                 let on_body = p - normal * (distance - b.end_radius_m);
                 let segment = guide.segment(along);
                 let shape = (0, segment, b.end_radius_m);
                 let points = (on_body, p - normal * pair.radius);
-                rows.push(row(node, &pair, shape, points, normal, penetration, v));
+                rows.push(row(node, &pair, shape, points, normal));
             }
         }
     }
@@ -317,51 +286,44 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
 
 /// Links' own contours: abutments and toothed flanks.
 fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
-    let Node { model, state, scratch, speeds, .. } = *node;
+    let Node { model, state, scratch, .. } = *node;
     for (k, body) in model.end_bodies.iter().enumerate() {
-        scratch.end_touches(model, state, (k, 0.0), node.only, |link, front, t| {
-            if node.is_asked(link) && t.penetration_m > 0.0 {
-                let set = 2 * body.set + usize::from(!front);
-                let (p, v) = node.end(link, front);
+        scratch.end_touches(model, state, k, node.only, |link, front, t| {
+            let part = Part::Contours(2 * body.set + usize::from(!front));
+            if node.is_asked(link) && scratch.is_contact(part, link) {
                 let point = t.point + body.origin;
                 let pair = Pair {
                     link,
                     feature: body.feature(front),
                     body: body.body,
-                    centre: p,
                     radius: t.link_radius_m,
                     law: &body.law,
                     friction: body.friction,
-                    stick_speed: body.stick_speed_m_s,
-                    memory: &scratch.contour_memories()[set],
+                    part,
                     lane: link,
-                    rate: scratch.closing_speed(Part::Contours(set), link),
                 };
-                let surface = body.rotor.map_or(Vec2::zeros(), |r| perp(t.point) * speeds[r]);
                 let shape = (t.tooth, t.segment, t.body_radius_m);
                 let on_body = point + t.normal * t.penetration_m;
-                rows.push(row(node, &pair, shape, (on_body, point), t.normal, t.penetration_m, v - surface));
+                rows.push(row(node, &pair, shape, (on_body, point), t.normal));
             }
         });
     }
 }
 
-/// A contact; `relative`: velocity of the joint less that of the body's surface at the contact.
+/// A contact.
 fn row(
     node: &Node<'_>,
     pair: &Pair<'_>,
     (tooth, segment, body_radius): (u32, Segment, f64),
     (on_body, on_link): (Vec2, Vec2),
     normal: Vec2,
-    penetration: f64,
-    relative: Vec2,
 ) -> Row {
-    let v = relative + perp(on_link - pair.centre) * node.omega(pair.link);
-    let rate = pair.rate;
-    let slide = v.dot(&perp(normal));
+    let (scratch, lane) = (node.scratch, pair.lane);
+    let memory = scratch.memory(pair.part);
+    let (penetration, rate) = (scratch.depth(pair.part, lane), scratch.closing_speed(pair.part, lane));
     let radii = PairRadii { bush_m: pair.radius, body_m: body_radius };
-    let approach = pair.memory.approach[pair.lane];
-    let normal_force = pair.law.force(penetration, rate, approach, radii);
+    let approach = memory.approach[lane];
+    let (normal_force, friction_force) = (memory.normal_force[lane], memory.tangential_force[lane]);
     Row {
         link: pair.link,
         feature: pair.feature,
@@ -374,11 +336,12 @@ fn row(
         penetration,
         approach,
         normal_speed: rate,
-        slide,
+        slide: scratch.sliding_speeds(pair.part)[lane],
         normal_force,
-        friction_force: -pair.friction * normal_force * (slide / pair.stick_speed).clamp(-1.0, 1.0),
-        stick: slide.abs() < pair.stick_speed,
-        age_s: pair.memory.age[pair.lane] * node.model.step_s,
+        friction_force,
+        instant_force: pair.law.force(penetration, rate, approach, radii),
+        stick: friction_force.abs() < pair.friction * normal_force,
+        age_s: memory.age[lane] * node.model.step_s,
         stored_j: pair.law.elastic(penetration, radii).energy_j,
     }
 }
@@ -403,20 +366,14 @@ fn fill_contacts(rows: &Rows, c: &mut Contacts) {
     fill(&mut c.tangential_force_n, rows.iter().map(|r| r.friction_force));
     fill(&mut c.age_s, rows.iter().map(|r| r.age_s));
     fill(&mut c.stick, rows.iter().map(|r| r.stick));
+    fill(&mut c.instant_force_n, rows.iter().map(|r| r.instant_force));
 }
 
-fn fill_rotors(node: &Node<'_>, rows: &Rows, rotors: &mut Rotors) {
-    let Node { model, state, speeds, .. } = *node;
+fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
+    let Node { model, state, speeds, scratch, .. } = *node;
     fill(&mut rotors.angle_rad, state.rotors.angle.iter().copied());
     fill(&mut rotors.speed_rad_s, speeds.iter().copied());
-    let on_sprocket = |(k, sprocket): (usize, &SprocketModel)| -> f64 {
-        let of_row = |r: &Row| {
-            let force = r.normal * r.normal_force + perp(r.normal) * r.friction_force;
-            -crate::geometry::cross(r.on_link - sprocket.body.centre, force)
-        };
-        rows.iter().filter(|r| r.body == k).map(of_row).sum()
-    };
-    fill(&mut rotors.chain_torque_nm, model.sprockets.iter().enumerate().map(on_sprocket));
+    fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
     let outer =
         model.sprockets.iter().zip(&rotors.chain_torque_nm).map(|(sprocket, chain_torque)| match sprocket.rotor {
             Rotor::Driven { .. } => -chain_torque,

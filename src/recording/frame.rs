@@ -4,8 +4,9 @@
 //! are SI and f64; columns run in chain order, so that `links.x_m[i]` belongs to link `i`. A Frame is complete: nobody who
 //! reads it has to ask the model.
 
-/// Version of the recording's layout. A reader refuses a newer one and says so.
-pub const FORMAT_VERSION: u32 = 1;
+/// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
+/// accelerations were missing.
+pub const FORMAT_VERSION: u32 = 2;
 
 /// `Contacts::body` of frames index into [`Header::bodies`].
 #[derive(Clone, PartialEq, prost::Message)]
@@ -244,6 +245,14 @@ pub struct Links {
     pub vy_m_s: Vec<f64>,
     #[prost(double, repeated, tag = "6")]
     pub omega_rad_s: Vec<f64>,
+    /// Acceleration of the centre of mass, mean over the step [m/s2].
+    #[prost(double, repeated, tag = "7")]
+    pub ax_m_s2: Vec<f64>,
+    #[prost(double, repeated, tag = "8")]
+    pub ay_m_s2: Vec<f64>,
+    /// Angular acceleration, mean over the step [rad/s2].
+    #[prost(double, repeated, tag = "9")]
+    pub alpha_rad_s2: Vec<f64>,
 }
 
 /// Joint `j` joins the front end of link `j` to the rear end of link `j + 1`; the last closes the loop.
@@ -259,7 +268,7 @@ pub struct Joints {
     pub friction_torque_nm: Vec<f64>,
 }
 
-/// All contacts with positive penetration, sorted by link, feature, body.
+/// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Contacts {
     #[prost(uint32, repeated, tag = "1")]
@@ -299,13 +308,13 @@ pub struct Contacts {
     /// Rate of penetration [m/s].
     #[prost(double, repeated, tag = "14")]
     pub normal_speed_m_s: Vec<f64>,
-    /// Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) [m/s].
+    /// Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) that friction works with [m/s].
     #[prost(double, repeated, tag = "15")]
     pub tangential_speed_m_s: Vec<f64>,
-    /// Force on the link along the normal [N], never negative.
+    /// Force on the link along the normal [N], never negative; mean over the step.
     #[prost(double, repeated, tag = "16")]
     pub normal_force_n: Vec<f64>,
-    /// Friction force on the link along the tangent [N].
+    /// Friction force on the link along the tangent [N]; mean over the step.
     #[prost(double, repeated, tag = "17")]
     pub tangential_force_n: Vec<f64>,
     /// True while the friction is below its limit.
@@ -314,6 +323,9 @@ pub struct Contacts {
     /// Time since first touch [s].
     #[prost(double, repeated, tag = "19")]
     pub age_s: Vec<f64>,
+    /// What the contact law gives at the instant [N], never negative.
+    #[prost(double, repeated, tag = "20")]
+    pub instant_force_n: Vec<f64>,
 }
 
 /// One row per sprocket, in the order of `Header::bodies`.

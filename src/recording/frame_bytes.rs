@@ -89,9 +89,9 @@ impl Frame {
     }
 }
 
-fn of_links(l: &Links) -> [Column<'_>; 6] {
-    let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s } = l;
-    [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s].map(|column| Doubles(column))
+fn of_links(l: &Links) -> [Column<'_>; 9] {
+    let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = l;
+    [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2].map(|column| Doubles(column))
 }
 
 fn of_joints(j: &Joints) -> [Column<'_>; 3] {
@@ -99,7 +99,7 @@ fn of_joints(j: &Joints) -> [Column<'_>; 3] {
     [force_x_n, force_y_n, friction_torque_nm].map(|column| Doubles(column))
 }
 
-fn of_contacts(c: &Contacts) -> [Column<'_>; 19] {
+fn of_contacts(c: &Contacts) -> [Column<'_>; 20] {
     let Contacts {
         link,
         feature,
@@ -120,6 +120,7 @@ fn of_contacts(c: &Contacts) -> [Column<'_>; 19] {
         tangential_force_n,
         stick,
         age_s,
+        instant_force_n,
     } = c;
     [
         Numbers(link),
@@ -141,6 +142,7 @@ fn of_contacts(c: &Contacts) -> [Column<'_>; 19] {
         Doubles(tangential_force_n),
         Flags(stick),
         Doubles(age_s),
+        Doubles(instant_force_n),
     ]
 }
 
@@ -167,6 +169,9 @@ mod tests {
                     vx_m_s: column(4),
                     vy_m_s: column(5),
                     omega_rad_s: column(6),
+                    ax_m_s2: column(28),
+                    ay_m_s2: column(29),
+                    alpha_rad_s2: column(30),
                 },
                 joints: Joints { force_x_n: column(7), force_y_n: column(8), friction_torque_nm: column(9) },
                 contacts: Contacts {
@@ -189,6 +194,7 @@ mod tests {
                     tangential_force_n: column(21),
                     stick: (0..n).map(|i| i % 3 == 0).collect(),
                     age_s: column(22),
+                    instant_force_n: column(31),
                 },
                 rotors: Rotors {
                     angle_rad: column(23),

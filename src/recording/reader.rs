@@ -443,9 +443,9 @@ impl Reader {
             let mut found = None;
             self.records(index, &unpacked, &mut |topic, _, data| {
                 if topic == Topic::Header {
-                    // A newer one may look different.
+                    // Others may look different, or mean something else by the same names.
                     let version = Version::decode(data).context("its header cannot be read")?.format_version;
-                    found = Some(if version > FORMAT_VERSION { Err(version) } else { Ok(header::decode(data)?) });
+                    found = Some(if version != FORMAT_VERSION { Err(version) } else { Ok(header::decode(data)?) });
                     return Ok(Flow::Enough);
                 }
                 Ok(Flow::On)
@@ -456,9 +456,11 @@ impl Reader {
                     self.header = header;
                     return Ok(());
                 }
-                Some(Err(version)) => bail!(
-                    "{shown}: recorded in format {version}; this program reads up to {FORMAT_VERSION}: use a newer one"
-                ),
+                Some(Err(version)) => {
+                    let newer = version > FORMAT_VERSION;
+                    let help = if newer { "use a newer one" } else { "run its drive again, or use an older one" };
+                    bail!("{shown}: recorded in format {version}; this program reads format {FORMAT_VERSION}: {help}")
+                }
                 None => {}
             }
         }
@@ -769,8 +771,9 @@ fn channel(content: &[u8]) -> Option<(u16, &str)> {
 fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
-    let links = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
-    ensure!(links.iter().all(|c| c.len() == n), "columns of links have different lengths");
+    let poses = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
+    let links = poses.into_iter().chain([&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2]);
+    ensure!(links.into_iter().all(|c| c.len() == n), "columns of links have different lengths");
     let j = &frame.joints;
     let joints = [&j.force_x_n, &j.force_y_n, &j.friction_torque_nm];
     ensure!(joints.iter().all(|c| c.len() == n), "columns of joints have different lengths");
@@ -791,6 +794,7 @@ fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> an
         &c.normal_force_n,
         &c.tangential_force_n,
         &c.age_s,
+        &c.instant_force_n,
     ];
     ensure!(whole && floats.iter().all(|c| c.len() == n), "columns of contacts have different lengths");
     ensure!(frame.links.x_m.len() == n_links, "a frame of {} links in a recording of {n_links}", frame.links.x_m.len());

@@ -368,7 +368,8 @@ mod tests {
         let zero = vec![0.0; 2];
         let mut frame = Frame { step, t_s: step as f64 * 1e-3, ..Frame::default() };
         let [y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s] = std::array::from_fn(|_| zero.clone());
-        frame.links = Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s };
+        let [ax_m_s2, ay_m_s2, alpha_rad_s2] = std::array::from_fn(|_| zero.clone());
+        frame.links = Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 };
         (frame.joints.force_x_n, frame.joints.force_y_n) = (zero.clone(), zero.clone());
         frame.joints.friction_torque_nm = zero;
         if step % 2 == 1 {
@@ -397,6 +398,7 @@ mod tests {
             tangential_speed_m_s: number.clone(),
             normal_force_n: number.clone(),
             tangential_force_n: number.clone(),
+            instant_force_n: number.clone(),
             stick: vec![true],
             age_s: number,
         }

@@ -121,7 +121,7 @@ fn stamped<'a, const N: usize>(at: &Moment<'a>, n: usize, columns: [Column<'a>; 
 }
 
 fn links<'a>(at: &Moment<'a>) -> Rows<'a> {
-    let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s } = &at.frame.links;
+    let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = &at.frame.links;
     let columns = [
         own("link", "1", "Index of the link.", Count),
         of("x_m", F64(x_m)),
@@ -130,6 +130,9 @@ fn links<'a>(at: &Moment<'a>) -> Rows<'a> {
         of("vx_m_s", F64(vx_m_s)),
         of("vy_m_s", F64(vy_m_s)),
         of("omega_rad_s", F64(omega_rad_s)),
+        of("ax_m_s2", F64(ax_m_s2)),
+        of("ay_m_s2", F64(ay_m_s2)),
+        of("alpha_rad_s2", F64(alpha_rad_s2)),
     ];
     stamped(at, x_m.len(), columns)
 }
@@ -166,6 +169,7 @@ fn contacts<'a>(at: &Moment<'a>) -> Rows<'a> {
         tangential_force_n,
         stick,
         age_s,
+        instant_force_n,
     } = &at.frame.contacts;
     let names = |indices: &[u32], name: &dyn Fn(u32) -> &'a str| Text(indices.iter().map(|i| name(*i)).collect());
     let columns = [
@@ -191,6 +195,7 @@ fn contacts<'a>(at: &Moment<'a>) -> Rows<'a> {
         of("tangential_force_n", F64(tangential_force_n)),
         of("stick", Bool(stick)),
         of("age_s", F64(age_s)),
+        of("instant_force_n", F64(instant_force_n)),
     ];
     stamped(at, link.len(), columns)
 }

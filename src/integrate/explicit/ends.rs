@@ -133,12 +133,18 @@ impl<'a> EndSources<'a> {
 struct Results<'a> {
     memory: MemoryBlocks<'a>,
     rate: &'a mut [Column],
+    slide: &'a mut [Column],
     depth: &'a mut [Column],
     tooth: &'a mut [Column],
 }
 
 /// Links are accelerated by less, or are met a step later. assumed: a kilonewton on a gram.
 const LARGEST_ACCELERATION_M_S2: f64 = 1e6;
+
+/// Gaps wider than this cannot close in a step.
+fn far_m(model: &Model, fastest_m_s: f64) -> f64 {
+    model.step_s * (2.0 * fastest_m_s + LARGEST_ACCELERATION_M_S2 * model.step_s)
+}
 
 /// What all ends share in a step.
 struct Pass<'a> {
@@ -162,7 +168,6 @@ struct Pass<'a> {
 
 /// A body in this step.
 struct Meeting<'a> {
-    index: usize,
     body: &'a EndBody,
     /// Cosine and sine of its angle, and its speed.
     rotor: (f64, f64),
@@ -188,7 +193,7 @@ impl<'a> Meeting<'a> {
             body.rotor.map_or((0.0, 0.0), |r| (state.rotors.omega[r], state.rotors.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
         let torque = [0.0; LANES];
-        Meeting { index, body, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
+        Meeting { body, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
     }
 }
 
@@ -213,7 +218,7 @@ fn contacts_of<const WATCHED: bool, const LED: bool>(model: &Model, state: &Stat
     let mut pass = Pass {
         model,
         contour,
-        far_m: model.step_s * (2.0 * s.fastest_m_s + LARGEST_ACCELERATION_M_S2 * model.step_s),
+        far_m: far_m(model, s.fastest_m_s),
         links: Sources::new(model, state, (&s.omega, &s.wrapped), count),
         fastest_m_s: s.fastest_m_s,
         extent_m: s.contour_extent_m,
@@ -243,6 +248,7 @@ fn contacts_of<const WATCHED: bool, const LED: bool>(model: &Model, state: &Stat
                     count,
                 ),
                 rate: blocks_mut(&mut s.contour_rate[set], count),
+                slide: blocks_mut(&mut s.contour_slide[set], count),
                 depth: blocks_mut(&mut s.contour_depth[set], count),
                 tooth: blocks_mut(&mut s.contour_tooth[set], count),
             };
@@ -387,7 +393,8 @@ impl Pass<'_> {
                     meeting.torque[i] += step.torque[i];
                 }
                 results.memory.keep_step(at, &step);
-                (results.rate[at], results.depth[at]) = (step.rate, self.found.penetration);
+                (results.rate[at], results.slide[at], results.depth[at]) =
+                    (step.rate, step.slide, self.found.penetration);
                 return;
             }
         }
@@ -405,11 +412,11 @@ impl Pass<'_> {
             meeting.torque[i] += lanes.torque[i];
         }
         if WATCHED && let Some(watched) = self.watched {
-            watch(self.model, watched, (meeting.index, set, at), &end.own, self.found, (off, lanes));
+            watch(self.model, watched, (set, at), &end.own, self.found, lanes);
         }
         if end.all_own {
             results.memory.keep(at, lanes);
-            (results.rate[at], results.depth[at]) = (lanes.rate, lanes.penetration);
+            (results.rate[at], results.slide[at], results.depth[at]) = (lanes.rate, lanes.slide, lanes.penetration);
         } else {
             results.keep_own(&end.own, at, lanes);
         }
@@ -500,6 +507,7 @@ impl Results<'_> {
     fn keep_own(&mut self, own: &Mask, at: usize, lanes: &Lanes) {
         for i in (0..LANES).filter(|i| own[*i] != 0) {
             self.rate[at][i] = lanes.rate[i];
+            self.slide[at][i] = lanes.slide[i];
             self.depth[at][i] = lanes.penetration[i];
         }
         self.memory.keep_own(|i| own[i] != 0, at, lanes);
@@ -518,15 +526,8 @@ pub(crate) fn turning(model: &Model, state: &State, body: &EndBody) -> ((f64, f6
 }
 
 /// For those who look at every step.
-fn watch(
-    model: &Model,
-    watched: &mut Watched,
-    (k, set, block): (usize, usize, usize),
-    own: &Mask,
-    found: &Found,
-    (off, lanes): (&OffJoint, &Lanes),
-) {
-    let (body, n, at) = (&model.end_bodies[k], model.chain.n_links, block * LANES);
+fn watch(model: &Model, watched: &mut Watched, (set, block): (usize, usize), own: &Mask, found: &Found, lanes: &Lanes) {
+    let (n, at) = (model.chain.n_links, block * LANES);
     let own = std::array::from_fn(|i| at + i < n && own[i] != 0);
     let part = Part::Contours(set);
     if watched.wants_segments() {
@@ -535,8 +536,7 @@ fn watch(
         };
         watched.note_segments(part, at, std::array::from_fn(segment), Some(&own));
     }
-    let (law, mu, off) = (&body.law, body.friction, Some(off));
-    watched.note(&Noted { part, at, law, mu, lanes, radius: 0.0, off, rotor: body.rotor }, Some(&own));
+    watched.note(&Noted { part, at, lanes }, Some(&own));
 }
 
 /// Links near each body, and for every set the nearest body of each link.

@@ -60,6 +60,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
                     for i in (0..LANES).filter(|i| nearest[*i] == k) {
                         scratch.guide_rate[set][at + i] = lanes.rate[i];
+                        scratch.guide_slide[set][at + i] = lanes.slide[i];
                         scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
                     let (now, stale) = (&mut scratch.guide_ends[set], &mut scratch.stale_blocks[set]);
@@ -70,6 +71,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     );
                 } else {
                     put(&mut scratch.guide_rate[set], at, lanes.rate);
+                    put(&mut scratch.guide_slide[set], at, lanes.slide);
                     put(&mut scratch.guide_depth[set], at, lanes.penetration);
                     memory(state, scratch, set, count).keep(block, lanes);
                 }
@@ -96,8 +98,7 @@ fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, b
         let segment = |i: usize| f64::from(model.guides[k].segment(along(i)) as u32);
         watched.note_segments(part, at, std::array::from_fn(segment), own.as_ref());
     }
-    let (law, mu, radius) = (&body.law, body.friction, body.plate_radius_m);
-    watched.note(&Noted { part, at, law, mu, lanes, radius, off: None, rotor: None }, own.as_ref());
+    watched.note(&Noted { part, at, lanes }, own.as_ref());
 }
 
 /// Forces on a block of links that add up, of guides and of all that contours touch: at the centres, with moments.

@@ -158,6 +158,15 @@ impl Scratch {
         }
     }
 
+    /// Sliding speeds that friction works with, by lane [m/s].
+    pub fn sliding_speeds(&self, part: Part) -> &[f64] {
+        match part {
+            Part::Bushes => &self.bush_slide,
+            Part::Guides(set) => &self.guide_slide[set],
+            Part::Contours(set) => &self.contour_slide[set],
+        }
+    }
+
     /// Tooth gaps that contour ends touch, by lane.
     pub fn contour_teeth(&self, set: usize) -> &[f64] {
         &self.contour_tooth[set]
@@ -210,6 +219,22 @@ impl Scratch {
     pub fn touch(&self, part: Part, lane: usize) -> Option<(f64, f64)> {
         let depth = self.depth(part, lane);
         (self.memory(part).age[lane] > 0.0 && depth > 0.0).then(|| (depth, self.closing_speed(part, lane)))
+    }
+
+    /// Whether a lane with an age overlaps at this node, or was pushed on either side of it within the step.
+    pub fn is_contact(&self, part: Part, lane: usize) -> bool {
+        self.depth(part, lane) > 0.0 || self.memory(part).normal_force[lane] > 0.0
+    }
+
+    /// Whether the friction of such a lane is below its limit.
+    pub fn sticks(&self, model: &Model, part: Part, lane: usize) -> Option<bool> {
+        let friction = match part {
+            Part::Bushes => model.sprockets[self.partner(model, part, lane)?.0].body.friction,
+            Part::Guides(_) => model.guides[self.partner(model, part, lane)?.0 - model.sprockets.len()].body.friction,
+            Part::Contours(set) => model.end_bodies.get(self.nearest_end[set / 2][lane])?.friction,
+        };
+        let memory = self.memory(part);
+        Some(memory.tangential_force[lane].abs() < friction * memory.normal_force[lane])
     }
 
     /// Contact law between a lane with an age and what it touches.

@@ -44,6 +44,9 @@ pub struct Scratch {
     /// contact's age is zero.
     pub(super) bush_rate: Vec<f64>,
     pub(super) guide_rate: [Vec<f64>; 4],
+    /// Sliding speeds that friction works with [m/s].
+    pub(super) bush_slide: Vec<f64>,
+    pub(super) guide_slide: [Vec<f64>; 4],
     pub(super) bush_depth: Vec<f64>,
     pub(super) guide_depth: [Vec<f64>; 4],
     /// Forces of guides and of what contours touch, per block of links.
@@ -74,6 +77,7 @@ pub struct Scratch {
     /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
     pub(super) contour_ends: [ContactMemory; 6],
     pub(super) contour_rate: [Vec<f64>; 6],
+    pub(super) contour_slide: [Vec<f64>; 6],
     pub(super) contour_depth: [Vec<f64>; 6],
     /// Tooth gaps that contours touch, or have touched last.
     pub(super) contour_tooth: [Vec<f64>; 6],
@@ -253,6 +257,8 @@ impl Scratch {
             bush_moment: ByJoint::new(n),
             bush_rate: column(),
             guide_rate: std::array::from_fn(|_| column()),
+            bush_slide: column(),
+            guide_slide: std::array::from_fn(|_| column()),
             bush_depth: column(),
             guide_depth: std::array::from_fn(|_| column()),
             end_forces: vec![BlockForces::default(); n / LANES],
@@ -275,6 +281,7 @@ impl Scratch {
             lanes: Some(Box::default()),
             contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
             contour_rate: std::array::from_fn(|_| column()),
+            contour_slide: std::array::from_fn(|_| column()),
             contour_depth: std::array::from_fn(|_| column()),
             contour_tooth: std::array::from_fn(|_| column()),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
@@ -335,17 +342,17 @@ impl Scratch {
         near.filter(move |i| *i < model.chain.n_links && self.nearest_end[set][*i] == k)
     }
 
-    /// Joints that are near sprocket `k`, and the tooth gap that the bush of each is in. None where another sprocket is nearer: the
-    /// step follows a bush in the gaps of the nearest one only.
-    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = (usize, Option<u32>)> + '_ {
-        self.tooth_windows[k].iter().flat_map(move |w| {
-            (w.start..w.end)
-                .map(move |j| (j, (!w.shared || self.nearest_sprocket[j] == k).then(|| self.seat_index[k][j])))
-        })
+    /// Joints that sprocket `k` is the nearest to of all that are near, and the tooth gap that the bush of each is in.
+    pub fn joints_near(&self, k: usize) -> impl Iterator<Item = (usize, u32)> + '_ {
+        let own = move |w: &Window, j: &usize| !w.shared || self.nearest_sprocket[*j] == k;
+        let joints = self.tooth_windows[k].iter().flat_map(move |w| (w.start..w.end).filter(move |j| own(w, j)));
+        joints.map(move |j| (j, self.seat_index[k][j]))
     }
 
-    /// Links that are near guide `k`.
-    pub fn links_near(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
-        self.guide_windows[k].iter().flat_map(|w| w.start..w.end)
+    /// Links that guide `k` is the nearest to of all that are near on its side.
+    pub fn links_near<'a>(&'a self, model: &Model, k: usize) -> impl Iterator<Item = usize> + 'a {
+        let nearest = &self.nearest_guide[model.guides[k].body.side];
+        let own = move |w: &Window, i: &usize| !w.shared || nearest[*i] == k;
+        self.guide_windows[k].iter().flat_map(move |w| (w.start..w.end).filter(move |i| own(w, i)))
     }
 }

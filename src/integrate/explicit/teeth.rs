@@ -43,6 +43,7 @@ struct Results<'a> {
     force_y: &'a mut [Column],
     moment: &'a mut [Column],
     rate: &'a mut [Column],
+    slide: &'a mut [Column],
     depth: &'a mut [Column],
 }
 
@@ -93,6 +94,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         force_y: blocks_mut(s.bush_y.own_mut(), count),
         moment: blocks_mut(s.bush_moment.own_mut(), count),
         rate: blocks_mut(&mut s.bush_rate, count),
+        slide: blocks_mut(&mut s.bush_slide, count),
         depth: blocks_mut(&mut s.bush_depth, count),
     };
     let lanes: &mut Lanes = s.lanes.get_or_insert_default();
@@ -140,6 +142,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             if *shared {
                 for i in (0..LANES).filter(|i| nearest[*i] == k) {
                     results.rate[at][i] = lanes.rate[i];
+                    results.slide[at][i] = lanes.slide[i];
                     results.depth[at][i] = lanes.penetration[i];
                 }
                 memory.keep_own(|i| nearest[i] == k, at, lanes);
@@ -150,6 +153,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 }
             } else {
                 results.rate[at] = lanes.rate;
+                results.slide[at] = lanes.slide;
                 results.depth[at] = lanes.penetration;
                 results.force_x[at] = lanes.force_x;
                 results.force_y[at] = lanes.force_y;
@@ -183,9 +187,7 @@ fn watch(
         let segments = tooth_contact::segments(body, turning, lanes);
         watched.note_segments(Part::Bushes, at, segments, own.as_ref());
     }
-    let (law, mu, radius) = (&body.law, body.friction, body.bush_radius_m);
-    let noted = Noted { part: Part::Bushes, at, law, mu, lanes, radius, off: None, rotor: Some(k) };
-    watched.note(&noted, own.as_ref());
+    watched.note(&Noted { part: Part::Bushes, at, lanes }, own.as_ref());
 }
 
 /// Joints that stretch further than this are found torn soon [m].

@@ -35,8 +35,10 @@ impl Numbers {
             "point_body_y_m",
             "point_link_x_m",
             "point_link_y_m",
+            "instant_force_n",
         ]));
-        let links = f64s(&["x_m", "y_m", "angle_rad", "vx_m_s", "vy_m_s", "omega_rad_s"]);
+        let poses = ["x_m", "y_m", "angle_rad", "vx_m_s", "vy_m_s", "omega_rad_s"];
+        let links = f64s(&[&poses[..], &["ax_m_s2", "ay_m_s2", "alpha_rad_s2"]].concat());
         let joints = f64s(&["force_x_n", "force_y_n", "friction_torque_nm"]);
         let rotors = f64s(&["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"]);
         Numbers {
@@ -52,8 +54,9 @@ impl Numbers {
         let Frame { links, joints, contacts, rotors, .. } = frame;
         self.frame.u64(0).push(frame.state_hash);
         self.frame.end_row(1);
-        let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s } = links;
-        push_row(&mut self.links, 0, &[x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s]);
+        let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = links;
+        let poses = [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s];
+        push_row(&mut self.links, 0, &[&poses[..], &[ax_m_s2, ay_m_s2, alpha_rad_s2]].concat());
         push_row(&mut self.joints, 0, &[&joints.force_x_n, &joints.force_y_n, &joints.friction_torque_nm]);
         let Rotors { angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm } = rotors;
         push_row(&mut self.rotors, 0, &[angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm]);
@@ -94,6 +97,7 @@ fn push_contacts(table: &mut Table, contacts: &Contacts) {
         tangential_force_n,
         stick,
         age_s,
+        instant_force_n,
     } = contacts;
     for (k, values) in [link, body, tooth, segment, feature].into_iter().enumerate() {
         // No chain has as many links or teeth as would not fit.
@@ -114,6 +118,7 @@ fn push_contacts(table: &mut Table, contacts: &Contacts) {
         point_body_y_m,
         point_link_x_m,
         point_link_y_m,
+        instant_force_n,
     ];
     push_row(table, 6, &columns);
 }

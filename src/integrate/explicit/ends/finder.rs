@@ -124,19 +124,20 @@ impl EndFinder {
 }
 
 impl Scratch {
-    /// Tells link, whether it is its front end, and touch of every end that is nearer than `far_m` to body `k` at this node, of blocks in
-    /// which something touches, or of the block of link `only`: the step has found them, they are looked at once more for what it does
+    /// Tells link, whether it is its front end, and touch of every end that touches body `k` at this node or may within the step, of blocks
+    /// in which something touches, or of the block of link `only`: the step has found them, they are looked at once more for what it does
     /// not keep.
     pub(crate) fn end_touches(
         &self,
         model: &Model,
         state: &State,
-        (k, far_m): (usize, f64),
+        k: usize,
         only: Option<usize>,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
         let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
         let count = model.chain.padded / LANES;
+        let far_m = super::far_m(model, self.fastest_m_s);
         let links = Sources::new(model, state, (&self.omega, &self.wrapped), count);
         let meeting = Meeting::new(model, state, k, (self.fastest_m_s, true));
         let near = self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count));
