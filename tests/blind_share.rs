@@ -40,6 +40,7 @@ fn a_pair_with_a_memory_at_the_start_is_named_right() {
 
 /// The declared model, without its two effects, fits best as a chain that slips.
 #[test]
+#[ignore = "takes 100 s: .ci/run runs it"]
 fn a_pair_without_which_the_chain_seems_to_slip_is_named_right() {
     are_named_right(&[(Class::Double, 25)]);
 }
