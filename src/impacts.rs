@@ -21,7 +21,7 @@ use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::capture::contacts_of;
 use crate::recording::frame::Impact;
-use crate::state::{ContactMemory, State};
+use crate::state::State;
 
 /// Tooth periods for which an impact is watched, and for which a part must have been free before.
 pub const WATCHED_PERIODS: f64 = 2.0;
@@ -126,7 +126,7 @@ impl ImpactWatch {
         let apart = (WATCHED_PERIODS * self.period_steps) as u64;
         for p in 0..self.parts.len() {
             let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
-            let (past, now) = (&past_memory(state, of).age, &scratch.memory(of).age);
+            let (past, now) = (&of.past_memory(state).age, &scratch.memory(of).age);
             self.changed.clear();
             vectorised(scratch.isa, Changes { scratch, of, past, now, changed: &mut self.changed });
             for block in std::mem::take(&mut self.changed) {
@@ -290,15 +290,6 @@ impl ImpactWatch {
     pub fn finish(&mut self) -> Vec<Impact> {
         (0..self.open.len()).for_each(|at| self.close(at));
         self.take_done()
-    }
-}
-
-/// Memory of a part a step ago.
-fn past_memory(state: &State, part: Part) -> &ContactMemory {
-    match part {
-        Part::Bushes => &state.bushes,
-        Part::Guides(set) => &state.guide_ends[set],
-        Part::Contours(set) => &state.contour_ends[set],
     }
 }
 

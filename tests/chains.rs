@@ -11,7 +11,7 @@ use pitchline::geometry::silent_mesh::{stretched_approach_speed_m_s, wrap_static
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
 use pitchline::geometry::smartchain::{Transition, TwoLinks};
 use pitchline::integrate::Isa;
-use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::integrate::explicit::{self, Part, Scratch};
 use pitchline::model::Model;
 use pitchline::recording::capture::Camera;
 use pitchline::state::State;
@@ -518,9 +518,9 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     (back.links.ax, back.links.ay, back.links.alpha) = (scratch.ax.clone(), scratch.ay.clone(), scratch.alpha.clone());
     (back.links.joint_ax, back.links.joint_ay) = (scratch.joint_ax.clone(), scratch.joint_ay.clone());
     (back.links.joint_alpha, back.joint_limit) = (scratch.joint_alpha.clone(), scratch.joint_limit.clone());
-    let (bushes, guides) = scratch.memories();
-    (back.bushes, back.guide_ends) = (bushes.clone(), guides.clone());
-    back.contour_ends = scratch.contour_memories().clone();
+    back.bushes = scratch.memory(Part::Bushes).clone();
+    back.guide_ends = std::array::from_fn(|set| scratch.memory(Part::Guides(set)).clone());
+    back.contour_ends = std::array::from_fn(|set| scratch.memory(Part::Contours(set)).clone());
     for (k, sprocket) in model.sprockets.iter_mut().enumerate() {
         back.rotors.omega[k] = -(state.rotors.omega[k] + h * scratch.rotor_alpha[k]);
         back.rotors.alpha[k] = scratch.rotor_alpha[k];

@@ -7,7 +7,7 @@ use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
-use crate::state::{ContactMemory, State};
+use crate::state::State;
 
 /// Rounding of sums in another order, as a share of what is summed.
 const ROUNDING: f64 = 1e-10;
@@ -220,7 +220,7 @@ impl Ledger {
             return Some(());
         }
         let n = model.chain.n_links;
-        let (now, past, depths) = (scratch.memory(part), past_memory(state, part), scratch.depths(part));
+        let (now, past, depths) = (scratch.memory(part), part.past_memory(state), scratch.depths(part));
         let (damping, friction) = (&now.lost_damping[..], &now.lost_friction[..]);
         let (past_damping, past_friction) = (&past.lost_damping[..], &past.lost_friction[..]);
         let (age, touching) = (&now.age[..], scratch.touching_blocks(part));
@@ -267,20 +267,10 @@ impl Ledger {
         let n = model.chain.n_links;
         let own = |a: &[f64], b: &[f64]| a[..n].iter().zip(&b[..n]).map(|(a, b)| a + b).sum::<f64>();
         let contacts = |(part, _): &(Part, Option<f64>)| {
-            let memory = past_memory(state, *part);
+            let memory = part.past_memory(state);
             own(&memory.lost_damping, &memory.lost_friction)
         };
         own(&state.lost_pin_damping, &state.lost_pin_friction) + self.parts.iter().map(contacts).sum::<f64>()
-    }
-}
-
-/// Of one kind of part, before this step.
-#[inline(always)]
-fn past_memory(state: &State, part: Part) -> &ContactMemory {
-    match part {
-        Part::Bushes => &state.bushes,
-        Part::Guides(set) => &state.guide_ends[set],
-        Part::Contours(set) => &state.contour_ends[set],
     }
 }
 

@@ -432,21 +432,14 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     };
     e.lost_pin_damping_j = own(&state.lost_pin_damping) + 0.5 * h * own(pin_damping);
     e.lost_pin_friction_j = own(&state.lost_pin_friction) + 0.5 * h * own(pin_friction);
-    let (bushes, ends) = scratch.memories();
     // Totals before and after this step: at the node in its middle, their mean.
     // Behind the last link a ghost of the first stands in the padding: what that loses is nobody's.
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
-    e.lost_contact_damping_j = lost(&state.bushes.lost_damping, &bushes.lost_damping);
-    e.lost_contact_friction_j = lost(&state.bushes.lost_friction, &bushes.lost_friction);
-    for (past, now) in state.guide_ends.iter().zip(ends) {
-        e.lost_guide_damping_j += lost(&past.lost_damping, &now.lost_damping);
-        e.lost_guide_friction_j += lost(&past.lost_friction, &now.lost_friction);
-    }
-    for (set, (past, now)) in state.contour_ends.iter().zip(scratch.contour_memories()).enumerate() {
+    for part in Part::of(model) {
+        let (past, now) = (part.past_memory(state), scratch.memory(part));
         let (damping, friction) =
             (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));
-        // The last two are the guides' faces.
-        if set >= 4 {
+        if part.is_on_guides() {
             e.lost_guide_damping_j += damping;
             e.lost_guide_friction_j += friction;
         } else {

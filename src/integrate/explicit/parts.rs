@@ -4,7 +4,7 @@ use super::{Scratch, Window};
 use crate::elements::contact_law::ContactLaw;
 use crate::model::Model;
 use crate::recording::frame::Feature;
-use crate::state::ContactMemory;
+use crate::state::{ContactMemory, State};
 
 /// Parts of links that touch things, by the memory they have: one lane per joint (bushes) or per link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,26 +70,25 @@ impl Part {
         }
     }
 
-    /// Whether it is at the front end of its link; bushes: at whichever end carries them.
-    pub fn is_front(self) -> bool {
+    /// What it remembers from before this step.
+    #[inline(always)]
+    pub fn past_memory(self, state: &State) -> &ContactMemory {
         match self {
-            Part::Bushes => true,
-            Part::Guides(set) | Part::Contours(set) => set % 2 == 0,
+            Part::Bushes => &state.bushes,
+            Part::Guides(set) => &state.guide_ends[set],
+            Part::Contours(set) => &state.contour_ends[set],
         }
+    }
+
+    /// Whether it slides on guides only; bushes and contours on sprockets do not.
+    pub fn is_on_guides(self) -> bool {
+        // The last two sets of contours are those of the guides' faces.
+        matches!(self, Part::Guides(_) | Part::Contours(4..))
     }
 
     /// Whether it is one of the two ends of a set of links' own contours.
     pub fn is_set(self, set: usize) -> bool {
         matches!(self, Part::Contours(own) if own / 2 == set)
-    }
-
-    /// Whether what it touches turns with a sprocket.
-    pub fn turns(self, model: &Model) -> bool {
-        match self {
-            Part::Bushes => true,
-            Part::Guides(_) => false,
-            Part::Contours(set) => model.end_bodies.iter().any(|b| b.set == set / 2 && b.rotor.is_some()),
-        }
     }
 
     /// Whether this part may touch `body` (an index as in frames).
@@ -126,35 +125,17 @@ impl Scratch {
         }
     }
 
-    /// True only where nothing in a block of [`LANES`] lanes touches: known without a look at them.
-    pub fn is_idle(&self, part: Part, block: usize) -> bool {
-        match part {
-            Part::Bushes => self.stale_bushes[block] == 0,
-            Part::Guides(set) => self.stale_blocks[set][block] == 0,
-            Part::Contours(set) => self.stale_ends[set][block] == 0,
-        }
-    }
-
     /// True only where no guide end and no contour of a link touches anything: known without a look at them.
     pub fn is_off_guides(&self) -> bool {
         self.end_forces.iter().all(|block| !block.used)
     }
 
-    /// Per block, zero where [`Scratch::is_idle`].
+    /// Per block of lanes, zero only where nothing touches: known without a look at them.
     pub fn touching_blocks(&self, part: Part) -> &[u8] {
         match part {
             Part::Bushes => &self.stale_bushes,
             Part::Guides(set) => &self.stale_blocks[set],
             Part::Contours(set) => &self.stale_ends[set],
-        }
-    }
-
-    /// Closing speeds at this node, by lane [m/s].
-    pub fn closing_speeds(&self, part: Part) -> &[f64] {
-        match part {
-            Part::Bushes => &self.bush_rate,
-            Part::Guides(set) => &self.guide_rate[set],
-            Part::Contours(set) => &self.contour_rate[set],
         }
     }
 

@@ -325,16 +325,6 @@ impl Scratch {
         (&self.joint_power_damping, &self.joint_power_friction)
     }
 
-    /// Memory of the bushes and of the guide ends after this step.
-    pub fn memories(&self) -> (&ContactMemory, &[ContactMemory; 4]) {
-        (&self.bushes, &self.guide_ends)
-    }
-
-    /// Memory of links' own contours after this step.
-    pub fn contour_memories(&self) -> &[ContactMemory; 6] {
-        &self.contour_ends
-    }
-
     /// Links near body `k` that are nearest to it.
     pub fn ends_near<'a>(&'a self, model: &'a Model, k: usize) -> impl Iterator<Item = usize> + 'a {
         let set = model.end_bodies[k].set;
