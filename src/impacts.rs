@@ -3,7 +3,7 @@
 //! Definitions, for one part of one link (a bush, a plate end, an abutment, a flank: what carries a contact memory of its own):
 //! * tooth period: pitch / nominal chain speed.
 //! * first touch: the first step in which it carries force after two tooth periods without any. Its time is that step's; its
-//!   approach speed is the closing speed along the normal there.
+//!   approach speed is the closing speed along the normal at the touch, measured once both overlap at a node.
 //! * peak: the largest normal force within the two tooth periods from the first touch on, whatever it touches in between, at nodes
 //!   and between them ([`PeakMeter`]; Hertz's law: the largest mean over a step).
 //! * impulse: integral of the force from the first touch until, after its peak, it has fallen to half of it.

@@ -23,7 +23,7 @@ const LONGEST_KEYFRAME_S: f64 = 60e-3;
 /// Frames of which one is taken where nobody records them.
 const FRAMES_PER_LEDGER: u64 = 64;
 /// First touches slower than this are no events [m/s]: a wrapped bush that lifts off and comes back.
-const SLOWEST_EVENT_M_S: f64 = 0.02;
+pub const SLOWEST_EVENT_M_S: f64 = 0.02;
 /// Hits that are kept; more are only counted.
 pub const MOST_HITS: usize = 10_000;
 
@@ -499,29 +499,4 @@ pub fn hit_text(hit: &Hit, header: &Header) -> String {
         (Subject::Joint(joint), _) => format!("joint {joint}"),
         (Subject::Drive, _) => "the drive".to_string(),
     }
-}
-
-/// First touches of links with teeth and rings since the frame before.
-pub fn first_touches(frame: &Frame, header: &Header, steps_per_frame: u64) -> Vec<Event> {
-    let c = &frame.contacts;
-    let interval = steps_per_frame as f64 * header.step_s;
-    (0..c.link.len())
-        .filter(|i| c.age_s[*i] <= interval && c.approach_speed_m_s[*i] > SLOWEST_EVENT_M_S)
-        .filter(|i| header.bodies.get(c.body[*i] as usize).is_some_and(|b| b.rotor))
-        .map(|i| {
-            let t_s = (frame.t_s - c.age_s[i]).max(0.0);
-            let impact = Impact {
-                link: c.link[i],
-                feature: c.feature[i],
-                body: c.body[i],
-                tooth: c.tooth[i],
-                segment: c.segment[i],
-                step: (t_s / header.step_s).round() as u64,
-                t_s,
-                approach_speed_m_s: c.approach_speed_m_s[i],
-                ..Impact::default()
-            };
-            touch_event(&impact, header)
-        })
-        .collect()
 }

@@ -392,7 +392,7 @@ fn free_body(
     for lane in lanes {
         let memory = scratch.memory(lane.part);
         let (normal_n, friction_n) = (memory.normal_force[lane.lane], memory.tangential_force[lane.lane]);
-        if memory.age[lane.lane] == 0.0 {
+        if memory.age[lane.lane] == 0.0 || !scratch.is_contact(lane.part, lane.lane) {
             continue;
         }
         let touch = touch_at(model, state, scratch, lane.part, lane.lane)

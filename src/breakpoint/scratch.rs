@@ -167,7 +167,7 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
 impl StepValues<'_> {
     /// Changes when another set of lanes touches, or one of them another tooth.
     fn signature(&self) -> Option<(f64, u64)> {
-        let mut teeth = self.scratch.reseats();
+        let mut teeth = self.scratch.partner_changes();
         for part in self.parts {
             let Part::Contours(set) = part else { continue };
             let age = &self.scratch.memory(*part).age;

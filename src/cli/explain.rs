@@ -106,8 +106,9 @@ fn text(b: &FreeBody) -> String {
         let tooth = c.tooth.map_or(String::new(), |t| format!(", tooth gap {t}"));
         lines.push(format!("{} on {}{tooth}, {}:", c.feature, c.body, c.segment));
         lines.push(format!(
-            "  {:.3} um deep, {:.1} N, friction {:.1} N; touched {:.1} us ago at {:.3} m/s",
-            c.penetration_m * 1e6,
+            "  {:.3} um {}, {:.1} N, friction {:.1} N; touched {:.1} us ago at {:.3} m/s",
+            c.penetration_m.abs() * 1e6,
+            if c.penetration_m > 0.0 { "deep" } else { "apart" },
             c.normal_force_n,
             c.tangential_force_n,
             c.age_s * 1e6,

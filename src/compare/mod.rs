@@ -21,7 +21,7 @@ use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{BodyInfo, Event, Feature, Frame, Header, Impact};
-use crate::simulate::{Span, first_touches};
+use crate::simulate::{SLOWEST_EVENT_M_S, Span, touch_event};
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -202,14 +202,16 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         watch.look(&model, &state, &scratch);
         struck.look(&model, &state, &scratch);
         impacts.extend(struck.take_done());
-        // Events come from frames.
-        struck.take_touched();
+        let touched = struck.take_touched();
+        if step <= recorded {
+            let told = touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S);
+            events.extend(told.map(|i| touch_event(i, &header)));
+        }
         if let Some(k) = free {
             speeds.add(state.rotors.angle[model.driver].abs(), state.rotors.omega[k]);
         }
         if step <= recorded && step.is_multiple_of(span.steps_per_frame) {
             let frame = camera.take(&model, &state, &scratch);
-            events.extend(first_touches(&frame, &header, span.steps_per_frame));
             frames.push(frame);
         }
         explicit::advance(&model, &mut state, &mut scratch);

@@ -219,7 +219,7 @@ impl ContactLaw {
     }
 }
 
-/// One contact over one step: what goes into [`linear_step`] and [`power_step`].
+/// One contact over one step: what goes into [`linear_step`] and [`quadrature_step`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepInput {
     /// Penetration at the node [m], negative: gap.
@@ -245,7 +245,7 @@ pub struct StepForce {
     pub mean_force: f64,
     /// Closing speed at the node [m/s].
     pub rate: f64,
-    /// Closing speed at the touch, where it lies within a step ahead or behind [m/s]; else zero.
+    /// Closing speed at the touch, where it lies within a step ahead or behind [m/s]; else zero, as for laws without a closed form.
     pub touch_rate: f64,
     /// Energy lost to damping over the step [J].
     pub lost: f64,
@@ -426,7 +426,7 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     let (low, high) = if rate >= 0.0 { (root, reach) } else { (-reach, root) };
     let span = high - low;
     if span <= 0.0 {
-        return StepForce { mean_force: 0.0, rate, touch_rate: rate, lost: 0.0 };
+        return StepForce { mean_force: 0.0, rate, touch_rate: 0.0, lost: 0.0 };
     }
     let (mut mean, mut lost) = (0.0, 0.0);
     // Weights fall to both sides of the node: each side for itself.
@@ -453,7 +453,7 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
         // Quadrature already holds the curvature that comes from the law's own shape; this is the gap's.
         mean = (mean + s.step * s.step * second / 12.0).max(0.0);
     }
-    StepForce { mean_force: mean, rate, touch_rate: rate, lost }
+    StepForce { mean_force: mean, rate, touch_rate: 0.0, lost }
 }
 
 /// The largest force of a contact between nodes, from what is known at them: penetration by Hermite's cubic through

@@ -1,4 +1,4 @@
-//! Takes a Frame: everything at the node of a State, computed from State and Scratch and changing neither.
+//! Takes a Frame: everything about the node of a State, computed from State and Scratch and changing neither.
 //!
 //! Forces, friction, slides and accelerations are copied: they are what the step works with, means over the step about the node, so that the
 //! forces on a link add up to its mass times its acceleration. What the law gives at the instant stands beside. Where contacts touch is

@@ -38,7 +38,11 @@ pub const CHANNELS: [(&str, &str, &str); 48] = [
         "m",
         "Depth of overlap along the normal at the instant; negative where the contact pushes within the step only.",
     ),
-    ("contacts.approach_speed_m_s", "m/s", "Closing speed along the normal when the contact was first touched."),
+    (
+        "contacts.approach_speed_m_s",
+        "m/s",
+        "Closing speed along the normal when the contact was first touched; foreseen while the penetration is negative.",
+    ),
     ("contacts.normal_speed_m_s", "m/s", "Rate of penetration at the instant."),
     (
         "contacts.tangential_speed_m_s",

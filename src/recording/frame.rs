@@ -199,7 +199,8 @@ pub struct Channel {
     pub meaning: String,
 }
 
-/// Everything at one instant. Velocities and forces belong to the same instant as the poses.
+/// Everything at one node of the simulation. Poses, speeds and penetrations are those there; forces, torques and accelerations are means over
+/// the step about it.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Frame {
     /// Step number; `t_s` = step x `Header::step_s`.

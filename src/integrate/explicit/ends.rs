@@ -558,7 +558,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
                 distance(body, link) - body.reach_m(model.chain.lever[0])
             };
             let of_set = (0..model.end_bodies.len()).filter(|k| model.end_bodies[*k].set == set);
-            scratch.nearest_end[set][link] = of_set.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(usize::MAX);
+            let nearest = of_set.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(usize::MAX);
+            super::windows::hand_over(&mut scratch.nearest_end[set][link], nearest, &mut scratch.handovers);
         }
     }
     for (k, body) in model.end_bodies.iter().enumerate() {

@@ -158,9 +158,9 @@ impl Scratch {
         (self.joint_x.before(), self.joint_y.before(), self.joint_torque.before())
     }
 
-    /// Bushes that have changed their tooth gap in flight since the start.
-    pub fn reseats(&self) -> u64 {
-        self.reseats
+    /// Grows whenever a bush changes its tooth gap in flight, or a lane the body that it is nearest to.
+    pub fn partner_changes(&self) -> u64 {
+        self.reseats + self.handovers
     }
 
     /// Closing speed there [m/s].

@@ -61,6 +61,8 @@ pub struct Scratch {
     pub(super) seat_left: Vec<Vec<f64>>,
     pub(super) seat_index: Vec<Vec<u32>>,
     pub(super) reseats: u64,
+    /// How often the body of its kind that a lane is nearest to has changed.
+    pub(super) handovers: u64,
     /// Nearest sprocket of every joint; nearest guide of every link, per side.
     pub(super) nearest_sprocket: Vec<usize>,
     pub(super) nearest_guide: [Vec<usize>; 2],
@@ -270,6 +272,7 @@ impl Scratch {
             seat_left: model.sprockets.iter().map(|s| vec![s.body.seat_left.first().map_or(0.0, |v| *v); n]).collect(),
             seat_index: vec![vec![0; n]; model.sprockets.len()],
             reseats: 0,
+            handovers: 0,
             nearest_sprocket: vec![0; n],
             nearest_guide: [vec![0; n], vec![0; n]],
             tooth_windows: vec![Vec::new(); model.sprockets.len()],

@@ -82,6 +82,12 @@ pub(super) fn stale(memory: &ContactMemory, blocks: &mut [u8]) {
     }
 }
 
+/// Notes which body is nearest, and counts where it is another than before.
+pub(super) fn hand_over(nearest: &mut usize, now: usize, handovers: &mut u64) {
+    *handovers += u64::from(*nearest != now);
+    *nearest = now;
+}
+
 /// Marks windows that lie over each other, and for their lanes the nearest body.
 fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
     let everything = |_: usize, _: usize| true;
@@ -93,7 +99,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                 d - s.geometry.tip_radius_m()
             };
             let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
-            scratch.nearest_sprocket[j] = nearest.unwrap_or(0);
+            hand_over(&mut scratch.nearest_sprocket[j], nearest.unwrap_or(0), &mut scratch.handovers);
         }
     }
     let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
@@ -108,7 +114,8 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                     above.hypot(along - along.clamp(0.0, b.length_m))
                 };
                 let on_side = (0..model.guides.len()).filter(|k| model.guides[*k].body.side == side);
-                scratch.nearest_guide[side][i] = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+                let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+                hand_over(&mut scratch.nearest_guide[side][i], nearest, &mut scratch.handovers);
             }
         }
     }

@@ -121,8 +121,7 @@ pub fn push_contact_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, pane
             continue;
         }
         let line = shaft(panel, foot, force, sheet.contact_units_per_n.unwrap_or(0.0));
-        let lines =
-            [format!("{}: {} N", c.link[i], digits(force_n)), format!("{} \u{b5}m", digits(c.penetration_m[i] * 1e6))];
+        let lines = [format!("{}: {} N", c.link[i], digits(force_n)), depth_text(c.penetration_m[i])];
         if let Some(place) = take_beside(taken, Rect::of_text(&lines, size, line[1]), line) {
             push_leader(svg, line[1], &place);
             push_number(svg, &place, size, FORCE, &lines);
@@ -182,4 +181,10 @@ fn digits(v: f64) -> String {
         a if a >= 0.0005 => format!("{v:.3}"),
         _ => "< 0.001".to_string(),
     }
+}
+
+/// Of a contact that pushes within the step but does not overlap at its node, the gap.
+fn depth_text(penetration_m: f64) -> String {
+    let apart = if penetration_m > 0.0 { "" } else { " apart" };
+    format!("{} \u{b5}m{apart}", digits(penetration_m.abs() * 1e6))
 }
