@@ -388,7 +388,7 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
 }
 
 /// Other laws, links that differ, joints with clearance or hard to turn, guides of their own, sensors: whatever makes a force is in the
-/// columns of a frame. measured: 3e-13.
+/// columns of a frame. measured: 3e-14 of the largest force, 1e-13 of the largest moment.
 #[test]
 fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\

@@ -286,7 +286,7 @@ fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, dept
     Some(sum_j)
 }
 
-/// Of everything that a part can touch; None: laws differ from body to body. Effects change them guide by guide.
+/// The contact law of a part, where all bodies that it can touch have the same one; effects may give a guide a law of its own.
 fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
     let all: Vec<ContactLaw> = match part {
         Part::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),

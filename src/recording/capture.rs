@@ -57,13 +57,11 @@ impl Rows {
     }
 }
 
-/// A State at its node, after its evaluation. Speeds are those there, not half a step before.
+/// A State at its node, after its evaluation.
 struct Node<'a> {
     model: &'a Model,
     state: &'a State,
     scratch: &'a Scratch,
-    /// Of the sprockets [rad/s].
-    speeds: &'a [f64],
     /// The one link whose contacts are asked for; None: all.
     only: Option<usize>,
 }
@@ -71,6 +69,11 @@ struct Node<'a> {
 impl Node<'_> {
     fn is_asked(&self, link: usize) -> bool {
         link < self.model.chain.n_links && self.only.is_none_or(|only| only == link)
+    }
+
+    /// Of a sprocket, at the node [rad/s].
+    fn speed(&self, sprocket: usize) -> f64 {
+        self.state.rotors.omega[sprocket] + 0.5 * self.model.step_s * self.scratch.rotor_alpha[sprocket]
     }
 
     /// One end of link `i`.
@@ -136,8 +139,7 @@ impl Camera {
         fill(&mut frame.joints.force_x_n, x[1..n + 1].iter().copied());
         fill(&mut frame.joints.force_y_n, y[1..n + 1].iter().copied());
         fill(&mut frame.joints.friction_torque_nm, torque[1..n + 1].iter().copied());
-        let speeds = speeds_at(model, state, scratch);
-        let node = Node { model, state, scratch, speeds: &speeds, only: None };
+        let node = Node { model, state, scratch, only: None };
         self.rows.find(&node);
         fill_rotors(&node, &mut frame.rotors);
         let total = ledger(&node, &frame.links, &self.rows);
@@ -168,9 +170,9 @@ fn fill<T>(column: &mut Vec<T>, values: impl Iterator<Item = T>) {
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
     crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
-    let (mut links, speeds, mut rows) = (Links::default(), speeds_at(model, state, &scratch), Rows::default());
+    let (mut links, mut rows) = (Links::default(), Rows::default());
     fill_links(model, state, &scratch, &mut links);
-    let node = Node { model, state, scratch: &scratch, speeds: &speeds, only: None };
+    let node = Node { model, state, scratch: &scratch, only: None };
     rows.find(&node);
     Ok(ledger(&node, &links, &rows))
 }
@@ -183,7 +185,7 @@ pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts 
 /// As [`contacts_at`], of one link where one is given.
 pub fn contacts_of(model: &Model, state: &State, scratch: &Scratch, only: Option<usize>) -> Contacts {
     let (mut rows, mut contacts) = (Rows::default(), Contacts::default());
-    rows.find(&Node { model, state, scratch, speeds: &speeds_at(model, state, scratch), only });
+    rows.find(&Node { model, state, scratch, only });
     fill_contacts(&rows, &mut contacts);
     contacts
 }
@@ -203,11 +205,6 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
     fill(&mut links.ax_m_s2, scratch.ax[..n].iter().copied());
     fill(&mut links.ay_m_s2, scratch.ay[..n].iter().copied());
     fill(&mut links.alpha_rad_s2, scratch.alpha[..n].iter().copied());
-}
-
-fn speeds_at(model: &Model, state: &State, scratch: &Scratch) -> Vec<f64> {
-    let half = 0.5 * model.step_s;
-    (0..model.sprockets.len()).map(|k| state.rotors.omega[k] + half * scratch.rotor_alpha[k]).collect()
 }
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
@@ -370,9 +367,9 @@ fn fill_contacts(rows: &Rows, c: &mut Contacts) {
 }
 
 fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
-    let Node { model, state, speeds, scratch, .. } = *node;
+    let Node { model, state, scratch, .. } = *node;
     fill(&mut rotors.angle_rad, state.rotors.angle.iter().copied());
-    fill(&mut rotors.speed_rad_s, speeds.iter().copied());
+    fill(&mut rotors.speed_rad_s, (0..model.sprockets.len()).map(|k| node.speed(k)));
     fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
     let outer =
         model.sprockets.iter().zip(&rotors.chain_torque_nm).map(|(sprocket, chain_torque)| match sprocket.rotor {
@@ -400,7 +397,7 @@ fn sum_of(n: usize, term: impl Fn(usize) -> f64) -> f64 {
 
 /// All energies at the node; losses and work since the State's ledger was opened.
 fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
-    let Node { model, state, scratch, speeds, .. } = *node;
+    let Node { model, state, scratch, .. } = *node;
     let (n, h) = (state.n_links, model.step_s);
     let c = &model.chain;
     let kinetic_j = sum_of(n, |i| {
@@ -413,13 +410,14 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     let elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
     for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let half_step_turn = 0.5 * h * speeds[k];
+        let speed = node.speed(k);
+        let half_step_turn = 0.5 * h * speed;
         e.work_in_j += state.rotors.work_in[k];
         e.work_out_j += state.rotors.work_out[k];
         match sprocket.rotor {
             Rotor::Driven { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
             Rotor::Free { inertia_kg_m2, torque_nm } => {
-                e.kinetic_j += 0.5 * inertia_kg_m2 * speeds[k].powi(2);
+                e.kinetic_j += 0.5 * inertia_kg_m2 * speed.powi(2);
                 e.work_out_j -= torque_nm * half_step_turn;
             }
         }

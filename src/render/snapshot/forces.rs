@@ -183,7 +183,7 @@ fn digits(v: f64) -> String {
     }
 }
 
-/// Of a contact that pushes within the step but does not overlap at its node, the gap.
+/// How deep two contours overlap, or how far they are apart: a contact may push shortly before or after the instant that is drawn.
 fn depth_text(penetration_m: f64) -> String {
     let apart = if penetration_m > 0.0 { "" } else { " apart" };
     format!("{} \u{b5}m{apart}", digits(penetration_m.abs() * 1e6))
