@@ -9,18 +9,18 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 use crate::diag::Report;
-use crate::drive::{Drive, Effects};
+use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
-use crate::elements::rotor::Rotor;
+use crate::elements::rail_contact::law_radius_m;
 use crate::geometry::Vec2;
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{Model, Placed, place};
+use crate::model::{ArmModel, Model, Placed, place};
 use crate::state::State;
-use crate::statics::{Configuration, Equilibrium, equilibrium, sensitivity_to_driver};
+use crate::statics::{Configuration, Equilibrium, equilibrium, rail_touches, sensitivity_to_driver};
 use crate::units::{sin_cos, wrap_angle};
 use std::f64::consts::PI;
 
@@ -34,10 +34,10 @@ pub struct Assembly {
 /// What assembling found.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct AssemblyReport {
-    /// Axis of the tightening sprocket [m].
-    pub moved_sprocket: String,
-    pub moved_to_x_m: f64,
-    pub moved_to_y_m: f64,
+    /// The tightening sprocket; None where an arm tightens the loop.
+    pub moved: Option<MovedAxis>,
+    /// Arms under load at rest.
+    pub arms: Vec<RestingArm>,
     /// Mean tension at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
     pub preload_n: f64,
     pub preload_low_n: f64,
@@ -59,16 +59,35 @@ pub struct AssemblyReport {
     pub tension_drift: f64,
 }
 
+/// Axis of a sprocket that was moved [m].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct MovedAxis {
+    pub sprocket: String,
+    pub x_m: f64,
+    pub y_m: f64,
+}
+
+/// Where an arm rests, from the position in which it is drawn [rad], and the torque of its spring there [N m].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RestingArm {
+    pub arm: String,
+    pub angle_rad: f64,
+    pub spring_torque_nm: f64,
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
-        let mut lines = vec![
+        let axis = |m: &MovedAxis| format!("axis of {} = ({:.4}, {:.4}) mm", m.sprocket, m.x_m * 1e3, m.y_m * 1e3);
+        let mut lines: Vec<String> = self.moved.iter().map(axis).collect();
+        lines.extend(self.arms.iter().map(|a| {
+            let degrees = a.angle_rad.to_degrees();
             format!(
-                "axis of {} = ({:.4}, {:.4}) mm",
-                self.moved_sprocket,
-                self.moved_to_x_m * 1e3,
-                self.moved_to_y_m * 1e3
-            ),
+                "arm {} = {degrees:.4} deg from its drawn position, its spring {:.4} N m",
+                a.arm, a.spring_torque_nm
+            )
+        }));
+        lines.extend([
             format!(
                 "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
                 self.preload_n, self.preload_low_n, self.preload_high_n
@@ -84,7 +103,7 @@ impl AssemblyReport {
                 self.step_bound_s * 1e6,
                 self.step_bound_cause
             ),
-        ];
+        ]);
         for still in &self.stillness {
             lines.push(format!(
                 "stillness after run-in = {:.4} % of the free sprocket's speed, peak to peak",
@@ -161,11 +180,13 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
 /// Compiles a drive whose tightening sprocket stays where it is in another model: for runs that go on with other values.
 pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
-    let moves = drive.preload.moves;
-    let shift = other
-        .sprockets
-        .get(moves)
-        .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction));
+    let shift = match drive.preload {
+        PreloadSpec::Sprocket { moves, .. } => other
+            .sprockets
+            .get(moves)
+            .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction)),
+        PreloadSpec::Arm(_) => 0.0,
+    };
     let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
@@ -196,11 +217,21 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
         loaded_means.push(mean(&solve(&model, unloaded.configuration, 1.0, "loading the drive")?.tensions_n));
     }
-    let centre = model.sprockets[drive.preload.moves].body.centre;
+    let moved = match drive.preload {
+        PreloadSpec::Sprocket { moves, .. } => {
+            let (centre, sprocket) = (model.sprockets[moves].body.centre, drive.sprockets[moves].name.clone());
+            Some(MovedAxis { sprocket, x_m: centre.x, y_m: centre.y })
+        }
+        PreloadSpec::Arm(_) => None,
+    };
+    let resting = |arm: &ArmModel| {
+        let angle_rad = loaded.configuration.coordinates[arm.coordinate];
+        let spring_torque_nm = model.coordinates[arm.coordinate].spring.torque_nm(angle_rad);
+        RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
+    };
     let report = AssemblyReport {
-        moved_sprocket: drive.sprockets[drive.preload.moves].name.clone(),
-        moved_to_x_m: centre.x,
-        moved_to_y_m: centre.y,
+        moved,
+        arms: model.arms.iter().map(resting).collect(),
         preload_n: mean(&tensions),
         preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
         preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
@@ -234,7 +265,7 @@ fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
 
 /// Displacement of the tightening sprocket at which the mean tension is the preload, and the tensions over the phases.
 fn tighten(drive: &Drive, placed: &Placed) -> Result<(f64, Vec<f64>), AssemblyError> {
-    let target = drive.preload.tension_n;
+    let target = drive.preload.tension_n();
     let tensions_at = |shift: f64| -> Result<Vec<f64>, AssemblyError> {
         let model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
         (0..PRELOAD_PHASES)
@@ -248,6 +279,9 @@ fn tighten(drive: &Drive, placed: &Placed) -> Result<(f64, Vec<f64>), AssemblyEr
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
     let mut shift = 0.0;
     let mut tensions = tensions_at(shift)?;
+    if let PreloadSpec::Arm(_) = drive.preload {
+        return Ok((shift, tensions));
+    }
     // Two spans become longer by the shift; the loop is links in series, its contacts soften it.
     let mut slope = drive.joint.stiffness_n_per_m / drive.links as f64;
     for _ in 0..40 {
@@ -312,7 +346,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             ((front + rear) * 0.5, crate::units::atan2(d.y, d.x))
         })
         .collect();
-    let rotors = (0..model.sprockets.len())
+    let coordinates = (0..model.sprockets.len())
         .map(|k| {
             // The joint nearest to the middle of the wrap sits in a gap.
             let middle = 0.5 * (route.wrap_start_m(k) + route.span_start_m(k));
@@ -324,52 +358,53 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             let seated = joints.iter().copied().min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(middle);
             route.angle_about(k, seated)
         })
+        .chain(model.arms.iter().map(|arm| arm.start_rad))
         .collect();
-    Ok(Configuration { links, rotors })
+    Ok(Configuration { links, coordinates })
 }
 
 /// The equilibrium set in motion.
 fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError> {
-    let (link_rates, rotor_rates) = sensitivity_to_driver(model, &at.configuration).ok_or(AssemblyError::Statics {
-        what: "finding speeds consistent with the driver".into(),
-        residual_n: at.residual_n,
-        iterations: at.iterations,
-    })?;
+    let (link_rates, coordinate_rates) =
+        sensitivity_to_driver(model, &at.configuration).ok_or(AssemblyError::Statics {
+            what: "finding speeds consistent with the driver".into(),
+            residual_n: at.residual_n,
+            iterations: at.iterations,
+        })?;
     let mut state = resting_state(model, &at.configuration);
-    remember_contacts(model, &mut state);
+    remember_contacts(model, &at.configuration, &mut state);
     let omega = model.sprockets[model.driver].nominal_speed_rad_s;
     for (i, rate) in link_rates.iter().enumerate() {
         state.links.vx[i] = rate.x * omega;
         state.links.vy[i] = rate.y * omega;
         state.links.omega[i] = rate.z * omega;
     }
-    for (k, rate) in rotor_rates.iter().enumerate() {
-        state.rotors.omega[k] = rate * omega;
+    for (k, rate) in coordinate_rates.iter().enumerate() {
+        state.coordinates.omega[k] = rate * omega;
     }
     Ok(state)
 }
 
 /// A State with the poses of `q`, at rest.
 pub fn resting_state(model: &Model, q: &Configuration) -> State {
-    let (n, padded) = (model.chain.n_links, model.chain.padded);
-    let mut state = State::at_rest(n, padded, model.sprockets.len(), model.guide_sides(), model.contour_sets());
+    let mut state = State::at_rest(&model.layout());
     for (i, (p, angle)) in q.links.iter().enumerate() {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
     }
-    for (k, angle) in q.rotors.iter().enumerate() {
+    for (k, angle) in q.coordinates.iter().enumerate() {
         let (s, c) = sin_cos(*angle);
-        (state.rotors.angle[k], state.rotors.cos[k], state.rotors.sin[k]) = (wrap_angle(*angle), c, s);
+        (state.coordinates.angle[k], state.coordinates.cos[k], state.coordinates.sin[k]) = (wrap_angle(*angle), c, s);
     }
     state
 }
 
 /// Puts the static contact forces into the memory of the contacts, as if they had been there the step before: a step removes
 /// its own force of the step before from the velocities it finds.
-fn remember_contacts(model: &Model, state: &mut State) {
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
+fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
+    for sprocket in &model.sprockets {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
-        let angle = state.rotors.angle[k];
+        let angle = state.coordinates.angle[sprocket.coordinate];
         for j in 0..model.chain.n_links {
             let (link, front) = model.chain.bush_carrier(j);
             let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
@@ -389,6 +424,14 @@ fn remember_contacts(model: &Model, state: &mut State) {
                 state.bushes.normal_force[j] = force;
                 state.bushes.age[j] = 1.0;
             }
+        }
+    }
+    for rail in &model.rails {
+        for (link, part, touch) in rail_touches(model, q, rail) {
+            let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
+            let memory = &mut state.rail_plates[3 * rail.body.side + part as usize];
+            memory.normal_force[link] = rail.body.law.elastic(touch.penetration_m, radii).force_n;
+            memory.age[link] = 1.0;
         }
     }
     let mut finder = EndFinder::new(model);
@@ -435,7 +478,7 @@ fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(
     state.step = 0;
     state.clear_ledger();
     // Angles are counted from the start of the recording; cosine and sine stay as they are.
-    for angle in &mut state.rotors.angle {
+    for angle in &mut state.coordinates.angle {
         *angle = wrap_angle(*angle);
     }
     Ok(watch.result(model))
@@ -468,7 +511,7 @@ impl StillnessWatch {
     }
 
     fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
-        for (sum, omega) in self.sums.iter_mut().zip(&state.rotors.omega) {
+        for (sum, omega) in self.sums.iter_mut().zip(&state.coordinates.omega) {
             *sum += omega;
         }
         let n = model.chain.n_links;
@@ -496,7 +539,7 @@ impl StillnessWatch {
             .sprockets
             .iter()
             .zip(&self.means)
-            .filter(|(s, _)| matches!(s.rotor, Rotor::Free { .. }))
+            .filter(|(s, _)| model.coordinates[s.coordinate].is_free())
             .map(|(s, means)| spread(means) / s.nominal_speed_rad_s.abs())
             .collect();
         let mean = self.tension_means.iter().sum::<f64>() / self.tension_means.len().max(1) as f64;

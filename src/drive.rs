@@ -10,21 +10,27 @@ pub mod sensors;
 
 use crate::diag::{Diag, Report};
 use crate::elements::contact_law::ContactLaw;
+use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::AbutmentChain;
 use crate::geometry::chain::bush::BushChain;
 use crate::geometry::chain::silent::SilentChain;
 use crate::geometry::guide::GuideSide;
+use crate::geometry::rail::{Rail, Stretch};
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::GapForm;
 use reader::{Places, Reader};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 3] = [
+pub const BUNDLED: [(&str, &str); 4] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
+    ("arm-20-40", include_str!("../assets/drives/arm-20-40.toml")),
 ];
+
+/// The bundled drives that differ in their chain alone.
+pub const CHAIN_TYPES: [&str; 3] = ["bush-20-40", "silent-20-40", "smartchain-20-40"];
 
 /// A checked drive, in SI, with the text it came from.
 #[derive(Clone, Debug)]
@@ -44,6 +50,8 @@ pub struct Drive {
     /// In the order in which the chain meets them.
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
+    pub arms: Vec<ArmSpec>,
+    pub rails: Vec<RailSpec>,
     pub preload: PreloadSpec,
     pub effects: Effects,
     pub sensors: Vec<sensors::SensorSpec>,
@@ -201,15 +209,58 @@ pub struct GuideSpec {
     pub end_radius_m: f64,
 }
 
+/// A body that turns about a pivot, held by a torsion spring.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmSpec {
+    pub name: String,
+    pub pivot: Vec2,
+    /// About the pivot.
+    pub inertia_kg_m2: f64,
+    pub spring_nm_per_rad: f64,
+    /// Torque of the spring on the arm in the position in which it is drawn, counterclockwise positive [N m].
+    pub spring_torque_nm: f64,
+    pub damping_nm_s_per_rad: f64,
+}
+
+/// A guide of arcs and lines, along the way from one sprocket to the next.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RailSpec {
+    pub name: String,
+    /// Index of the sprocket that the way leaves.
+    pub span: usize,
+    /// Index of the arm that carries it; None: fixed.
+    pub arm: Option<usize>,
+    pub side: GuideSide,
+    /// Where the chain arrives, and its heading there.
+    pub start: Vec2,
+    pub heading_rad: f64,
+    pub stretches: Vec<Stretch>,
+}
+
 /// How the loop is tightened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PreloadSpec {
-    /// Mean tension of the loop at rest, without load [N].
-    pub tension_n: f64,
-    /// Index of the sprocket whose axis is moved.
-    pub moves: usize,
-    /// Direction of the move from +x; None: away from the sprocket before it.
-    pub direction_rad: Option<f64>,
+pub enum PreloadSpec {
+    /// The axis of a sprocket is moved.
+    Sprocket {
+        /// Mean tension of the loop at rest, without load [N].
+        tension_n: f64,
+        /// Index of the sprocket.
+        moves: usize,
+        /// Direction of the move from +x; None: away from the sprocket before it.
+        direction_rad: Option<f64>,
+    },
+    /// All axes stay; the spring of the arm with this index tightens it.
+    Arm(usize),
+}
+
+impl PreloadSpec {
+    /// Tension that is asked for [N]; zero where a spring makes it.
+    pub fn tension_n(&self) -> f64 {
+        match *self {
+            PreloadSpec::Sprocket { tension_n, .. } => tension_n,
+            PreloadSpec::Arm(_) => 0.0,
+        }
+    }
 }
 
 /// What departs from the ideal drive.
@@ -463,6 +514,34 @@ impl Drive {
                 format!("the chain has no link {}", e.link),
                 &format!("links are numbered 0 to {}", self.links - 1),
             );
+        }
+        if matches!(self.chain, ChainSpec::Abutment(_)) && !self.rails.is_empty() {
+            error(
+                "guides.rail",
+                "abutments do not run on rails yet".into(),
+                "take straight guides (`[guides.fixed.NAME]`), or another chain",
+            );
+        }
+        if matches!(self.chain, ChainSpec::Silent(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {
+            error(
+                "guides.rail",
+                "a silent chain has its teeth inside the loop, and a rail lies there".into(),
+                "set its `side` to \"outside\"",
+            );
+        }
+        for r in &self.rails {
+            if let Err(e) = Rail::new(r.side, r.start, r.heading_rad, &r.stretches) {
+                error(
+                    &format!("guides.rail.{}.lengths_mm", r.name),
+                    format!("rail `{}` cannot be made: {e}", r.name),
+                    "stretches have a length, and part a large turn in two",
+                );
+            }
+        }
+        if let PreloadSpec::Arm(arm) = self.preload
+            && !self.rails.iter().any(|r| r.arm == Some(arm))
+        {
+            error("preload.moves", format!("arm `{}` carries no rail", self.arms[arm].name), "give a rail this `arm`");
         }
         let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
         if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {

@@ -156,12 +156,11 @@ impl Pass {
 impl Watch {
     /// Watches sprocket `sprocket` of a model that was built from a drive.
     pub fn new(model: &Model, sprocket: usize) -> Watch {
-        let n = model.sprockets.len();
         let route = model.route.as_ref().expect("a model of a drive has a route");
-        let span = route.spans[(sprocket + n - 1) % n];
+        let span = route.span_before(sprocket);
         let s = &model.sprockets[sprocket];
         let teeth = f64::from(s.geometry.teeth());
-        let wrap_rad = route.wraps[sprocket].sweep_rad.abs();
+        let wrap_rad = route.wrap(sprocket).sweep_rad.abs();
         let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
         let links = model.chain.n_links;
         Watch {

@@ -18,6 +18,7 @@ pub mod engagement;
 pub mod geometry;
 pub mod identify;
 pub mod impacts;
+pub mod input;
 pub mod integrate;
 #[cfg(any(feature = "live", feature = "http"))]
 pub mod local_server;

@@ -62,9 +62,9 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             let b = (a + 1) % n;
             // All spans that join these two.
             let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
-            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.spans[i].length_m).sum();
+            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.way_after_m(i)).sum();
             let together = -stiffness[(a, b)] / (radius_m[a] * radius_m[b]);
-            let stiffness_n_per_m = together / route.spans[a].length_m / shares;
+            let stiffness_n_per_m = together / route.way_after_m(a) / shares;
             let joint = &drive.joint;
             let from = (route.span_start_m(a) - route.anchor_m()).rem_euclid(route.length_m()) / drive.chain.pitch_m();
             LumpedSpan {
@@ -72,7 +72,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
                 between: (a, b),
                 stiffness_n_per_m,
                 damping_n_s_per_m: stiffness_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m,
-                links: (from, from + route.spans[a].length_m / drive.chain.pitch_m()),
+                links: (from, from + route.way_after_m(a) / drive.chain.pitch_m()),
             }
         })
         .collect();

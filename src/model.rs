@@ -10,24 +10,28 @@ pub use chain::ChainModel;
 
 use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
-use crate::drive::{ChainSpec, Drive, FaceForm, OuterSpec, RingForm, SprocketDrive};
+use crate::drive::{ChainSpec, Drive, FaceForm, OuterSpec, PreloadSpec, RailSpec, RingForm, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
+use crate::elements::coordinate::{Coordinate, Motion, TorsionSpring};
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::rotor::Rotor;
+use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::chain::silent::SilentLinkError;
 use crate::geometry::guide::{GuideSide, StraightGuide};
 use crate::geometry::profile::Profile;
+use crate::geometry::rail::{Piece, Rail};
+use crate::geometry::rotated;
 use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
 use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
 use crate::geometry::smartchain::{Abutment, LobedRing, RingError, fits_hollow};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use crate::recording::frame::Segment;
+use crate::state::Layout;
 use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
 use parry2d_f64::shape::{Ball, Polyline};
@@ -103,7 +107,8 @@ pub struct SprocketModel {
     pub name: String,
     pub geometry: Toothing,
     pub body: ToothedBody,
-    pub rotor: Rotor,
+    /// What it turns by: index into [`Model::coordinates`].
+    pub coordinate: usize,
     /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
     pub nominal_speed_rad_s: f64,
 }
@@ -128,13 +133,60 @@ impl GuideModel {
     }
 }
 
+/// A rail of the model.
+#[derive(Clone, Debug)]
+pub struct RailModel {
+    pub name: String,
+    /// In the frame of its body.
+    pub rail: Rail,
+    pub body: RailBody,
+    /// What the arm turns by that carries it; None: fixed.
+    pub coordinate: Option<usize>,
+    /// Largest distance of its points from the origin of its frame [m].
+    pub reach_m: f64,
+    /// Corners of a box about it, in its frame.
+    pub low: Vec2,
+    pub high: Vec2,
+}
+
+impl RailModel {
+    /// How far a point of its frame lies outside the box about it [m].
+    pub fn box_distance_m(&self, p: Vec2) -> f64 {
+        let outside = |p: f64, low: f64, high: f64| (low - p).max(p - high).max(0.0);
+        outside(p.x, self.low.x, self.high.x).hypot(outside(p.y, self.low.y, self.high.y))
+    }
+
+    /// What of it one of its pieces is.
+    pub fn segment(&self, piece: usize) -> Segment {
+        match self.body.pieces.get(piece) {
+            Some(Piece::Arc { radius_m, .. }) if *radius_m == 0.0 => Segment::RailEnd,
+            Some(Piece::Arc { .. } | Piece::Brink { .. }) => Segment::RailArc,
+            Some(Piece::Line { .. }) | None => Segment::GuideFace,
+        }
+    }
+}
+
+/// An arm of the model.
+#[derive(Clone, Debug)]
+pub struct ArmModel {
+    pub name: String,
+    pub pivot: Vec2,
+    pub coordinate: usize,
+    /// Angle from where it is drawn at which the loop closes without load, or an estimate of it [rad].
+    pub start_rad: f64,
+}
+
 /// The whole drive, compiled.
 #[derive(Clone, Debug)]
 pub struct Model {
     pub step_s: f64,
     pub chain: ChainModel,
+    /// What sprockets and arms turn by.
+    pub coordinates: Vec<Coordinate>,
     pub sprockets: Vec<SprocketModel>,
     pub guides: Vec<GuideModel>,
+    pub arms: Vec<ArmModel>,
+    pub rails: Vec<RailModel>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
     pub end_bodies: Vec<EndBody>,
@@ -155,9 +207,9 @@ pub struct Model {
 impl Model {
     /// Compiles a drive with the tightening sprocket moved by `shift_m` from where its loop of nominal links closes.
     pub fn build(drive: &Drive, placed: &Placed, shift_m: f64) -> Result<Model, Report> {
-        let mut pulleys = placed.pulleys.clone();
-        pulleys[drive.preload.moves].centre += placed.direction * shift_m;
-        let route = Route::new(&pulleys).map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
+        let loop_pulleys = placed.loop_pulleys(drive, shift_m);
+        let route = Route::new(&loop_pulleys).map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
+        let pulleys: Vec<Pulley> = loop_pulleys.iter().filter(|p| !p.is_optional).copied().collect();
         let mut diags = Vec::new();
         let sense = if drive.chain_speed_m_s() < 0.0 { -1.0 } else { 1.0 };
         let bush_radius_m = 0.5 * drive.chain.bush_diameter_m();
@@ -167,7 +219,8 @@ impl Model {
             .iter()
             .zip(&placed.sprockets)
             .zip(&pulleys)
-            .map(|((spec, geometry), pulley)| {
+            .enumerate()
+            .map(|(coordinate, ((spec, geometry), pulley))| {
                 let nominal = drive.chain_speed_m_s() / geometry.rolling_radius_m() * pulley.wrap.sign();
                 let (law, friction, stick) = (contact.law, contact.friction, contact.stick_speed_m_s);
                 SprocketModel {
@@ -177,16 +230,14 @@ impl Model {
                         Toothing::Iso(s) => ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick),
                         Toothing::Silent(_) => ToothedBody::without_seats(pulley.centre, law, friction, stick),
                     },
-                    rotor: match spec.outer {
-                        OuterSpec::Speed { .. } => Rotor::Driven { speed_rad_s: nominal },
-                        OuterSpec::Load { inertia_kg_m2, torque_nm } => {
-                            Rotor::Free { inertia_kg_m2, torque_nm: -torque_nm * sense * pulley.wrap.sign() }
-                        }
-                    },
+                    coordinate,
                     nominal_speed_rad_s: nominal,
                 }
             })
             .collect();
+        let mut coordinates = build_coordinates(drive, &sprockets, sense);
+        let arms = build_arms(drive, placed, &mut coordinates);
+        let rails = build_rails(drive, placed, &arms);
         let guides = build_guides(drive, &route, placed);
         let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
         check_clearances(drive, &sprockets, &guides, &mut diags);
@@ -223,8 +274,11 @@ impl Model {
         Ok(Model {
             step_s: f64::NAN,
             chain,
+            coordinates,
             sprockets,
             guides,
+            arms,
+            rails,
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -242,8 +296,11 @@ impl Model {
         Model {
             step_s,
             chain: ChainModel::new(n_links, &rows, joint, LANE_WIDTH),
+            coordinates: Vec::new(),
             sprockets: Vec::new(),
             guides: Vec::new(),
+            arms: Vec::new(),
+            rails: Vec::new(),
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -256,6 +313,52 @@ impl Model {
         }
     }
 
+    /// What a sprocket turns by.
+    pub fn coordinate_of(&self, sprocket: usize) -> &Coordinate {
+        &self.coordinates[self.sprockets[sprocket].coordinate]
+    }
+
+    /// About what point a body of frames turns, and by which coordinate; None: it stands still.
+    pub fn axis_of(&self, body: usize) -> Option<(Vec2, usize)> {
+        let of_rail = || {
+            let rail = self.rails.get(body.checked_sub(self.first_rail())?)?;
+            Some((rail.body.origin, rail.coordinate?))
+        };
+        self.sprockets.get(body).map(|s| (s.body.centre, s.coordinate)).or_else(of_rail)
+    }
+
+    /// Path in the drive file of a body of frames.
+    pub fn body_path(&self, body: usize) -> String {
+        let guide =
+            || self.guides.get(body.checked_sub(self.sprockets.len())?).map(|g| format!("guides.fixed.{}", g.name));
+        let rail = || self.rails.get(body.checked_sub(self.first_rail())?).map(|r| format!("guides.rail.{}", r.name));
+        let sprocket = self.sprockets.get(body).map(|s| format!("sprockets.{}", s.name));
+        sprocket.or_else(guide).or_else(rail).unwrap_or_else(|| format!("body {body}"))
+    }
+
+    /// Index of the first rail among the bodies of frames: they follow sprockets and guides.
+    pub fn first_rail(&self) -> usize {
+        self.sprockets.len() + self.guides.len()
+    }
+
+    /// Which sides have rails: inside, outside.
+    pub fn rail_sides(&self) -> [bool; 2] {
+        [0, 1].map(|side| self.rails.iter().any(|r| r.body.side == side))
+    }
+
+    /// Lengths of the columns of its State.
+    pub fn layout(&self) -> Layout {
+        Layout {
+            n_links: self.chain.n_links,
+            padded_len: self.chain.padded,
+            n_coordinates: self.coordinates.len(),
+            has_dampers: self.coordinates.iter().any(|c| c.spring.damping_nm_s_per_rad > 0.0),
+            guide_sides: self.guide_sides(),
+            rail_sides: self.rail_sides(),
+            contour_sets: self.contour_sets(),
+        }
+    }
+
     /// Which sides have guides: inside, outside.
     pub fn guide_sides(&self) -> [bool; 2] {
         [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side && g.body.touches_plates))
@@ -265,6 +368,72 @@ impl Model {
     pub fn contour_sets(&self) -> [bool; SETS] {
         std::array::from_fn(|set| self.end_bodies.iter().any(|b| b.set == set))
     }
+}
+
+/// What sprockets turn by: one coordinate each, in their order.
+fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> Vec<Coordinate> {
+    let of = |(spec, s): (&SprocketDrive, &SprocketModel)| Coordinate {
+        path: format!("sprockets.{}", s.name),
+        motion: match spec.outer {
+            OuterSpec::Speed { .. } => Motion::Prescribed { speed_rad_s: s.nominal_speed_rad_s },
+            OuterSpec::Load { inertia_kg_m2, torque_nm } => {
+                Motion::Free { inertia_kg_m2, torque_nm: -torque_nm * sense * spec.wrap.sign() }
+            }
+        },
+        spring: TorsionSpring::default(),
+        nominal_speed_rad_s: s.nominal_speed_rad_s,
+        reach_m: s.geometry.pitch_radius_m(),
+    };
+    drive.sprockets.iter().zip(sprockets).map(of).collect()
+}
+
+/// Appends the coordinates of arms.
+fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
+    let mut arms = Vec::new();
+    for (index, spec) in drive.arms.iter().enumerate() {
+        let carried = || placed.rails.iter().zip(&drive.rails).filter(|(_, r)| r.arm == Some(index));
+        arms.push(ArmModel {
+            name: spec.name.clone(),
+            pivot: spec.pivot,
+            coordinate: coordinates.len(),
+            start_rad: if drive.preload == PreloadSpec::Arm(index) { placed.turn_rad } else { 0.0 },
+        });
+        coordinates.push(Coordinate {
+            path: format!("arms.{}", spec.name),
+            motion: Motion::Free { inertia_kg_m2: spec.inertia_kg_m2, torque_nm: 0.0 },
+            spring: TorsionSpring {
+                stiffness_nm_per_rad: spec.spring_nm_per_rad,
+                free_rad: spec.spring_torque_nm / spec.spring_nm_per_rad,
+                damping_nm_s_per_rad: spec.damping_nm_s_per_rad,
+            },
+            nominal_speed_rad_s: 0.0,
+            reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
+        });
+    }
+    arms
+}
+
+/// Reach of an arm that carries nothing [m].
+const SHORTEST_ARM_M: f64 = 1e-3;
+
+fn build_rails(drive: &Drive, placed: &Placed, arms: &[ArmModel]) -> Vec<RailModel> {
+    let contact = &drive.guide_contact;
+    let of = |(spec, rail): (&RailSpec, &Rail)| {
+        let arm = spec.arm.map(|a| &arms[a]);
+        let origin = arm.map_or(Vec2::zeros(), |a| a.pivot);
+        let radius_m = drive.chain.plate_end_radius_m();
+        let boxes = || rail.profile.elements().iter().map(|e| e.bounds());
+        RailModel {
+            name: spec.name.clone(),
+            body: RailBody::new(rail, origin, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
+            coordinate: arm.map(|a| a.coordinate),
+            reach_m: rail.reach_m(),
+            low: boxes().map(|b| b.0).fold(Vec2::repeat(f64::INFINITY), |a, b| a.inf(&b)),
+            high: boxes().map(|b| b.1).fold(Vec2::repeat(f64::NEG_INFINITY), |a, b| a.sup(&b)),
+            rail: rail.clone(),
+        }
+    };
+    drive.rails.iter().zip(&placed.rails).map(of).collect()
 }
 
 /// Geometry of a drive: sprockets, links, and the position at which the loop closes.
@@ -281,8 +450,48 @@ pub struct Placed {
     pub line_end_m: Vec<f64>,
     /// Pitch circles with the tightening sprocket where `links` loaded pitches close.
     pub pulleys: Vec<Pulley>,
-    /// Direction in which it moves.
+    /// Direction in which it moves; zero where an arm tightens the loop.
     pub direction: Vec2,
+    /// In the frames of their bodies.
+    pub rails: Vec<Rail>,
+    /// Angle of the tightening arm at which the loop closes [rad].
+    pub turn_rad: f64,
+}
+
+impl Placed {
+    /// All that the chain may bend round in the order of travel, the tightening sprocket moved on by `shift_m`.
+    pub fn loop_pulleys(&self, drive: &Drive, shift_m: f64) -> Vec<Pulley> {
+        let mut pulleys = self.pulleys.clone();
+        if let PreloadSpec::Sprocket { moves, .. } = drive.preload {
+            pulleys[moves].centre += self.direction * shift_m;
+        }
+        with_rails(drive, &self.rails, &pulleys, self.turn_rad)
+    }
+}
+
+/// Pitch circles of sprockets, and between them the arcs of the rails, the tightening arm turned by `turn_rad`.
+fn with_rails(drive: &Drive, rails: &[Rail], sprockets: &[Pulley], turn_rad: f64) -> Vec<Pulley> {
+    // Plates bend round an arc as a polygon about its circle; the joints run on the circle through its corners.
+    let height_m = drive.chain.plate_end_radius_m();
+    let pitch_radius = |radius_m: f64| libm::hypot(radius_m + height_m, 0.5 * drive.chain.pitch_m());
+    let mut all = Vec::new();
+    for (k, sprocket) in sprockets.iter().enumerate() {
+        all.push(*sprocket);
+        let ahead = sprockets[(k + 1) % sprockets.len()].centre - sprocket.centre;
+        let mut here: Vec<(&RailSpec, &Rail)> = drive.rails.iter().zip(rails).filter(|(r, _)| r.span == k).collect();
+        here.sort_by(|a, b| a.0.start.dot(&ahead).total_cmp(&b.0.start.dot(&ahead)));
+        for (spec, rail) in here {
+            let turn = spec.arm.filter(|a| drive.preload == PreloadSpec::Arm(*a)).map_or(0.0, |_| turn_rad);
+            let pivot = spec.arm.map_or(Vec2::zeros(), |a| drive.arms[a].pivot);
+            all.extend(rail.bends().into_iter().map(|(centre, radius_m)| Pulley {
+                centre: pivot + rotated(centre, turn),
+                pitch_radius_m: pitch_radius(radius_m),
+                wrap: rail.wrap(),
+                is_optional: true,
+            }));
+        }
+    }
+    all
 }
 
 /// Computes all profiles and closes the loop. `loaded_pitch_m`: pitch under the preload.
@@ -359,24 +568,63 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
         .sprockets
         .iter()
         .zip(&line_radii)
-        .map(|(s, r)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: *r, wrap: s.wrap })
+        .map(|(s, r)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: *r, wrap: s.wrap, is_optional: false })
         .collect();
-    let moved = drive.preload.moves;
-    let before = (moved + pulleys.len() - 1) % pulleys.len();
-    let direction = match drive.preload.direction_rad {
-        Some(angle) => crate::geometry::unit(angle),
-        None => {
-            let d = pulleys[moved].centre - pulleys[before].centre;
-            if d.norm() > 0.0 { d / d.norm() } else { Vec2::new(1.0, 0.0) }
-        }
-    };
+    let mut rails = Vec::new();
+    for r in &drive.rails {
+        let pivot = r.arm.map_or(Vec2::zeros(), |a| drive.arms[a].pivot);
+        rails.push(Rail::new(r.side, r.start - pivot, r.heading_rad, &r.stretches).map_err(|e| {
+            let path = format!("guides.rail.{}", r.name);
+            drive.places.report(vec![drive.places.error(&path, format!("rail `{}` cannot be made: {e}", r.name), None)])
+        })?);
+    }
     let pitch = rows.iter().map(|r| r.pitch_m).sum::<f64>() / rows.len() as f64;
-    let loaded = pitch + drive.preload.tension_n / drive.joint.stiffness_n_per_m + 2.0 * drive.joint.clearance_m;
-    let (shift, _) = close_loop(&pulleys, moved, direction, drive.links, loaded)
-        .map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
-    pulleys[moved].centre += direction * shift;
-    Ok(Placed { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction })
+    let loaded = pitch + drive.preload.tension_n() / drive.joint.stiffness_n_per_m + 2.0 * drive.joint.clearance_m;
+    let failed = |e: RouteError| drive.places.report(vec![route_diag(drive, &e)]);
+    let (mut direction, mut turn_rad) = (Vec2::zeros(), 0.0);
+    match drive.preload {
+        PreloadSpec::Sprocket { moves, direction_rad, .. } => {
+            let before = (moves + pulleys.len() - 1) % pulleys.len();
+            direction = match direction_rad {
+                Some(angle) => crate::geometry::unit(angle),
+                None => {
+                    let d = pulleys[moves].centre - pulleys[before].centre;
+                    if d.norm() > 0.0 { d / d.norm() } else { Vec2::new(1.0, 0.0) }
+                }
+            };
+            let moved = |shift: f64| {
+                let mut pulleys = pulleys.clone();
+                pulleys[moves].centre += direction * shift;
+                with_rails(drive, &rails, &pulleys, 0.0)
+            };
+            let (shift, _) = close_loop(moved, PATH_PER_SHIFT, drive.links, loaded).map_err(failed)?;
+            pulleys[moves].centre += direction * shift;
+        }
+        PreloadSpec::Arm(_) => {
+            let turned = |turn: f64| with_rails(drive, &rails, &pulleys, turn);
+            let length = |turn: f64| Route::new(&turned(turn)).map(|r| r.length_m());
+            let slope = (length(ARM_PROBE_RAD).map_err(&failed)? - length(0.0).map_err(&failed)?) / ARM_PROBE_RAD;
+            if slope.abs() < LEAST_PATH_PER_RAD {
+                return Err(drive.places.report(vec![drive.places.error(
+                    "preload.moves",
+                    "turning this arm does not make the chain's path longer or shorter".to_string(),
+                    Some("its rail must press into the chain in the position in which it is drawn".into()),
+                )]));
+            }
+            let longer = slope.signum();
+            let (turn, _) =
+                close_loop(|turn| turned(longer * turn), slope.abs(), drive.links, loaded).map_err(&failed)?;
+            turn_rad = longer * turn;
+        }
+    }
+    Ok(Placed { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction, rails, turn_rad })
 }
+
+/// How much longer the path becomes where a sprocket moves out, an estimate [m/m].
+const PATH_PER_SHIFT: f64 = 1.9;
+/// Turn by which it is found how an arm changes the path [rad], and the least change that tightens a chain [m/rad].
+const ARM_PROBE_RAD: f64 = 1e-3;
+const LEAST_PATH_PER_RAD: f64 = 1e-3;
 
 /// Teeth of a sprocket, or why there are none and the key to blame.
 fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'static str)> {
@@ -472,7 +720,7 @@ fn build_end_bodies(
         };
         let body = |set: usize, shape: EndShape| EndBody {
             name: format!("sprockets.{}", s.name),
-            rotor: Some(k),
+            coordinate: Some(s.coordinate),
             body: k,
             set,
             origin: s.body.centre,
@@ -509,7 +757,7 @@ fn build_end_bodies(
     for (k, g) in guides.iter().enumerate().filter(|(_, g)| !g.body.touches_plates) {
         bodies.push(EndBody {
             name: format!("guides.fixed.{}", g.name),
-            rotor: None,
+            coordinate: None,
             body: sprockets.len() + k,
             set: 2,
             origin: g.body.origin,
@@ -550,9 +798,33 @@ fn working_angle_rad(sprocket: &Sprocket) -> f64 {
     0.5 * (low + high)
 }
 
+/// Paths of what [`with_rails`] gives, in its order.
+fn loop_paths(drive: &Drive) -> Vec<String> {
+    let mut paths = Vec::new();
+    for (k, s) in drive.sprockets.iter().enumerate() {
+        paths.push(format!("sprockets.{}", s.name));
+        for rail in drive.rails.iter().filter(|r| r.span == k) {
+            let bends = rail.stretches.iter().filter(|s| s.radius_m.is_some_and(|r| r > 0.0));
+            paths.extend(bends.map(|_| format!("guides.rail.{}", rail.name)));
+        }
+    }
+    paths
+}
+
 fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
-    let name = |i: usize| drive.sprockets[i].name.clone();
+    let paths = loop_paths(drive);
+    let path = |i: usize| paths.get(i).cloned().unwrap_or_default();
+    let name = |i: usize| path(i).rsplit('.').next().unwrap_or_default().to_string();
     match e {
+        RouteError::Overlap { first, second, .. }
+            if [first, second].iter().any(|i| path(**i).starts_with("guides")) =>
+        {
+            drive.places.error(
+                &path(*second),
+                format!("`{}` and `{}` leave the chain no way between them", name(*first), name(*second)),
+                Some("move the rail, or turn its radius or its side".into()),
+            )
+        }
         RouteError::Overlap { first, second, needed_m } => drive.places.error(
             &format!("sprockets.{}.x_mm", name(*second)),
             format!("sprockets `{}` and `{}` overlap", name(*first), name(*second)),
@@ -587,7 +859,7 @@ fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel
         .guides
         .iter()
         .map(|g| {
-            let span = &route.spans[g.span];
+            let span = route.span_after(g.span);
             let geometry = StraightGuide::along_span(
                 span,
                 g.side,

@@ -127,8 +127,8 @@ impl Replay {
 
 /// What the header says of links and bodies is what its drive makes.
 fn fits(path: &Path, header: &Header, model: &Model) -> anyhow::Result<()> {
-    let ours =
-        model.sprockets.iter().map(|s| (true, s.geometry.teeth())).chain(model.guides.iter().map(|_| (false, 0)));
+    let others = model.guides.len() + model.rails.len();
+    let ours = model.sprockets.iter().map(|s| (true, s.geometry.teeth())).chain((0..others).map(|_| (false, 0)));
     let bodies = header.bodies.iter().map(|b| (b.rotor, b.teeth)).eq(ours);
     ensure!(
         bodies && header.links.len() == model.chain.n_links,
@@ -155,8 +155,7 @@ fn cannot_compile(path: &Path, e: &AssemblyError) -> anyhow::Error {
 
 /// A State of the right shape.
 pub fn resting(model: &Model) -> State {
-    let c = &model.chain;
-    State::at_rest(c.n_links, c.padded, model.sprockets.len(), model.guide_sides(), model.contour_sets())
+    State::at_rest(&model.layout())
 }
 
 /// Of recordings that do not say where their ledger was opened: at the first keyframe.
@@ -385,6 +384,8 @@ pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
         ("energy.lost_contact_friction_j", e.lost_contact_friction_j),
         ("energy.lost_guide_damping_j", e.lost_guide_damping_j),
         ("energy.lost_guide_friction_j", e.lost_guide_friction_j),
+        ("energy.elastic_spring_j", e.elastic_spring_j),
+        ("energy.lost_spring_damping_j", e.lost_spring_damping_j),
         ("energy.error_j", e.error_j),
     ] {
         f(name, &[value]);

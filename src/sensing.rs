@@ -12,12 +12,13 @@ const SPAN_WINDOW_PITCHES: f64 = 2.0;
 
 /// True value in SI.
 pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads) -> f64 {
-    let r = &state.rotors;
+    let r = &state.coordinates;
+    let of = |sprocket: usize| model.sprockets[sprocket].coordinate;
     match reads {
-        SensorReads::Angle(k) => r.angle[k],
-        SensorReads::Speed(k) => r.omega[k] + 0.5 * model.step_s * scratch.rotor_alpha()[k],
-        SensorReads::Acceleration(k) => scratch.rotor_alpha()[k],
-        SensorReads::Torque(k) => -scratch.chain_torque()[k],
+        SensorReads::Angle(k) => r.angle[of(k)],
+        SensorReads::Speed(k) => r.omega[of(k)] + 0.5 * model.step_s * scratch.coordinate_alpha()[of(k)],
+        SensorReads::Acceleration(k) => scratch.coordinate_alpha()[of(k)],
+        SensorReads::Torque(k) => -scratch.chain_torque()[of(k)],
         SensorReads::Span(k) => span_tension(model, state, scratch, k),
         SensorReads::Link(i) => {
             let i = i % model.chain.n_links;
@@ -36,7 +37,8 @@ fn along(state: &State, scratch: &Scratch, i: usize, j: usize) -> f64 {
 
 /// Tension in the middle of the span that leaves sprocket `k`: of the joints near it, the nearer the more.
 fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
-    let Some(span) = model.route.as_ref().and_then(|r| r.spans.get(k)) else { return f64::NAN };
+    let Some(route) = model.route.as_ref().filter(|r| k < r.sprockets()) else { return f64::NAN };
+    let span = route.span_after(k);
     let middle = span.start + span.direction * (0.5 * span.length_m);
     let (mut sum, mut weights) = (0.0, 0.0);
     for i in 0..model.chain.n_links {

@@ -61,9 +61,9 @@ pub struct ContactMemory {
     pub lost_friction: Vec<f64>,
 }
 
-/// One value per sprocket.
+/// One value per coordinate.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RotorState {
+pub struct CoordinateState {
     /// Angle [rad], counted on over turns, and its cosine and sine.
     pub angle: Vec<f64>,
     pub cos: Vec<f64>,
@@ -71,9 +71,25 @@ pub struct RotorState {
     /// Half a step back [rad/s]; one step back [rad/s2].
     pub omega: Vec<f64>,
     pub alpha: Vec<f64>,
-    /// Work of the drive on the sprocket, and of the sprocket on its load, since the ledger was opened [J].
+    /// Work of what prescribes it, and on its load, since the ledger was opened [J].
     pub work_in: Vec<f64>,
     pub work_out: Vec<f64>,
+    /// Lost in dampers since the ledger was opened [J]. Empty where no coordinate has one.
+    pub lost: Vec<f64>,
+}
+
+/// Lengths of a State's columns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Layout {
+    pub n_links: usize,
+    /// With inert links.
+    pub padded_len: usize,
+    pub n_coordinates: usize,
+    pub has_dampers: bool,
+    /// Whether there are guides, and rails, inside and outside the loop.
+    pub guide_sides: [bool; 2],
+    pub rail_sides: [bool; 2],
+    pub contour_sets: [bool; 3],
 }
 
 /// Where inert links are put [m]: out of reach of everything.
@@ -96,9 +112,11 @@ pub struct State {
     pub bushes: ContactMemory,
     /// Plate ends against guides: inside front, inside rear, outside front, outside rear. Empty where a drive has none.
     pub guide_ends: [ContactMemory; 4],
+    /// Plates against rails: inside front end, rear end and edge, then outside. Empty where a drive has none.
+    pub rail_plates: [ContactMemory; 6],
     /// Ends of links' own contours: per set of `elements::end_contact` front, rear. Empty where a drive has none.
     pub contour_ends: [ContactMemory; 6],
-    pub rotors: RotorState,
+    pub coordinates: CoordinateState,
 }
 
 impl Clone for ContactMemory {
@@ -139,16 +157,11 @@ impl ContactMemory {
 }
 
 impl State {
-    /// All links at the origin, at rest, padded to `padded_len` with inert links.
-    pub fn at_rest(
-        n_links: usize,
-        padded_len: usize,
-        n_rotors: usize,
-        guide_sides: [bool; 2],
-        contour_sets: [bool; 3],
-    ) -> State {
+    /// All links at the origin, at rest, padded with inert links.
+    pub fn at_rest(layout: &Layout) -> State {
+        let Layout { n_links, padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets } = *layout;
         let zeros = || vec![0.0; padded_len];
-        let rotor_zeros = || vec![0.0; n_rotors];
+        let of_coordinates = || vec![0.0; n_coordinates];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
         let mut x = zeros();
         x[n_links..].fill(FAR_AWAY_M);
@@ -175,15 +188,17 @@ impl State {
             lost_pin_friction: zeros(),
             bushes: ContactMemory::new(padded_len),
             guide_ends: [ends(guide_sides[0]), ends(guide_sides[0]), ends(guide_sides[1]), ends(guide_sides[1])],
+            rail_plates: std::array::from_fn(|i| ends(rail_sides[i / 3])),
             contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
-            rotors: RotorState {
-                angle: rotor_zeros(),
-                cos: vec![1.0; n_rotors],
-                sin: rotor_zeros(),
-                omega: rotor_zeros(),
-                alpha: rotor_zeros(),
-                work_in: rotor_zeros(),
-                work_out: rotor_zeros(),
+            coordinates: CoordinateState {
+                angle: of_coordinates(),
+                cos: vec![1.0; n_coordinates],
+                sin: of_coordinates(),
+                omega: of_coordinates(),
+                alpha: of_coordinates(),
+                work_in: of_coordinates(),
+                work_out: of_coordinates(),
+                lost: if has_dampers { of_coordinates() } else { Vec::new() },
             },
         }
     }
@@ -200,8 +215,9 @@ impl State {
             lost_pin_friction,
             bushes,
             guide_ends,
+            rail_plates,
             contour_ends,
-            rotors,
+            coordinates,
         } = self;
         let n = *n_links;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
@@ -232,6 +248,12 @@ impl State {
             "guide_inside_rear",
             "guide_outside_front",
             "guide_outside_rear",
+            "rail_inside_front",
+            "rail_inside_rear",
+            "rail_inside_edge",
+            "rail_outside_front",
+            "rail_outside_rear",
+            "rail_outside_edge",
             "rim_front",
             "rim_rear",
             "inner_front",
@@ -239,7 +261,8 @@ impl State {
             "face_front",
             "face_rear",
         ];
-        for (set, memory) in sets.into_iter().zip(std::iter::once(bushes).chain(guide_ends).chain(contour_ends)) {
+        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends);
+        for (set, memory) in sets.into_iter().zip(memories) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             let named = [
                 ("normal_force", normal_force),
@@ -253,7 +276,7 @@ impl State {
                 f(ColumnName { set, name }, &column[..n.min(column.len())]);
             }
         }
-        let RotorState { angle, cos, sin, omega, alpha, work_in, work_out } = rotors;
+        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost } = coordinates;
         let named = [
             ("angle", angle),
             ("cos", cos),
@@ -262,9 +285,10 @@ impl State {
             ("alpha", alpha),
             ("work_in", work_in),
             ("work_out", work_out),
+            ("lost_damping", lost),
         ];
         for (name, column) in named {
-            f(ColumnName { set: "rotors", name }, column);
+            f(ColumnName { set: "coordinates", name }, column);
         }
     }
 
@@ -331,20 +355,21 @@ impl State {
             lost_pin_friction,
             bushes,
             guide_ends,
+            rail_plates,
             contour_ends,
-            rotors,
+            coordinates,
         } = self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
         columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
-        for memory in std::iter::once(bushes).chain(guide_ends).chain(contour_ends) {
+        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }
         let per_link = columns.len();
-        let RotorState { angle, cos, sin, omega, alpha, work_in, work_out } = rotors;
-        columns.extend([angle, cos, sin, omega, alpha, work_in, work_out]);
+        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost } = coordinates;
+        columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost]);
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {
             let len = if i < per_link { n.min(column.len()) } else { column.len() };
             f(name, &mut column[..len]);
@@ -360,7 +385,7 @@ impl State {
                 *v += shift * a;
             }
         }
-        for (omega, alpha) in self.rotors.omega.iter_mut().zip(&self.rotors.alpha) {
+        for (omega, alpha) in self.coordinates.omega.iter_mut().zip(&self.coordinates.alpha) {
             *omega += shift * alpha;
         }
     }
@@ -374,7 +399,7 @@ impl State {
         });
     }
 
-    /// First link, rotor or lane whose value is no finite number.
+    /// First link, coordinate or lane whose value is no finite number.
     pub fn first_not_finite(&self) -> Option<String> {
         let mut found = None;
         self.for_each_column(|name, column| {

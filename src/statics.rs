@@ -8,17 +8,18 @@
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::end_contact::{EndTouch, FAR_M};
+use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
-use crate::model::Model;
+use crate::model::{Model, RailModel};
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 
-/// Poses of links (centre, heading) and angles of all sprockets.
+/// Poses of links (centre, heading) and angles of all coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
     pub links: Vec<(Vec2, f64)>,
-    pub rotors: Vec<f64>,
+    pub coordinates: Vec<f64>,
 }
 
 /// What stands still, and how well.
@@ -66,14 +67,14 @@ struct System {
     energy: f64,
 }
 
-/// Indices of the sprockets that are free to turn.
-fn free_rotors(model: &Model) -> Vec<usize> {
-    (0..model.sprockets.len()).filter(|k| model.sprockets[*k].rotor.inverse_inertia() > 0.0).collect()
+/// Indices of the coordinates that are free.
+fn free_coordinates(model: &Model) -> Vec<usize> {
+    (0..model.coordinates.len()).filter(|k| model.coordinates[*k].is_free()).collect()
 }
 
 /// Finds the equilibrium near `start`, loads scaled by `load_factor`.
 pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Result<Equilibrium, NotConverged> {
-    let mut problem = Problem::new(model, free_rotors(model), load_factor);
+    let mut problem = Problem::new(model, free_coordinates(model), load_factor);
     let mut q = start;
     let mut system = problem.system(&q);
     let mut shift = 0.0_f64;
@@ -132,7 +133,7 @@ fn line_search(
     let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * 4e-3)).fold(0.0, f64::max);
     // Nor may a sprocket that nothing holds yet turn its teeth past the chain.
     let model = problem.model;
-    let rims = problem.free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.sprockets[*k].geometry.pitch_radius_m());
+    let rims = problem.free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.coordinates[*k].reach_m);
     let longest = rims.fold(longest, f64::max);
     let mut factor = if longest > 5e-4 { 5e-4 / longest } else { 1.0 };
     let full = factor == 1.0;
@@ -156,22 +157,22 @@ fn line_search(
 fn moved(q: &Configuration, free: &[usize], dq: &[Vector3<f64>], dr: &DVector<f64>, factor: f64) -> Configuration {
     let links =
         q.links.iter().zip(dq).map(|((p, a), d)| (p + Vec2::new(d.x, d.y) * factor, a + d.z * factor)).collect();
-    let mut rotors = q.rotors.clone();
-    for (k, rotor) in free.iter().enumerate() {
-        rotors[*rotor] += dr[k] * factor;
+    let mut coordinates = q.coordinates.clone();
+    for (k, coordinate) in free.iter().enumerate() {
+        coordinates[*coordinate] += dr[k] * factor;
     }
-    Configuration { links, rotors }
+    Configuration { links, coordinates }
 }
 
-/// How the equilibrium moves when the driver turns: d(links)/d(angle), d(rotors)/d(angle).
+/// How the equilibrium moves when the driver turns: d(links)/d(angle), d(coordinates)/d(angle).
 pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<Vector3<f64>>, Vec<f64>)> {
     const TURN_RAD: f64 = 1e-7;
-    let free = free_rotors(model);
+    let (free, driver) = (free_coordinates(model), model.sprockets[model.driver].coordinate);
     let mut problem = Problem::new(model, free.clone(), 1.0);
     let system = problem.system(at);
     let mut turned = |by: f64| {
         let mut q = at.clone();
-        q.rotors[model.driver] += by;
+        q.coordinates[driver] += by;
         problem.system(&q)
     };
     let (plus, minus) = (turned(TURN_RAD), turned(-TURN_RAD));
@@ -179,12 +180,12 @@ pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<V
         plus.gradient.iter().zip(&minus.gradient).map(|(a, b)| (b - a) / (2.0 * TURN_RAD)).collect();
     let rotor_rhs = (&minus.rotor_gradient - &plus.rotor_gradient) / (2.0 * TURN_RAD);
     let (links, free_rates) = system.solve(&rhs, &rotor_rhs, 0.0)?;
-    let mut rotors = vec![0.0; model.sprockets.len()];
-    rotors[model.driver] = 1.0;
-    for (k, rotor) in free.iter().enumerate() {
-        rotors[*rotor] = free_rates[k];
+    let mut coordinates = vec![0.0; model.coordinates.len()];
+    coordinates[driver] = 1.0;
+    for (k, coordinate) in free.iter().enumerate() {
+        coordinates[*coordinate] = free_rates[k];
     }
-    Some((links, rotors))
+    Some((links, coordinates))
 }
 
 /// A loaded loop seen from its shafts: what turning every sprocket costs, and moves.
@@ -198,7 +199,7 @@ pub struct Reduced {
 
 /// Static condensation of the links (Guyan 1965), all sprockets kept. None where the links have no stiffness of their own.
 pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
-    let n = model.sprockets.len();
+    let n = model.coordinates.len();
     let all: Vec<usize> = (0..n).collect();
     let whole = Problem::new(model, all, 1.0).system(at);
     let links = Problem::new(model, Vec::new(), 1.0).system(at);
@@ -215,7 +216,7 @@ pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
             inertia[(a, b)] = kinetic(model, &shapes[a], &shapes[b]);
         }
         stiffness[(a, a)] += whole.rotor_diagonal[a];
-        let own = model.sprockets[a].rotor.inverse_inertia();
+        let own = model.coordinates[a].inverse_inertia();
         inertia[(a, a)] += if own > 0.0 { 1.0 / own } else { 0.0 };
     }
     Some(Reduced { stiffness, inertia })
@@ -231,7 +232,7 @@ fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
 /// The mode of the linearised drive (links, joints, closed contacts; driver held) whose angular frequency is nearest to `near`
 /// [rad/s]: its frequency [rad/s], and the share of the sprockets in its kinetic energy. Inverse iteration on K - near^2 M.
 pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f64)> {
-    let free = free_rotors(model);
+    let free = free_coordinates(model);
     let mut problem = Problem::new(model, free.clone(), 1.0);
     let (mut system, original) = (problem.system(at), problem.system(at));
     let shift = near * near;
@@ -239,7 +240,7 @@ pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f
     for (i, d) in system.diagonal.iter_mut().enumerate() {
         *d -= Matrix3::from_diagonal(&Vector3::new(c.mass[i], c.mass[i], c.inertia[i])) * shift;
     }
-    let rotor = |k: usize| 1.0 / model.sprockets[free[k]].rotor.inverse_inertia();
+    let rotor = |k: usize| 1.0 / model.coordinates[free[k]].inverse_inertia();
     for k in 0..free.len() {
         system.rotor_diagonal[k] -= shift * rotor(k);
     }
@@ -313,13 +314,15 @@ impl<'a> Problem<'a> {
         for j in 0..n {
             add_joint(model, q, j, &mut s);
         }
-        for (index, sprocket) in model.sprockets.iter().enumerate() {
-            let column = free.iter().position(|k| *k == index);
-            if let Some(c) = column {
-                let torque = sprocket.rotor.outer_torque_nm() * load_factor;
-                s.energy -= torque * q.rotors[index];
-                s.rotor_gradient[c] -= torque;
-            }
+        for (c, index) in free.iter().enumerate() {
+            let coordinate = &model.coordinates[*index];
+            let (torque, angle) = (coordinate.outer_torque_nm() * load_factor, q.coordinates[*index]);
+            s.energy += coordinate.spring.energy_j(angle) - torque * angle;
+            s.rotor_gradient[c] -= torque + coordinate.spring.torque_nm(angle);
+            s.rotor_diagonal[c] += coordinate.spring.stiffness_nm_per_rad;
+        }
+        for sprocket in &model.sprockets {
+            let column = free.iter().position(|k| *k == sprocket.coordinate);
             let Some(teeth) = sprocket.geometry.iso() else { continue };
             let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
             for j in 0..n {
@@ -330,7 +333,7 @@ impl<'a> Problem<'a> {
                 if offset.norm() > reach {
                     continue;
                 }
-                let angle = q.rotors[index];
+                let angle = q.coordinates[sprocket.coordinate];
                 let hit = contact::gap_contact(teeth, rotated(offset, -angle), sprocket.body.bush_radius_m);
                 let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
                 let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
@@ -357,6 +360,9 @@ impl<'a> Problem<'a> {
         for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
             add_guide(model, q, guide, &mut s);
         }
+        for rail in &model.rails {
+            add_rail(model, q, rail, free, &mut s);
+        }
         add_end_contacts(model, q, (free, finder), &mut s);
         s
     }
@@ -374,8 +380,8 @@ fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize],
     });
     let mut touches = Vec::new();
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let column = body.rotor.and_then(|r| free.iter().position(|k| *k == r));
-        let (sin, cos) = sin_cos(body.rotor.map_or(0.0, |r| q.rotors[r]));
+        let column = body.coordinate.and_then(|r| free.iter().position(|k| *k == r));
+        let (sin, cos) = sin_cos(body.coordinate.map_or(0.0, |r| q.coordinates[r]));
         touches.clear();
         finder.find(model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| touches.push((link, !front, touch)));
         // In chain order, so that the energy's rounding does not depend on the blocks.
@@ -517,6 +523,50 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
     }
 }
 
+/// Where the three parts of every plate touch a rail: link, part, touch in the world's directions from the rail's origin, penetration
+/// above zero.
+pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(usize, PlatePart, EndTouch)> {
+    let angle = rail.coordinate.map_or(0.0, |k| q.coordinates[k]);
+    let mut all = Vec::new();
+    for (link, (p, heading)) in q.links.iter().enumerate() {
+        let centre = rotated(p - rail.body.origin, -angle);
+        let lever_m = model.chain.lever[link];
+        if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
+            continue;
+        }
+        let along = unit(heading - angle);
+        for part in PlatePart::ALL {
+            let Some(t) = rail.body.touch(part, centre, along, lever_m).filter(|t| t.penetration_m > 0.0) else {
+                continue;
+            };
+            let normal = rotated(t.normal, angle);
+            let on_axis = p - rail.body.origin + unit(*heading) * t.along_m;
+            let touch = EndTouch {
+                penetration_m: t.penetration_m,
+                point: on_axis - normal * rail.body.plate_radius_m,
+                normal,
+                link_radius_m: if t.is_flat { f64::INFINITY } else { rail.body.plate_radius_m },
+                body_radius_m: t.body_radius_m,
+                tooth: 0,
+                segment: rail.segment(t.piece),
+            };
+            all.push((link, part, touch));
+        }
+    }
+    all
+}
+
+fn add_rail(model: &Model, q: &Configuration, rail: &RailModel, free: &[usize], s: &mut System) {
+    let column = rail.coordinate.and_then(|r| free.iter().position(|k| *k == r));
+    for (link, _, touch) in rail_touches(model, q, rail) {
+        let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
+        let elastic = rail.body.law.elastic(touch.penetration_m, radii);
+        if elastic.force_n > 0.0 {
+            add_end_contact(s, link, q.links[link].0 - rail.body.origin, &touch, elastic, column);
+        }
+    }
+}
+
 impl System {
     /// x K x.
     fn quadratic(&self, links: &[Vector3<f64>], rotors: &DVector<f64>) -> f64 {
@@ -543,8 +593,8 @@ impl System {
                 return largest;
             }
         }
-        for (k, rotor) in free_rotors(model).into_iter().enumerate() {
-            largest = largest.max(self.rotor_gradient[k].abs() / model.sprockets[rotor].geometry.pitch_radius_m());
+        for (k, rotor) in free_coordinates(model).into_iter().enumerate() {
+            largest = largest.max(self.rotor_gradient[k].abs() / model.coordinates[rotor].reach_m);
         }
         largest
     }

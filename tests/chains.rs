@@ -4,7 +4,7 @@ use pitchline::assemble::assemble;
 use pitchline::compare::{Plan, Summary, run, verdict};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::ContactLaw;
-use pitchline::elements::rotor::Rotor;
+use pitchline::elements::coordinate::Motion;
 use pitchline::engagement::{Kind, Pass, Watch};
 use pitchline::geometry::chain::silent::SilentLinkForm;
 use pitchline::geometry::silent_mesh::{stretched_approach_speed_m_s, wrap_statics};
@@ -522,11 +522,11 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     back.guide_ends = std::array::from_fn(|set| scratch.memory(Part::Guides(set)).clone());
     back.contour_ends = std::array::from_fn(|set| scratch.memory(Part::Contours(set)).clone());
     for (k, sprocket) in model.sprockets.iter_mut().enumerate() {
-        back.rotors.omega[k] = -(state.rotors.omega[k] + h * scratch.rotor_alpha[k]);
-        back.rotors.alpha[k] = scratch.rotor_alpha[k];
+        back.coordinates.omega[k] = -(state.coordinates.omega[k] + h * scratch.coordinate_alpha[k]);
+        back.coordinates.alpha[k] = scratch.coordinate_alpha[k];
         if let Rotor::Driven { speed_rad_s } = &mut sprocket.rotor {
             *speed_rad_s = -*speed_rad_s;
-            back.rotors.omega[k] = *speed_rad_s;
+            back.coordinates.omega[k] = *speed_rad_s;
         }
     }
     (model, back)

@@ -57,7 +57,7 @@ impl Random {
 }
 
 /// Steps of each bundled drive that a test can afford.
-const STEPS: [u64; 3] = [4500, 1500, 1200];
+const STEPS: [u64; 4] = [4500, 1500, 1200, 1500];
 
 #[test]
 fn random_windows_run_again_are_the_recording_to_the_bit() {

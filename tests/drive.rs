@@ -22,7 +22,7 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let model = a.model.clone();
     let mut state = a.state;
     let steps = loop_steps(&model, 2.0);
-    let start = state.rotors.angle.clone();
+    let start = state.coordinates.angle.clone();
     // After whole loops every link is back where it was, up to what the mean speed is off: its advance is a whole number of
     // loops of N nominal pitches, plus the displacement along the span it is in.
     let before = state.links.clone();
@@ -34,7 +34,7 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
         / state.n_links as f64;
     let time = steps as f64 * model.step_s;
     let speed = (2.0 * 90.0 * 8e-3 + advance) / time;
-    let turned = [state.rotors.angle[0] - start[0], state.rotors.angle[1] - start[1]];
+    let turned = [state.coordinates.angle[0] - start[0], state.coordinates.angle[1] - start[1]];
     let ratio = turned[1] / turned[0];
     println!(
         "ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)",
@@ -469,7 +469,7 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
                 if !model.chain.bush_carrier(j).1 {
                     continue;
                 }
-                let (c, s) = (state.rotors.cos[k], state.rotors.sin[k]);
+                let (c, s) = (state.coordinates.cos[k], state.coordinates.sin[k]);
                 let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].body.centre;
                 let d = pitchline::geometry::Vec2::new(c * d.x + s * d.y, c * d.y - s * d.x);
                 let exact =
@@ -530,7 +530,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
             };
             let mut all = Vec::new();
             for (k, sprocket) in model.sprockets.iter().enumerate() {
-                let axes = (state.rotors.cos[k], state.rotors.sin[k]);
+                let axes = (state.coordinates.cos[k], state.coordinates.sin[k]);
                 for j in 0..model.chain.n_links {
                     let (link, front) = model.chain.bush_carrier(j);
                     let d = turned(axes, end(link, front) - sprocket.body.centre);

@@ -227,7 +227,7 @@ fn expected_energy(recording: &Recording) -> Sheet {
     let names = [
         "state_hash", "kinetic_j", "elastic_joint_j", "elastic_contact_j", "work_in_j", "work_out_j",
         "lost_pin_damping_j", "lost_pin_friction_j", "lost_contact_damping_j", "lost_contact_friction_j",
-        "lost_guide_damping_j", "lost_guide_friction_j", "error_j",
+        "lost_guide_damping_j", "lost_guide_friction_j", "elastic_spring_j", "lost_spring_damping_j", "error_j",
     ];
     let cells = |f: &Frame, _| {
         let e = &f.energy;
@@ -235,7 +235,7 @@ fn expected_energy(recording: &Recording) -> Sheet {
         let floats = [
             e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j, e.lost_pin_damping_j,
             e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j, e.lost_guide_damping_j,
-            e.lost_guide_friction_j, e.error_j,
+            e.lost_guide_friction_j, e.elastic_spring_j, e.lost_spring_damping_j, e.error_j,
         ];
         std::iter::once(whole(f.state_hash)).chain(floats.map(float)).collect()
     };

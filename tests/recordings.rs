@@ -219,7 +219,7 @@ fn values(f: &Frame) -> Vec<f64> {
     let e = &f.energy;
     v.extend([e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j]);
     v.extend([e.lost_pin_damping_j, e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j]);
-    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.error_j]);
+    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.elastic_spring_j, e.lost_spring_damping_j, e.error_j]);
     v
 }
 
@@ -393,7 +393,7 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
 fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
                  damping_n_s_per_m = 200\n\n";
-    let [bush, silent, smart] = BUNDLED.map(|(_, text)| text.to_string());
+    let [bush, silent, smart, arm] = BUNDLED.map(|(_, text)| text.to_string());
     let (head, rest) = bush.split_once("[contact.sprocket.linear]").expect("there");
     let with_hertz = format!("{head}{hertz}{}", &rest[rest.find("[contact.guide]").expect("there")..]);
     let sensors = "\n[sensors.torque.driver]\n[sensors.tachometer.driven]\n";
@@ -416,6 +416,7 @@ fn forces_of_a_frame_add_up_to_the_accelerations() {
         (silent, &[]),
         (smart.clone() + sensors, &[]),
         (smart, &odd[3..6]),
+        (arm, &odd[..5]),
     ] {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
         let drive = Drive::parse("a.toml", &text, &sets).unwrap_or_else(|e| panic!("{e}"));

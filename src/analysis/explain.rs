@@ -19,7 +19,7 @@
 //! Flanks, abutments and plate ends are part of their link: the joint ahead is its own front one, r goes from there to the point
 //! that touches, and there is no rest. Guides stand still (W = 0).
 
-use crate::elements::rotor::Rotor;
+use crate::elements::rail_contact::PlatePart;
 use crate::geometry::{Vec2, cross, perp};
 use crate::integrate::explicit::{self, Part, Scratch};
 use crate::model::Model;
@@ -258,13 +258,10 @@ fn velocity_at(model: &Model, state: &State, scratch: &Scratch, link: usize) -> 
     (v, l.omega[link] + half * l.alpha[link] + change(&scratch.joint_alpha, &l.joint_alpha))
 }
 
-/// Speed of a rotor at the node [rad/s].
-fn rotor_speed(model: &Model, state: &State, k: usize) -> f64 {
-    let predicted = state.rotors.omega[k] + 0.5 * model.step_s * state.rotors.alpha[k];
-    match model.sprockets[k].rotor {
-        Rotor::Driven { .. } => state.rotors.omega[k],
-        Rotor::Free { .. } => predicted,
-    }
+/// Speed of a coordinate at the node [rad/s].
+fn coordinate_speed(model: &Model, state: &State, k: usize) -> f64 {
+    let predicted = state.coordinates.omega[k] + 0.5 * model.step_s * state.coordinates.alpha[k];
+    if model.coordinates[k].is_free() { predicted } else { state.coordinates.omega[k] }
 }
 
 /// Closing speed and its parts, at the first touch of a lane.
@@ -275,10 +272,11 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let (link, front) = match lane.part {
         Part::Bushes => model.chain.bush_carrier(lane.lane),
         Part::Guides(set) | Part::Contours(set) => (lane.lane, set % 2 == 0),
+        Part::Rails(set) => (lane.lane, set % 3 == 0),
     };
-    let rotor = touch.body < model.sprockets.len();
-    let spin = if rotor { rotor_speed(model, state, touch.body) } else { 0.0 };
-    let centre = if rotor { model.sprockets[touch.body].body.centre } else { Vec2::zeros() };
+    let rotor = model.axis_of(touch.body);
+    let spin = rotor.map_or(0.0, |(_, q)| coordinate_speed(model, state, q));
+    let centre = rotor.map_or(Vec2::zeros(), |(centre, _)| centre);
     let surface = |p: Vec2| perp(p - centre) * spin;
     let mut parts = if lane.part == Part::Bushes {
         let links = model.chain.n_links;
@@ -300,7 +298,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
         let (joint, v_joint) = end_at(model, state, scratch, link, model.chain_speed_m_s >= 0.0);
         let (r, w) = (touch.point - joint, velocity_at(model, state, scratch, link).1);
         let turns = part("the arriving link turns already (sideways motion of the span)", perp(r) * w);
-        if rotor {
+        if rotor.is_some() {
             vec![
                 part("articulation: a straight span onto the turning sprocket", -perp(r) * spin),
                 turns,
@@ -329,7 +327,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let sprocket = &model.sprockets[body];
             let (link, front) = model.chain.bush_carrier(lane);
             let p = joint(link, front);
-            let (cos, sin) = (state.rotors.cos[body], state.rotors.sin[body]);
+            let (cos, sin) = (state.coordinates.cos[sprocket.coordinate], state.coordinates.sin[sprocket.coordinate]);
             let d = p - sprocket.body.centre;
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let radius_m = sprocket.body.bush_radius_m;
@@ -347,6 +345,20 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let normal = (b.along * from.x + up * from.y) / from.norm();
             let segment = model.guides[body - model.sprockets.len()].segment(along);
             Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
+        }
+        Part::Rails(set) => {
+            let rail = model.rails.get(body.checked_sub(model.first_rail())?)?;
+            let (swing, _) = explicit::rails::swing(model, state, body - model.first_rail());
+            let into = |v: Vec2| Vec2::new(swing.cos * v.x + swing.sin * v.y, swing.cos * v.y - swing.sin * v.x);
+            let (centre, heading) = (Vec2::new(l.x[lane], l.y[lane]), Vec2::new(l.cos[lane], l.sin[lane]));
+            let plate = PlatePart::ALL[set % 3];
+            let t = rail.body.touch(plate, into(centre - rail.body.origin), into(heading), model.chain.lever[lane])?;
+            let normal = Vec2::new(
+                swing.cos * t.normal.x - swing.sin * t.normal.y,
+                swing.sin * t.normal.x + swing.cos * t.normal.y,
+            );
+            let point = centre + heading * t.along_m - normal * rail.body.plate_radius_m;
+            Some(Touch { body, tooth, segment: rail.segment(t.piece), normal, point })
         }
         Part::Contours(set) => {
             let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
@@ -398,11 +410,7 @@ fn free_body(
         let touch = touch_at(model, state, scratch, lane.part, lane.lane)
             .with_context(|| format!("the contact of {} cannot be found again", Feature::name(lane.feature as u32)))?;
         let rotor = touch.body < model.sprockets.len();
-        let body = if rotor {
-            format!("sprockets.{}", model.sprockets[touch.body].name)
-        } else {
-            format!("guides.fixed.{}", model.guides[touch.body - model.sprockets.len()].name)
-        };
+        let body = model.body_path(touch.body);
         let (feature, segment) = (Feature::name(lane.feature as u32), Segment::name(touch.segment as u32));
         let place =
             if rotor { format!("{body}, tooth gap {}, {segment}", touch.tooth) } else { format!("{body}, {segment}") };

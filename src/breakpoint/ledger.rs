@@ -1,7 +1,7 @@
 //! The energy ledger of a step from its own columns, for breakpoints: that of a frame, summed in another order.
 
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::rotor::Rotor;
+use crate::elements::coordinate::Motion;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
@@ -102,21 +102,28 @@ impl Ledger {
         self.next = Some(state.step + 1);
         let mut kinetic_j = 0.5 * total(&sums.twice_kinetic_j);
         let (mut work_in_j, mut work_out_j) = (0.0, 0.0);
-        let r = &state.rotors;
+        let r = &state.coordinates;
         let turning =
-            r.omega.iter().zip(&r.work_in).zip(&r.work_out).zip(scratch.rotor_alpha()).zip(scratch.chain_torque());
-        for (sprocket, ((((omega, work_in), work_out), alpha), chain)) in model.sprockets.iter().zip(turning) {
+            r.omega.iter().zip(&r.work_in).zip(&r.work_out).zip(scratch.coordinate_alpha()).zip(scratch.chain_torque());
+        let (mut spring_j, mut damper_j) = (0.0, 0.0);
+        for (k, ((((omega, work_in), work_out), alpha), chain)) in turning.enumerate() {
+            let coordinate = &model.coordinates[k];
             let speed = omega + 0.5 * h * alpha;
             work_in_j += work_in;
             work_out_j += work_out;
-            match sprocket.rotor {
-                Rotor::Driven { .. } => work_in_j -= chain * (0.5 * h * speed),
-                Rotor::Free { inertia_kg_m2, torque_nm } => {
+            match coordinate.motion {
+                Motion::Prescribed { .. } => work_in_j -= chain * (0.5 * h * speed),
+                Motion::Free { inertia_kg_m2, torque_nm } => {
                     kinetic_j += 0.5 * inertia_kg_m2 * speed * speed;
                     work_out_j -= torque_nm * (0.5 * h * speed);
                 }
             }
+            spring_j += coordinate.spring.energy_j(r.angle[k]);
+            if let Some(lost) = r.lost.get(k) {
+                damper_j += lost + coordinate.spring.damping_nm_s_per_rad * speed * (0.5 * h * speed);
+            }
         }
+        let (elastic_j, lost_j) = (elastic_j + spring_j, lost_j + damper_j);
         let stored_j = kinetic_j + elastic_j;
         let (e, blur_j) = &mut self.now;
         *blur_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());
@@ -291,6 +298,7 @@ fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
     let all: Vec<ContactLaw> = match part {
         Part::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),
         Part::Guides(_) => model.guides.iter().map(|g| g.body.law).collect(),
+        Part::Rails(_) => model.rails.iter().map(|r| r.body.law).collect(),
         Part::Contours(_) => model.end_bodies.iter().filter(|b| part.is_set(b.set)).map(|b| b.law).collect(),
     };
     let first = *all.first()?;

@@ -5,7 +5,7 @@ use super::extremes::{self, Compared, Quick, QuickEnergy};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, Subject, Values, energy_number, tension_n, truth};
-use crate::elements::rotor::Rotor;
+use crate::elements::coordinate::Motion;
 use crate::integrate::explicit::{Part, Parts, Scratch, Wanted};
 use crate::integrate::vectorised;
 use crate::model::Model;
@@ -321,18 +321,18 @@ impl Values for StepValues<'_> {
                 }
             }
             Scope::Sprocket => {
-                let k = index?;
+                let k = self.model.sprockets.get(index?)?.coordinate;
                 match quantity.what {
-                    What::Speed => {
-                        Some(self.state.rotors.omega[k] + 0.5 * self.model.step_s * self.scratch.rotor_alpha[k])
-                    }
-                    What::Angle => Some(self.state.rotors.angle[k]),
+                    What::Speed => Some(
+                        self.state.coordinates.omega[k] + 0.5 * self.model.step_s * self.scratch.coordinate_alpha[k],
+                    ),
+                    What::Angle => Some(self.state.coordinates.angle[k]),
                     what => {
                         let torque = *self.scratch.chain_torque().get(k)?;
-                        match self.model.sprockets[k].rotor {
+                        match self.model.coordinates[k].motion {
                             _ if what == What::Torque => Some(torque),
-                            Rotor::Driven { .. } => Some(-torque),
-                            Rotor::Free { torque_nm, .. } => Some(torque_nm),
+                            Motion::Prescribed { .. } => Some(-torque),
+                            Motion::Free { torque_nm, .. } => Some(torque_nm),
                         }
                     }
                 }

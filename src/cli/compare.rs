@@ -83,7 +83,7 @@ fn drives(args: &CompareArgs, names: &[String], speed_rpm: Option<f64>) -> Resul
 }
 
 pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
-    let bundled = || crate::drive::BUNDLED.iter().map(|(n, _)| (*n).to_string()).collect();
+    let bundled = || crate::drive::CHAIN_TYPES.map(str::to_string).to_vec();
     let named = if args.named.is_empty() { &args.drives } else { &args.named };
     let names: Vec<String> = if named.is_empty() { bundled() } else { named.clone() };
     if let Some(s) = args

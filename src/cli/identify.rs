@@ -87,7 +87,7 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
         return Err(Failure::Input(format!("`{shown}` has {} bytes; a {what} has at most {LARGEST}", metadata.len())));
     }
     let mut text = String::new();
-    std::fs::File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_string(&mut text)).map_err(cannot)?;
+    crate::input::open(path).and_then(|file| file.take(LARGEST + 1).read_to_string(&mut text)).map_err(cannot)?;
     // What is no file says nothing of its length, and may never end.
     if text.len() as u64 > LARGEST {
         return Err(Failure::Input(format!("`{shown}` has more bytes than a {what} has at most: {LARGEST}")));

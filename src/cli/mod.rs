@@ -261,7 +261,7 @@ fn drive_text(drive: &str) -> Result<(String, String), Failure> {
         )));
     }
     let mut bytes = Vec::new();
-    let read = std::fs::File::open(path).and_then(|file| file.take(LARGEST_DRIVE + 1).read_to_end(&mut bytes));
+    let read = crate::input::open(path).and_then(|file| file.take(LARGEST_DRIVE + 1).read_to_end(&mut bytes));
     read.map_err(|e| Failure::Input(format!("cannot read drive `{drive}`: {e}")))?;
     // What is no file says nothing of its length, and may never end.
     if bytes.len() as u64 > LARGEST_DRIVE {

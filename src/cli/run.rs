@@ -338,8 +338,9 @@ fn moved_body(before: &Model, after: &Model) -> Option<String> {
             return Some(format!("move sprocket `{}` by {:.3} um", b.name, moved_m * 1e6));
         }
     }
-    let same_number = before.sprockets.len() == after.sprockets.len() && before.guides.len() == after.guides.len();
-    (!same_number).then(|| "add or take away a sprocket or guide".to_string())
+    let counts = |m: &Model| [m.sprockets.len(), m.guides.len(), m.arms.len(), m.rails.len()];
+    let same_number = counts(before) == counts(after);
+    (!same_number).then(|| "add or take away a sprocket, a guide or an arm".to_string())
 }
 
 /// Reads the break expressions; all mistakes at once.
@@ -350,6 +351,7 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
             .iter()
             .map(|s| format!("sprockets.{}", s.name))
             .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
+            .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
             .collect(),
         sprockets: drive.sprockets.len(),
         links: drive.links,
@@ -499,6 +501,7 @@ fn json(
                 "contact_friction_j": e.lost_contact_friction_j,
                 "guide_damping_j": e.lost_guide_damping_j,
                 "guide_friction_j": e.lost_guide_friction_j,
+                "spring_damping_j": e.lost_spring_damping_j,
             },
         },
         "assembly": report,

@@ -97,7 +97,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         )));
     }
     let mut first = [0; 8];
-    let read = std::fs::File::open(path).and_then(|file| file.take(8).read(&mut first));
+    let read = crate::input::open(path).and_then(|file| file.take(8).read(&mut first));
     read.map_err(|e| Failure::Input(format!("cannot read {shown}: {e}")))?;
     match first {
         [b'R', b'R', b'F', ..] => Ok(Kind::Rrd),

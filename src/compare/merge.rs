@@ -14,8 +14,9 @@ const ROOM_M: f64 = 30e-3;
 pub struct Part {
     name: String,
     first_link: u32,
-    /// New index of each body.
+    /// New index of each body, and of each coordinate.
     bodies: Vec<u32>,
+    coordinates: Vec<usize>,
     /// How far it is moved downwards [m].
     down_m: f64,
 }
@@ -28,7 +29,8 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
     (merged.overrides, merged.assembly) = (Vec::new(), Vec::new());
     merged.drive_text = String::new();
     let rotors: usize = runs.iter().map(|h| h.bodies.iter().filter(|b| b.rotor).count()).sum();
-    let (mut next_rotor, mut next_other) = (0, rotors);
+    let (mut next_rotor, mut next_other, mut next_arm) = (0, rotors, rotors);
+    merged.coordinates = vec![String::new(); runs.iter().map(|h| h.coordinates.len()).sum()];
     let mut bodies = vec![None; runs.iter().map(|h| h.bodies.len()).sum()];
     let mut parts = Vec::new();
     let mut bottom_m: Option<f64> = None;
@@ -53,17 +55,26 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
             outline.name = format!("{short} {}", o.name);
             outline
         }));
+        let sprockets = header.bodies.iter().filter(|b| b.rotor).count();
+        let mut coordinates = Vec::new();
+        for (q, path) in header.coordinates.iter().enumerate() {
+            let new = if q < sprockets { next_rotor + q } else { next_arm };
+            next_arm += usize::from(q >= sprockets);
+            merged.coordinates[new] = format!("{short}.{path}");
+            coordinates.push(new);
+        }
         let mut numbers = Vec::new();
         for body in &header.bodies {
             let next = if body.rotor { &mut next_rotor } else { &mut next_other };
             let mut placed = body.clone();
             placed.path = format!("{short}.{}", body.path);
             placed.y_m -= down_m;
+            placed.coordinate = body.coordinate.map(|q| coordinates[q as usize] as u32);
             bodies[*next] = Some(placed);
             numbers.push(*next as u32);
             *next += 1;
         }
-        parts.push(Part { name: short.clone(), first_link, bodies: numbers, down_m });
+        parts.push(Part { name: short.clone(), first_link, bodies: numbers, coordinates, down_m });
         merged.drive_text += &format!("# ---- {}\n{}\n", header.drive_name, header.drive_text);
         merged.overrides.extend(header.overrides.iter().map(|o| format!("{short}: {o}")));
         merged.assembly.extend(header.assembly.iter().map(|a| format!("{short}: {a}")));
@@ -76,11 +87,10 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
 pub fn frames(parts: &[Part], frames: &[&Frame]) -> Frame {
     let mut merged = Frame { step: frames[0].step, t_s: frames[0].t_s, ..Frame::default() };
     merged.crank_angle_rad = frames[0].crank_angle_rad;
-    let rotors = parts.iter().flat_map(|p| p.bodies.iter()).max().map_or(0, |m| *m as usize + 1);
     let total: usize = frames.iter().map(|f| f.rotors.angle_rad.len()).sum();
     let r = &mut merged.rotors;
     for column in [&mut r.angle_rad, &mut r.speed_rad_s, &mut r.chain_torque_nm, &mut r.outer_torque_nm] {
-        column.resize(total.min(rotors), 0.0);
+        column.resize(total, 0.0);
     }
     for (part, frame) in parts.iter().zip(frames) {
         merged.state_hash = merged.state_hash.rotate_left(1) ^ frame.state_hash;
@@ -98,7 +108,7 @@ pub fn frames(parts: &[Part], frames: &[&Frame]) -> Frame {
         merged.joints.force_y_n.extend_from_slice(&frame.joints.force_y_n);
         merged.joints.friction_torque_nm.extend_from_slice(&frame.joints.friction_torque_nm);
         for k in 0..frame.rotors.angle_rad.len() {
-            let to = part.bodies[k] as usize;
+            let to = part.coordinates[k];
             merged.rotors.angle_rad[to] = frame.rotors.angle_rad[k];
             merged.rotors.speed_rad_s[to] = frame.rotors.speed_rad_s[k];
             merged.rotors.chain_torque_nm[to] = frame.rotors.chain_torque_nm[k];
@@ -152,6 +162,8 @@ fn add_energy(merged: &mut Frame, frame: &Frame) {
     to.lost_contact_friction_j += from.lost_contact_friction_j;
     to.lost_guide_damping_j += from.lost_guide_damping_j;
     to.lost_guide_friction_j += from.lost_guide_friction_j;
+    to.elastic_spring_j += from.elastic_spring_j;
+    to.lost_spring_damping_j += from.lost_spring_damping_j;
     to.error_j += from.error_j;
 }
 

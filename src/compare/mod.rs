@@ -13,7 +13,6 @@ use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;
 use crate::drive::Drive;
 use crate::elements::end_contact::LinkContour;
-use crate::elements::rotor::Rotor;
 use crate::engagement::{KINDS, Kind, Pass, Watch};
 use crate::impacts::ImpactWatch;
 use crate::integrate::StepError;
@@ -190,7 +189,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     let recorded = (plan.recorded_s / model.step_s) as u64;
     let (mut frames, mut events) = (Vec::new(), Vec::new());
     let mut camera = Camera::default();
-    let free = model.sprockets.iter().position(|s| matches!(s.rotor, Rotor::Free { .. }));
+    let free = model.sprockets.iter().position(|s| model.coordinates[s.coordinate].is_free());
     let mut speeds = SpeedLog::default();
     let (mut struck, mut impacts) = (ImpactWatch::new(&model), Vec::new());
     for step in 0..=span.steps {
@@ -208,7 +207,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
             events.extend(told.map(|i| touch_event(i, &header)));
         }
         if let Some(k) = free {
-            speeds.add(state.rotors.angle[model.driver].abs(), state.rotors.omega[k]);
+            speeds.add(state.coordinates.angle[model.driver].abs(), state.coordinates.omega[k]);
         }
         if step <= recorded && step.is_multiple_of(span.steps_per_frame) {
             let frame = camera.take(&model, &state, &scratch);
@@ -237,7 +236,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     let exit_from = model
         .route
         .as_ref()
-        .map_or(0.0, |r| r.wraps[model.driver].sweep_rad.abs() / (2.0 * std::f64::consts::PI) * teeth - 2.0);
+        .map_or(0.0, |r| r.wrap(model.driver).sweep_rad.abs() / (2.0 * std::f64::consts::PI) * teeth - 2.0);
     let kinds = KINDS
         .iter()
         .filter(|k| passes.iter().any(|p| p.first_touch[**k as usize].is_some()))

@@ -78,7 +78,7 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
     let ChainSpec::Abutment(chain) = drive.chain else { return Ok(None) };
     let mut values = vec![
         Free { path: "chain.smartchain.design_tension_n".into(), value: chain.design_tension_n, step: 20.0 },
-        Free { path: "preload.tension_n".into(), value: drive.preload.tension_n, step: 15.0 },
+        Free { path: "preload.tension_n".into(), value: drive.preload.tension_n(), step: 15.0 },
     ];
     for s in &drive.sprockets {
         let path = format!("sprockets.{}.root_relief_um", s.name);

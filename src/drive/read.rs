@@ -4,14 +4,16 @@
 use super::reader::{Places, Table};
 use super::sensors;
 use super::{
-    ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec, JointSpec, OuterSpec,
-    PitchError, PreloadSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive, TightJoint,
+    ArmSpec, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec, JointSpec,
+    OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive, TightJoint,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
+use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
 use crate::geometry::chain::bush::{BushChain, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
 use crate::geometry::guide::GuideSide;
+use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
@@ -47,8 +49,12 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     };
     contact.finish();
     let (sprockets, names) = read_sprockets(root);
-    let guides = read_guides(root, &names);
-    let preload = read_preload(&root.table("preload"), &names);
+    let arms = read_arms(root);
+    let guide_table = root.table("guides");
+    let guides = read_guides(&guide_table, &names);
+    let rails = read_rails(&guide_table, &names, &arms);
+    guide_table.finish();
+    let preload = read_preload(&root.table("preload"), &names, &arms);
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
     let sensors = sensors::sensors(root, &names, driver, &guides);
     let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
@@ -76,6 +82,8 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         ring_contact,
         sprockets,
         guides,
+        arms,
+        rails,
         preload,
         effects,
         sensors,
@@ -510,32 +518,92 @@ fn order_by_route(root: &Table<'_>, all: Vec<SprocketDrive>) -> (Vec<SprocketDri
     (sorted, names)
 }
 
-fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
-    let guides = root.table("guides");
+fn read_arms(root: &Table<'_>) -> Vec<ArmSpec> {
+    let table = root.table("arms");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        all.push(ArmSpec {
+            pivot: Vec2::new(t.required("pivot_x_mm", MM, -1e5..=1e5), t.required("pivot_y_mm", MM, -1e5..=1e5)),
+            inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e3),
+            spring_nm_per_rad: t.required("spring_nm_per_rad", 1.0, 1e-6..=1e6),
+            spring_torque_nm: t.required("spring_torque_nm", 1.0, -1e5..=1e5),
+            damping_nm_s_per_rad: t.number("damping_nm_s_per_rad", 1.0, 0.0..=1e5).unwrap_or(0.0),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+/// The sprocket that the way of `span = ["a", "b"]` leaves.
+fn read_span(t: &Table<'_>, names: &[String]) -> usize {
+    let span = t.texts("span").unwrap_or_default();
+    let from = names.iter().position(|n| Some(n) == span.first());
+    let to = names.iter().position(|n| Some(n) == span.get(1));
+    match (from, to) {
+        (Some(a), Some(b)) if span.len() == 2 && (a + 1) % names.len() == b => a,
+        _ => {
+            let spans: Vec<String> =
+                (0..names.len()).map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()])).collect();
+            t.error(
+                format!("`{}.span` is no span of the route", t.path()),
+                Some(format!("spans here: {}", spans.join(", "))),
+            );
+            0
+        }
+    }
+}
+
+const SIDES: [(&str, GuideSide); 2] = [("inside", GuideSide::Inside), ("outside", GuideSide::Outside)];
+
+fn read_rails(guides: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> Vec<RailSpec> {
+    let table = guides.table("rail");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let known = || arms.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", ");
+        let arm = t.text("arm").map(|arm| {
+            arms.iter().position(|a| a.name == arm).unwrap_or_else(|| {
+                t.error_at("arm", format!("no arm is called `{arm}`"), Some(format!("arms: {}", known())));
+                0
+            })
+        });
+        let lengths_m = t.list("lengths_mm", MM, 1e-3..=1e5);
+        if lengths_m.is_none() {
+            t.error(
+                format!("`{}` has no stretches", t.path()),
+                Some("add `lengths_mm = [...]`, and as many `radii_mm` (0: straight, negative: concave)".into()),
+            );
+        }
+        let lengths_m = lengths_m.unwrap_or_default();
+        let radii_m = t.list("radii_mm", MM, -1e6..=1e6).unwrap_or_else(|| vec![0.0; lengths_m.len()]);
+        if radii_m.len() != lengths_m.len() || lengths_m.is_empty() {
+            t.error_at("radii_mm", format!("{} lengths, {} radii", lengths_m.len(), radii_m.len()), None);
+        }
+        let stretch =
+            |(length_m, r): (&f64, &f64)| Stretch { length_m: *length_m, radius_m: (*r != 0.0).then_some(*r) };
+        all.push(RailSpec {
+            span: read_span(&t, names),
+            arm,
+            side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
+            start: Vec2::new(t.required("start_x_mm", MM, -1e5..=1e5), t.required("start_y_mm", MM, -1e5..=1e5)),
+            heading_rad: t.required("heading_deg", DEG, -360.0..=360.0),
+            stretches: lengths_m.iter().zip(&radii_m).map(stretch).collect(),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+fn read_guides(guides: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
     let fixed = guides.table("fixed");
     let mut all = Vec::new();
     for (name, t) in fixed.tables() {
-        let span = t.texts("span").unwrap_or_default();
-        let from = names.iter().position(|n| Some(n) == span.first());
-        let to = names.iter().position(|n| Some(n) == span.get(1));
-        let span = match (from, to) {
-            (Some(a), Some(b)) if span.len() == 2 && (a + 1) % names.len() == b => a,
-            _ => {
-                let spans: Vec<String> = (0..names.len())
-                    .map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()]))
-                    .collect();
-                t.error(
-                    format!("`{}.span` is no span of the route", t.path()),
-                    Some(format!("spans here: {}", spans.join(", "))),
-                );
-                0
-            }
-        };
         all.push(GuideSpec {
-            span,
-            side: t
-                .choice("side", &[("inside", GuideSide::Inside), ("outside", GuideSide::Outside)])
-                .unwrap_or(GuideSide::Inside),
+            span: read_span(&t, names),
+            side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
             start_m: t.required("start_mm", MM, -1000.0..=1e5),
             end_m: t.required("end_mm", MM, -1000.0..=1e5),
             clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
@@ -546,25 +614,37 @@ fn read_guides(root: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
         t.finish();
     }
     fixed.finish();
-    guides.finish();
     all
 }
 
-fn read_preload(t: &Table<'_>, names: &[String]) -> PreloadSpec {
+fn read_preload(t: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> PreloadSpec {
+    if let Some(arm) = t.text("moves").and_then(|name| arms.iter().position(|a| a.name == name)) {
+        for key in ["tension_n", "direction_deg"] {
+            if t.number(key, 1.0, f64::MIN..=f64::MAX).is_some() {
+                t.error_at(key, "the arm's spring sets the tension".into(), Some("take it away".into()));
+            }
+        }
+        t.finish();
+        return PreloadSpec::Arm(arm);
+    }
     let tension_n = t.required("tension_n", 1.0, 0.0..=1e6);
     let moves = t.text("moves");
     let index = match &moves {
         None => names.len().saturating_sub(1),
         Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
             t.error(
-                format!("`preload.moves` = \"{name}\" is no sprocket"),
-                Some(format!("sprockets here: {}", names.join(", "))),
+                format!("`preload.moves` = \"{name}\" is no sprocket and no arm"),
+                Some(format!(
+                    "sprockets here: {}; arms: {}",
+                    names.join(", "),
+                    arms.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", ")
+                )),
             );
             0
         }),
     };
-    let preload =
-        PreloadSpec { tension_n, moves: index, direction_rad: t.number("direction_deg", PI / 180.0, -360.0..=360.0) };
+    let direction_rad = t.number("direction_deg", PI / 180.0, -360.0..=360.0);
+    let preload = PreloadSpec::Sprocket { tension_n, moves: index, direction_rad };
     t.finish();
     preload
 }

@@ -327,6 +327,35 @@ impl<'a> Table<'a> {
         None
     }
 
+    /// A list of numbers, each as [`Table::number`] takes it.
+    pub fn list(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<Vec<f64>> {
+        let (value, place) = self.value(key)?;
+        let DeValue::Array(items) = value else {
+            self.wrong_type(key, value, "a list of numbers", place);
+            return None;
+        };
+        let number = |v: &DeValue<'_>| match v {
+            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
+            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok().map(|i| i as f64),
+            _ => None,
+        };
+        let mut out = Vec::new();
+        for item in items {
+            match number(item.get_ref()).filter(|n| range.contains(n)) {
+                Some(n) => out.push(n * unit),
+                None => {
+                    // What stands in an override is the whole of its value.
+                    let place = if place.source == 0 { Place { source: 0, span: item.span() } } else { place };
+                    let (low, high) = (range.start(), range.end());
+                    let title = format!("`{}` holds something that is no number in {low} ..= {high}", self.join(key));
+                    self.reader.error(title, place, None);
+                    return None;
+                }
+            }
+        }
+        Some(out)
+    }
+
     /// A list of texts.
     pub fn texts(&self, key: &str) -> Option<Vec<String>> {
         let (value, place) = self.value(key)?;

@@ -122,8 +122,8 @@ pub(super) struct Circle {
 #[derive(Clone, Debug, PartialEq)]
 pub struct EndBody {
     pub name: String,
-    /// Index of the sprocket it turns with.
-    pub rotor: Option<usize>,
+    /// Index of the coordinate it turns by.
+    pub coordinate: Option<usize>,
     /// Index among the bodies of a recording.
     pub body: usize,
     /// Contacts of bodies with the same set never overlap: a link's end has one of them at a time.

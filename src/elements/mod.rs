@@ -4,10 +4,11 @@
 pub mod arc_lanes;
 pub mod contact_law;
 pub mod contour_forces;
+pub mod coordinate;
 pub mod end_contact;
 pub mod flank_lanes;
 pub mod friction;
 pub mod guide_contact;
 pub mod link_joint;
-pub mod rotor;
+pub mod rail_contact;
 pub mod tooth_contact;

@@ -303,15 +303,19 @@ pub fn segments(body: &ToothedBody, turning: Turning, lanes: &Lanes) -> Column {
     out
 }
 
-/// Rates and effective masses of all lanes.
+/// Rates and effective masses of all lanes. YIELDS: the body gives way, by its inverse inertia about the origin.
 #[inline(always)]
-fn rates(step: f64, omega: f64, lanes: &mut Lanes) {
+fn rates<const YIELDS: bool>(step: f64, (omega, inverse_inertia): (f64, f64), lanes: &mut Lanes) {
     let half_step = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
         let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
-        let w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
+        let mut w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
+        if YIELDS {
+            let arm = lanes.x[i] * ny - lanes.y[i] * nx;
+            w_n += inverse_inertia * arm * arm;
+        }
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
         lanes.free_rate[i] = half_step * own - (vx * nx + vy * ny);
@@ -364,8 +368,43 @@ pub(super) fn remembered(
 /// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
-    rates(step, omega, lanes);
-    normal_forces(law, &[radius; LANES], step, lanes);
+    let friction = Sliding { mu, stick_speed, radius };
+    forces_of::<false>(law, friction, &[radius; LANES], step, (omega, 0.0), lanes);
+}
+
+/// As [`forces`], of a body with this speed and inverse inertia about the origin of the lanes' coordinates, on parts of links with these
+/// radii of curvature.
+#[inline(always)]
+pub fn forces_on_body(
+    law: &ContactLaw,
+    friction: Sliding,
+    link_radius: &Column,
+    step: f64,
+    body: (f64, f64),
+    lanes: &mut Lanes,
+) {
+    forces_of::<true>(law, friction, link_radius, step, body, lanes);
+}
+
+/// What friction works with: its coefficient, its stick speed [m/s], and how far the surface lies from the joint's axis [m].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sliding {
+    pub mu: f64,
+    pub stick_speed: f64,
+    pub radius: f64,
+}
+
+#[inline(always)]
+fn forces_of<const YIELDS: bool>(
+    law: &ContactLaw,
+    Sliding { mu, stick_speed, radius }: Sliding,
+    link_radius: &Column,
+    step: f64,
+    (omega, inverse_inertia): (f64, f64),
+    lanes: &mut Lanes,
+) {
+    rates::<YIELDS>(step, (omega, inverse_inertia), lanes);
+    normal_forces(law, link_radius, step, lanes);
     let half = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
@@ -373,7 +412,10 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
         let outward = lanes.x[i] * nx + lanes.y[i] * ny;
         let slide = vy * nx - vx * ny - lanes.omega[i] * radius - omega * (outward - radius);
         let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
-        let w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
+        let mut w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
+        if YIELDS {
+            w_t += inverse_inertia * (outward - radius) * (outward - radius);
+        }
         let mobility = half * w_t;
         let free = slide - mobility * lanes.tangential_force[i];
         let fn_ = lanes.normal_force[i];

@@ -5,6 +5,7 @@ pub mod chain;
 pub mod element_gap;
 pub mod guide;
 pub mod profile;
+pub mod rail;
 pub mod route;
 pub mod silent_mesh;
 pub mod silent_sprocket;

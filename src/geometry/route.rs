@@ -1,9 +1,10 @@
-//! The route of a closed chain round its sprockets.
+//! The route of a closed chain round its sprockets and over the rails between them.
 //!
 //! The loop is travelled counterclockwise: sprockets with [`Wrap::Inside`] lie inside the loop (on the left of the chain)
 //! and turn counterclockwise, those with [`Wrap::Outside`] lie outside and turn clockwise. The path is that of the joint
 //! centres: arcs on the pitch circles and common tangents between them. Joints are laid on the path by chords of one pitch,
-//! so that on a pitch circle they advance by exactly 2 pi / z.
+//! so that on a pitch circle they advance by exactly 2 pi / z. A convex arc of a rail is a circle that the taut chain may pass by: it
+//! counts only where the chain bends round it.
 
 use super::{Vec2, cross, perp};
 use crate::units::{atan2, wrap_angle};
@@ -33,6 +34,8 @@ pub struct Pulley {
     pub centre: Vec2,
     pub pitch_radius_m: f64,
     pub wrap: Wrap,
+    /// An arc of a rail: the chain wraps it only where it must.
+    pub is_optional: bool,
 }
 
 /// A straight stretch between two sprockets.
@@ -57,9 +60,9 @@ pub struct WrapArc {
 /// Why no route exists.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RouteError {
-    /// Pulleys `first` and `second` overlap so that no common tangent exists; distance needed [m].
+    /// Pulleys `first` and `second` overlap so that no common tangent exists; distance needed [m]. Indices into all pulleys.
     Overlap { first: usize, second: usize, needed_m: f64 },
-    /// The chain would not touch this pulley, or would have to cross itself.
+    /// The chain would not touch this pulley, or would have to cross itself. Index into all pulleys.
     Unwrapped { pulley: usize },
     /// No position closes this number of links.
     Open { links: usize, fits: Vec<usize> },
@@ -92,31 +95,43 @@ impl std::error::Error for RouteError {}
 /// The closed path: pulley 0, span 0 (from pulley 0 to 1), pulley 1, span 1, ...
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    pub wraps: Vec<WrapArc>,
-    pub spans: Vec<Span>,
+    wraps: Vec<WrapArc>,
+    spans: Vec<Span>,
+    /// Of every pulley that is not optional: its place among the wraps.
+    stops: Vec<usize>,
+    /// Of every wrap: its pulley.
+    pulleys: Vec<usize>,
     /// Path length at the start of each piece, alternating wrap and span, and the total at the end [m].
     starts_m: Vec<f64>,
 }
 
 impl Route {
-    /// Lays the path round `pulleys` in the order of travel.
+    /// Lays the path round `pulleys` in the order of travel, past optional ones where it does not bend round them.
     pub fn new(pulleys: &[Pulley]) -> Result<Route, RouteError> {
+        let kept = taut(pulleys);
+        let chosen: Vec<Pulley> = kept.iter().map(|i| pulleys[*i]).collect();
+        let mut route = Route::round(&chosen).map_err(|e| match e {
+            RouteError::Overlap { first, second, needed_m } => {
+                RouteError::Overlap { first: kept[first], second: kept[second], needed_m }
+            }
+            RouteError::Unwrapped { pulley } => RouteError::Unwrapped { pulley: kept[pulley] },
+            RouteError::Open { links, fits } => RouteError::Open { links, fits },
+        })?;
+        route.stops = (0..kept.len()).filter(|i| !chosen[*i].is_optional).collect();
+        route.pulleys = kept;
+        Ok(route)
+    }
+
+    /// Lays the path round all of `pulleys`.
+    fn round(pulleys: &[Pulley]) -> Result<Route, RouteError> {
         let n = pulleys.len();
         assert!(n >= 2, "a route needs two sprockets, got {n}");
         let mut spans = Vec::with_capacity(n);
         for i in 0..n {
-            let (a, b) = (pulleys[i], pulleys[(i + 1) % n]);
-            let d = b.centre - a.centre;
-            let lean = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
-            let length2 = d.norm_squared() - lean * lean;
-            if length2.is_nan() || length2 <= 0.0 {
-                return Err(RouteError::Overlap { first: i, second: (i + 1) % n, needed_m: lean.abs() });
-            }
-            let length_m = libm::sqrt(length2);
-            // The direction u with d.u = length and d.perp(u) = lean.
-            let direction = (d * length_m - perp(d) * lean) / d.norm_squared();
-            let start = a.centre - perp(direction) * (a.wrap.sign() * a.pitch_radius_m);
-            spans.push(Span { start, direction, length_m });
+            let (a, b) = (&pulleys[i], &pulleys[(i + 1) % n]);
+            let needed_m = (b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m).abs();
+            let overlap = RouteError::Overlap { first: i, second: (i + 1) % n, needed_m };
+            spans.push(common_tangent(a, b).ok_or(overlap)?);
         }
         let mut wraps = Vec::with_capacity(n);
         for i in 0..n {
@@ -148,7 +163,7 @@ impl Route {
             starts_m.push(end + wrap.radius_m * wrap.sweep_rad.abs());
             starts_m.push(starts_m[starts_m.len() - 1] + span.length_m);
         }
-        Ok(Route { wraps, spans, starts_m })
+        Ok(Route { wraps, spans, stops: (0..n).collect(), pulleys: (0..n).collect(), starts_m })
     }
 
     /// Length of the path [m].
@@ -156,14 +171,49 @@ impl Route {
         self.starts_m[self.starts_m.len() - 1]
     }
 
-    /// Path length at which span `i` begins [m].
-    pub fn span_start_m(&self, i: usize) -> f64 {
-        self.starts_m[2 * i + 1]
+    /// Sprockets, pulleys that are not optional.
+    pub fn sprockets(&self) -> usize {
+        self.stops.len()
     }
 
-    /// Path length at which the wrap on pulley `i` begins [m].
-    pub fn wrap_start_m(&self, i: usize) -> f64 {
-        self.starts_m[2 * i]
+    /// The straight stretch that leaves sprocket `k`: to the next one, or to the first arc that the chain bends round before it.
+    pub fn span_after(&self, k: usize) -> &Span {
+        &self.spans[self.stops[k]]
+    }
+
+    /// The straight stretch that arrives at sprocket `k`.
+    pub fn span_before(&self, k: usize) -> &Span {
+        let n = self.spans.len();
+        &self.spans[(self.stops[k] + n - 1) % n]
+    }
+
+    /// The chain on sprocket `k`.
+    pub fn wrap(&self, k: usize) -> &WrapArc {
+        &self.wraps[self.stops[k]]
+    }
+
+    /// The chain on every pulley that it bends round, with the pulley's index, in the order of travel.
+    pub fn wraps(&self) -> impl Iterator<Item = (usize, &WrapArc)> {
+        self.pulleys.iter().copied().zip(&self.wraps)
+    }
+
+    /// Path length from where the chain leaves sprocket `k` to where it meets the next one [m].
+    pub fn way_after_m(&self, k: usize) -> f64 {
+        if self.stops.len() == self.wraps.len() {
+            return self.spans[k].length_m;
+        }
+        let next = self.wrap_start_m((k + 1) % self.stops.len());
+        (next - self.span_start_m(k)).rem_euclid(self.length_m())
+    }
+
+    /// Path length at which the span that leaves sprocket `k` begins [m].
+    pub fn span_start_m(&self, k: usize) -> f64 {
+        self.starts_m[2 * self.stops[k] + 1]
+    }
+
+    /// Path length at which the wrap on sprocket `k` begins [m].
+    pub fn wrap_start_m(&self, k: usize) -> f64 {
+        self.starts_m[2 * self.stops[k]]
     }
 
     /// Point and unit tangent at path length `s_m`, counted round the loop.
@@ -238,33 +288,71 @@ impl Route {
         (joints, s - self.anchor_m() - self.length_m())
     }
 
-    /// How far and at what angle (from +x) the mark of a sprocket that carries a joint at path length `s_m` stands.
-    pub fn angle_about(&self, pulley: usize, s_m: f64) -> f64 {
-        let d = self.at(s_m).0 - self.wraps[pulley].centre;
+    /// At what angle (from +x) the mark of sprocket `k` stands that carries a joint at path length `s_m`.
+    pub fn angle_about(&self, k: usize, s_m: f64) -> f64 {
+        let d = self.at(s_m).0 - self.wrap(k).centre;
         wrap_angle(atan2(d.y, d.x))
     }
 }
 
-/// Moves pulley `moved` along `direction` until `links` chords of `pitch_m` close the loop. Returns the displacement [m]
-/// and the route. Source of the bracket: the path grows by at most 2 m per m, and by at least half of that here.
+/// The pulleys that a taut chain bends round: without those optional ones round which it would turn the wrong way.
+fn taut(pulleys: &[Pulley]) -> Vec<usize> {
+    let mut kept: Vec<usize> = (0..pulleys.len()).collect();
+    loop {
+        let n = kept.len();
+        let at = |i: usize| &pulleys[kept[i % n]];
+        let span = |i: usize| common_tangent(at(i), at(i + 1)).map(|s| s.direction);
+        // How far the chain bends round it; without a tangent to its neighbours it lies inside one of them.
+        let bend = |i: usize| match (span(i + n - 1), span(i)) {
+            (Some(arrive), Some(leave)) => cross(arrive, leave) * at(i).wrap.sign(),
+            _ => f64::NEG_INFINITY,
+        };
+        let loose = (0..n).filter(|i| at(*i).is_optional).map(|i| (i, bend(i))).filter(|(_, bend)| *bend <= LEAST_BEND);
+        match loose.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((i, _)) if n > 2 => kept.remove(i),
+            _ => return kept,
+        };
+    }
+}
+
+/// The straight stretch from `a` to `b`; None where one lies inside the other. Arcs that touch have one without length.
+fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
+    let d = b.centre - a.centre;
+    let lean = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
+    let length2 = d.norm_squared() - lean * lean;
+    let touching = a.is_optional && b.is_optional && length2.abs() <= TOUCHING * d.norm_squared();
+    if !touching && (length2.is_nan() || length2 <= 0.0) {
+        return None;
+    }
+    let length_m = if touching { 0.0 } else { libm::sqrt(length2) };
+    // The direction u with d.u = length and d.perp(u) = lean.
+    let direction = (d * length_m - perp(d) * lean) / d.norm_squared();
+    let start = a.centre - perp(direction) * (a.wrap.sign() * a.pitch_radius_m);
+    Some(Span { start, direction, length_m })
+}
+
+/// Sine of the angle by which a chain bends round an arc, at least.
+const LEAST_BEND: f64 = 1e-8;
+/// Share of the squared distance of two centres below which the square of a tangent's length is rounding.
+const TOUCHING: f64 = 1e-9;
+
+/// Moves the loop by a number, a shift [m] or an angle [rad], until `links` chords of `pitch_m` close it: `placed` gives the pulleys at a
+/// number, `slope_m` an estimate of how much longer the path is for one more of it. Returns the number and the route.
 pub fn close_loop(
-    pulleys: &[Pulley],
-    moved: usize,
-    direction: Vec2,
+    placed: impl Fn(f64) -> Vec<Pulley>,
+    slope_m: f64,
     links: usize,
     pitch_m: f64,
 ) -> Result<(f64, Route), RouteError> {
     let at = |shift: f64| -> Result<(f64, Route), RouteError> {
-        let mut placed = pulleys.to_vec();
-        placed[moved].centre += direction * shift;
-        let route = Route::new(&placed)?;
+        let route = Route::new(&placed(shift))?;
         let overshoot = route.joints_m(links, pitch_m).1;
         Ok((overshoot, route))
     };
     let (mut excess, mut route) = at(0.0)?;
     let first_fit = route.links_that_fit(pitch_m);
     let mut shift = 0.0;
-    let mut slope = -1.9;
+    let mut slope = -slope_m;
     for _ in 0..60 {
         if excess.abs() < 1e-15 {
             return Ok((shift, route));
@@ -272,7 +360,7 @@ pub fn close_loop(
         let next = shift - excess / slope;
         let Ok((next_excess, next_route)) = at(next) else { break };
         let measured = (next_excess - excess) / (next - shift);
-        if measured < -0.05 {
+        if measured < -0.025 * slope_m {
             slope = measured;
         }
         let done = (next - shift).abs() < 1e-16;

@@ -25,6 +25,7 @@ mod flanks;
 mod guides;
 mod links;
 mod parts;
+pub(crate) mod rails;
 mod scratch;
 mod teeth;
 pub(crate) mod watch;
@@ -39,7 +40,7 @@ pub use watch::{ContactValue, Extreme, Parts, Wanted};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::contour_forces::{BlockStep, Remembered};
-use crate::elements::rotor::{Rotor, turned};
+use crate::elements::coordinate::{Motion, turned};
 use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
@@ -78,7 +79,10 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
     if state.step >= scratch.next_refresh || scratch.next_refresh == 0 {
         scratch.constants.read(model);
         links::ends(model, state, scratch);
-        let fastest_m_s = check(model, state, scratch)?;
+        // Rails on arms come towards the chain with a speed of their own.
+        let of_rails =
+            model.rails.iter().filter_map(|r| r.coordinate.map(|q| state.coordinates.omega[q].abs() * r.reach_m));
+        let fastest_m_s = check(model, state, scratch)? + of_rails.fold(0.0, f64::max);
         scratch.fastest_m_s = fastest_m_s;
         windows::refresh(model, state, scratch);
         let bearable = (0.4 * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
@@ -161,6 +165,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
             scratch.bush_moment.own_mut()[w.start..w.end].fill(0.0);
         }
     }
+    scratch.chain_torque.fill(0.0);
     for k in 0..model.sprockets.len() {
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
@@ -173,12 +178,15 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
         guides::contacts::<WATCHED>(model, state, scratch, k);
     }
+    for k in 0..model.rails.len() {
+        rails::contacts::<WATCHED>(model, state, scratch, k);
+    }
     if model.contour.is_some() {
         ends::contacts::<WATCHED>(model, state, scratch);
     }
     links::feel(model, state, scratch);
     links::joints(model, state, scratch);
-    rotor_accelerations(model, state, scratch);
+    coordinate_accelerations(model, state, scratch);
 }
 
 /// Puts lanes that are nearer to another body out of reach.
@@ -332,16 +340,13 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f
     }
 }
 
-/// Of the sprockets.
 #[inline(always)]
-fn rotor_accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let rotor = &sprocket.rotor;
-        let pull = scratch.run_in.rotor_rate_per_s * (state.rotors.omega[k] - sprocket.nominal_speed_rad_s);
-        scratch.rotor_alpha[k] = match rotor {
-            Rotor::Driven { .. } => 0.0,
-            Rotor::Free { .. } => (scratch.chain_torque[k] + rotor.outer_torque_nm()) * rotor.inverse_inertia() - pull,
-        };
+fn coordinate_accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
+    let q = &state.coordinates;
+    for (k, coordinate) in model.coordinates.iter().enumerate() {
+        let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], scratch.chain_torque[k]);
+        let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
+        scratch.coordinate_alpha[k] = if coordinate.is_free() { own - pull } else { 0.0 };
     }
 }
 
@@ -365,11 +370,14 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     }
     std::mem::swap(&mut state.bushes, &mut scratch.bushes);
     std::mem::swap(&mut state.guide_ends, &mut scratch.guide_ends);
+    if !model.rails.is_empty() {
+        std::mem::swap(&mut state.rail_plates, &mut scratch.rail_plates);
+    }
     // 36 empty columns where there are no contours.
     if model.contour.is_some() {
         std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
     }
-    rotors(model, state, scratch);
+    advance_coordinates(model, state, scratch);
     state.step += 1;
 }
 
@@ -397,23 +405,26 @@ fn advance_kernel(h: f64, s: &mut LinkState, ax: &[f64], ay: &[f64], alpha: &[f6
     }
 }
 
-fn rotors(model: &Model, state: &mut State, scratch: &Scratch) {
+fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
     let h = model.step_s;
-    let r = &mut state.rotors;
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
+    let r = &mut state.coordinates;
+    for (k, coordinate) in model.coordinates.iter().enumerate() {
         let before = r.omega[k];
-        let after = match sprocket.rotor {
-            Rotor::Driven { speed_rad_s } => speed_rad_s,
-            Rotor::Free { .. } => before + h * scratch.rotor_alpha[k],
+        let after = match coordinate.motion {
+            Motion::Prescribed { speed_rad_s } => speed_rad_s,
+            Motion::Free { .. } => before + h * scratch.coordinate_alpha[k],
         };
         // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
         let mean = 0.5 * (before + after);
-        match sprocket.rotor {
-            Rotor::Driven { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
-            Rotor::Free { .. } => r.work_out[k] -= sprocket.rotor.outer_torque_nm() * mean * h,
+        match coordinate.motion {
+            Motion::Prescribed { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
+            Motion::Free { torque_nm, .. } => r.work_out[k] -= torque_nm * mean * h,
+        }
+        if let Some(lost) = r.lost.get_mut(k) {
+            *lost += coordinate.spring.damping_nm_s_per_rad * mean * mean * h;
         }
         r.omega[k] = after;
-        r.alpha[k] = scratch.rotor_alpha[k];
+        r.alpha[k] = scratch.coordinate_alpha[k];
         r.angle[k] += h * after;
         (r.cos[k], r.sin[k]) = turned(r.cos[k], r.sin[k], h * after);
     }

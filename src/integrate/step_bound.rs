@@ -5,6 +5,7 @@
 //! contact damping   h <= 0.75 / (c w)          accuracy: the series of the mean force takes c w h as small
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
+//! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
 //! w = 1/m + l^2/J, the inverse effective mass of a link's end; w_j = max(1/m, l^2/J) of the lightest link. The constants of
@@ -69,6 +70,18 @@ pub fn step_bound(model: &Model) -> StepBound {
     for g in model.guides.iter().filter(|g| g.body.touches_plates) {
         let radii = PairRadii { bush_m: g.body.plate_radius_m, body_m: f64::INFINITY };
         bounds.extend(contact_bounds(&format!("guides.fixed.{}", g.name), &g.body.law, radii, end_mobility));
+    }
+    for rail in &model.rails {
+        let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
+        let of_arm = rail.coordinate.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
+        let name = format!("guides.rail.{}", rail.name);
+        bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_arm));
+        // All plates that can lie on it push the arm at once.
+        let length_m: f64 = rail.rail.profile.elements().iter().map(|e| e.length_m()).sum();
+        let plates = length_m / (2.0 * chain.lever[0]) + 1.0;
+        if of_arm > 0.0 {
+            bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
+        }
     }
     let joint = &chain.joint;
     if joint.damping_n_s_per_m > 0.0 {

@@ -13,12 +13,14 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::coordinate::{Coordinate, Motion};
 use crate::elements::end_contact::EndShape;
-use crate::elements::rotor::Rotor;
+use crate::elements::rail_contact::{RailBody, Swing, law_radius_m};
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
+use crate::geometry::rail::Piece;
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::explicit::{Part, Scratch, rails};
 use crate::model::Model;
 use crate::state::State;
 use crate::units::direction;
@@ -46,6 +48,7 @@ impl Rows {
         self.rows.clear();
         sprocket_contacts(node, &mut self.rows);
         guide_contacts(node, &mut self.rows);
+        rail_contacts(node, &mut self.rows);
         end_contacts(node, &mut self.rows);
         let keys = self.rows.iter().enumerate().map(|(i, r)| ((r.link, r.feature, r.body), i));
         fill(&mut self.order, keys);
@@ -71,9 +74,9 @@ impl Node<'_> {
         link < self.model.chain.n_links && self.only.is_none_or(|only| only == link)
     }
 
-    /// Of a sprocket, at the node [rad/s].
-    fn speed(&self, sprocket: usize) -> f64 {
-        self.state.rotors.omega[sprocket] + 0.5 * self.model.step_s * self.scratch.rotor_alpha[sprocket]
+    /// Of a coordinate, at the node [rad/s].
+    fn speed(&self, coordinate: usize) -> f64 {
+        self.state.coordinates.omega[coordinate] + 0.5 * self.model.step_s * self.scratch.coordinate_alpha[coordinate]
     }
 
     /// One end of link `i`.
@@ -211,7 +214,8 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     let memory = scratch.memory(Part::Bushes);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
-        let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
+        let q = sprocket.coordinate;
+        let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| *j < model.chain.n_links) {
@@ -278,6 +282,60 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 rows.push(row(node, &pair, shape, points, normal));
             }
         }
+    }
+}
+
+/// Plates on rails: where they touch is what the step has found.
+fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
+    let Node { model, state, scratch, .. } = *node;
+    for (k, rail) in model.rails.iter().enumerate() {
+        let (swing, _) = rails::swing(model, state, k);
+        for link in scratch.links_near_rail(model, k).filter(|i| node.is_asked(*i)) {
+            for part_index in [1, 0, 2] {
+                let set = 3 * rail.body.side + part_index;
+                let part = Part::Rails(set);
+                if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
+                    continue;
+                }
+                let (l, b) = (&state.links, &rail.body);
+                let (along_m, piece) = scratch.on_rail(set, link);
+                let heading = Vec2::new(l.cos[link], l.sin[link]);
+                let on_axis = Vec2::new(l.x[link], l.y[link]) + heading * along_m;
+                let normal = normal_at(b, piece, swing, heading, on_axis);
+                let penetration_m = scratch.depth(part, link);
+                let is_flat = part_index == 2 && along_m.abs() < model.chain.lever[link];
+                let pair = Pair {
+                    link,
+                    feature: part.feature(model, link).1,
+                    body: model.first_rail() + k,
+                    radius: if is_flat { f64::INFINITY } else { b.plate_radius_m },
+                    law: &b.law,
+                    friction: b.friction,
+                    part,
+                    lane: link,
+                };
+                let on_link = on_axis - normal * b.plate_radius_m;
+                let points = (on_link + normal * penetration_m, on_link);
+                rows.push(row(node, &pair, (0, rail.segment(piece), law_radius_m(b.radius_at(piece))), points, normal));
+            }
+        }
+    }
+}
+
+/// Out of a piece of a rail, towards a point of a link's axis, in the world.
+fn normal_at(body: &RailBody, piece: usize, swing: Swing, heading: Vec2, on_axis: Vec2) -> Vec2 {
+    let world = |v: Vec2| Vec2::new(swing.cos * v.x - swing.sin * v.y, swing.sin * v.x + swing.cos * v.y);
+    match body.pieces.get(piece) {
+        Some(Piece::Line { along, .. }) => world(-perp(*along)),
+        Some(Piece::Brink { point, .. }) => {
+            let d = on_axis - body.origin - world(*point);
+            d / d.norm()
+        }
+        Some(Piece::Arc { centre, radius_m, .. }) => {
+            let d = (on_axis - body.origin - world(*centre)) * if *radius_m < 0.0 { -1.0 } else { 1.0 };
+            d / d.norm()
+        }
+        None => perp(heading),
     }
 }
 
@@ -368,15 +426,24 @@ fn fill_contacts(rows: &Rows, c: &mut Contacts) {
 
 fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     let Node { model, state, scratch, .. } = *node;
-    fill(&mut rotors.angle_rad, state.rotors.angle.iter().copied());
-    fill(&mut rotors.speed_rad_s, (0..model.sprockets.len()).map(|k| node.speed(k)));
+    fill(&mut rotors.angle_rad, state.coordinates.angle.iter().copied());
+    fill(&mut rotors.speed_rad_s, (0..model.coordinates.len()).map(|k| node.speed(k)));
     fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
-    let outer =
-        model.sprockets.iter().zip(&rotors.chain_torque_nm).map(|(sprocket, chain_torque)| match sprocket.rotor {
-            Rotor::Driven { .. } => -chain_torque,
-            Rotor::Free { torque_nm, .. } => torque_nm,
-        });
+    let outer = (0..model.coordinates.len()).map(|k| outer_torque_nm(node, k));
     fill(&mut rotors.outer_torque_nm, outer);
+}
+
+/// Torque of what prescribes a coordinate, or of its load, spring and damper [N m].
+fn outer_torque_nm(node: &Node<'_>, k: usize) -> f64 {
+    let Coordinate { motion, spring, .. } = &node.model.coordinates[k];
+    match motion {
+        Motion::Prescribed { .. } => -node.scratch.chain_torque[k],
+        Motion::Free { torque_nm, .. } if spring.is_present() => {
+            let damper_nm = spring.damping_nm_s_per_rad * node.speed(k);
+            torque_nm + spring.torque_nm(node.state.coordinates.angle[k]) - damper_nm
+        }
+        Motion::Free { torque_nm, .. } => *torque_nm,
+    }
 }
 
 /// Sum in eight parts: of one part, every term waits for the one before.
@@ -409,17 +476,21 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
     let elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
-    for (k, sprocket) in model.sprockets.iter().enumerate() {
+    for (k, coordinate) in model.coordinates.iter().enumerate() {
         let speed = node.speed(k);
         let half_step_turn = 0.5 * h * speed;
-        e.work_in_j += state.rotors.work_in[k];
-        e.work_out_j += state.rotors.work_out[k];
-        match sprocket.rotor {
-            Rotor::Driven { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
-            Rotor::Free { inertia_kg_m2, torque_nm } => {
+        e.work_in_j += state.coordinates.work_in[k];
+        e.work_out_j += state.coordinates.work_out[k];
+        match coordinate.motion {
+            Motion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
+            Motion::Free { inertia_kg_m2, torque_nm } => {
                 e.kinetic_j += 0.5 * inertia_kg_m2 * speed.powi(2);
                 e.work_out_j -= torque_nm * half_step_turn;
             }
+        }
+        e.elastic_spring_j += coordinate.spring.energy_j(state.coordinates.angle[k]);
+        if let Some(lost) = state.coordinates.lost.get(k) {
+            e.lost_spring_damping_j += lost + coordinate.spring.damping_nm_s_per_rad * speed * half_step_turn;
         }
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();
@@ -459,6 +530,7 @@ fn since(now: &Energy, origin: &Energy) -> Energy {
         lost_contact_friction_j: now.lost_contact_friction_j - origin.lost_contact_friction_j,
         lost_guide_damping_j: now.lost_guide_damping_j - origin.lost_guide_damping_j,
         lost_guide_friction_j: now.lost_guide_friction_j - origin.lost_guide_friction_j,
+        lost_spring_damping_j: now.lost_spring_damping_j - origin.lost_spring_damping_j,
         ..*now
     };
     e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
@@ -468,7 +540,7 @@ fn since(now: &Energy, origin: &Energy) -> Energy {
 impl Energy {
     /// Kinetic and elastic [J].
     pub fn stored_j(&self) -> f64 {
-        self.kinetic_j + self.elastic_joint_j + self.elastic_contact_j
+        self.kinetic_j + self.elastic_joint_j + self.elastic_contact_j + self.elastic_spring_j
     }
 
     /// All losses [J].
@@ -479,6 +551,7 @@ impl Energy {
             + self.lost_contact_friction_j
             + self.lost_guide_damping_j
             + self.lost_guide_friction_j
+            + self.lost_spring_damping_j
     }
 }
 
@@ -504,6 +577,7 @@ pub fn header_of(
         .map(|(k, s)| BodyInfo {
             path: format!("sprockets.{}", s.name),
             rotor: true,
+            coordinate: Some(s.coordinate as u32),
             x_m: s.body.centre.x,
             y_m: s.body.centre.y,
             angle_rad: 0.0,
@@ -514,11 +588,27 @@ pub fn header_of(
     bodies.extend(model.guides.iter().map(|g| BodyInfo {
         path: format!("guides.fixed.{}", g.name),
         rotor: false,
+        coordinate: None,
         x_m: g.geometry.origin.x,
         y_m: g.geometry.origin.y,
         angle_rad: g.geometry.angle_rad(),
         teeth: 0,
         outline: g.geometry.profile().ok().map(|p| outline(&g.name, &p, &[])),
+    }));
+    bodies.extend(model.rails.iter().map(|r| BodyInfo {
+        path: format!("guides.rail.{}", r.name),
+        rotor: false,
+        coordinate: r.coordinate.map(|q| q as u32),
+        x_m: r.body.origin.x,
+        y_m: r.body.origin.y,
+        angle_rad: 0.0,
+        teeth: 0,
+        // The pivot of its arm.
+        outline: Some(outline(
+            &r.name,
+            &r.rail.profile,
+            &r.coordinate.map(|_| (Vec2::zeros(), PIVOT_RADIUS_M)).into_iter().collect::<Vec<_>>(),
+        )),
     }));
     Header {
         format_version: FORMAT_VERSION,
@@ -551,6 +641,7 @@ pub fn header_of(
         assembly,
         parent: None,
         ledger_origin: None,
+        coordinates: model.coordinates.iter().map(|c| c.path.clone()).collect(),
         sensors: drive
             .sensors
             .iter()
@@ -559,10 +650,13 @@ pub fn header_of(
     }
 }
 
+/// As a pivot is drawn [m].
+const PIVOT_RADIUS_M: f64 = 3e-3;
+
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
 fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
     let mut circles = vec![(Vec2::zeros(), 0.4 * model.sprockets[k].geometry.root_radius_m())];
-    for body in model.end_bodies.iter().filter(|b| b.rotor == Some(k)) {
+    for body in model.end_bodies.iter().filter(|b| b.coordinate == Some(model.sprockets[k].coordinate)) {
         match &body.shape {
             EndShape::Circle { radius_m } => circles.push((Vec2::zeros(), *radius_m)),
             EndShape::Lobes { ring, .. } => circles.push((Vec2::zeros(), ring.valley_radius_m)),

@@ -1,7 +1,7 @@
 //! Unit and meaning of every column of a Frame, as written into the header of recordings.
 
 /// Name, unit, meaning.
-pub const CHANNELS: [(&str, &str, &str); 48] = [
+pub const CHANNELS: [(&str, &str, &str); 50] = [
     ("links.x_m", "m", "Centre of mass, x."),
     ("links.y_m", "m", "Centre of mass, y."),
     ("links.angle_rad", "rad", "Heading of the link, rear pin to front pin, in [-pi, pi]."),
@@ -56,9 +56,9 @@ pub const CHANNELS: [(&str, &str, &str); 48] = [
     ("contacts.instant_force_n", "N", "What the contact law gives at the instant, never negative."),
     ("rotors.angle_rad", "rad", "Angle turned since step 0 plus the angle at assembly."),
     ("rotors.speed_rad_s", "rad/s", "Angular velocity, counterclockwise positive."),
-    ("rotors.chain_torque_nm", "N m", "Torque of the chain on the sprocket; mean over the step."),
-    ("rotors.outer_torque_nm", "N m", "Torque of the drive or load on the sprocket; mean over the step."),
-    ("energy.kinetic_j", "J", "Kinetic energy of links and free sprockets."),
+    ("rotors.chain_torque_nm", "N m", "Torque of the chain on the sprocket or arm; mean over the step."),
+    ("rotors.outer_torque_nm", "N m", "Torque of drive, load, spring or damper on it; mean over the step."),
+    ("energy.kinetic_j", "J", "Kinetic energy of links, free sprockets and arms."),
     ("energy.elastic_joint_j", "J", "Stored in the pin joints."),
     ("energy.elastic_contact_j", "J", "Stored in contacts with sprockets and guides."),
     ("energy.work_in_j", "J", "Work of the drives."),
@@ -69,5 +69,7 @@ pub const CHANNELS: [(&str, &str, &str); 48] = [
     ("energy.lost_contact_friction_j", "J", "Lost to friction at the teeth."),
     ("energy.lost_guide_damping_j", "J", "Lost to damping at guides."),
     ("energy.lost_guide_friction_j", "J", "Lost to friction at guides."),
+    ("energy.elastic_spring_j", "J", "Stored in the springs of arms."),
+    ("energy.lost_spring_damping_j", "J", "Lost in the dampers of arms."),
     ("energy.error_j", "J", "work in - work out - lost - change of stored energy."),
 ];

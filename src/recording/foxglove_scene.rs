@@ -135,10 +135,7 @@ impl Transforms {
 fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)> {
     let l = &frame.links;
     let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
-    let bodies = header.bodies.iter().enumerate().map(|(k, body)| {
-        let turned = if body.rotor { frame.rotors.angle_rad.get(k).copied().unwrap_or(0.0) } else { 0.0 };
-        (body.x_m, body.y_m, body.angle_rad + turned)
-    });
+    let bodies = header.bodies.iter().map(|body| (body.x_m, body.y_m, body.angle_rad + body.turned_rad(frame)));
     links.chain(bodies)
 }
 

@@ -6,7 +6,7 @@
 
 /// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
 /// accelerations were missing.
-pub const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 3;
 
 /// `Contacts::body` of frames index into [`Header::bodies`].
 #[derive(Clone, PartialEq, prost::Message)]
@@ -38,7 +38,7 @@ pub struct Header {
     /// Outlines that links refer to: inner, outer.
     #[prost(message, repeated, tag = "9")]
     pub link_outlines: Vec<Outline>,
-    /// Sprockets first (in the order of `Rotors`), then guides.
+    /// Sprockets first (in the order of `Rotors`), then guides, then rails.
     #[prost(message, repeated, tag = "10")]
     pub bodies: Vec<BodyInfo>,
     /// Unit and meaning of every column.
@@ -62,6 +62,9 @@ pub struct Header {
     /// Sensors of the drive, in the order of `Frame::sensors`.
     #[prost(message, repeated, tag = "17")]
     pub sensors: Vec<SensorInfo>,
+    /// Paths in the drive file of the rows of `Rotors`: sprockets first, then arms.
+    #[prost(string, repeated, tag = "18")]
+    pub coordinates: Vec<String>,
 }
 
 /// A sensor of the drive.
@@ -166,7 +169,7 @@ pub struct BodyInfo {
     /// Path in the drive file, e.g. `sprockets.driver`.
     #[prost(string, tag = "1")]
     pub path: String,
-    /// True: turns, and has a row in `Rotors`.
+    /// True: a sprocket, with the same place in `Rotors` as here.
     #[prost(bool, tag = "2")]
     pub rotor: bool,
     /// Origin of the body's frame [m]; a sprocket's axis.
@@ -174,15 +177,25 @@ pub struct BodyInfo {
     pub x_m: f64,
     #[prost(double, tag = "4")]
     pub y_m: f64,
-    /// Rotation of a guide's frame [rad]; of a sprocket at rotor angle zero.
+    /// Rotation of a guide's frame [rad]; of what turns, at angle zero.
     #[prost(double, tag = "5")]
     pub angle_rad: f64,
-    /// Number of teeth; 0 for a guide.
+    /// Number of teeth; 0 for a guide or a rail.
     #[prost(uint32, tag = "6")]
     pub teeth: u32,
     /// Its whole contour.
     #[prost(message, optional, tag = "7")]
     pub outline: Option<Outline>,
+    /// Row in `Rotors` of what it turns by; absent where it stands still.
+    #[prost(uint32, optional, tag = "8")]
+    pub coordinate: Option<u32>,
+}
+
+impl BodyInfo {
+    /// How far it has turned in a frame [rad].
+    pub fn turned_rad(&self, frame: &Frame) -> f64 {
+        self.coordinate.and_then(|q| frame.rotors.angle_rad.get(q as usize)).copied().unwrap_or(0.0)
+    }
 }
 
 /// Name, unit and meaning of one column.
@@ -377,6 +390,11 @@ pub struct Energy {
     /// work in - work out - lost - change of stored energy.
     #[prost(double, tag = "12")]
     pub error_j: f64,
+    /// Stored in the springs of arms, and lost in their dampers.
+    #[prost(double, tag = "13")]
+    pub elastic_spring_j: f64,
+    #[prost(double, tag = "14")]
+    pub lost_spring_damping_j: f64,
 }
 
 /// A snapshot of the State from which a run goes on to the bit.
@@ -487,12 +505,14 @@ pub enum Feature {
     /// Flanks that face each other across the crotch.
     RearInnerFlank = 8,
     FrontInnerFlank = 9,
+    /// Of a plate, between its ends, and these on arcs of rails.
+    PlateEdge = 10,
 }
 
 impl Feature {
     /// In words, of a `Contacts::feature`.
     pub fn name(feature: u32) -> &'static str {
-        const NAMES: [&str; 10] = [
+        const NAMES: [&str; 11] = [
             "rear bush",
             "front bush",
             "rear plate end",
@@ -503,6 +523,7 @@ impl Feature {
             "leading flank",
             "rear inner flank",
             "front inner flank",
+            "plate edge",
         ];
         NAMES.get(feature as usize).copied().unwrap_or("unknown part")
     }
@@ -524,10 +545,13 @@ pub enum Segment {
     GuideLeadOut = 7,
     /// Ring of an abutment chain's sprocket.
     Ring = 8,
+    /// A convex or concave arc of a rail, and the corner at its end.
+    RailArc = 9,
+    RailEnd = 10,
 }
 
 impl Segment {
-    pub const ALL: [Segment; 9] = [
+    pub const ALL: [Segment; 11] = [
         Segment::Seat,
         Segment::FlankClockwise,
         Segment::FlankCounterclockwise,
@@ -537,11 +561,13 @@ impl Segment {
         Segment::GuideLeadIn,
         Segment::GuideLeadOut,
         Segment::Ring,
+        Segment::RailArc,
+        Segment::RailEnd,
     ];
 
     /// In words, of a `Contacts::segment`.
     pub fn name(segment: u32) -> &'static str {
-        const NAMES: [&str; 9] = [
+        const NAMES: [&str; 11] = [
             "seat",
             "clockwise flank",
             "counterclockwise flank",
@@ -551,6 +577,8 @@ impl Segment {
             "guide lead-in",
             "guide lead-out",
             "ring",
+            "rail arc",
+            "rail end",
         ];
         NAMES.get(segment as usize).copied().unwrap_or("unknown part")
     }

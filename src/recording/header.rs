@@ -116,6 +116,8 @@ fn check(header: &Header) -> anyhow::Result<()> {
         ensure!(placed, "its header gives {} no place", body.path);
         ensure!(!(body.rotor && rotors_end), "its header has a sprocket, {}, behind a guide", body.path);
         rotors_end |= !body.rotor;
+        let known = body.coordinate.is_none_or(|q| (q as usize) < header.coordinates.len());
+        ensure!(known, "its header lets {} turn by a coordinate that there is not", body.path);
     }
     let outlines = || header.link_outlines.iter().chain(header.bodies.iter().filter_map(|b| b.outline.as_ref()));
     let drawn = outlines().all(|o| {

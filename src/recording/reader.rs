@@ -138,7 +138,7 @@ impl Reader {
         ensure!(!there.is_dir(), "{shown} is a directory, not a recording");
         // A pipe has no places to go back to, and may never begin.
         ensure!(there.is_file(), "{shown} is a pipe or a device, not a recording: write it to a file first");
-        let mut file = File::open(path).with_context(|| format!("cannot read {shown}"))?;
+        let mut file = crate::input::open(path).with_context(|| format!("cannot read {shown}"))?;
         let mut magic = [0; mcap::MAGIC.len()];
         let begins = file.read_exact(&mut magic).is_ok() && magic == mcap::MAGIC;
         ensure!(
@@ -351,8 +351,8 @@ impl Reader {
         let (longest, step_s) = (self.header.steps_per_frame, self.header.step_s);
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
-        let (links, bodies) = (self.header.links.len(), self.header.bodies.len());
-        let sensors = self.header.sensors.len();
+        let h = &self.header;
+        let lengths = [h.links.len(), h.bodies.len(), h.sensors.len(), h.coordinates.len()];
         let flow = self.records(index, &unpacked, &mut |topic, t_ns, data| {
             if t_ns < from_ns || t_ns > to_ns {
                 return Ok(Flow::On);
@@ -361,7 +361,7 @@ impl Reader {
                 Topic::Frame if wanted.frames => {
                     frame.clear();
                     frame.merge(data)?;
-                    check(&frame, links, bodies, sensors)?;
+                    check(&frame, lengths)?;
                     check_time(frame.step, frame.t_s, (step_s, t_ns))?;
                     gaps.extend(rhythm.gap(frame.step, longest)?);
                     Entry::Frame(&frame)
@@ -376,7 +376,7 @@ impl Reader {
                 Topic::Event if wanted.events => Entry::Event(Event::decode(data)?),
                 Topic::Impact if wanted.impacts => {
                     let impact = Impact::decode(data)?;
-                    let inside = (impact.link as usize) < links && (impact.body as usize) < bodies;
+                    let inside = (impact.link as usize) < lengths[0] && (impact.body as usize) < lengths[1];
                     ensure!(inside, "an impact of a link or body that there is not");
                     Entry::Impact(impact)
                 }
@@ -522,7 +522,7 @@ fn topic(name: &str) -> Topic {
 
 /// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely
 /// on it.
-fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> anyhow::Result<()> {
+fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4]) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
     let poses = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
@@ -557,7 +557,7 @@ fn check(frame: &Frame, n_links: usize, n_bodies: usize, n_sensors: usize) -> an
     ensure!(frame.sensors.len() <= n_sensors, "more readings than sensors");
     let r = &frame.rotors;
     let n = r.angle_rad.len();
-    ensure!(n <= n_bodies, "more rotors than bodies");
+    ensure!(n <= n_coordinates, "more rotors than the header tells of");
     let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
     ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
     Ok(())

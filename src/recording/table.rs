@@ -206,11 +206,11 @@ fn body_path(header: &Header, body: u32) -> &str {
 
 fn rotors<'a>(at: &Moment<'a>) -> Rows<'a> {
     let Rotors { angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm } = &at.frame.rotors;
-    // Sprockets come first among the bodies: a rotor has its body's index.
-    let paths = (0..angle_rad.len() as u32).map(|i| body_path(at.header, i)).collect();
+    let known = |i: usize| at.header.coordinates.get(i).map_or("unknown", String::as_str);
+    let paths = (0..angle_rad.len()).map(known).collect();
     let columns = [
-        own("body", "1", "Index of the sprocket, as in `bodies`.", Count),
-        own("body_path", "1", "Path of the sprocket in the drive file.", Text(paths)),
+        own("rotor", "1", "Index of the sprocket, as in `bodies`, or of the arm, behind them.", Count),
+        own("rotor_path", "1", "Path of the sprocket or arm in the drive file.", Text(paths)),
         of("angle_rad", F64(angle_rad)),
         of("speed_rad_s", F64(speed_rad_s)),
         of("chain_torque_nm", F64(chain_torque_nm)),
@@ -247,6 +247,8 @@ fn energy<'a>(at: &Moment<'a>) -> Rows<'a> {
         lost_guide_damping_j,
         lost_guide_friction_j,
         error_j,
+        elastic_spring_j,
+        lost_spring_damping_j,
     } = &at.frame.energy;
     let columns = [
         own("state_hash", "1", "XXH3-64 of the whole state.", EveryU64(at.frame.state_hash)),
@@ -261,6 +263,8 @@ fn energy<'a>(at: &Moment<'a>) -> Rows<'a> {
         of("lost_contact_friction_j", EveryF64(*lost_contact_friction_j)),
         of("lost_guide_damping_j", EveryF64(*lost_guide_damping_j)),
         of("lost_guide_friction_j", EveryF64(*lost_guide_friction_j)),
+        of("elastic_spring_j", EveryF64(*elastic_spring_j)),
+        of("lost_spring_damping_j", EveryF64(*lost_spring_damping_j)),
         of("error_j", EveryF64(*error_j)),
     ];
     stamped(at, 1, columns)
@@ -332,19 +336,20 @@ fn impact<'a>(header: &'a Header, impact: &'a Impact) -> Rows<'a> {
 
 fn body<'a>(index: u32, body: &'a BodyInfo) -> Rows<'a> {
     // An outline is a list of its own; pictures are drawn from the recording.
-    let BodyInfo { path, rotor, x_m, y_m, angle_rad, teeth, outline: _ } = body;
+    let BodyInfo { path, rotor, x_m, y_m, angle_rad, teeth, outline: _, coordinate } = body;
     let columns = vec![
-        own("body", "1", "Index of the body: sprockets first, then guides.", EveryU32(index)),
+        own("body", "1", "Index of the body: sprockets first, then guides, then rails.", EveryU32(index)),
         own("path", "1", "Path in the drive file.", Text(vec![path])),
-        own("rotor", "1", "True: turns, and has rows in `rotors`.", Bool(std::slice::from_ref(rotor))),
+        own("rotor", "1", "True: a sprocket.", Bool(std::slice::from_ref(rotor))),
+        own(
+            "coordinate",
+            "1",
+            "Index in `rotors` of what it turns by; -1: it stands still.",
+            EveryF64(coordinate.map_or(-1.0, f64::from)),
+        ),
         own("x_m", "m", "Origin of the body's frame, x; a sprocket's axis.", EveryF64(*x_m)),
         own("y_m", "m", "Origin of the body's frame, y.", EveryF64(*y_m)),
-        own(
-            "angle_rad",
-            "rad",
-            "Rotation of a guide's frame; of a sprocket's at rotor angle zero.",
-            EveryF64(*angle_rad),
-        ),
+        own("angle_rad", "rad", "Rotation of a guide's frame; of what turns, at angle zero.", EveryF64(*angle_rad)),
         own("teeth", "1", "Number of teeth; 0 for a guide.", EveryU32(*teeth)),
     ];
     Rows { n: 1, columns }

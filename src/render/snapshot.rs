@@ -429,7 +429,7 @@ fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         } else {
-            let lines = [format!("guide {name}")];
+            let lines = [format!("{} {name}", if body.path.contains("rail") { "rail" } else { "guide" })];
             let like = Rect::of_text(&lines, sheet.font, at);
             let inside = Rect { centre: at, half: [0.0; 2] }.lies_in(&taken.panel);
             // Towards the inside of most loops, away from the chain: below the upper guide, above the lower one.

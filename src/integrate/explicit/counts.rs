@@ -35,18 +35,19 @@ impl PairCounts {
     }
 }
 
-/// Counts of all pairs, by index of the sprocket, the guide and the contour's body.
+/// Counts of all pairs, by index of the sprocket, the guide, the rail and the contour's body.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Counts {
     pub(super) bushes: Vec<PairCounts>,
     pub(super) plates: Vec<PairCounts>,
+    pub(super) rails: Vec<PairCounts>,
     pub(super) contours: Vec<PairCounts>,
 }
 
 /// A pair by its names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CountedPair {
-    /// `bush`, `plate end`, `abutment`, `outer flank` or `inner flank`.
+    /// `bush`, `plate end`, `plate`, `abutment`, `outer flank` or `inner flank`.
     pub part: &'static str,
     pub body: String,
     pub counts: PairCounts,
@@ -57,7 +58,8 @@ impl Scratch {
     pub fn count_pairs(&mut self, model: &Model) {
         let of = |n: usize| vec![PairCounts::default(); n];
         let (bushes, plates) = (of(model.sprockets.len()), of(model.guides.len()));
-        self.counts = Some(Box::new(Counts { bushes, plates, contours: of(model.end_bodies.len()) }));
+        let (rails, contours) = (of(model.rails.len()), of(model.end_bodies.len()));
+        self.counts = Some(Box::new(Counts { bushes, plates, rails, contours }));
     }
 
     /// The counts since [`Scratch::count_pairs`], of the pairs that were looked at.
@@ -65,12 +67,13 @@ impl Scratch {
         let Some(counts) = &self.counts else { return Vec::new() };
         let bushes = counts.bushes.iter().enumerate().map(|(k, c)| ("bush", &model.sprockets[k].name, *c));
         let plates = counts.plates.iter().enumerate().map(|(k, c)| ("plate end", &model.guides[k].name, *c));
+        let rails = counts.rails.iter().enumerate().map(|(k, c)| ("plate", &model.rails[k].name, *c));
         let contours = counts.contours.iter().enumerate().map(|(k, c)| {
             let body = &model.end_bodies[k];
             let searches = self.end_blocks[k].iter().flatten().map(|end| end.searches()).sum();
             (body.part_name(), &body.name, PairCounts { searches, ..*c })
         });
-        let all = bushes.chain(plates).chain(contours).filter(|(_, _, c)| c.queries > 0);
+        let all = bushes.chain(plates).chain(rails).chain(contours).filter(|(_, _, c)| c.queries > 0);
         all.map(|(part, body, counts)| CountedPair { part, body: body.clone(), counts }).collect()
     }
 }

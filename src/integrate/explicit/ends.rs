@@ -190,7 +190,7 @@ impl<'a> Meeting<'a> {
         let (rotor, omega) = turning(model, state, body);
         let turned_m = contour_forces::turned_m(model.step_s, omega, fastest_m_s);
         let (past_omega, past_alpha) =
-            body.rotor.map_or((0.0, 0.0), |r| (state.rotors.omega[r], state.rotors.alpha[r]));
+            body.coordinate.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
         let torque = [0.0; LANES];
         Meeting { body, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
@@ -280,8 +280,8 @@ fn contacts_of<const WATCHED: bool, const LED: bool>(model: &Model, state: &Stat
                 }
             }
         }
-        if let Some(rotor) = meeting.body.rotor {
-            s.chain_torque[rotor] += meeting.torque.iter().sum::<f64>();
+        if let Some(coordinate) = meeting.body.coordinate {
+            s.chain_torque[coordinate] += meeting.torque.iter().sum::<f64>();
         }
     }
 }
@@ -516,10 +516,10 @@ impl Results<'_> {
 
 /// Cosine and sine of the angle of a body, and its speed at the node.
 pub(crate) fn turning(model: &Model, state: &State, body: &EndBody) -> ((f64, f64), f64) {
-    match body.rotor {
+    match body.coordinate {
         None => ((1.0, 0.0), 0.0),
         Some(r) => {
-            let s = &state.rotors;
+            let s = &state.coordinates;
             ((s.cos[r], s.sin[r]), s.omega[r] + 0.5 * model.step_s * s.alpha[r])
         }
     }

@@ -12,12 +12,14 @@ pub enum Part {
     Bushes,
     /// Set of guide ends.
     Guides(usize),
+    /// Set of plates on rails: inside front, rear and edge, then outside.
+    Rails(usize),
     /// Set of contour ends.
     Contours(usize),
 }
 
 /// Kinds of parts.
-pub(super) const PARTS: usize = 11;
+pub(super) const PARTS: usize = 17;
 
 impl Part {
     /// Whether or not a model has them.
@@ -27,6 +29,12 @@ impl Part {
         Part::Guides(1),
         Part::Guides(2),
         Part::Guides(3),
+        Part::Rails(0),
+        Part::Rails(1),
+        Part::Rails(2),
+        Part::Rails(3),
+        Part::Rails(4),
+        Part::Rails(5),
         Part::Contours(0),
         Part::Contours(1),
         Part::Contours(2),
@@ -40,16 +48,18 @@ impl Part {
         match self {
             Part::Bushes => 0,
             Part::Guides(set) => 1 + set,
-            Part::Contours(set) => 5 + set,
+            Part::Rails(set) => 5 + set,
+            Part::Contours(set) => 11 + set,
         }
     }
 
     /// Those that the links of a model have.
     pub fn of(model: &Model) -> Vec<Part> {
-        let (sides, contours) = (model.guide_sides(), model.contour_sets());
+        let (sides, rails, contours) = (model.guide_sides(), model.rail_sides(), model.contour_sets());
         let has = |part: &Part| match *part {
             Part::Bushes => model.sprockets.iter().any(|s| s.geometry.iso().is_some()),
             Part::Guides(set) => sides[set / 2],
+            Part::Rails(set) => rails[set / 3],
             Part::Contours(set) => contours[set / 2],
         };
         Part::ALL.into_iter().filter(has).collect()
@@ -63,6 +73,7 @@ impl Part {
                 (link, if front { Feature::FrontBush } else { Feature::RearBush })
             }
             Part::Guides(set) => (lane, if set % 2 == 0 { Feature::FrontPlateEnd } else { Feature::RearPlateEnd }),
+            Part::Rails(set) => (lane, [Feature::FrontPlateEnd, Feature::RearPlateEnd, Feature::PlateEdge][set % 3]),
             Part::Contours(set) => {
                 let body = model.end_bodies.iter().find(|b| b.set == set / 2);
                 (lane, body.map_or(Feature::FrontAbutment, |b| b.feature(set % 2 == 0)))
@@ -76,6 +87,7 @@ impl Part {
         match self {
             Part::Bushes => &state.bushes,
             Part::Guides(set) => &state.guide_ends[set],
+            Part::Rails(set) => &state.rail_plates[set],
             Part::Contours(set) => &state.contour_ends[set],
         }
     }
@@ -83,7 +95,7 @@ impl Part {
     /// Whether it slides on guides only; bushes and contours on sprockets do not.
     pub fn is_on_guides(self) -> bool {
         // The last two sets of contours are those of the guides' faces.
-        matches!(self, Part::Guides(_) | Part::Contours(4..))
+        matches!(self, Part::Guides(_) | Part::Rails(_) | Part::Contours(4..))
     }
 
     /// Whether it is one of the two ends of a set of links' own contours.
@@ -95,7 +107,11 @@ impl Part {
     pub fn touches(self, model: &Model, body: usize) -> bool {
         match self {
             Part::Bushes => body < model.sprockets.len(),
-            Part::Guides(_) => body >= model.sprockets.len(),
+            Part::Guides(_) => (model.sprockets.len()..model.first_rail()).contains(&body),
+            Part::Rails(set) => {
+                let rail = body.checked_sub(model.first_rail()).and_then(|k| model.rails.get(k));
+                rail.is_some_and(|r| r.body.side == set / 3)
+            }
             Part::Contours(set) => model.end_bodies.iter().any(|b| b.set == set / 2 && b.body == body),
         }
     }
@@ -112,6 +128,7 @@ impl Scratch {
         match part {
             Part::Bushes => self.bush_depth[lane],
             Part::Guides(set) => self.guide_depth[set][lane],
+            Part::Rails(set) => self.rails.depth[set][lane],
             Part::Contours(set) => self.contour_depth[set][lane],
         }
     }
@@ -121,6 +138,7 @@ impl Scratch {
         match part {
             Part::Bushes => &self.bush_depth,
             Part::Guides(set) => &self.guide_depth[set],
+            Part::Rails(set) => &self.rails.depth[set],
             Part::Contours(set) => &self.contour_depth[set],
         }
     }
@@ -135,6 +153,7 @@ impl Scratch {
         match part {
             Part::Bushes => &self.stale_bushes,
             Part::Guides(set) => &self.stale_blocks[set],
+            Part::Rails(set) => &self.stale_rails[set],
             Part::Contours(set) => &self.stale_ends[set],
         }
     }
@@ -144,6 +163,7 @@ impl Scratch {
         match part {
             Part::Bushes => &self.bush_slide,
             Part::Guides(set) => &self.guide_slide[set],
+            Part::Rails(set) => &self.rails.slide[set],
             Part::Contours(set) => &self.contour_slide[set],
         }
     }
@@ -168,6 +188,7 @@ impl Scratch {
         match part {
             Part::Bushes => self.bush_rate[lane],
             Part::Guides(set) => self.guide_rate[set][lane],
+            Part::Rails(set) => self.rails.rate[set][lane],
             Part::Contours(set) => self.contour_rate[set][lane],
         }
     }
@@ -188,6 +209,12 @@ impl Scratch {
                 let on_side = |k: &usize| model.guides[*k].body.side == set / 2;
                 let mut guides = (0..self.guide_windows.len()).filter(on_side);
                 guides.find(|k| own(&self.guide_windows[*k], nearest, *k)).map(|k| (model.sprockets.len() + k, 0))
+            }
+            Part::Rails(set) => {
+                let nearest = self.nearest_rail[set / 3][lane];
+                let on_side = |k: &usize| model.rails[*k].body.side == set / 3;
+                let mut rails = (0..self.rail_windows.len()).filter(on_side);
+                rails.find(|k| own(&self.rail_windows[*k], nearest, *k)).map(|k| (model.first_rail() + k, 0))
             }
             Part::Contours(set) => {
                 let body = model.end_bodies.get(self.nearest_end[set / 2][lane])?;
@@ -212,6 +239,7 @@ impl Scratch {
         let friction = match part {
             Part::Bushes => model.sprockets[self.partner(model, part, lane)?.0].body.friction,
             Part::Guides(_) => model.guides[self.partner(model, part, lane)?.0 - model.sprockets.len()].body.friction,
+            Part::Rails(_) => model.rails[self.partner(model, part, lane)?.0 - model.first_rail()].body.friction,
             Part::Contours(set) => model.end_bodies.get(self.nearest_end[set / 2][lane])?.friction,
         };
         let memory = self.memory(part);
@@ -225,6 +253,9 @@ impl Scratch {
             Part::Guides(_) => {
                 self.partner(model, part, lane).map(|(k, _)| &model.guides[k - model.sprockets.len()].body.law)
             }
+            Part::Rails(_) => {
+                self.partner(model, part, lane).map(|(k, _)| &model.rails[k - model.first_rail()].body.law)
+            }
             Part::Contours(set) => model.end_bodies.get(self.nearest_end[set / 2][lane]).map(|b| &b.law),
         }
     }
@@ -234,6 +265,7 @@ impl Scratch {
         match part {
             Part::Bushes => &self.bushes,
             Part::Guides(set) => &self.guide_ends[set],
+            Part::Rails(set) => &self.rail_plates[set],
             Part::Contours(set) => &self.contour_ends[set],
         }
     }

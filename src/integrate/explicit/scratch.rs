@@ -3,6 +3,7 @@
 use super::counts::Counts;
 use super::ends::EndBlock;
 use super::guides::BlockForces;
+use super::rails::{Plates, RailColumns};
 use super::watch::Watched;
 use super::{RunIn, Window};
 use crate::elements::contour_forces::Lead;
@@ -49,6 +50,8 @@ pub struct Scratch {
     pub(super) guide_slide: [Vec<f64>; 4],
     pub(super) bush_depth: Vec<f64>,
     pub(super) guide_depth: [Vec<f64>; 4],
+    /// The same of plates on rails.
+    pub(super) rails: RailColumns,
     /// Forces of guides and of what contours touch, per block of links.
     pub(super) end_forces: Vec<BlockForces>,
     /// See [`Lead`]; empty where there are no contours.
@@ -66,16 +69,22 @@ pub struct Scratch {
     /// Nearest sprocket of every joint; nearest guide of every link, per side.
     pub(super) nearest_sprocket: Vec<usize>,
     pub(super) nearest_guide: [Vec<usize>; 2],
+    /// Nearest rail of every link, per side.
+    pub(super) nearest_rail: [Vec<usize>; 2],
     pub(super) tooth_windows: Vec<Vec<Window>>,
     pub(super) guide_windows: Vec<Vec<Window>>,
+    pub(super) rail_windows: Vec<Vec<Window>>,
     pub(super) bushes: ContactMemory,
     pub(super) guide_ends: [ContactMemory; 4],
+    pub(super) rail_plates: [ContactMemory; 6],
     /// Per set of guide ends and block: how many of the two memories still hold an old contact.
     pub(super) stale_blocks: [Vec<u8>; 4],
+    pub(super) stale_rails: [Vec<u8>; 6],
     /// The same of the bushes.
     pub(super) stale_bushes: Vec<u8>,
     /// Lanes that are being worked on: kept, because clearing them for every body takes longer than filling them.
     pub(super) lanes: Option<Box<Lanes>>,
+    pub(super) plates: Option<Box<Plates>>,
     /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
     pub(super) contour_ends: [ContactMemory; 6],
     pub(super) contour_rate: [Vec<f64>; 6],
@@ -106,8 +115,8 @@ pub struct Scratch {
     pub joint_ax: Vec<f64>,
     pub joint_ay: Vec<f64>,
     pub joint_alpha: Vec<f64>,
-    pub rotor_alpha: Vec<f64>,
-    /// Torque of the chain on each sprocket, mean over the step [N m].
+    pub coordinate_alpha: Vec<f64>,
+    /// Torque of the chain on each coordinate, mean over the step [N m].
     pub chain_torque: Vec<f64>,
 }
 
@@ -232,7 +241,7 @@ impl Scratch {
         let n = model.chain.padded;
         let column = || vec![0.0; n];
         let longer = || vec![0.0; n + 1];
-        let sides = model.guide_sides();
+        let (sides, layout) = (model.guide_sides(), model.layout());
         let ends = |side: usize| ContactMemory::new(if sides[side] { n } else { 0 });
         Scratch {
             isa,
@@ -275,13 +284,19 @@ impl Scratch {
             handovers: 0,
             nearest_sprocket: vec![0; n],
             nearest_guide: [vec![0; n], vec![0; n]],
+            nearest_rail: [vec![0; n], vec![0; n]],
             tooth_windows: vec![Vec::new(); model.sprockets.len()],
             guide_windows: vec![Vec::new(); model.guides.len()],
+            rail_windows: vec![Vec::new(); model.rails.len()],
             bushes: ContactMemory::new(n),
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
+            rails: RailColumns::new(if model.rails.is_empty() { 0 } else { n }),
+            rail_plates: std::array::from_fn(|i| ContactMemory::new(if layout.rail_sides[i / 3] { n } else { 0 })),
             stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
+            stale_rails: std::array::from_fn(|_| vec![2; n / LANES]),
             stale_bushes: vec![2; n / LANES],
             lanes: Some(Box::default()),
+            plates: None,
             contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
             contour_rate: std::array::from_fn(|_| column()),
             contour_slide: std::array::from_fn(|_| column()),
@@ -304,8 +319,8 @@ impl Scratch {
             joint_ax: column(),
             joint_ay: column(),
             joint_alpha: column(),
-            rotor_alpha: vec![0.0; model.sprockets.len()],
-            chain_torque: vec![0.0; model.sprockets.len()],
+            coordinate_alpha: vec![0.0; model.coordinates.len()],
+            chain_torque: vec![0.0; model.coordinates.len()],
         }
     }
 
@@ -314,9 +329,9 @@ impl Scratch {
         (self.joint_x.own()[j], self.joint_y.own()[j], self.joint_torque.own()[j])
     }
 
-    /// Of every sprocket: angular acceleration [rad/s2], and torque of the chain on it [N m].
-    pub fn rotor_alpha(&self) -> &[f64] {
-        &self.rotor_alpha
+    /// Of every coordinate: angular acceleration [rad/s2], and torque of the chain on it [N m].
+    pub fn coordinate_alpha(&self) -> &[f64] {
+        &self.coordinate_alpha
     }
 
     pub fn chain_torque(&self) -> &[f64] {
@@ -340,6 +355,18 @@ impl Scratch {
         let own = move |w: &Window, j: &usize| !w.shared || self.nearest_sprocket[*j] == k;
         let joints = self.tooth_windows[k].iter().flat_map(move |w| (w.start..w.end).filter(move |j| own(w, j)));
         joints.map(move |j| (j, self.seat_index[k][j]))
+    }
+
+    /// Links that rail `k` is the nearest to of all that are near on its side.
+    pub fn links_near_rail<'a>(&'a self, model: &Model, k: usize) -> impl Iterator<Item = usize> + 'a {
+        let nearest = &self.nearest_rail[model.rails[k].body.side];
+        let own = move |w: &Window, i: &usize| !w.shared || nearest[*i] == k;
+        self.rail_windows[k].iter().flat_map(move |w| (w.start..w.end).filter(move |i| own(w, i)))
+    }
+
+    /// Of a plate's contact with a rail: where on the axis of its link it lies [m], and the piece of the rail.
+    pub fn on_rail(&self, set: usize, link: usize) -> (f64, usize) {
+        (self.rails.along[set][link], self.rails.piece[set][link] as usize)
     }
 
     /// Links that guide `k` is the nearest to of all that are near on its side.

@@ -52,9 +52,9 @@ struct Results<'a> {
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.sprockets[k].body;
     let (c, count) = (&model.chain, model.chain.padded / LANES);
-    let r = &state.rotors;
-    let omega = r.omega[k] + 0.5 * model.step_s * r.alpha[k];
-    let turning = Turning { cos: r.cos[k], sin: r.sin[k], omega };
+    let (r, q) = (&state.coordinates, model.sprockets[k].coordinate);
+    let omega = r.omega[q] + 0.5 * model.step_s * r.alpha[q];
+    let turning = Turning { cos: r.cos[q], sin: r.sin[q], omega };
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m
@@ -166,7 +166,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
         }
     }
-    s.chain_torque[k] = partial.iter().sum();
+    s.chain_torque[q] += partial.iter().sum::<f64>();
 }
 
 /// For those who look at every step.

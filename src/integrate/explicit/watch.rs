@@ -40,7 +40,7 @@ impl Wanted {
 
 /// A set of parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Parts(u16);
+pub struct Parts(u32);
 
 impl Parts {
     pub fn has(self, part: Part) -> bool {

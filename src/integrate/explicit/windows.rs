@@ -4,7 +4,9 @@
 use super::guides::BlockForces;
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
-use crate::model::Model;
+use crate::elements::rail_contact::Swing;
+use crate::geometry::Vec2;
+use crate::model::{Model, RailModel};
 use crate::state::{ContactMemory, State};
 
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
@@ -13,8 +15,12 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
+    scratch.rail_plates.clone_from(&state.rail_plates);
     stale(&state.bushes, &mut scratch.stale_bushes);
     for (memory, blocks) in state.guide_ends.iter().zip(&mut scratch.stale_blocks) {
+        stale(memory, blocks);
+    }
+    for (memory, blocks) in state.rail_plates.iter().zip(&mut scratch.stale_rails) {
         stale(memory, blocks);
     }
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
@@ -37,7 +43,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         };
         let windows = aligned_windows(n, model.chain.padded, near);
         let body = &sprocket.body;
-        let (cos, sin) = (state.rotors.cos[k], state.rotors.sin[k]);
+        let q = sprocket.coordinate;
+        let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
         for j in windows.iter().flat_map(|w| w.start..w.end) {
             let (dx, dy) = offset(j);
             let (seat_cos, seat_sin) = (scratch.seat_cos[k][j], scratch.seat_sin[k][j]);
@@ -70,8 +77,22 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         };
         scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
     }
+    let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
+    for (k, rail) in model.rails.iter().enumerate() {
+        let (swing, _) = super::rails::swing(model, state, k);
+        let reach = rail.body.plate_radius_m + lever + WINDOW_MARGIN_M;
+        let near = |i: usize| rail.box_distance_m(in_frame(rail, &swing, state, i)) < reach;
+        scratch.rail_windows[k] = aligned_windows(n, model.chain.padded, near);
+    }
     find_nearest(model, state, scratch);
+    find_nearest_rail(model, state, scratch);
     super::ends::refresh(model, state, scratch);
+}
+
+/// The centre of link `i` in the frame of a rail.
+fn in_frame(rail: &RailModel, swing: &Swing, state: &State, i: usize) -> Vec2 {
+    let (x, y) = (state.links.x[i] - rail.body.origin.x, state.links.y[i] - rail.body.origin.y);
+    Vec2::new(swing.cos * x + swing.sin * y, swing.cos * y - swing.sin * x)
 }
 
 /// Where nothing has been touched both memories that change hands say so already.
@@ -117,6 +138,25 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                 let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
                 hand_over(&mut scratch.nearest_guide[side][i], nearest, &mut scratch.handovers);
             }
+        }
+    }
+}
+
+/// The rail that is nearest to every link, per side, where windows lie over each other.
+fn find_nearest_rail(model: &Model, state: &State, scratch: &mut Scratch) {
+    let same_side = |a: usize, b: usize| model.rails[a].body.side == model.rails[b].body.side;
+    if !mark_shared(&mut scratch.rail_windows, same_side) {
+        return;
+    }
+    for side in 0..2 {
+        for i in 0..model.chain.n_links {
+            let gap = |k: &usize| {
+                let (swing, _) = super::rails::swing(model, state, *k);
+                model.rails[*k].rail.profile.closest(in_frame(&model.rails[*k], &swing, state, i)).distance_m.abs()
+            };
+            let on_side = (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side);
+            let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            hand_over(&mut scratch.nearest_rail[side][i], nearest, &mut scratch.handovers);
         }
     }
 }

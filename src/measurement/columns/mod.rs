@@ -171,7 +171,7 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
         Some("mcap") => read_recording(path, wanted, memory).map_err(|e| format!("{e:#}")),
         Some("mf4" | "mdf" | "dat") => contained(path, || read_mdf(path, layout, wanted, memory)),
         ending => {
-            let file = std::fs::File::open(path).map_err(|e| cannot(&e))?;
+            let file = crate::input::open(path).map_err(|e| cannot(&e))?;
             let parsed = if ending == Some("gz") {
                 parse_csv(flate2::read::MultiGzDecoder::new(file), layout, wanted, memory)
             } else {
@@ -188,7 +188,7 @@ const LARGEST_BLOCK: usize = 64 << 20;
 fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
     let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
-    let source = std::fs::File::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let source = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let source = falcon_mdf::io::range::read_seek_source(source).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let file = falcon_mdf::Mf4File::from_source_with_options(std::sync::Arc::new(source), options);
     let file = file.map_err(|e| format!("`{shown}` is no MDF file that can be read: {e}"))?;
@@ -295,8 +295,7 @@ fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyho
     let mut reader = Reader::open(path)?;
     let header = reader.header().clone();
     let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides).map_err(|e| anyhow!("{e}"))?;
-    let rotors: Vec<&str> =
-        header.bodies.iter().filter(|b| b.rotor).map(|b| b.path.trim_start_matches("sprockets.")).collect();
+    let rotors: Vec<&str> = header.coordinates.iter().map(|path| path.trim_start_matches("sprockets.")).collect();
     let mut names = vec!["t_s".to_string()];
     for of in ["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"] {
         names.extend(rotors.iter().map(|r| format!("rotors.{r}.{of}")));

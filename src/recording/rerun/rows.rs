@@ -180,8 +180,8 @@ impl Curves {
         const RPM_PER_RAD_S: f64 = 30.0 / std::f64::consts::PI;
         push_curves(&mut self.speed, frame.rotors.speed_rad_s.iter().map(|w| RPM_PER_RAD_S * w));
         let e = &frame.energy;
-        let stored_and_work = [e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j];
-        push_curves(&mut self.energy, stored_and_work);
+        let stored = [e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.elastic_spring_j];
+        push_curves(&mut self.energy, stored.into_iter().chain([e.work_in_j, e.work_out_j]));
         let lost = [
             e.lost_pin_damping_j,
             e.lost_pin_friction_j,
@@ -189,6 +189,7 @@ impl Curves {
             e.lost_contact_friction_j,
             e.lost_guide_damping_j,
             e.lost_guide_friction_j,
+            e.lost_spring_damping_j,
         ];
         push_curves(&mut self.lost, lost);
         push_curves(&mut self.error, [e.error_j]);
@@ -224,7 +225,7 @@ pub struct Pictures {
     /// One for each outline of links.
     chain: Vec<Table>,
     links_of_outline: Vec<usize>,
-    /// One for each sprocket.
+    /// One for each sprocket, and each rail on an arm.
     rotors: Vec<Table>,
     pins: Table,
     contacts: Table,
@@ -242,7 +243,7 @@ impl Pictures {
             ];
             Table::new(outline_entity(outline), columns)
         });
-        let rotors = header.bodies.iter().filter(|body| body.rotor).map(|body| {
+        let rotors = header.bodies.iter().filter(|body| body.coordinate.is_some()).map(|body| {
             let columns = vec![
                 (Transform3D::descriptor_translation(), vec3()),
                 (Transform3D::descriptor_quaternion(), quaternion()),
@@ -296,9 +297,9 @@ impl Pictures {
     }
 
     fn push_rotors(&mut self, frame: &Frame, header: &Header) {
-        let bodies = header.bodies.iter().filter(|body| body.rotor);
-        for ((table, body), turned_rad) in self.rotors.iter_mut().zip(bodies).zip(&frame.rotors.angle_rad) {
-            let (s, c) = libm::sincos(0.5 * (body.angle_rad + turned_rad));
+        let bodies = header.bodies.iter().filter(|body| body.coordinate.is_some());
+        for (table, body) in self.rotors.iter_mut().zip(bodies) {
+            let (s, c) = libm::sincos(0.5 * (body.angle_rad + body.turned_rad(frame)));
             table.f32(0).extend_from_slice(&position_mm([body.x_m, body.y_m], 0.0));
             table.f32(1).extend_from_slice(&[0.0, 0.0, s as f32, c as f32]);
             table.end_row(1);

@@ -124,7 +124,7 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
 /// Contour, spokes that show the rotation, and a filled face where the contour can be seen whole from the body's centre.
 fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<()> {
     let entity = body_entity(body);
-    if !body.rotor {
+    if body.coordinate.is_none() {
         stream.log_static(entity.clone(), &standing_transform(body))?;
     }
     let Some(outline) = &body.outline else { return Ok(()) };
@@ -267,17 +267,25 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     let named = |names: Vec<String>| SeriesLines::new().with_names(names);
     stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
-    stream.log_static("plots/speed", &named(rotors().map(|name| format!("{name} [1/min]")).collect()))?;
+    let turning = header.coordinates.iter().map(|path| path.rsplit('.').next().unwrap_or(path));
+    stream.log_static("plots/speed", &named(turning.map(|name| format!("{name} [1/min]")).collect()))?;
     if !header.sensors.is_empty() {
         let sensors = header.sensors.iter().map(|s| format!("{} [{}]", s.path.trim_start_matches("sensors."), s.unit));
         stream.log_static("plots/sensors", &named(sensors.collect()))?;
     }
     stream.log_static("plots/contacts", &named(vec!["contacts".to_owned()]))?;
     stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
-    let energies = ["kinetic [J]", "elastic, joints [J]", "elastic, contacts [J]", "work in [J]", "work out [J]"];
-    stream.log_static("plots/energy", &named(energies.map(str::to_owned).to_vec()))?;
-    let losses =
-        ["pin damping", "pin friction", "contact damping", "contact friction", "guide damping", "guide friction"];
+    let energies = ["kinetic", "elastic, joints", "elastic, contacts", "elastic, springs", "work in", "work out"];
+    stream.log_static("plots/energy", &named(energies.map(|name| format!("{name} [J]")).to_vec()))?;
+    let losses = [
+        "pin damping",
+        "pin friction",
+        "contact damping",
+        "contact friction",
+        "guide damping",
+        "guide friction",
+        "spring damping",
+    ];
     stream.log_static("plots/energy_lost", &named(losses.map(|name| format!("{name} [J]")).to_vec()))?;
     Ok(())
 }

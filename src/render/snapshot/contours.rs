@@ -36,11 +36,10 @@ pub fn link_pose(frame: &Frame, i: usize) -> Pose {
     Pose { x_m: frame.links.x_m[i], y_m: frame.links.y_m[i], angle_rad: frame.links.angle_rad[i] }
 }
 
-/// Where body `k` stands; rotors come first and have turned.
+/// Where body `k` stands.
 pub fn body_pose(header: &Header, frame: &Frame, k: usize) -> Pose {
     let body = &header.bodies[k];
-    let turned = if body.rotor { frame.rotors.angle_rad.get(k).copied().unwrap_or(0.0) } else { 0.0 };
-    Pose { x_m: body.x_m, y_m: body.y_m, angle_rad: body.angle_rad + turned }
+    Pose { x_m: body.x_m, y_m: body.y_m, angle_rad: body.angle_rad + body.turned_rad(frame) }
 }
 
 /// A bound for the distance of an outline's points from its origin [m].

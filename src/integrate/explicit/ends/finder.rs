@@ -212,7 +212,8 @@ mod tests {
                     .collect();
                 let poses = LinkPoses::new(n, |i| moved[i]);
                 for (k, body) in model.end_bodies.iter().enumerate() {
-                    let angle = body.rotor.map_or(0.0, |r| rest.configuration.rotors[r] + spread * 10.0 * random());
+                    let angle =
+                        body.coordinate.map_or(0.0, |r| rest.configuration.coordinates[r] + spread * 10.0 * random());
                     let (sin, cos) = sin_cos(angle);
                     let mut found = std::collections::BTreeMap::new();
                     finder.find(&model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| {
@@ -279,8 +280,8 @@ mod tests {
                 .map(|(p, heading)| (p + Vec2::new(random(), random()) * spread, heading + spread * 100.0 * random()))
                 .collect();
             for body in &model.end_bodies {
-                let rotor = body.rotor.map_or((1.0, 0.0), |r| {
-                    let (sin, cos) = sin_cos(rest.configuration.rotors[r]);
+                let rotor = body.coordinate.map_or((1.0, 0.0), |r| {
+                    let (sin, cos) = sin_cos(rest.configuration.coordinates[r]);
                     (cos, sin)
                 });
                 let columns = |of: &dyn Fn(usize) -> f64| -> Column { std::array::from_fn(of) };

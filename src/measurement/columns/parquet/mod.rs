@@ -16,7 +16,7 @@ const BATCH: usize = 1 << 14;
 
 pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
-    let file = std::fs::File::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let file = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     thrift::check_footer(&file).map_err(|e| wrong(path, &e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| wrong(path, &e))?;

@@ -1,0 +1,182 @@
+//! Rails: guides of arcs and lines, as tensioner arms and guide rails of engines have them.
+//!
+//! A rail is written in the sense in which the chain runs over it: a start, a heading, and stretches that follow each other without a
+//! kink, straight or of one radius (positive: convex towards the chain). Its frame is that of the body that carries it, the drive's where
+//! it is fixed. Each end is a corner of the contour.
+
+use super::guide::GuideSide;
+use super::profile::{Element, Profile, ProfileError};
+use super::route::Wrap;
+use super::{Vec2, perp, rotated, unit};
+use crate::units::atan2;
+use std::f64::consts::PI;
+
+/// A stretch of a rail.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    pub length_m: f64,
+    /// None: straight; positive: convex towards the chain; negative: concave.
+    pub radius_m: Option<f64>,
+}
+
+/// A part of a rail's contour with one rule for what touches it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Piece {
+    /// From `start` along `along`, the material on the right of the outward normal's foot: outward is `along` turned by -90 degrees.
+    Line { start: Vec2, along: Vec2, length_m: f64 },
+    /// Points are centre + radius x outward normal. Convex with a radius of zero (a corner) or more, concave with a negative one.
+    /// `from`, `to`: outward normals at its ends; on a convex one they turn counterclockwise, by less than half a turn.
+    Arc { centre: Vec2, radius_m: f64, from: Vec2, to: Vec2 },
+    /// The point where a line ends and a convex arc or the end of the rail begins: what lies flat on the line is carried here where it
+    /// reaches beyond.
+    Brink { point: Vec2, normal: Vec2 },
+}
+
+/// A rail's contour, the material on the left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rail {
+    pub side: GuideSide,
+    pub profile: Profile,
+    /// Of the profile's elements in their order, between the corners at both ends; brinks behind them.
+    pub pieces: Vec<Piece>,
+    /// +1: the chain travels along the profile; -1: against it.
+    pub travel: f64,
+}
+
+/// Arcs turn by less than this, so that one sector tells what belongs to them.
+pub const LARGEST_SWEEP_RAD: f64 = 0.9 * PI;
+
+impl Rail {
+    /// The stretches from `start`, where the chain arrives with the heading `heading_rad`. Fails for a stretch without length or one that
+    /// turns too far: its index.
+    pub fn new(side: GuideSide, start: Vec2, heading_rad: f64, stretches: &[Stretch]) -> Result<Rail, RailError> {
+        // Sense in which the chain turns round a convex arc.
+        let sense = if side == GuideSide::Inside { 1.0 } else { -1.0 };
+        let (mut at, mut heading) = (start, heading_rad);
+        let mut elements = Vec::new();
+        for (index, stretch) in stretches.iter().enumerate() {
+            let Stretch { length_m, radius_m } = *stretch;
+            let sweep = radius_m.map_or(0.0, |r| sense * length_m / r);
+            if length_m.is_nan() || length_m <= 0.0 || sweep.is_nan() || sweep.abs() > LARGEST_SWEEP_RAD {
+                return Err(RailError::Stretch(index));
+            }
+            let from = at;
+            match radius_m {
+                None => at += unit(heading) * length_m,
+                Some(r) => {
+                    let centre = at + perp(unit(heading)) * (sense * r);
+                    at = centre + rotated(at - centre, sweep);
+                    heading += sweep;
+                    let out = (from - centre) / r.abs();
+                    elements.push(Element::Arc {
+                        centre,
+                        radius_m: r.abs(),
+                        start_rad: atan2(out.y, out.x),
+                        sweep_rad: sweep,
+                    });
+                    continue;
+                }
+            }
+            elements.push(Element::Line { start: from, end: at });
+        }
+        if side == GuideSide::Outside {
+            elements = elements.iter().rev().map(reversed).collect();
+        }
+        let profile = Profile::new(elements, false).map_err(RailError::Profile)?;
+        Ok(Rail { side, pieces: pieces(&profile), profile, travel: sense })
+    }
+
+    /// The convex arcs that the chain may bend round, in the order in which it meets them: centre and radius [m].
+    pub fn bends(&self) -> Vec<(Vec2, f64)> {
+        let mut arcs: Vec<(Vec2, f64)> = self
+            .profile
+            .elements()
+            .iter()
+            .filter_map(|e| match *e {
+                Element::Arc { centre, radius_m, sweep_rad, .. } if sweep_rad > 0.0 => Some((centre, radius_m)),
+                _ => None,
+            })
+            .collect();
+        if self.travel < 0.0 {
+            arcs.reverse();
+        }
+        arcs
+    }
+
+    /// How the chain turns round its convex arcs.
+    pub fn wrap(&self) -> Wrap {
+        match self.side {
+            GuideSide::Inside => Wrap::Inside,
+            GuideSide::Outside => Wrap::Outside,
+        }
+    }
+
+    /// Largest distance of one of its points from the origin of its frame [m], not counting how far arcs bulge between their ends.
+    pub fn reach_m(&self) -> f64 {
+        let ends = self.profile.elements().iter().flat_map(|e| [e.start(), e.point(0.5), e.end()]);
+        ends.map(|p| p.norm()).fold(0.0, f64::max)
+    }
+}
+
+/// Why there is no rail.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RailError {
+    /// This stretch has no length or turns too far.
+    Stretch(usize),
+    Profile(ProfileError),
+}
+
+impl std::fmt::Display for RailError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            RailError::Stretch(index) => {
+                let most = LARGEST_SWEEP_RAD.to_degrees();
+                write!(f, "stretch {index} has no length, or turns by more than {most:.0} degrees")
+            }
+            RailError::Profile(e) => write!(f, "{e}"),
+        }
+    }
+}
+
+impl std::error::Error for RailError {}
+
+/// The same element travelled the other way. Material that was on its right is on its left then.
+fn reversed(element: &Element) -> Element {
+    match *element {
+        Element::Line { start, end } => Element::Line { start: end, end: start },
+        Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
+            Element::Arc { centre, radius_m, start_rad: start_rad + sweep_rad, sweep_rad: -sweep_rad }
+        }
+    }
+}
+
+fn pieces(profile: &Profile) -> Vec<Piece> {
+    let elements = profile.elements();
+    let (first, last) = (&elements[0], &elements[elements.len() - 1]);
+    // A corner faces from the normal of the contour to the direction in which the contour ends.
+    let corner = |centre: Vec2, from: Vec2, to: Vec2| Piece::Arc { centre, radius_m: 0.0, from, to };
+    let mut pieces = vec![corner(first.start(), -first.tangent(0.0), first.normal(0.0))];
+    pieces.extend(elements.iter().map(|e| match *e {
+        Element::Line { start, end } => {
+            Piece::Line { start, along: (end - start).normalize(), length_m: (end - start).norm() }
+        }
+        Element::Arc { centre, radius_m, sweep_rad, .. } => {
+            Piece::Arc { centre, radius_m: radius_m * sweep_rad.signum(), from: e.normal(0.0), to: e.normal(1.0) }
+        }
+    }));
+    pieces.push(corner(last.end(), last.normal(1.0), last.tangent(1.0)));
+    let is_line = |p: &Piece| matches!(p, Piece::Line { .. });
+    let is_convex = |p: &Piece| matches!(p, Piece::Arc { radius_m, .. } if *radius_m >= 0.0);
+    let brinks = pieces.windows(2).filter_map(|pair| {
+        let (line, begins) = match (&pair[0], &pair[1]) {
+            (line, next) if is_line(line) && is_convex(next) => (line, false),
+            (next, line) if is_line(line) && is_convex(next) => (line, true),
+            _ => return None,
+        };
+        let Piece::Line { start, along, length_m } = *line else { return None };
+        Some(Piece::Brink { point: if begins { start } else { start + along * length_m }, normal: -perp(along) })
+    });
+    let brinks: Vec<Piece> = brinks.collect();
+    pieces.extend(brinks);
+    pieces
+}

@@ -1,0 +1,325 @@
+//! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
+
+use super::watch::Noted;
+use super::{MemoryBlocks, Part, Scratch, Window, put, take};
+use crate::elements::rail_contact::{self, Found, PlatePart, RailBody, Swing};
+use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Sliding};
+use crate::model::Model;
+use crate::state::{FAR_AWAY_M, State};
+use std::time::Instant;
+
+/// What rails leave behind, by set: inside front, rear and edge, then outside.
+pub(super) struct RailColumns {
+    pub(super) rate: [Vec<f64>; SETS],
+    pub(super) slide: [Vec<f64>; SETS],
+    pub(super) depth: [Vec<f64>; SETS],
+    /// Where on the axis of its link a contact lies [m], and the piece of the rail.
+    pub(super) along: [Vec<f64>; SETS],
+    pub(super) piece: [Vec<f64>; SETS],
+}
+
+pub(super) const SETS: usize = 6;
+
+impl RailColumns {
+    pub(super) fn new(n: usize) -> RailColumns {
+        let columns = || std::array::from_fn(|_| vec![0.0; n]);
+        RailColumns { rate: columns(), slide: columns(), depth: columns(), along: columns(), piece: columns() }
+    }
+}
+
+/// Lanes of the three parts of plates.
+#[derive(Clone, Default)]
+pub(super) struct Plates {
+    lanes: [Lanes; 3],
+    found: [Found; 3],
+}
+
+/// Contacts of all plates near rail `k`.
+#[inline(always)]
+pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
+    let rail = &model.rails[k];
+    let (body, count) = (&rail.body, model.chain.padded / LANES);
+    let (swing, inverse_inertia) = swing(model, state, k);
+    let reach_m = (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m) * model.step_s;
+    let mut own = scratch.plates.take().unwrap_or_default();
+    let Plates { lanes, found } = &mut *own;
+    let mut torque = [0.0; LANES];
+    for w in 0..scratch.rail_windows[k].len() {
+        let Window { start, end, shared } = scratch.rail_windows[k][w];
+        for block in start / LANES..end / LANES {
+            let at = block * LANES;
+            let begun = scratch.counts.is_some().then(Instant::now);
+            find(model, state, scratch, (k, shared), at, swing, lanes, found);
+            let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
+            let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
+            let held = |set: usize| take(&state.rail_plates[set].age, at).iter().any(|age| *age != 0.0);
+            if !shared && !lanes.iter().any(near) && !sets.into_iter().any(held) {
+                for set in sets {
+                    memory(state, scratch, set, count).forget(block);
+                }
+                note(scratch, k, None, begun);
+                continue;
+            }
+            for (lanes, set) in lanes.iter_mut().zip(sets) {
+                memory(state, scratch, set, count).recall(block, lanes);
+            }
+            hand_on(lanes, found);
+            for ((lanes, found), set) in lanes.iter_mut().zip(found.iter()).zip(sets) {
+                let sliding =
+                    Sliding { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
+                let (law, h) = (&body.law, model.step_s);
+                tooth_contact::forces_on_body(
+                    law,
+                    sliding,
+                    &found.link_radius,
+                    h,
+                    (swing.omega, inverse_inertia),
+                    lanes,
+                );
+                scratch.end_forces[block].add(lanes);
+                for (sum, own) in torque.iter_mut().zip(lanes.torque) {
+                    *sum += own;
+                }
+                if WATCHED {
+                    watch(model, scratch, k, (at, shared), set, (lanes, found));
+                }
+                keep(state, scratch, (k, shared), (at, set), (lanes, found), count);
+            }
+            note(scratch, k, Some(lanes), begun);
+        }
+    }
+    if let Some(q) = rail.coordinate {
+        scratch.chain_torque[q] += torque.iter().sum::<f64>();
+    }
+    scratch.plates = Some(own);
+}
+
+/// How a rail moves at the node, and the inverse inertia that it gives way with.
+#[inline(always)]
+pub(crate) fn swing(model: &Model, state: &State, k: usize) -> (Swing, f64) {
+    let Some(q) = model.rails[k].coordinate else {
+        return (Swing { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 }, 0.0);
+    };
+    let c = &state.coordinates;
+    let omega = c.omega[q] + 0.5 * model.step_s * c.alpha[q];
+    (Swing { cos: c.cos[q], sin: c.sin[q], omega, alpha: c.alpha[q] }, model.coordinates[q].inverse_inertia())
+}
+
+/// Geometry of the three parts of the plates of a block.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "lanes and what is found are memory that is used again")]
+fn find(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    (k, shared): (usize, bool),
+    at: usize,
+    swing: Swing,
+    lanes: &mut [Lanes; 3],
+    found: &mut [Found; 3],
+) {
+    let body = &model.rails[k].body;
+    let alpha = take(&scratch.wrapped.alpha, at);
+    load(model, state, scratch, at, body, &mut lanes[0]);
+    if shared {
+        let nearest = &scratch.nearest_rail[body.side][at..at + LANES];
+        for i in (0..LANES).filter(|i| nearest[*i] != k) {
+            lanes[0].x[i] = FAR_AWAY_M;
+        }
+    }
+    let (first, rest) = lanes.split_at_mut(1);
+    for other in rest {
+        *other = first[0];
+    }
+    for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(found)) {
+        *found = rail_contact::touches(body, part, swing, &alpha, lanes);
+    }
+}
+
+/// Where a joint of the chain passes a brink, the contact of the edge becomes that of an end, or the other way round: what it remembers goes with
+/// it.
+fn hand_on(lanes: &mut [Lanes; 3], found: &[Found; 3]) {
+    let [front, rear, edge] = lanes;
+    for i in 0..LANES {
+        for (end, of_end) in [(front as &mut Lanes, &found[0]), (rear, &found[1])] {
+            // Both may be there for a step: rounding tells on which side of the joint a point lies.
+            let begins = |lanes: &Lanes, found: &Found| found.here[i] && lanes.age[i] <= 1.0;
+            let ended = |lanes: &Lanes, found: &Found| !found.here[i] && lanes.age[i] != 0.0;
+            if begins(edge, &found[2]) && ended(end, of_end) {
+                give(end, edge, i);
+            } else if begins(end, of_end) && ended(edge, &found[2]) {
+                give(edge, end, i);
+            }
+        }
+    }
+}
+
+fn give(from: &mut Lanes, to: &mut Lanes, i: usize) {
+    to.normal_force[i] = std::mem::take(&mut from.normal_force[i]);
+    to.tangential_force[i] = std::mem::take(&mut from.tangential_force[i]);
+    to.age[i] = std::mem::take(&mut from.age[i]);
+    to.approach[i] = std::mem::take(&mut from.approach[i]);
+}
+
+/// Gives results and memory of a part of a block back to their columns.
+#[inline(always)]
+fn keep(
+    state: &State,
+    scratch: &mut Scratch,
+    (k, shared): (usize, bool),
+    (at, set): (usize, usize),
+    (lanes, found): (&Lanes, &Found),
+    count: usize,
+) {
+    let Scratch { rails: r, rail_plates, stale_rails, nearest_rail, .. } = scratch;
+    let results = [
+        (&mut r.rate[set], &lanes.rate),
+        (&mut r.slide[set], &lanes.slide),
+        (&mut r.depth[set], &lanes.penetration),
+        (&mut r.along[set], &lanes.lever),
+        (&mut r.piece[set], &found.piece),
+    ];
+    let mut memory = MemoryBlocks::new(&state.rail_plates[set], &mut rail_plates[set], &mut stale_rails[set], count);
+    if shared {
+        let nearest = &nearest_rail[set / 3][at..at + LANES];
+        for (column, values) in results {
+            for i in (0..LANES).filter(|i| nearest[*i] == k) {
+                column[at + i] = values[i];
+            }
+        }
+        memory.keep_own(|i| nearest[i] == k, at / LANES, lanes);
+    } else {
+        for (column, values) in results {
+            put(column, at, *values);
+        }
+        memory.keep(at / LANES, lanes);
+    }
+}
+
+/// For those who ask what contacts cost.
+fn note(scratch: &mut Scratch, k: usize, lanes: Option<&[Lanes; 3]>, begun: Option<Instant>) {
+    if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
+        let mut forces: Column = [0.0; LANES];
+        for own in lanes.into_iter().flatten() {
+            for (sum, force) in forces.iter_mut().zip(own.normal_force) {
+                *sum += force;
+            }
+        }
+        counts.rails[k].note(lanes.is_some(), lanes.is_some().then_some(&forces), begun);
+    }
+}
+
+/// For those who look at every step.
+#[inline(always)]
+fn watch(
+    model: &Model,
+    scratch: &mut Scratch,
+    k: usize,
+    (at, shared): (usize, bool),
+    set: usize,
+    (lanes, found): (&Lanes, &Found),
+) {
+    let Some(watched) = &mut scratch.watched else { return };
+    let n = model.chain.n_links;
+    let nearest = &scratch.nearest_rail[model.rails[k].body.side];
+    let own: Option<[bool; LANES]> =
+        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[at + i] == k)));
+    let part = Part::Rails(set);
+    if watched.wants_segments() {
+        let segment = |i: usize| f64::from(model.rails[k].segment(found.piece[i] as usize) as u32);
+        watched.note_segments(part, at, std::array::from_fn(segment), own.as_ref());
+    }
+    watched.note(&Noted { part, at, lanes }, own.as_ref());
+}
+
+/// What a set of plates remembers.
+#[inline(always)]
+fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
+    MemoryBlocks::new(&state.rail_plates[set], &mut scratch.rail_plates[set], &mut scratch.stale_rails[set], count)
+}
+
+/// The links `at` .. `at + LANES` as seen from a rail's origin.
+#[inline(always)]
+fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, body: &RailBody, lanes: &mut Lanes) {
+    let c = &model.chain;
+    let (front, rear) = (&scratch.front, &scratch.rear);
+    let (x, y) = (take(&state.links.x, at), take(&state.links.y, at));
+    let (front_vx, front_vy) = (take(&front.vx, at), take(&front.vy, at));
+    let (rear_vx, rear_vy) = (take(&rear.vx, at), take(&rear.vy, at));
+    for i in 0..LANES {
+        lanes.x[i] = x[i] - body.origin.x;
+        lanes.y[i] = y[i] - body.origin.y;
+        lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]);
+        lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]);
+    }
+    lanes.omega = take(&scratch.omega, at);
+    lanes.cos = take(&scratch.wrapped.cos, at);
+    lanes.sin = take(&scratch.wrapped.sin, at);
+    lanes.ax = take(&scratch.wrapped.ax, at);
+    lanes.ay = take(&scratch.wrapped.ay, at);
+    lanes.lever = take(&c.lever, at);
+    lanes.inverse_mass = take(&c.inverse_mass, at);
+    lanes.inverse_inertia = take(&c.inverse_inertia, at);
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::elements::contact_law::ContactLaw;
+    use crate::geometry::guide::GuideSide;
+    use crate::geometry::rail::{Rail, Stretch};
+    use crate::geometry::{Vec2, rotated};
+
+    /// A plate that slides along a line onto an arc, and along an arc onto a line, always 1 um deep at its nearest point: at the joint the
+    /// contact of one part becomes that of another with all that it remembers, and is never lost.
+    #[test]
+    fn contacts_go_on_over_the_joints_of_arcs_and_lines() {
+        let (plate_m, lever_m, deep_m) = (3.55e-3, 4e-3, 1e-6);
+        let stretch = |length_m: f64, radius_m: Option<f64>| Stretch { length_m, radius_m };
+        let stretches = [stretch(0.03, None), stretch(0.03, Some(0.1)), stretch(0.03, None)];
+        let rail = Rail::new(GuideSide::Outside, Vec2::zeros(), 0.0, &stretches).expect("a rail");
+        let law = ContactLaw::Linear { stiffness_n_per_m: 1e7, damping_n_s_per_m: 0.0 };
+        let body = RailBody::new(&rail, Vec2::zeros(), plate_m, law, 0.0, 0.1);
+        let swing = Swing { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 };
+        // Where the chain is on its way: point and outward normal.
+        let at = |s: f64| {
+            let turn = ((s - 0.03) / 0.1).clamp(0.0, 0.3);
+            let centre = Vec2::new(0.03, -0.1);
+            let normal = rotated(Vec2::new(0.0, 1.0), -turn);
+            let along = rotated(Vec2::new(1.0, 0.0), -turn);
+            let beyond = if s < 0.03 { s - 0.03 } else { (s - 0.06).max(0.0) };
+            (centre + normal * 0.1 + along * beyond, normal)
+        };
+        let mut held = [0.0_f64; 3];
+        let (mut steps, mut moves) = (0, [0; 2]);
+        for i in 0..20_000 {
+            let (point, normal) = at(0.01 + i as f64 * 3e-6);
+            let centre = point + normal * (plate_m - deep_m);
+            let heading = rotated(normal, -std::f64::consts::FRAC_PI_2);
+            let mut lanes = [Lanes::default(); 3];
+            let mut found = [Found::default(); 3];
+            for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(&mut found)) {
+                (lanes.x, lanes.y) = ([centre.x; LANES], [centre.y; LANES]);
+                (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
+                lanes.lever = [lever_m; LANES];
+                *found = rail_contact::touches(&body, part, swing, &[0.0; LANES], lanes);
+            }
+            for (lanes, age) in lanes.iter_mut().zip(held) {
+                (lanes.age, lanes.normal_force) = ([age; LANES], [age; LANES]);
+            }
+            let before = held;
+            hand_on(&mut lanes, &found);
+            for (part, age) in held.iter_mut().enumerate() {
+                let touches = found[part].here[0] && lanes[part].penetration[0] > 0.0;
+                *age = if touches { lanes[part].age[0] + 1.0 } else { 0.0 };
+            }
+            let oldest = |ages: [f64; 3]| ages.into_iter().fold(0.0, f64::max);
+            assert!(oldest(held) > oldest(before), "step {i}: {before:?} {held:?}");
+            moves[0] += usize::from(before[2] == 0.0 && held[2] > 1.0);
+            moves[1] += usize::from(before[2] > 0.0 && held[2] == 0.0 && held[1] > 1.0);
+            steps += 1;
+        }
+        assert_eq!((steps, moves), (20_000, [1, 1]));
+    }
+}

@@ -1,0 +1,280 @@
+//! Rails and arms against closed forms: statics of an arm, belt friction on a curved guide, an arm's own oscillation, a straight rail
+//! against a straight guide, and contacts that go from arcs to lines.
+
+mod common;
+
+use common::bundled;
+use pitchline::assemble::{at_rest, resting_state};
+use pitchline::drive::{BUNDLED, Drive};
+use pitchline::elements::contact_law::PairRadii;
+use pitchline::geometry::{Vec2, cross, unit};
+use pitchline::integrate::explicit::{self, Part, Scratch};
+use pitchline::model::Model;
+use pitchline::recording::capture::Camera;
+use pitchline::statics::{Configuration, rail_touches};
+use std::fmt::Write as _;
+
+fn drive(text: &str, sets: &[&str]) -> Drive {
+    let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+    Drive::parse("test.toml", text, &sets).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Force on the link in front of joint `j`, and where, at rest.
+fn joint_at_rest(model: &Model, q: &Configuration, j: usize) -> (Vec2, Vec2) {
+    let k = (j + 1) % model.chain.n_links;
+    let end = |link: usize, sign: f64| q.links[link].0 + unit(q.links[link].1) * (sign * model.chain.lever[link]);
+    let (front, rear) = (end(j, 1.0), end(k, -1.0));
+    let f = model.chain.joint.force(front.x - rear.x, front.y - rear.y, 0.0, 0.0);
+    (Vec2::new(f.x, f.y), rear)
+}
+
+/// At rest the spring carries the moment of the chain: of the contacts, and of the two spans that leave the rail.
+#[test]
+fn an_arm_rests_where_spring_and_chain_balance() {
+    for sets in [
+        &[][..],
+        &["arms.tensioner.spring_torque_nm=9", "loads.constant.driven.torque_nm=5"],
+        &["guides.rail.slack.radii_mm=[60, 0, 60]", "guides.rail.slack.lengths_mm=[40, 60, 40]"],
+        &["arms.tensioner.pivot_x_mm=190", "arms.tensioner.spring_torque_nm=-6", "arms.tensioner.spring_nm_per_rad=20"],
+    ] {
+        let drive = drive(BUNDLED[3].1, sets);
+        let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
+        let (arm, rail, q) = (&model.arms[0], &model.rails[0], &rest.configuration);
+        let spring = model.coordinates[arm.coordinate].spring.torque_nm(q.coordinates[arm.coordinate]);
+        let touches = rail_touches(&model, q, rail);
+        let mut of_contacts = 0.0;
+        for (_, _, t) in &touches {
+            let radii = PairRadii { bush_m: t.link_radius_m, body_m: t.body_radius_m };
+            of_contacts -= cross(t.point, t.normal * rail.body.law.elastic(t.penetration_m, radii).force_n);
+        }
+        let first = touches.iter().map(|t| t.0).min().expect("touches");
+        let last = touches.iter().map(|t| t.0).max().expect("touches");
+        let n = model.chain.n_links;
+        let ((pull_rear, at_rear), (pull_front, at_front)) =
+            (joint_at_rest(&model, q, (first + n - 1) % n), joint_at_rest(&model, q, last));
+        // Its links stand still: what joints pull is what the rail carries.
+        let of_spans = cross(at_rear - arm.pivot, pull_rear) - cross(at_front - arm.pivot, pull_front);
+        println!(
+            "{sets:?}: {} contacts, spring {spring:.6} N m, contacts {of_contacts:.9}, spans {of_spans:.9}, residual {:.1e} N",
+            touches.len(),
+            rest.residual_n
+        );
+        assert!(touches.len() > 2);
+        assert!((of_contacts + spring).abs() < 1e-6 * spring.abs());
+        assert!((of_spans + spring).abs() < 1e-6 * spring.abs());
+    }
+}
+
+/// The bush chain with finer links, round a fixed rail that bends the tight span: everything in the drive that is a length of a link is
+/// divided by `finer`. No friction but that of the rail.
+fn capstan(finer: u32, friction: f64) -> Drive {
+    let f = f64::from(finer);
+    let (radius_mm, half_rad) = (90.0_f64, 0.7_f64);
+    // Round a rail inside the loop, over the middle of the upper span, which runs from the driven sprocket to the driver.
+    let (top, x) = (95.0, 119.0);
+    let start = (x + radius_mm * half_rad.sin(), top - radius_mm + radius_mm * half_rad.cos());
+    let heading = 180.0 - half_rad.to_degrees();
+    let mut text = BUNDLED[0].1.split_once("# Straight guides").expect("there").0.to_string();
+    write!(
+        text,
+        "[guides.rail.bend]\nspan = [\"driven\", \"driver\"]\nside = \"inside\"\nstart_x_mm = {}\nstart_y_mm = {}\n\
+         heading_deg = {heading}\nlengths_mm = [{}]\nradii_mm = [{radius_mm}]\n",
+        start.0,
+        start.1,
+        2.0 * half_rad * radius_mm
+    )
+    .expect("memory");
+    let links = 2 * (54 * finer as usize);
+    let sets = [
+        format!("chain.bush.pitch_mm={}", 8.0 / f),
+        format!("chain.bush.bush_diameter_mm={}", 5.0 / f),
+        format!("chain.bush.pin_diameter_mm={}", 3.3 / f),
+        format!("chain.bush.plate_height_mm={}", 7.1 / f),
+        format!("chain.bush.links={links}"),
+        format!("sprockets.driver.teeth={}", 20 * finer),
+        format!("sprockets.driven.teeth={}", 40 * finer),
+        format!("contact.guide.friction={friction}"),
+        "speeds.constant.driver.speed_rpm=600".into(),
+        "chain.joint.friction=0".into(),
+        "contact.sprocket.friction=0".into(),
+        "contact.guide.stick_speed_m_s=0.01".into(),
+        "preload.tension_n=400".into(),
+    ];
+    Drive::parse("capstan.toml", &text, &sets).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Ratio of the tensions after and before the rail, of the moving chain without its centrifugal part, and the angle between the spans.
+fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
+    let assembly = common::assembled(drive);
+    let (model, mut state) = (assembly.model, assembly.state);
+    let mut scratch = Scratch::new(&model);
+    let rail = &model.rails[0];
+    let (n, lever) = (model.chain.n_links, model.chain.lever[0]);
+    let period = (2.0 * lever / model.chain_speed_m_s.abs() / model.step_s).round() as usize;
+    let mass_per_m =
+        (model.chain.mass[0] + model.chain.mass[1]) / (2.0 * (model.chain.lever[0] + model.chain.lever[1]));
+    let centrifugal = mass_per_m * model.chain_speed_m_s.powi(2);
+    let (mut before, mut after, mut turn, mut looks) = (0.0, 0.0, 0.0, 0.0);
+    let centre = rail.rail.bends()[0].0;
+    for step in 0..2 * period * 10 {
+        explicit::evaluate(&model, &state, &mut scratch).expect("holds");
+        if step % 7 == 0 {
+            let touching = |i: usize| (0..3).any(|set| scratch.memory(Part::Rails(set)).normal_force[i] > 0.0);
+            let on: Vec<usize> = (0..n).filter(|i| touching(*i)).collect();
+            // The chain runs over the rail from right to left, its links in the order of their numbers.
+            let along = |i: &&usize| state.links.x[**i] - centre.x;
+            let first = *on.iter().max_by(|a, b| along(a).total_cmp(&along(b))).expect("touches");
+            let last = *on.iter().min_by(|a, b| along(a).total_cmp(&along(b))).expect("touches");
+            let (a, b) = ((first + n - 3) % n, (last + 3) % n);
+            let tension = |j: usize| scratch.joint_force(j).0.hypot(scratch.joint_force(j).1) - centrifugal;
+            before += tension(a);
+            after += tension(b);
+            let heading = |i: usize| Vec2::new(state.links.cos[i], state.links.sin[i]);
+            turn += cross(heading(a), heading(b)).asin();
+            looks += 1.0;
+        }
+        explicit::advance(&model, &mut state, &mut scratch);
+    }
+    (after / before, turn / looks)
+}
+
+/// Eytelwein: T2/T1 = e^(mu theta). A chain's tension runs on the radius R + r of its joints' axis and friction acts on R, so that its
+/// exponent is mu theta R/(R + r); with finer links r goes to zero.
+#[test]
+fn friction_on_a_curved_guide_is_that_of_a_belt() {
+    let friction = 0.3;
+    let mut errors = Vec::new();
+    for finer in [1, 2] {
+        let drive = capstan(finer, friction);
+        let (ratio, theta) = tensions_about_rail(&drive);
+        let (belt, height) = (friction * theta, drive.chain.plate_end_radius_m());
+        let of_chain = belt * 90e-3 / (90e-3 + height);
+        println!(
+            "pitch {} mm: theta {:.2} deg, ratio {ratio:.5}, belt {:.5}, chain {:.5}",
+            8.0 / f64::from(finer),
+            theta.to_degrees(),
+            belt.exp(),
+            of_chain.exp()
+        );
+        assert!(theta > 0.8);
+        assert!((ratio / of_chain.exp() - 1.0).abs() < 5e-3, "{ratio} against {}", of_chain.exp());
+        errors.push(ratio / belt.exp() - 1.0);
+    }
+    // Straight line through both to links of no height.
+    let limit = 2.0 * errors[1] - errors[0];
+    println!("against a belt {errors:?}, in the limit {limit:e}");
+    assert!(limit.abs() < 1e-2 && errors[1].abs() < errors[0].abs());
+    let (ratio, _) = tensions_about_rail(&capstan(1, 0.0));
+    println!("without friction {ratio:.6}");
+    assert!((ratio - 1.0).abs() < 2e-3);
+}
+
+/// An arm away from the chain.
+fn free_arm(step_us: f64) -> Model {
+    let text = format!(
+        "{}\n[arms.idle]\npivot_x_mm = 60\npivot_y_mm = -150\ninertia_kg_m2 = 1e-4\nspring_nm_per_rad = 300\n\
+         spring_torque_nm = 3\ndamping_nm_s_per_rad = 0.02\n\n[guides.rail.idle]\nspan = [\"driver\", \"driven\"]\n\
+         side = \"outside\"\narm = \"idle\"\nstart_x_mm = 60\nstart_y_mm = -120\nheading_deg = 0\nlengths_mm = [60]\nradii_mm = [0]\n",
+        BUNDLED[0].1
+    );
+    let (mut model, _) = at_rest(&drive(&text, &[])).unwrap_or_else(|e| panic!("{e}"));
+    model.step_s = step_us * 1e-6;
+    model
+}
+
+/// q'' + 2 delta q' + omega0^2 (q - q_free) = 0 from rest: closed form, second order in the step, all of the energy accounted for.
+#[test]
+fn an_arm_swings_as_its_spring_and_damper_say() {
+    let (inertia, stiffness, damping, free, start) = (1e-4_f64, 300.0_f64, 0.02_f64, 0.01, 0.06_f64);
+    let (delta, omega0) = (0.5 * damping / inertia, (stiffness / inertia).sqrt());
+    let omega = (omega0 * omega0 - delta * delta).sqrt();
+    let exact =
+        |t: f64| free + (start - free) * (-delta * t).exp() * ((omega * t).cos() + delta / omega * (omega * t).sin());
+    let mut errors = Vec::new();
+    for step_us in [4.0, 2.0, 1.0] {
+        let model = free_arm(step_us);
+        let arm = model.arms[0].coordinate;
+        // A chain that stands still: the driver is prescribed, so that speed goes too.
+        let mut still = model.clone();
+        still.coordinates[0].motion = pitchline::elements::coordinate::Motion::Prescribed { speed_rad_s: 0.0 };
+        let (_, rest) = at_rest(&bundled("bush-20-40", &[])).unwrap_or_else(|e| panic!("{e}"));
+        let mut q = rest.configuration;
+        q.coordinates.push(start);
+        let mut state = resting_state(&still, &q);
+        let h = still.step_s;
+        // Half a step before the start its speed is that of the exact motion.
+        let acceleration = -omega0 * omega0 * (start - free);
+        state.coordinates.omega[arm] = -0.5 * h * acceleration;
+        state.coordinates.alpha[arm] = acceleration;
+        let mut scratch = Scratch::new(&still);
+        let mut camera = Camera::default();
+        let (mut worst, steps) = (0.0_f64, (12e-3 / h) as usize);
+        let (mut error_j, mut lost_j) = (0.0, 0.0);
+        for step in 0..=steps {
+            explicit::evaluate(&still, &state, &mut scratch).expect("holds");
+            let t = step as f64 * h;
+            worst = worst.max((state.coordinates.angle[arm] - exact(t)).abs());
+            if step == 0 || step == steps {
+                let frame = camera.take(&still, &state, &scratch);
+                (error_j, lost_j) = (frame.energy.error_j, frame.energy.lost_spring_damping_j);
+            }
+            explicit::advance(&still, &mut state, &mut scratch);
+        }
+        println!("step {step_us} us: {worst:.2e} rad off, lost {lost_j:.6} J, ledger {error_j:.1e} J");
+        // The chain at rest under its preload stays there; what is lost is the arm's.
+        assert!(error_j.abs() < 1e-4 * lost_j, "{error_j:e} of {lost_j}");
+        errors.push(worst);
+    }
+    assert!(errors[0] < 1e-3 * start, "{errors:?}");
+    for pair in errors.windows(2) {
+        assert!((3.6..4.4).contains(&(pair[0] / pair[1])), "{errors:?}");
+    }
+}
+
+/// Text of a rail that is the straight guide `k` of a model: its face, and its relief arcs.
+fn rail_like_guide(model: &Model, k: usize) -> String {
+    let g = &model.guides[k].geometry;
+    let sweep = pitchline::geometry::guide::END_SWEEP_RAD;
+    // The chain travels along +x of the guide's frame or against it.
+    let forwards = g.along * g.travel;
+    let first = if g.travel > 0.0 { g.origin } else { g.origin + g.along * g.length_m };
+    let normal = g.normal();
+    let from = first - normal * g.end_radius_m;
+    // Back along the relief arc where the chain arrives.
+    let start = from + (normal * sweep.cos() - forwards * sweep.sin()) * g.end_radius_m;
+    let heading = forwards * sweep.cos() + normal * sweep.sin();
+    let arc = g.end_radius_m * sweep * 1e3;
+    format!(
+        "start_x_mm = {:.12}\nstart_y_mm = {:.12}\nheading_deg = {:.12}\nlengths_mm = [{arc}, {}, {arc}]\nradii_mm = [{r}, 0, {r}]\n",
+        start.x * 1e3,
+        start.y * 1e3,
+        heading.y.atan2(heading.x).to_degrees(),
+        g.length_m * 1e3,
+        r = g.end_radius_m * 1e3
+    )
+}
+
+/// A straight rail in the place of a straight guide that presses into the span: the same equilibrium.
+#[test]
+fn a_straight_rail_is_a_straight_guide() {
+    let (head, _) = BUNDLED[0].1.split_once("[guides.fixed.tight]").expect("there");
+    let guide = "[guides.fixed.tight]\nspan = [\"driven\", \"driver\"]\nside = \"inside\"\nstart_mm = 36\nend_mm = 28\n\
+                 clearance_um = -200\nend_radius_mm = 15\n";
+    let (with_guide, rest) = at_rest(&drive(&format!("{head}{guide}"), &[])).unwrap_or_else(|e| panic!("{e}"));
+    let rail = format!(
+        "[guides.rail.tight]\nspan = [\"driven\", \"driver\"]\nside = \"inside\"\n{}",
+        rail_like_guide(&with_guide, 0)
+    );
+    let x = with_guide.sprockets[1].body.centre.x * 1e3;
+    let with_rail = drive(&format!("{head}{rail}"), &[&format!("sprockets.driven.x_mm={x:.12}")]);
+    let (of_rail, resting) = at_rest(&with_rail).unwrap_or_else(|e| panic!("{e}"));
+    let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
+    let (a, b) = (mean(&rest.tensions_n), mean(&resting.tensions_n));
+    let touches = rail_touches(&of_rail, &resting.configuration, &of_rail.rails[0]);
+    println!("mean tension {a:.6} N on the guide, {b:.6} N on the rail, {} contacts", touches.len());
+    // A taut chain lies on the two ends of a face. There a rail meets the edges of the plates, a guide knows their ends alone.
+    assert!(touches.len() >= 2);
+    assert!((a / b - 1.0).abs() < 1e-3);
+    let worst = rest.tensions_n.iter().zip(&resting.tensions_n).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-2 * a, "{worst}");
+}
