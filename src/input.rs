@@ -32,14 +32,14 @@ pub fn open(path: &Path) -> Result<File> {
     File::open(path)
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::io::{Read, Write};
-
     /// A pipe is read to its end however late its writer comes; one without a writer is an error.
+    #[cfg(unix)]
     #[test]
     fn pipes_are_waited_for_and_not_for_ever() {
+        use std::io::{Read, Write};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());

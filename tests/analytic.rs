@@ -311,12 +311,12 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     let mut state = a.state.clone();
     // Height of the joint that runs on, and speed along the tight span of the last joint before it touches.
     let (mut speeds, mut heights) = (Vec::new(), Vec::new());
-    let direction = model.route.as_ref().expect("a route").spans[1].direction;
+    let direction = model.route.as_ref().expect("a route").span_after(1).direction;
     let normal = Vec2::new(direction.y, -direction.x);
     watch(&a.model, &mut state, (3.0 * tooth_period / model.step_s) as u64, |state, _| {
         // Mean over the links of the tight span that touch no tooth.
         let l = &state.links;
-        let span = &model.route.as_ref().expect("a route").spans[1];
+        let span = model.route.as_ref().expect("a route").span_after(1);
         let along = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&span.direction);
         let across = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&normal).abs();
         let inside: Vec<usize> = (0..state.n_links)
@@ -419,7 +419,7 @@ fn rotating_ring_of_chain_carries_the_centrifugal_tension_of_its_discrete_form()
         // Two ends pull apart along the bisector's tangent by u = T / k: side length grows by u cos(half).
         r = (4e-3 + 0.5 * tension / stiffness / half.cos()) / half.tan();
     }
-    let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
+    let mut state = State::at_rest(&model.layout());
     for i in 0..n {
         let angle = 2.0 * half * i as f64;
         let e = unit(angle);
@@ -458,7 +458,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
         let q = f64::from(mode) * PI / span as f64;
         let (s2, c2) = ((0.5 * q).sin().powi(2), (0.5 * q).cos().powi(2));
         let expected = (4.0 * tension * s2 / (p * (m * c2 + 4.0 * inertia / (p * p) * s2))).sqrt();
-        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
+        let mut state = State::at_rest(&model.layout());
         let pitch = p + stretch;
         let amplitude = 2e-6;
         let shape = |joint: usize| amplitude * (q * joint as f64).sin();

@@ -521,10 +521,11 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     back.bushes = scratch.memory(Part::Bushes).clone();
     back.guide_ends = std::array::from_fn(|set| scratch.memory(Part::Guides(set)).clone());
     back.contour_ends = std::array::from_fn(|set| scratch.memory(Part::Contours(set)).clone());
-    for (k, sprocket) in model.sprockets.iter_mut().enumerate() {
+    back.rail_plates = std::array::from_fn(|set| scratch.memory(Part::Rails(set)).clone());
+    for (k, coordinate) in model.coordinates.iter_mut().enumerate() {
         back.coordinates.omega[k] = -(state.coordinates.omega[k] + h * scratch.coordinate_alpha[k]);
         back.coordinates.alpha[k] = scratch.coordinate_alpha[k];
-        if let Rotor::Driven { speed_rad_s } = &mut sprocket.rotor {
+        if let Motion::Prescribed { speed_rad_s } = &mut coordinate.motion {
             *speed_rad_s = -*speed_rad_s;
             back.coordinates.omega[k] = *speed_rad_s;
         }

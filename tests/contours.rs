@@ -30,7 +30,8 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
         for _ in 0..steps {
             explicit::evaluate(model, &state, &mut scratch).expect("the run holds");
             for (k, body) in model.end_bodies.iter().enumerate() {
-                let rotor = body.rotor.map_or((1.0, 0.0), |r| (state.coordinates.cos[r], state.coordinates.sin[r]));
+                let rotor =
+                    body.coordinate.map_or((1.0, 0.0), |r| (state.coordinates.cos[r], state.coordinates.sin[r]));
                 for link in scratch.ends_near(model, k) {
                     for front in [true, false] {
                         let lever = model.chain.lever[link];

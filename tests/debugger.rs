@@ -145,7 +145,7 @@ fn verify_says_which_frame_is_not_reproduced() {
 fn names(header: &Header) -> Names {
     Names {
         bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
-        sprockets: header.bodies.iter().filter(|b| b.rotor).count(),
+        coordinates: header.coordinates.clone(),
         links: header.links.len(),
     }
 }
@@ -204,6 +204,15 @@ fn hits_are_those_of_a_scan_over_every_step() {
         let header = record(bundled, &[], &path, STEPS[bundled], 1);
         let recording = mcap::read(&path).expect("readable");
         hits_are_those_of_a_scan(&path, &recording, &header, &expressions);
+        if !header.coordinates.iter().all(|path| path.starts_with("sprockets.")) {
+            let of_arms = [
+                "arm.tensioner.speed > 0.5 rad/s or arm.tensioner.angle < 1.9 deg",
+                "arm.tensioner.chain_torque < -3.9 Nm and contact.feature == 'plate edge'",
+                "arm.tensioner.outer_torque > 3.9 Nm or contact.segment == 'rail arc' and contact.normal_force > 12 N",
+                "contact.body == \"slack\" and contact.penetration > 1 um",
+            ];
+            hits_are_those_of_a_scan(&path, &recording, &header, &of_arms);
+        }
         // Impacts: those of the recording.
         let breakpoint = Breakpoint::parse("impact.approach_speed > 0.1 m/s", &names(&header)).expect("good");
         let mut expected: Vec<u64> =
@@ -281,7 +290,11 @@ fn hits(path: &Path, breakpoint: Breakpoint, most: Option<usize>) -> Vec<(u64, p
 
 #[test]
 fn expressions_that_make_no_sense_are_refused_with_a_caret() {
-    let names = Names { bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()], sprockets: 1, links: 90 };
+    let names = Names {
+        bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
+        coordinates: vec!["sprockets.driver".into()],
+        links: 90,
+    };
     for (text, wanted) in [
         ("contact.penetraton > 8 um", "did you mean `contact.penetration`"),
         ("contact.penetration > 8", "write its unit: nm, um, mm, m"),

@@ -50,8 +50,7 @@ fn wider_padding_gives_the_same_bits() {
         for width in [16, 64] {
             let mut model = a.model.clone();
             model.chain = ChainModel::new(model.chain.n_links, &model.rows, model.chain.joint, width);
-            let mut state =
-                State::at_rest(a.state.n_links, model.chain.padded, 2, model.guide_sides(), model.contour_sets());
+            let mut state = State::at_rest(&model.layout());
             state.restore(&a.state.keyframe()).expect("same columns");
             let padded = Assembly { model, state, report: a.report.clone() };
             let hash = hash_after(&padded, &padded.state, &mut Scratch::new(&padded.model), steps).0;

@@ -80,7 +80,7 @@ fn tensions(overrides: &[&str]) -> (f64, f64, f64, f64) {
             let p = Vec2::new(l.x[j] + model.chain.lever[j] * l.cos[j], l.y[j] + model.chain.lever[j] * l.sin[j]);
             mean += x.hypot(y);
             n += 1.0;
-            for (k, span) in route.spans.iter().enumerate() {
+            for (k, span) in (0..route.sprockets()).map(|k| (k, route.span_after(k))) {
                 let d = p - span.start;
                 let along = d.dot(&span.direction);
                 if along > 20e-3 && along < span.length_m - 20e-3 && d.perp(&span.direction).abs() < 5e-3 {
@@ -139,7 +139,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
     let tooth_s = 2.0 * PI / (20.0 * omega);
     let mut touches = FirstTouches { speed_m_s: 8e-3 * 20.0 * omega / (2.0 * PI), ..FirstTouches::default() };
     touches.kg_per_m = model.chain.mass[..90].iter().sum::<f64>() / (90.0 * 8e-3);
-    let span = model.route.as_ref().expect("a route").spans[1];
+    let span = model.route.as_ref().expect("a route").span_after(1);
     let (mut pull, mut pulls) = (0.0, 0.0);
     let mut last_seen = vec![f64::NEG_INFINITY; 90];
     let mut free = state.links.clone();
@@ -313,7 +313,7 @@ fn positions_without_contact_converge_with_the_second_order() {
     let run = |h: f64| -> State {
         let model = model_at(h);
         let n = 24;
-        let mut state = State::at_rest(n, model.chain.padded, 0, [false, false], [false; 3]);
+        let mut state = State::at_rest(&model.layout());
         let half = PI / n as f64;
         let r = 4e-3 / half.tan() * 1.0002;
         let mut place = |i: usize| {

@@ -111,13 +111,12 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
         "contacts" => expected_contacts(recording),
         "rotors" => per_frame(
             recording,
-            &["body", "body_path", "angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"],
+            &["rotor", "rotor_path", "angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"],
             |f| f.rotors.angle_rad.len(),
             |f, i| {
-                let (r, body) = (&f.rotors, &recording.header.bodies[i]);
-                assert!(body.rotor);
+                let (r, path) = (&f.rotors, &recording.header.coordinates[i]);
                 let floats = [&r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
-                [whole(i as u64), words(&body.path)].into_iter().chain(floats.map(|c| float(c[i]))).collect()
+                [whole(i as u64), words(path)].into_iter().chain(floats.map(|c| float(c[i]))).collect()
             },
         ),
         "sensors" => per_frame(
@@ -159,9 +158,9 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
             (names.to_vec(), recording.impacts.iter().map(row).collect())
         }
         "bodies" => {
-            let names = ["body", "path", "rotor", "x_m", "y_m", "angle_rad", "teeth"];
+            let names = ["body", "path", "rotor", "coordinate", "x_m", "y_m", "angle_rad", "teeth"];
             let row = |(i, b): (usize, &pitchline::recording::frame::BodyInfo)| {
-                let place = [b.x_m, b.y_m, b.angle_rad].map(float);
+                let place = [b.coordinate.map_or(-1.0, f64::from), b.x_m, b.y_m, b.angle_rad].map(float);
                 let head = [whole(i as u64), words(&b.path), Cell::Truth(b.rotor)];
                 head.into_iter().chain(place).chain([whole(b.teeth)]).collect()
             };

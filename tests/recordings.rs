@@ -371,17 +371,18 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
         let force = (normal * nx - friction * ny, normal * ny + friction * nx);
         push(c.link[i] as usize, (c.point_link_x_m[i], c.point_link_y_m[i]), force, 0.0);
     }
-    // What the chain gives to a sprocket.
+    // What the chain gives to sprockets and arms.
     for (k, torque_nm) in f.rotors.chain_torque_nm.iter().enumerate() {
-        let centre = &header.bodies[k];
-        let own = (0..c.link.len()).filter(|i| c.body[*i] == k as u32).map(|i| {
+        let carried = |i: &usize| header.bodies[c.body[*i] as usize].coordinate == Some(k as u32);
+        let own = (0..c.link.len()).filter(carried).map(|i| {
+            let centre = &header.bodies[c.body[i] as usize];
             let (nx, ny, normal, friction) =
                 (c.normal_x[i], c.normal_y[i], c.normal_force_n[i], c.tangential_force_n[i]);
             let (x, y) = (c.point_link_x_m[i] - centre.x_m, c.point_link_y_m[i] - centre.y_m);
             y * (normal * nx - friction * ny) - x * (normal * ny + friction * nx)
         });
         let off_nm = (own.sum::<f64>() - torque_nm).abs();
-        assert!(off_nm < 1e-9 * torque_nm.abs().max(1.0), "sprocket {k}: {off_nm:e} N m");
+        assert!(off_nm < 1e-9 * torque_nm.abs().max(1.0), "{}: {off_nm:e} N m", header.coordinates[k]);
     }
     let most = |of: &dyn Fn(&[f64; 3]) -> f64| left.iter().map(of).fold(0.0, f64::max);
     [most(&|f| f[0].hypot(f[1])) / largest[0], most(&|f| f[2].abs()) / largest[1]]

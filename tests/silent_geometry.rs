@@ -587,7 +587,7 @@ fn links_touch_teeth_where_a_search_over_every_element_finds_it() {
             for (front, outer) in [(true, true), (true, false), (false, true), (false, false)] {
                 let end = if front { &rows[0].front } else { &rows[0].rear };
                 let set = usize::from(!outer);
-                let body = model.end_bodies.iter().find(|b| b.rotor == Some(0) && b.set == set).expect("a body");
+                let body = model.end_bodies.iter().find(|b| b.coordinate == Some(0) && b.set == set).expect("a body");
                 let pose = LinkPose {
                     centre: origin,
                     cos: angle_rad.cos(),

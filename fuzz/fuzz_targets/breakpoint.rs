@@ -10,7 +10,7 @@ use pitchline::recording::frame::Frame;
 fuzz_target!(|text: &str| {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "sprockets.driven".into(), "guides.fixed.tight".into()],
-        sprockets: 2,
+        coordinates: vec!["sprockets.driver".into(), "sprockets.driven".into(), "arms.tensioner".into()],
         links: 90,
     };
     match Breakpoint::parse(text, &names) {

@@ -141,7 +141,7 @@ impl StepValues<'_> {
                     band.count_all(self.lanes(&torque[1..]), n, &mut found);
                 }
             }
-            Scope::Contact | Scope::Impact | Scope::Sprocket | Scope::Energy | Scope::Run => return None,
+            Scope::Contact | Scope::Impact | Scope::Sprocket | Scope::Arm | Scope::Energy | Scope::Run => return None,
         }
         Some(found)
     }

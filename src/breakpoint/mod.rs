@@ -19,9 +19,9 @@ use quantities::{Quantity, Scope, What};
 /// What a drive calls its bodies, and how many links it has.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Names {
-    /// Paths as in the header of a recording: sprockets first.
+    /// Paths as in the header of a recording: of bodies, and of what turns.
     pub bodies: Vec<String>,
-    pub sprockets: usize,
+    pub coordinates: Vec<String>,
     pub links: usize,
 }
 
@@ -213,7 +213,7 @@ fn note(expr: &Expr, uses: &mut Uses) {
             (uses.frame, uses.varying) = (true, true);
         }
         Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
-        Scope::Sprocket | Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Sprocket | Scope::Arm | Scope::Run => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
@@ -342,7 +342,7 @@ impl Values for Frame {
                     _ => joints.friction_torque_nm.get(j).copied(),
                 }
             }
-            Scope::Sprocket => {
+            Scope::Sprocket | Scope::Arm => {
                 let (k, r) = (index?, &self.rotors);
                 let column = match quantity.what {
                     What::Speed => &r.speed_rad_s,
@@ -382,7 +382,7 @@ fn energy_number(what: What, e: &Energy) -> f64 {
         What::Error => e.error_j / e.work_in_j.abs(),
         What::ErrorJ => e.error_j,
         What::Kinetic => e.kinetic_j,
-        What::Elastic => e.elastic_joint_j + e.elastic_contact_j,
+        What::Elastic => e.elastic_joint_j + e.elastic_contact_j + e.elastic_spring_j,
         What::WorkIn => e.work_in_j,
         What::WorkOut => e.work_out_j,
         _ => e.lost_j(),

@@ -208,8 +208,8 @@ impl Parser<'_> {
     ) -> Parsed<Expr> {
         let known: Vec<String> = match quantity.what {
             What::Body => self.names.bodies.clone(),
-            What::Feature => (0..10).map(|f| Feature::name(f).to_string()).collect(),
-            What::Segment => (0..9).map(|s| Segment::name(s).to_string()).collect(),
+            What::Feature => Feature::NAMES.map(str::to_string).to_vec(),
+            What::Segment => Segment::NAMES.map(str::to_string).to_vec(),
             _ => {
                 let title = format!("`{}` is {}, and this is a name", shown(quantity), quantity.dimension.name());
                 return Err(self.error(place, title, None));
@@ -332,9 +332,10 @@ impl Parser<'_> {
         self.space();
         let start = self.at;
         let word = self.identifier();
-        let scope = [Scope::Contact, Scope::Impact, Scope::Link, Scope::Joint, Scope::Sprocket, Scope::Energy]
-            .into_iter()
-            .find(|s| s.name() == word);
+        let scope =
+            [Scope::Contact, Scope::Impact, Scope::Link, Scope::Joint, Scope::Sprocket, Scope::Arm, Scope::Energy]
+                .into_iter()
+                .find(|s| s.name() == word);
         let Some(scope) = scope else {
             return match row(Scope::Run, &word) {
                 Some(quantity) => Ok((number(quantity, None), quantity)),
@@ -361,25 +362,28 @@ impl Parser<'_> {
         }
     }
 
-    /// `[12]` of a link or joint, `.NAME` of a sprocket.
+    /// `[12]` of a link or joint, `.NAME` of a sprocket or an arm.
     fn index(&mut self, scope: Scope) -> Parsed<Option<usize>> {
-        if scope == Scope::Sprocket {
+        if matches!(scope, Scope::Sprocket | Scope::Arm) {
+            let kind = scope.name();
             let start = self.at;
             let named = self.takes(".");
             let name_at = self.at;
             let name = if named { self.identifier() } else { String::new() };
             let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
-            let sprockets = &self.names.bodies[..self.names.sprockets.min(self.names.bodies.len())];
-            if let Some(k) = sprockets.iter().position(|path| last(path) == name) {
+            let own = |path: &String| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
+            let all = self.names.coordinates.iter();
+            if let Some(k) = all.clone().position(|path| own(path) && last(path) == name) {
                 return Ok(Some(k));
             }
-            let known: Vec<String> = sprockets.iter().map(|s| last(s)).collect();
+            let known: Vec<String> = all.filter(|path| own(path)).map(|s| last(s)).collect();
             let help = match nearest(&name, known.iter().map(String::as_str)) {
-                Some(near) => format!("did you mean `sprocket.{near}`?"),
+                Some(near) => format!("did you mean `{kind}.{near}`?"),
+                None if known.is_empty() => format!("this drive has no {kind}s"),
                 None => format!("there are: {}", known.join(", ")),
             };
             let place = if named { name_at..self.at.max(name_at + 1) } else { start..start + 1 };
-            return Err(self.error(place, format!("no sprocket is called `{name}`"), Some(help)));
+            return Err(self.error(place, format!("no {kind} is called `{name}`"), Some(help)));
         }
         if !matches!(scope, Scope::Link | Scope::Joint) || !self.takes("[") {
             return Ok(None);
@@ -477,7 +481,7 @@ fn number(quantity: &'static Quantity, index: Option<usize>) -> Number {
 fn shown(quantity: &Quantity) -> String {
     match quantity.scope {
         Scope::Run => quantity.name.to_string(),
-        Scope::Sprocket => format!("sprocket.NAME.{}", quantity.name),
+        Scope::Sprocket | Scope::Arm => format!("{}.NAME.{}", quantity.scope.name(), quantity.name),
         scope => format!("{}.{}", scope.name(), quantity.name),
     }
 }

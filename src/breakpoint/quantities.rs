@@ -84,6 +84,7 @@ pub enum Scope {
     Link,
     Joint,
     Sprocket,
+    Arm,
     Energy,
     Run,
 }
@@ -96,6 +97,7 @@ impl Scope {
             Scope::Link => "link",
             Scope::Joint => "joint",
             Scope::Sprocket => "sprocket",
+            Scope::Arm => "arm",
             Scope::Energy => "energy",
             Scope::Run => "",
         }
@@ -159,7 +161,7 @@ const fn row(scope: Scope, name: &'static str, what: What, dimension: Dimension,
 }
 
 /// All of them.
-pub const QUANTITIES: [Quantity; 47] = [
+pub const QUANTITIES: [Quantity; 51] = [
     row(
         Scope::Contact,
         "penetration",
@@ -218,10 +220,14 @@ pub const QUANTITIES: [Quantity; 47] = [
     row(Scope::Sprocket, "angle", What::Angle, Dimension::Angle, "turned since step 0, plus that at assembly"),
     row(Scope::Sprocket, "chain_torque", What::Torque, Dimension::Torque, "of the chain on the sprocket"),
     row(Scope::Sprocket, "outer_torque", What::OuterTorque, Dimension::Torque, "of drive or load on the sprocket"),
+    row(Scope::Arm, "speed", What::Speed, Dimension::AngularSpeed, "angular velocity"),
+    row(Scope::Arm, "angle", What::Angle, Dimension::Angle, "from where it is drawn"),
+    row(Scope::Arm, "chain_torque", What::Torque, Dimension::Torque, "of the chain on the arm"),
+    row(Scope::Arm, "outer_torque", What::OuterTorque, Dimension::Torque, "of its spring and damper"),
     row(Scope::Energy, "error", What::Error, Dimension::Number, "what does not add up, as a share of the work put in"),
     row(Scope::Energy, "error_j", What::ErrorJ, Dimension::Energy, "what does not add up"),
     row(Scope::Energy, "kinetic", What::Kinetic, Dimension::Energy, "of links and free sprockets"),
-    row(Scope::Energy, "elastic", What::Elastic, Dimension::Energy, "in joints and contacts"),
+    row(Scope::Energy, "elastic", What::Elastic, Dimension::Energy, "in joints, contacts and springs"),
     row(Scope::Energy, "work_in", What::WorkIn, Dimension::Energy, "of the drives"),
     row(Scope::Energy, "work_out", What::WorkOut, Dimension::Energy, "on the loads"),
     row(Scope::Energy, "lost", What::Lost, Dimension::Energy, "all losses"),

@@ -5,7 +5,6 @@ use super::extremes::{self, Compared, Quick, QuickEnergy};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, Subject, Values, energy_number, tension_n, truth};
-use crate::elements::coordinate::Motion;
 use crate::integrate::explicit::{Part, Parts, Scratch, Wanted};
 use crate::integrate::vectorised;
 use crate::model::Model;
@@ -165,6 +164,11 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
 }
 
 impl StepValues<'_> {
+    /// At the node [rad/s].
+    fn coordinate_speed(&self, k: usize) -> f64 {
+        self.state.coordinates.omega[k] + 0.5 * self.model.step_s * self.scratch.coordinate_alpha[k]
+    }
+
     /// Changes when another set of lanes touches, or one of them another tooth.
     fn signature(&self) -> Option<(f64, u64)> {
         let mut teeth = self.scratch.partner_changes();
@@ -320,20 +324,19 @@ impl Values for StepValues<'_> {
                     _ => Some(self.scratch.joint_force(j).2),
                 }
             }
-            Scope::Sprocket => {
-                let k = self.model.sprockets.get(index?)?.coordinate;
+            Scope::Sprocket | Scope::Arm => {
+                let k = index?;
+                let coordinate = self.model.coordinates.get(k)?;
                 match quantity.what {
-                    What::Speed => Some(
-                        self.state.coordinates.omega[k] + 0.5 * self.model.step_s * self.scratch.coordinate_alpha[k],
-                    ),
+                    What::Speed => Some(self.coordinate_speed(k)),
                     What::Angle => Some(self.state.coordinates.angle[k]),
                     what => {
                         let torque = *self.scratch.chain_torque().get(k)?;
-                        match self.model.coordinates[k].motion {
-                            _ if what == What::Torque => Some(torque),
-                            Motion::Prescribed { .. } => Some(-torque),
-                            Motion::Free { torque_nm, .. } => Some(torque_nm),
+                        if what == What::Torque {
+                            return Some(torque);
                         }
+                        let (angle, speed) = (self.state.coordinates.angle[k], self.coordinate_speed(k));
+                        Some(coordinate.outer_torque_on(angle, speed, torque))
                     }
                 }
             }

@@ -353,7 +353,12 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
             .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
             .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
             .collect(),
-        sprockets: drive.sprockets.len(),
+        coordinates: drive
+            .sprockets
+            .iter()
+            .map(|s| format!("sprockets.{}", s.name))
+            .chain(drive.arms.iter().map(|a| format!("arms.{}", a.name)))
+            .collect(),
         links: drive.links,
     };
     let (mut good, mut bad) = (Vec::new(), Vec::new());

@@ -82,6 +82,17 @@ impl Coordinate {
         }
     }
 
+    /// Torque of what prescribes its motion, or of its load, spring and damper [N m], at an angle and a speed, `chain_nm` that of the chain.
+    pub fn outer_torque_on(&self, angle_rad: f64, speed_rad_s: f64, chain_nm: f64) -> f64 {
+        match self.motion {
+            Motion::Prescribed { .. } => -chain_nm,
+            Motion::Free { torque_nm, .. } if self.spring.is_present() => {
+                torque_nm + self.spring.torque_nm(angle_rad) - self.spring.damping_nm_s_per_rad * speed_rad_s
+            }
+            Motion::Free { torque_nm, .. } => torque_nm,
+        }
+    }
+
     pub fn is_free(&self) -> bool {
         matches!(self.motion, Motion::Free { .. })
     }

@@ -13,7 +13,7 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::coordinate::{Coordinate, Motion};
+use crate::elements::coordinate::Motion;
 use crate::elements::end_contact::EndShape;
 use crate::elements::rail_contact::{RailBody, Swing, law_radius_m};
 use crate::elements::tooth_contact::LANES;
@@ -429,21 +429,10 @@ fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     fill(&mut rotors.angle_rad, state.coordinates.angle.iter().copied());
     fill(&mut rotors.speed_rad_s, (0..model.coordinates.len()).map(|k| node.speed(k)));
     fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
-    let outer = (0..model.coordinates.len()).map(|k| outer_torque_nm(node, k));
+    let outer = model.coordinates.iter().enumerate().map(|(k, coordinate)| {
+        coordinate.outer_torque_on(state.coordinates.angle[k], node.speed(k), scratch.chain_torque[k])
+    });
     fill(&mut rotors.outer_torque_nm, outer);
-}
-
-/// Torque of what prescribes a coordinate, or of its load, spring and damper [N m].
-fn outer_torque_nm(node: &Node<'_>, k: usize) -> f64 {
-    let Coordinate { motion, spring, .. } = &node.model.coordinates[k];
-    match motion {
-        Motion::Prescribed { .. } => -node.scratch.chain_torque[k],
-        Motion::Free { torque_nm, .. } if spring.is_present() => {
-            let damper_nm = spring.damping_nm_s_per_rad * node.speed(k);
-            torque_nm + spring.torque_nm(node.state.coordinates.angle[k]) - damper_nm
-        }
-        Motion::Free { torque_nm, .. } => *torque_nm,
-    }
 }
 
 /// Sum in eight parts: of one part, every term waits for the one before.

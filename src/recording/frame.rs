@@ -510,22 +510,24 @@ pub enum Feature {
 }
 
 impl Feature {
+    /// Of all, in the order of their numbers.
+    pub const NAMES: [&str; 11] = [
+        "rear bush",
+        "front bush",
+        "rear plate end",
+        "front plate end",
+        "rear abutment",
+        "front abutment",
+        "trailing flank",
+        "leading flank",
+        "rear inner flank",
+        "front inner flank",
+        "plate edge",
+    ];
+
     /// In words, of a `Contacts::feature`.
     pub fn name(feature: u32) -> &'static str {
-        const NAMES: [&str; 11] = [
-            "rear bush",
-            "front bush",
-            "rear plate end",
-            "front plate end",
-            "rear abutment",
-            "front abutment",
-            "trailing flank",
-            "leading flank",
-            "rear inner flank",
-            "front inner flank",
-            "plate edge",
-        ];
-        NAMES.get(feature as usize).copied().unwrap_or("unknown part")
+        Self::NAMES.get(feature as usize).copied().unwrap_or("unknown part")
     }
 }
 
@@ -565,22 +567,24 @@ impl Segment {
         Segment::RailEnd,
     ];
 
+    /// Of all, in the order of their numbers.
+    pub const NAMES: [&str; 11] = [
+        "seat",
+        "clockwise flank",
+        "counterclockwise flank",
+        "tip corner",
+        "tip land",
+        "guide face",
+        "guide lead-in",
+        "guide lead-out",
+        "ring",
+        "rail arc",
+        "rail end",
+    ];
+
     /// In words, of a `Contacts::segment`.
     pub fn name(segment: u32) -> &'static str {
-        const NAMES: [&str; 11] = [
-            "seat",
-            "clockwise flank",
-            "counterclockwise flank",
-            "tip corner",
-            "tip land",
-            "guide face",
-            "guide lead-in",
-            "guide lead-out",
-            "ring",
-            "rail arc",
-            "rail end",
-        ];
-        NAMES.get(segment as usize).copied().unwrap_or("unknown part")
+        Self::NAMES.get(segment as usize).copied().unwrap_or("unknown part")
     }
 }
 

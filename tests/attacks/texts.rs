@@ -117,7 +117,11 @@ fn lumped_drives_and_measurements_are_read_or_refused_with_a_reason() {
 
 #[test]
 fn break_expressions_are_read_or_refused_with_a_reason() {
-    let names = Names { bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()], sprockets: 1, links: 90 };
+    let names = Names {
+        bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
+        coordinates: vec!["sprockets.driver".into()],
+        links: 90,
+    };
     let words = [
         "contact.normal_force",
         "link.speed",

@@ -107,7 +107,6 @@ pub(crate) fn swing(model: &Model, state: &State, k: usize) -> (Swing, f64) {
 
 /// Geometry of the three parts of the plates of a block.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "lanes and what is found are memory that is used again")]
 fn find(
     model: &Model,
     state: &State,
