@@ -405,7 +405,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     for sprocket in &model.sprockets {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         let angle = state.coordinates.angle[sprocket.coordinate];
-        for j in 0..model.chain.n_links {
+        for j in model.chain.loops[sprocket.chain].clone() {
             let (link, front) = model.chain.bush_carrier(j);
             let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
             let l = &state.links;
@@ -436,7 +436,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     }
     let mut finder = EndFinder::new(model);
     let l = &state.links;
-    let poses = LinkPoses::new(model.chain.n_links, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));
+    let poses = LinkPoses::new(model.chain.lanes, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));
     for (k, body) in model.end_bodies.iter().enumerate() {
         let (rotor, _) = explicit::ends::turning(model, state, body);
         finder.find(model, (k, rotor), &poses, FAR_M, |link, front, touch| {
@@ -514,8 +514,8 @@ impl StillnessWatch {
         for (sum, omega) in self.sums.iter_mut().zip(&state.coordinates.omega) {
             *sum += omega;
         }
-        let n = model.chain.n_links;
-        self.tension += (0..n).map(|j| scratch.joint_force(j)).map(|(x, y, _)| x.hypot(y)).sum::<f64>() / n as f64;
+        let forces = model.chain.links().map(|j| scratch.joint_force(j));
+        self.tension += forces.map(|(x, y, _)| x.hypot(y)).sum::<f64>() / model.chain.n_links as f64;
         self.seen += 1;
         self.count += 1;
         if self.seen as f64 >= (self.tension_means.len() + 1) as f64 * self.steps_per_tooth {

@@ -162,7 +162,7 @@ impl Watch {
         let teeth = f64::from(s.geometry.teeth());
         let wrap_rad = route.wrap(sprocket).sweep_rad.abs();
         let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
-        let links = model.chain.n_links;
+        let links = model.chain.lanes;
         Watch {
             sprocket,
             direction: span.direction,
@@ -192,7 +192,7 @@ impl Watch {
         let pitch = 2.0 * model.chain.lever[0];
         let half = 0.5 * model.step_s;
         let (mut speed, mut weights, mut tension) = (0.0, 0.0, 0.0);
-        for link in 0..model.chain.n_links {
+        for link in model.chain.loops[model.sprockets[self.sprocket].chain].clone() {
             let l = &state.links;
             let lever = model.chain.lever[link];
             let joint = crate::geometry::Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);

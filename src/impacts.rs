@@ -86,7 +86,7 @@ pub struct ImpactWatch {
 
 impl ImpactWatch {
     pub fn new(model: &Model) -> ImpactWatch {
-        let n = model.chain.n_links;
+        let n = model.chain.lanes;
         let pitch_m = 2.0 * model.chain.lever.first().copied().unwrap_or(0.0);
         let period_s = pitch_m / model.chain_speed_m_s.abs().max(1e-12);
         ImpactWatch {
@@ -131,7 +131,7 @@ impl ImpactWatch {
             vectorised(scratch.isa, Changes { scratch, of, past, now, changed: &mut self.changed });
             for block in std::mem::take(&mut self.changed) {
                 let at = block * LANES;
-                for lane in at..(at + LANES).min(n) {
+                for lane in (at..(at + LANES).min(n)).filter(|lane| model.chain.is_link(*lane)) {
                     if now[lane] == 0.0 && past[lane] > 0.0 {
                         self.parts[p].last[lane] = Some(step.saturating_sub(1));
                     }
@@ -154,7 +154,7 @@ impl ImpactWatch {
         let (link, feature) = self.parts[parts].of.feature(model, lane);
         let t_s = step as f64 * self.step_s;
         let impact = Impact {
-            link: link as u32,
+            link: model.chain.number_of(link) as u32,
             feature: feature as u32,
             step,
             t_s,

@@ -106,6 +106,8 @@ impl Toothing {
 pub struct SprocketModel {
     pub name: String,
     pub geometry: Toothing,
+    /// Index of the chain that runs on it.
+    pub chain: usize,
     pub body: ToothedBody,
     /// What it turns by: index into [`Model::coordinates`].
     pub coordinate: usize,
@@ -117,6 +119,8 @@ pub struct SprocketModel {
 #[derive(Clone, Debug)]
 pub struct GuideModel {
     pub name: String,
+    /// Index of the chain that runs on it.
+    pub chain: usize,
     pub geometry: StraightGuide,
     pub body: GuideBody,
 }
@@ -137,6 +141,8 @@ impl GuideModel {
 #[derive(Clone, Debug)]
 pub struct RailModel {
     pub name: String,
+    /// Index of the chain that runs on it.
+    pub chain: usize,
     /// In the frame of its body.
     pub rail: Rail,
     pub body: RailBody,
@@ -226,6 +232,7 @@ impl Model {
                 SprocketModel {
                     name: spec.name.clone(),
                     geometry: geometry.clone(),
+                    chain: 0,
                     body: match geometry {
                         Toothing::Iso(s) => ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick),
                         Toothing::Silent(_) => ToothedBody::without_seats(pulley.centre, law, friction, stick),
@@ -256,12 +263,13 @@ impl Model {
             chain.scatter(drive.scatter.pitch_m, drive.scatter.seed);
         }
         for e in &drive.effects.pitch_errors {
-            chain.lengthen(e.link, e.length_m);
+            chain.lengthen(chain.lane_of(e.link), e.length_m);
         }
         let (all_m, half_m) = (drive.effects.elongation_m, 0.5 * drive.effects.alternate_m);
         if all_m != 0.0 || half_m != 0.0 {
             // Even links are inner.
-            (0..drive.links).for_each(|i| chain.lengthen(i, if i % 2 == 0 { all_m + half_m } else { all_m - half_m }));
+            let lanes: Vec<usize> = chain.links().collect();
+            lanes.iter().for_each(|i| chain.lengthen(*i, if i % 2 == 0 { all_m + half_m } else { all_m - half_m }));
         }
         let tight = drive.effects.tight_joints.iter().filter(|t| t.torque_nm > 0.0);
         for t in tight {
@@ -349,7 +357,7 @@ impl Model {
     /// Lengths of the columns of its State.
     pub fn layout(&self) -> Layout {
         Layout {
-            n_links: self.chain.n_links,
+            loops: self.chain.loops.clone(),
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
             has_dampers: self.coordinates.iter().any(|c| c.spring.damping_nm_s_per_rad > 0.0),
@@ -425,6 +433,7 @@ fn build_rails(drive: &Drive, placed: &Placed, arms: &[ArmModel]) -> Vec<RailMod
         let boxes = || rail.profile.elements().iter().map(|e| e.bounds());
         RailModel {
             name: spec.name.clone(),
+            chain: 0,
             body: RailBody::new(rail, origin, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
             coordinate: arm.map(|a| a.coordinate),
             reach_m: rail.reach_m(),
@@ -720,6 +729,7 @@ fn build_end_bodies(
         };
         let body = |set: usize, shape: EndShape| EndBody {
             name: format!("sprockets.{}", s.name),
+            chain: s.chain,
             coordinate: Some(s.coordinate),
             body: k,
             set,
@@ -757,6 +767,7 @@ fn build_end_bodies(
     for (k, g) in guides.iter().enumerate().filter(|(_, g)| !g.body.touches_plates) {
         bodies.push(EndBody {
             name: format!("guides.fixed.{}", g.name),
+            chain: g.chain,
             coordinate: None,
             body: sprockets.len() + k,
             set: 2,
@@ -883,7 +894,7 @@ fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel
                 stick_speed_m_s: contact.stick_speed_m_s,
             };
             let body = with_effects(drive, &g.name, body);
-            GuideModel { name: g.name.clone(), geometry, body }
+            GuideModel { name: g.name.clone(), chain: 0, geometry, body }
         })
         .collect()
 }

@@ -21,9 +21,8 @@ pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads)
         SensorReads::Torque(k) => -scratch.chain_torque()[of(k)],
         SensorReads::Span(k) => span_tension(model, state, scratch, k),
         SensorReads::Link(i) => {
-            let i = i % model.chain.n_links;
-            0.5 * (along(state, scratch, i, i)
-                + along(state, scratch, i, (i + model.chain.n_links - 1) % model.chain.n_links))
+            let i = model.chain.lane_of(i % model.chain.n_links);
+            0.5 * (along(state, scratch, i, i) + along(state, scratch, i, model.chain.previous(i)))
         }
         SensorReads::Guide(k) => guide_force(model, scratch, k),
     }
@@ -41,7 +40,7 @@ fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f6
     let span = route.span_after(k);
     let middle = span.start + span.direction * (0.5 * span.length_m);
     let (mut sum, mut weights) = (0.0, 0.0);
-    for i in 0..model.chain.n_links {
+    for i in model.chain.loops[model.sprockets[k].chain].clone() {
         let reach = 2.0 * model.chain.lever[i] * SPAN_WINDOW_PITCHES;
         let lever = model.chain.lever[i];
         let front = crate::geometry::Vec2::new(
@@ -66,7 +65,7 @@ fn guide_force(model: &Model, scratch: &Scratch, k: usize) -> f64 {
     let body = model.sprockets.len() + k;
     for part in Part::of(model).into_iter().filter(|p| p.touches(model, body) && !matches!(p, Part::Bushes)) {
         let memory = scratch.memory(part);
-        for lane in 0..model.chain.n_links {
+        for lane in model.chain.links() {
             if memory.normal_force[lane] != 0.0 && scratch.partner(model, part, lane).is_some_and(|(b, _)| b == body) {
                 sum += memory.normal_force[lane];
             }

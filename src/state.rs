@@ -4,7 +4,7 @@
 //! resume share one list. The scheme is a leapfrog: positions belong to step `step`, velocities to half a step before it,
 //! accelerations to the step before; together they give the velocity at the step itself.
 //!
-//! Arrays are padded with inert links to a multiple of the lane width; padding is neither hashed nor saved.
+//! Arrays are padded with inert lanes to a multiple of the lane width; what lies behind the last link is neither hashed nor saved.
 
 use crate::recording::frame::{Keyframe, StateColumn};
 use std::hash::Hasher;
@@ -79,10 +79,11 @@ pub struct CoordinateState {
 }
 
 /// Lengths of a State's columns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Layout {
-    pub n_links: usize,
-    /// With inert links.
+    /// Lanes of the links of every chain.
+    pub loops: Vec<std::ops::Range<usize>>,
+    /// With inert lanes.
     pub padded_len: usize,
     pub n_coordinates: usize,
     pub has_dampers: bool,
@@ -100,8 +101,8 @@ pub const FAR_AWAY_M: f64 = 1e3;
 pub struct State {
     /// Steps since the recording began.
     pub step: u64,
-    /// Links without padding.
-    pub n_links: usize,
+    /// Lanes up to the last link.
+    pub lanes: usize,
     pub links: LinkState,
     /// Largest friction torque that every joint could have exerted one step back [N m].
     pub joint_limit: Vec<f64>,
@@ -157,17 +158,18 @@ impl ContactMemory {
 }
 
 impl State {
-    /// All links at the origin, at rest, padded with inert links.
+    /// All links at the origin, at rest; inert lanes far away.
     pub fn at_rest(layout: &Layout) -> State {
-        let Layout { n_links, padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets } = *layout;
+        let Layout { padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets, .. } = *layout;
         let zeros = || vec![0.0; padded_len];
         let of_coordinates = || vec![0.0; n_coordinates];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
         let mut x = zeros();
-        x[n_links..].fill(FAR_AWAY_M);
+        x.fill(FAR_AWAY_M);
+        layout.loops.iter().for_each(|l| x[l.clone()].fill(0.0));
         State {
             step: 0,
-            n_links,
+            lanes: layout.loops.last().map_or(0, |l| l.end),
             links: LinkState {
                 x,
                 y: zeros(),
@@ -208,7 +210,7 @@ impl State {
     pub fn for_each_column<'a>(&'a self, mut f: impl FnMut(ColumnName, &'a [f64])) {
         let State {
             step: _,
-            n_links,
+            lanes,
             links,
             joint_limit,
             lost_pin_damping,
@@ -219,7 +221,7 @@ impl State {
             contour_ends,
             coordinates,
         } = self;
-        let n = *n_links;
+        let n = *lanes;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
         let named = [
             ("x", x),
@@ -345,10 +347,10 @@ impl State {
     fn for_each_column_mut(&mut self, mut f: impl FnMut(ColumnName, &mut [f64])) {
         let mut names = Vec::new();
         self.for_each_column(|name, _| names.push(name));
-        let n = self.n_links;
+        let n = self.lanes;
         let State {
             step: _,
-            n_links: _,
+            lanes: _,
             links,
             joint_limit,
             lost_pin_damping,

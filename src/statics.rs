@@ -14,8 +14,9 @@ use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{Model, RailModel};
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
+use std::ops::Range;
 
-/// Poses of links (centre, heading) and angles of all coordinates.
+/// Poses of links (centre, heading), by lane, and angles of all coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
     pub links: Vec<(Vec2, f64)>,
@@ -54,8 +55,10 @@ const SOFT_AFTER: usize = 100;
 /// Residual below which the residual alone may judge a step [N].
 const END_GAME_N: f64 = 1.0;
 
-/// Gradient and Hessian over link blocks and free sprockets.
+/// Gradient and Hessian over link blocks, by lane, and free coordinates.
 struct System {
+    /// Lanes of every chain.
+    loops: Vec<Range<usize>>,
     gradient: Vec<Vector3<f64>>,
     diagonal: Vec<Matrix3<f64>>,
     /// Block (i, i + 1), cyclic.
@@ -226,7 +229,7 @@ pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
 fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
     let c = &model.chain;
     let of = |i: usize| c.mass[i] * (x[i].x * y[i].x + x[i].y * y[i].y) + c.inertia[i] * x[i].z * y[i].z;
-    (0..c.n_links).map(of).sum()
+    c.links().map(of).sum()
 }
 
 /// The mode of the linearised drive (links, joints, closed contacts; driver held) whose angular frequency is nearest to `near`
@@ -244,11 +247,11 @@ pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f
     for k in 0..free.len() {
         system.rotor_diagonal[k] -= shift * rotor(k);
     }
-    let mut links = vec![Vector3::zeros(); c.n_links];
+    let mut links = vec![Vector3::zeros(); c.lanes];
     let mut rotors = DVector::from_element(free.len(), 1.0);
     let mut value = f64::NAN;
     for _ in 0..200 {
-        let pull: Vec<Vector3<f64>> = (0..c.n_links)
+        let pull: Vec<Vector3<f64>> = (0..c.lanes)
             .map(|i| Vector3::new(c.mass[i] * links[i].x, c.mass[i] * links[i].y, c.inertia[i] * links[i].z))
             .collect();
         let rotor_pull = DVector::from_fn(free.len(), |k, _| rotor(k) * rotors[k]);
@@ -269,18 +272,16 @@ pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f
 
 /// Tension of every joint [N].
 pub fn tensions(model: &Model, q: &Configuration) -> Vec<f64> {
-    let n = model.chain.n_links;
-    (0..n)
-        .map(|j| {
-            let u = joint_offset(model, q, j);
-            let f = model.chain.joint.force(u.x, u.y, 0.0, 0.0);
-            f.x.hypot(f.y)
-        })
-        .collect()
+    let tension = |j: usize| {
+        let u = joint_offset(model, q, j);
+        let f = model.chain.joint(j).force(u.x, u.y, 0.0, 0.0);
+        f.x.hypot(f.y)
+    };
+    model.chain.links().map(tension).collect()
 }
 
 fn joint_offset(model: &Model, q: &Configuration, j: usize) -> Vec2 {
-    let k = (j + 1) % model.chain.n_links;
+    let k = model.chain.next(j);
     let ((pa, fa), (pb, fb)) = (q.links[j], q.links[k]);
     pa + unit(fa) * model.chain.lever[j] - pb + unit(fb) * model.chain.lever[k]
 }
@@ -301,8 +302,9 @@ impl<'a> Problem<'a> {
     fn system(&mut self, q: &Configuration) -> System {
         let Problem { model, free, load_factor, finder } = self;
         let (model, load_factor) = (*model, *load_factor);
-        let n = model.chain.n_links;
+        let n = model.chain.lanes;
         let mut s = System {
+            loops: model.chain.loops.clone(),
             gradient: vec![Vector3::zeros(); n],
             diagonal: vec![Matrix3::zeros(); n],
             next: vec![Matrix3::zeros(); n],
@@ -311,7 +313,7 @@ impl<'a> Problem<'a> {
             rotor_diagonal: DVector::zeros(free.len()),
             energy: 0.0,
         };
-        for j in 0..n {
+        for j in model.chain.links() {
             add_joint(model, q, j, &mut s);
         }
         for (c, index) in free.iter().enumerate() {
@@ -325,7 +327,7 @@ impl<'a> Problem<'a> {
             let column = free.iter().position(|k| *k == sprocket.coordinate);
             let Some(teeth) = sprocket.geometry.iso() else { continue };
             let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
-            for j in 0..n {
+            for j in model.chain.loops[sprocket.chain].clone() {
                 let (link, front) = model.chain.bush_carrier(j);
                 let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
                 let (p, heading) = q.links[link];
@@ -373,7 +375,7 @@ fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize],
     if model.contour.is_none() {
         return;
     }
-    let poses = LinkPoses::new(model.chain.n_links, |i| {
+    let poses = LinkPoses::new(model.chain.lanes, |i| {
         let (centre, heading) = q.links[i];
         let (sin, cos) = sin_cos(heading);
         (centre, cos, sin)
@@ -435,12 +437,11 @@ fn add_end_contact(
 }
 
 fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
-    let n = model.chain.n_links;
-    let k = (j + 1) % n;
+    let k = model.chain.next(j);
     let (la, lb) = (model.chain.lever[j], model.chain.lever[k]);
     let (ea, eb) = (unit(q.links[j].1), unit(q.links[k].1));
     let u = joint_offset(model, q, j);
-    let joint = &model.chain.joint;
+    let joint = model.chain.joint(j);
     let force = joint.force(u.x, u.y, 0.0, 0.0);
     s.energy += force.stored;
     let f = Vec2::new(force.x, force.y);
@@ -499,7 +500,7 @@ fn add_contact(
 fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel, s: &mut System) {
     let b = &guide.body;
     let normal = perp(b.along);
-    for link in 0..model.chain.n_links {
+    for link in model.chain.loops[guide.chain].clone() {
         for sign in [1.0, -1.0] {
             let lever = sign * model.chain.lever[link];
             let (p, heading) = q.links[link];
@@ -528,7 +529,8 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
 pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(usize, PlatePart, EndTouch)> {
     let angle = rail.coordinate.map_or(0.0, |k| q.coordinates[k]);
     let mut all = Vec::new();
-    for (link, (p, heading)) in q.links.iter().enumerate() {
+    for link in model.chain.loops[rail.chain].clone() {
+        let (p, heading) = &q.links[link];
         let centre = rotated(p - rail.body.origin, -angle);
         let lever_m = model.chain.lever[link];
         if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
@@ -570,11 +572,13 @@ fn add_rail(model: &Model, q: &Configuration, rail: &RailModel, free: &[usize], 
 impl System {
     /// x K x.
     fn quadratic(&self, links: &[Vector3<f64>], rotors: &DVector<f64>) -> f64 {
-        let n = links.len();
         let mut sum = 0.0;
-        for i in 0..n {
-            sum += links[i].dot(&(self.diagonal[i] * links[i]));
-            sum += 2.0 * links[i].dot(&(self.next[i] * links[(i + 1) % n]));
+        for l in &self.loops {
+            for i in l.clone() {
+                let next = if i + 1 == l.end { l.start } else { i + 1 };
+                sum += links[i].dot(&(self.diagonal[i] * links[i]));
+                sum += 2.0 * links[i].dot(&(self.next[i] * links[next]));
+            }
         }
         for (k, column) in self.columns.iter().enumerate() {
             let along: f64 = column.iter().zip(links).map(|(c, x)| c.dot(x)).sum();
@@ -586,7 +590,8 @@ impl System {
     /// Largest unbalanced force [N].
     fn residual(&self, model: &Model) -> f64 {
         let mut largest = 0.0_f64;
-        for (g, lever) in self.gradient.iter().zip(&model.chain.lever) {
+        for i in model.chain.links() {
+            let (g, lever) = (&self.gradient[i], model.chain.lever[i]);
             let here = g.x.abs().max(g.y.abs()).max(g.z.abs() / lever);
             largest = if here.is_nan() { f64::NAN } else { largest.max(here) };
             if largest.is_nan() {
@@ -607,10 +612,13 @@ impl System {
         shift: f64,
     ) -> Option<(Vec<Vector3<f64>>, DVector<f64>)> {
         let n = self.diagonal.len();
-        let (m, border) = (n - 1, 3 + self.columns.len());
+        let of_loops = 3 * self.loops.len();
+        let border = of_loops + self.columns.len();
+        // Links of every loop but the last.
+        let inner: Vec<Range<usize>> = self.loops.iter().map(|l| l.start..l.end - 1).collect();
         let damp = Matrix3::from_diagonal(&Vector3::new(shift, shift, shift * 1.6e-5));
         // Right-hand sides of the chain part: border columns, then rhs.
-        let mut sides: Vec<Matrix3xX<f64>> = vec![Matrix3xX::zeros(border + 1); m];
+        let mut sides: Vec<Matrix3xX<f64>> = vec![Matrix3xX::zeros(border + 1); n];
         let mut add = |i: usize, column: usize, block: &Matrix3<f64>| {
             for c in 0..3 {
                 for r in 0..3 {
@@ -618,49 +626,58 @@ impl System {
                 }
             }
         };
-        add(0, 0, &self.next[n - 1].transpose());
-        add(m - 1, 0, &self.next[m - 1]);
+        for (k, l) in inner.iter().enumerate() {
+            add(l.start, 3 * k, &self.next[l.end].transpose());
+            add(l.end - 1, 3 * k, &self.next[l.end - 1]);
+        }
         for (i, side) in sides.iter_mut().enumerate() {
             for (k, column) in self.columns.iter().enumerate() {
-                side.column_mut(3 + k).copy_from(&column[i]);
+                side.column_mut(of_loops + k).copy_from(&column[i]);
             }
             side.column_mut(border).copy_from(&rhs[i]);
         }
         let coupling: Vec<Matrix3xX<f64>> = sides.iter().map(|s| s.columns(0, border).into_owned()).collect();
         // Block elimination.
-        let mut inverses = Vec::with_capacity(m);
-        for i in 0..m {
-            let mut d = self.diagonal[i] + damp;
-            if i > 0 {
-                let lower = self.next[i - 1].transpose() * inverses[i - 1];
-                d -= lower * self.next[i - 1];
-                let change = lower * &sides[i - 1];
-                sides[i] -= change;
+        let mut inverses = vec![Matrix3::zeros(); n];
+        for l in &inner {
+            for i in l.clone() {
+                let mut d = self.diagonal[i] + damp;
+                if i > l.start {
+                    let lower = self.next[i - 1].transpose() * inverses[i - 1];
+                    d -= lower * self.next[i - 1];
+                    let change = lower * &sides[i - 1];
+                    sides[i] -= change;
+                }
+                inverses[i] = d.try_inverse()?;
             }
-            inverses.push(d.try_inverse()?);
-        }
-        for i in (0..m).rev() {
-            if i + 1 < m {
-                let change = self.next[i] * &sides[i + 1];
-                sides[i] -= change;
+            for i in l.clone().rev() {
+                if i + 1 < l.end {
+                    let change = self.next[i] * &sides[i + 1];
+                    sides[i] -= change;
+                }
+                sides[i] = inverses[i] * &sides[i];
             }
-            sides[i] = inverses[i] * &sides[i];
         }
         // Border.
         let mut small = DMatrix::zeros(border, border);
         let mut small_rhs = DVector::zeros(border);
-        let last = self.diagonal[n - 1] + damp;
-        small.view_mut((0, 0), (3, 3)).copy_from(&last);
-        small_rhs.rows_mut(0, 3).copy_from(&rhs[n - 1]);
-        for (k, column) in self.columns.iter().enumerate() {
-            for r in 0..3 {
-                small[(r, 3 + k)] = column[n - 1][r];
-                small[(3 + k, r)] = column[n - 1][r];
-            }
-            small[(3 + k, 3 + k)] = self.rotor_diagonal[k] + shift * 1e-3;
-            small_rhs[3 + k] = rotor_rhs[k];
+        for (k, l) in inner.iter().enumerate() {
+            let last = self.diagonal[l.end] + damp;
+            small.view_mut((3 * k, 3 * k), (3, 3)).copy_from(&last);
+            small_rhs.rows_mut(3 * k, 3).copy_from(&rhs[l.end]);
         }
-        for i in 0..m {
+        for (k, column) in self.columns.iter().enumerate() {
+            let at = of_loops + k;
+            for (own, l) in inner.iter().enumerate() {
+                for r in 0..3 {
+                    small[(3 * own + r, at)] = column[l.end][r];
+                    small[(at, 3 * own + r)] = column[l.end][r];
+                }
+            }
+            small[(at, at)] = self.rotor_diagonal[k] + shift * 1e-3;
+            small_rhs[at] = rotor_rhs[k];
+        }
+        for i in inner.iter().cloned().flatten() {
             small -= coupling[i].transpose() * sides[i].columns(0, border);
             small_rhs -= coupling[i].transpose() * sides[i].column(border);
         }
@@ -672,7 +689,9 @@ impl System {
                 Vector3::new(x[0], x[1], x[2])
             })
             .collect();
-        links.push(Vector3::new(y[0], y[1], y[2]));
-        Some((links, y.rows(3, border - 3).into_owned()))
+        for (k, l) in inner.iter().enumerate() {
+            links[l.end] = Vector3::new(y[3 * k], y[3 * k + 1], y[3 * k + 2]);
+        }
+        Some((links, y.rows(of_loops, border - of_loops).into_owned()))
     }
 }

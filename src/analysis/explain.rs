@@ -138,6 +138,7 @@ struct Lane {
 pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<FreeBody> {
     let model = replay.model.clone();
     ensure!(link < model.chain.n_links, "there is no link {link}");
+    let link = model.chain.lane_of(link);
     let mut lanes = lanes_of(&model, link);
     let mut tensions: Vec<f64> = Vec::new();
     let visit = replay.visit(step, |state, scratch| watch(&model, state, scratch, link, &mut lanes, &mut tensions))?;
@@ -169,10 +170,9 @@ fn balance(body: &mut FreeBody, lever_m: f64) {
 }
 
 fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
-    let n = model.chain.n_links;
     let mut lanes = Vec::new();
     for part in Part::of(model) {
-        let candidates = if part == Part::Bushes { vec![(link + n - 1) % n, link] } else { vec![link] };
+        let candidates = if part == Part::Bushes { vec![model.chain.previous(link), link] } else { vec![link] };
         for lane in candidates {
             let (owner, feature) = part.feature(model, lane);
             if owner == link {
@@ -231,8 +231,7 @@ fn mean_of_period(model: &Model, tensions: &[f64]) -> f64 {
 
 /// Pull along the link, mean of both joints [N].
 fn tension_n(model: &Model, state: &State, scratch: &Scratch, link: usize) -> f64 {
-    let n = model.chain.n_links;
-    let (front, rear) = (scratch.joint_force(link), scratch.joint_force((link + n - 1) % n));
+    let (front, rear) = (scratch.joint_force(link), scratch.joint_force(model.chain.previous(link)));
     let l = &state.links;
     -0.5 * ((front.0 + rear.0) * l.cos[link] + (front.1 + rear.1) * l.sin[link])
 }
@@ -279,10 +278,9 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let centre = rotor.map_or(Vec2::zeros(), |(centre, _)| centre);
     let surface = |p: Vec2| perp(p - centre) * spin;
     let mut parts = if lane.part == Part::Bushes {
-        let links = model.chain.n_links;
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s >= 0.0;
-        let ahead = if forwards { (lane.lane + 1) % links } else { lane.lane };
+        let ahead = if forwards { model.chain.next(lane.lane) } else { lane.lane };
         let (p, v) = end_at(model, state, scratch, link, front);
         let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
         let (seat, v_seat) = end_at(model, state, scratch, ahead, forwards);
@@ -381,7 +379,7 @@ fn free_body(
     link: usize,
     lanes: Vec<Lane>,
 ) -> anyhow::Result<FreeBody> {
-    let (n, l) = (model.chain.n_links, &state.links);
+    let l = &state.links;
     let centre = Vec2::new(l.x[link], l.y[link]);
     let force = |kind, cause: String, at: Vec2, f: Vec2, torque: f64| Force {
         kind,
@@ -393,7 +391,9 @@ fn free_body(
         moment_nm: cross(at - centre, f) + torque,
     };
     let mut forces = Vec::new();
-    for (joint, front, neighbour) in [(link, true, (link + 1) % n), ((link + n - 1) % n, false, (link + n - 1) % n)] {
+    let (ahead, behind) = (model.chain.next(link), model.chain.previous(link));
+    for (joint, front, neighbour) in [(link, true, ahead), (behind, false, behind)] {
+        let neighbour = model.chain.number_of(neighbour);
         let (x, y, torque) = scratch.joint_force(joint);
         let sign = if front { -1.0 } else { 1.0 };
         let (at, _) = end_at(model, state, scratch, link, front);
@@ -442,7 +442,7 @@ fn free_body(
         });
     }
     Ok(FreeBody {
-        link,
+        link: model.chain.number_of(link),
         step: state.step,
         t_s: state.step as f64 * model.step_s,
         mass_kg: model.chain.mass[link],

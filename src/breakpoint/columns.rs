@@ -5,6 +5,7 @@ use super::quantities::{Quantity, Scope, What};
 use super::scratch::StepValues;
 use crate::elements::tooth_contact::{Column, LANES, blocks};
 use crate::integrate::Look;
+use crate::model::ChainModel;
 
 /// Rounding of what is compared in another form, such as a square: as a share of the bound, and of forces [N].
 const ROUNDING: f64 = 1e-9;
@@ -50,20 +51,19 @@ impl Band {
         Band { threshold: self.sign * libm::copysign(at, bound) - COSINE_BLUR, ..self }
     }
 
-    /// Counts in `found`, lane by lane, in block `b` of `n` links: sums of ones vectorise where a reduction to one bit does not.
+    /// Counts in `found`, lane by lane, in block `b` of the chains: sums of ones vectorise where a reduction to one bit does not.
     #[inline(always)]
-    fn count_links(self, values: &Column, b: usize, n: usize, found: &mut Column) {
-        if (b + 1) * LANES <= n {
-            self.count(values, &[1.0; LANES], found);
-        } else {
-            self.count(values, &real(b * LANES, n), found);
+    fn count_links(self, values: &Column, b: usize, chain: &ChainModel, found: &mut Column) {
+        match chain.gaps(b * LANES) {
+            None => self.count(values, &[1.0; LANES], found),
+            Some(links) => self.count(values, &links.map(|is| if is { 1.0 } else { 0.0 }), found),
         }
     }
 
     #[inline(always)]
-    fn count_all(self, values: &[Column], n: usize, found: &mut Column) {
+    fn count_all(self, values: &[Column], chain: &ChainModel, found: &mut Column) {
         for (b, values) in values.iter().enumerate() {
-            self.count_links(values, b, n, found);
+            self.count_links(values, b, chain, found);
         }
     }
 
@@ -105,24 +105,12 @@ impl Look for Reach<'_> {
     }
 }
 
-/// 1 in lanes of links, 0 in those behind the last.
-#[inline(always)]
-fn real(at: usize, n: usize) -> Column {
-    let mut out = [1.0; LANES];
-    if at + LANES > n {
-        for i in 0..LANES {
-            out[i] = if at + i < n { 1.0 } else { 0.0 };
-        }
-    }
-    out
-}
-
 impl StepValues<'_> {
     /// How often, lane by lane, a quantity of any link or joint is in a band; None: not looked at as a column.
     #[inline(always)]
     fn reaches(&self, quantity: &Quantity, band: Band) -> Option<Column> {
         let mut found = [0.0; LANES];
-        let n = self.model.chain.n_links;
+        let chain = &self.model.chain;
         match quantity.scope {
             Scope::Link => self.links_reach(quantity.what, band, &mut found)?,
             Scope::Joint => {
@@ -135,10 +123,10 @@ impl StepValues<'_> {
                         for k in 0..LANES {
                             square[k] = x[b][k] * x[b][k] + y[b][k] * y[b][k];
                         }
-                        band.count_links(&square, b, n, &mut found);
+                        band.count_links(&square, b, chain, &mut found);
                     }
                 } else {
-                    band.count_all(self.lanes(&torque[1..]), n, &mut found);
+                    band.count_all(self.lanes(&torque[1..]), chain, &mut found);
                 }
             }
             Scope::Contact | Scope::Impact | Scope::Sprocket | Scope::Arm | Scope::Energy | Scope::Run => return None,
@@ -156,7 +144,7 @@ impl StepValues<'_> {
     #[inline(always)]
     fn links_reach(&self, what: What, band: Band, found: &mut Column) -> Option<()> {
         let (l, s, half) = (&self.state.links, self.scratch, 0.5 * self.model.step_s);
-        let n = self.model.chain.n_links;
+        let chain = &self.model.chain;
         match what {
             What::Tension => {
                 let (x, y, _) = s.joint_columns();
@@ -168,7 +156,7 @@ impl StepValues<'_> {
                     for k in 0..LANES {
                         pull[k] = -0.5 * ((x0[b][k] + x1[b][k]) * cos[b][k] + (y0[b][k] + y1[b][k]) * sin[b][k]);
                     }
-                    band.count_links(&pull, b, n, found);
+                    band.count_links(&pull, b, chain, found);
                 }
             }
             What::Speed => {
@@ -181,14 +169,14 @@ impl StepValues<'_> {
                         let (u, v) = (u[b][k] + half * ax[b][k], v[b][k] + half * ay[b][k]);
                         square[k] = u * u + v * v;
                     }
-                    band.count_links(&square, b, n, found);
+                    band.count_links(&square, b, chain, found);
                 }
             }
             What::VelocityX => self.rates_reach((&l.vx, &s.ax), band, found),
             What::VelocityY => self.rates_reach((&l.vy, &s.ay), band, found),
             What::Omega => self.rates_reach((&l.omega, &s.alpha), band, found),
-            What::X => band.count_all(self.lanes(&l.x), n, found),
-            What::Y => band.count_all(self.lanes(&l.y), n, found),
+            What::X => band.count_all(self.lanes(&l.x), chain, found),
+            What::Y => band.count_all(self.lanes(&l.y), chain, found),
             What::Angle => {
                 let band = band.risen();
                 let (cos, sin) = (self.lanes(&l.cos), self.lanes(&l.sin));
@@ -197,7 +185,7 @@ impl StepValues<'_> {
                     for k in 0..LANES {
                         risen[k] = rising(cos[b][k], sin[b][k]);
                     }
-                    band.count_links(&risen, b, n, found);
+                    band.count_links(&risen, b, chain, found);
                 }
             }
             _ => return None,
@@ -214,7 +202,7 @@ impl StepValues<'_> {
             for k in 0..LANES {
                 at_node[k] = v[b][k] + half * a[b][k];
             }
-            band.count_links(&at_node, b, self.model.chain.n_links, found);
+            band.count_links(&at_node, b, &self.model.chain, found);
         }
     }
 }

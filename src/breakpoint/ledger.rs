@@ -2,12 +2,14 @@
 
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::coordinate::Motion;
+use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
 use crate::integrate::explicit::{Part, Scratch};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
 use crate::state::State;
+use std::ops::Range;
 
 /// Rounding of sums in another order, as a share of what is summed.
 const ROUNDING: f64 = 1e-10;
@@ -17,14 +19,11 @@ const FRESH_STEPS: u64 = 256;
 
 /// The ledger of a run that is looked at step by step.
 pub struct Ledger {
-    /// Energy of what the joints' stretch is squared in [N/m].
-    half_stiffness: f64,
-    clearance_m: f64,
     /// Masses and inertias of the links that move.
     mass: Vec<f64>,
     inertia: Vec<f64>,
-    /// 1 in lanes of links in the last block, 0 behind them.
-    last_own: Column,
+    /// Per block, 1 in lanes of links, 0 between and behind them: there a ghost of a first link may stand.
+    own: Vec<Column>,
     /// With energy of what depths are squared in, where it is the same for all that they touch [N/m].
     parts: Vec<(Part, Option<f64>)>,
     /// Lost in joints and contacts before the step to be looked at next [J]; which that is, and when it was last summed whole.
@@ -67,13 +66,11 @@ impl Ledger {
             _ => (part, None),
         };
         Ledger {
-            half_stiffness: 0.5 * c.joint.stiffness_n_per_m,
-            clearance_m: c.joint.clearance_m,
             mass: moving(&c.mass),
             inertia: moving(&c.inertia),
-            last_own: std::array::from_fn(|i| {
-                if c.n_links.next_multiple_of(LANES) - LANES + i < c.n_links { 1.0 } else { 0.0 }
-            }),
+            own: (0..c.padded / LANES)
+                .map(|b| c.gaps(b * LANES).map_or([1.0; LANES], |links| links.map(|is| if is { 1.0 } else { 0.0 })))
+                .collect(),
             parts: Part::of(model).into_iter().map(with_stiffness).collect(),
             lost_j: 0.0,
             next: None,
@@ -142,10 +139,12 @@ impl Ledger {
         for (part, half_stiffness) in &self.parts {
             self.add_contacts((*part, *half_stiffness), (model, state, scratch), &mut elastic, &mut lost)?;
         }
-        let (stretch2, power_w) = self.joints(model.chain.n_links, scratch);
-        for i in 0..LANES {
-            elastic[i] += self.half_stiffness * stretch2[i];
-            lost[i] += model.step_s * power_w[i];
+        for (joint, own) in model.chain.joints.iter().zip(&model.chain.loops) {
+            let (stretch2, power_w) = self.joints(joint, own.start / LANES..own.end.div_ceil(LANES), scratch);
+            for i in 0..LANES {
+                elastic[i] += 0.5 * joint.stiffness_n_per_m * stretch2[i];
+                lost[i] += model.step_s * power_w[i];
+            }
         }
         let twice_kinetic_j = self.links(0.5 * model.step_s, state, scratch);
         Some(Sums { twice_kinetic_j, elastic_j: elastic, lost_j: lost })
@@ -171,9 +170,9 @@ impl Ledger {
         twice
     }
 
-    /// Squares of the stretch of `n` joints, beyond the clearance where there is one [m2], and the power lost in them [W].
+    /// Squares of the stretch of the joints of a loop, beyond the clearance where there is one [m2], and the power lost in them [W].
     #[inline(always)]
-    fn joints(&self, n: usize, scratch: &Scratch) -> (Column, Column) {
+    fn joints(&self, joint: &LinkJoint, loop_blocks: Range<usize>, scratch: &Scratch) -> (Column, Column) {
         let count = self.mass.len() / LANES;
         let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
         let (damping, friction) = scratch.joint_powers();
@@ -181,37 +180,31 @@ impl Ledger {
         let (bx, by) = (blocks(rear_x, count), blocks(rear_y, count));
         let (damped, rubbed) = (blocks(damping, count), blocks(friction, count));
         let (mut stretch2, mut power_w) = ([0.0; LANES], [0.0; LANES]);
-        if self.clearance_m > 0.0 {
-            for b in 0..count {
-                let own = self.own(b * LANES, n);
+        if joint.clearance_m > 0.0 {
+            for b in loop_blocks.clone() {
+                let own = self.own[b];
                 for i in 0..LANES {
                     let (x, y) = (ax[b][i] - bx[b][i], ay[b][i] - by[b][i]);
-                    let beyond = (x * x + y * y).sqrt() - self.clearance_m;
+                    let beyond = (x * x + y * y).sqrt() - joint.clearance_m;
                     stretch2[i] += if beyond > 0.0 { own[i] * (beyond * beyond) } else { 0.0 };
                 }
             }
         } else {
-            for b in 0..count {
-                let (x0, y0, x1, y1, own) = (ax[b], ay[b], bx[b], by[b], self.own(b * LANES, n));
+            for b in loop_blocks.clone() {
+                let (x0, y0, x1, y1, own) = (ax[b], ay[b], bx[b], by[b], self.own[b]);
                 for i in 0..LANES {
                     let (x, y) = (x0[i] - x1[i], y0[i] - y1[i]);
                     stretch2[i] += own[i] * (x * x + y * y);
                 }
             }
         }
-        for b in 0..count {
-            let (damped, rubbed, own) = (damped[b], rubbed[b], self.own(b * LANES, n));
+        for b in loop_blocks {
+            let (damped, rubbed, own) = (damped[b], rubbed[b], self.own[b]);
             for i in 0..LANES {
                 power_w[i] += own[i] * (damped[i] + rubbed[i]);
             }
         }
         (stretch2, power_w)
-    }
-
-    /// 1 in lanes of links, 0 behind the last: there a ghost of the first may stand in the padding.
-    #[inline(always)]
-    fn own(&self, at: usize, n: usize) -> Column {
-        if at + LANES > n { self.last_own } else { [1.0; LANES] }
     }
 
     /// Adds what is elastic in the contacts of a part and what they lose over this step [J].
@@ -226,18 +219,17 @@ impl Ledger {
         if part != Part::Bushes && scratch.is_off_guides() {
             return Some(());
         }
-        let n = model.chain.n_links;
         let (now, past, depths) = (scratch.memory(part), part.past_memory(state), scratch.depths(part));
         let (damping, friction) = (&now.lost_damping[..], &now.lost_friction[..]);
         let (past_damping, past_friction) = (&past.lost_damping[..], &past.lost_friction[..]);
         let (age, touching) = (&now.age[..], scratch.touching_blocks(part));
         let mut each_j = 0.0;
-        for block in 0..n.div_ceil(LANES) {
+        for block in 0..model.chain.lanes.div_ceil(LANES) {
             if touching.get(block) == Some(&0) {
                 continue;
             }
             let at = block * LANES;
-            let own = self.own(at, n);
+            let own = self.own[block];
             let (age, depth) = (take(age, at), take(depths, at));
             let (damped, rubbed) = (take(damping, at), take(friction, at));
             let (damped_before, rubbed_before) = (take(past_damping, at), take(past_friction, at));
@@ -271,8 +263,10 @@ impl Ledger {
     #[cold]
     #[inline(never)]
     fn lost_before(&self, model: &Model, state: &State) -> f64 {
-        let n = model.chain.n_links;
-        let own = |a: &[f64], b: &[f64]| a[..n].iter().zip(&b[..n]).map(|(a, b)| a + b).sum::<f64>();
+        let own = |a: &[f64], b: &[f64]| {
+            let links = model.chain.loops.iter().cloned().flatten();
+            links.map(|i| a[i] + b[i]).sum::<f64>()
+        };
         let contacts = |(part, _): &(Part, Option<f64>)| {
             let memory = part.past_memory(state);
             own(&memory.lost_damping, &memory.lost_friction)

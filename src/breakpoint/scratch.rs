@@ -152,10 +152,7 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
         Expr::Compare(Compare::Name { quantity, set, member: true }) if quantity.scope == Scope::Contact => {
             match quantity.what {
                 What::Body => set.iter().any(|body| part.touches(model, *body as usize)),
-                What::Feature => {
-                    let n = model.chain.n_links;
-                    (0..n).any(|lane| set.contains(&(part.feature(model, lane).1 as u32)))
-                }
+                What::Feature => model.chain.links().any(|lane| set.contains(&(part.feature(model, lane).1 as u32))),
                 _ => true,
             }
         }
@@ -209,14 +206,14 @@ impl StepValues<'_> {
     /// Collects what fulfils the expression; false where that cannot be told.
     fn holding(&self, breakpoint: &Breakpoint, found: &mut Vec<Subject>) -> bool {
         let (expr, uses) = (&breakpoint.expr, breakpoint.uses);
-        let n = self.model.chain.n_links;
+        let (chain, n) = (&self.model.chain, self.model.chain.lanes);
         if uses.contact {
             if uses.any_joint {
                 return false;
             }
             for (p, part) in self.parts.iter().enumerate() {
                 let memory = self.scratch.memory(*part);
-                for lane in (0..n).filter(|lane| memory.age[*lane] != 0.0) {
+                for lane in chain.links().filter(|lane| memory.age[*lane] != 0.0) {
                     if !self.scratch.is_contact(*part, lane) {
                         continue;
                     }
@@ -227,7 +224,7 @@ impl StepValues<'_> {
                         Some(true) => {
                             let Some((body, _)) = self.scratch.partner(self.model, *part, lane) else { return false };
                             found.push(Subject::Contact {
-                                link: link as u32,
+                                link: chain.number_of(link) as u32,
                                 feature: feature as u32,
                                 body: body as u32,
                             });
@@ -240,15 +237,16 @@ impl StepValues<'_> {
         }
         let (count, of_links) = match (uses.any_link, uses.any_joint) {
             (true, true) => return false,
-            (true, false) => (n, true),
-            (false, true) => (n, false),
+            (true, false) => (chain.n_links, true),
+            (false, true) => (chain.n_links, false),
             (false, false) => (1, true),
         };
         for i in 0..count {
+            let lane = chain.lane_of(i);
             let (bound, subject) = match (uses.any_link || uses.any_joint, of_links) {
                 (false, _) => (Bound::default(), Subject::Drive),
-                (true, true) => (Bound { link: Some(i), ..Bound::default() }, Subject::Link(i as u32)),
-                (true, false) => (Bound { joint: Some(i), ..Bound::default() }, Subject::Joint(i as u32)),
+                (true, true) => (Bound { link: Some(lane), ..Bound::default() }, Subject::Link(i as u32)),
+                (true, false) => (Bound { joint: Some(lane), ..Bound::default() }, Subject::Joint(i as u32)),
             };
             match truth(expr, self, &bound) {
                 Some(true) => found.push(subject),
@@ -265,13 +263,13 @@ impl StepValues<'_> {
     }
 
     fn tension(&self, i: usize) -> f64 {
-        let n = self.model.chain.n_links;
-        let (front, rear) = (self.scratch.joint_force(i), self.scratch.joint_force((i + n - 1) % n));
+        let rear = self.model.chain.previous(i);
+        let (front, rear) = (self.scratch.joint_force(i), self.scratch.joint_force(rear));
         tension_n(self.angle(i), (front.0, front.1), (rear.0, rear.1))
     }
 
     fn contact(&self, what: What, contact: usize) -> Option<f64> {
-        let n = self.model.chain.n_links;
+        let n = self.model.chain.lanes;
         let (part, lane) = (self.parts[contact / n], contact % n);
         let memory = self.scratch.memory(part);
         match what {
@@ -286,7 +284,7 @@ impl StepValues<'_> {
                 let stick = self.scratch.sticks(self.model, part, lane)?;
                 Some(f64::from(u8::from(stick)))
             }
-            What::Link => Some(part.feature(self.model, lane).0 as f64),
+            What::Link => Some(self.model.chain.number_of(part.feature(self.model, lane).0) as f64),
             What::Tooth => self.scratch.partner(self.model, part, lane).map(|(_, tooth)| f64::from(tooth)),
             _ => None,
         }
@@ -303,7 +301,7 @@ impl StepValues<'_> {
             What::X => Some(l.x[i]),
             What::Y => Some(l.y[i]),
             What::Angle => Some(self.angle(i)),
-            What::Link => Some(i as f64),
+            What::Link => Some(self.model.chain.number_of(i) as f64),
             _ => None,
         }
     }
@@ -313,9 +311,9 @@ impl Values for StepValues<'_> {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64> {
         match quantity.scope {
             Scope::Contact => self.contact(quantity.what, bound.contact?),
-            Scope::Link => self.link(quantity.what, index.or(bound.link)?),
+            Scope::Link => self.link(quantity.what, index.map(|i| self.model.chain.lane_of(i)).or(bound.link)?),
             Scope::Joint => {
-                let j = index.or(bound.joint)?;
+                let j = index.map(|i| self.model.chain.lane_of(i)).or(bound.joint)?;
                 match quantity.what {
                     What::Force => {
                         let (x, y, _) = self.scratch.joint_force(j);
@@ -354,7 +352,7 @@ impl Values for StepValues<'_> {
     }
 
     fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32> {
-        let n = self.model.chain.n_links;
+        let n = self.model.chain.lanes;
         let contact = bound.contact?;
         let (part, lane) = (self.parts[contact / n], contact % n);
         match what {

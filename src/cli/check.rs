@@ -111,7 +111,7 @@ fn mass_per_length(model: &Model) -> f64 {
 
 /// zeta = c omega / (2 k): joints are springs in series, each with its damper.
 fn joint_damping_ratio(model: &Model) -> f64 {
-    let joint = &model.chain.joint;
+    let joint = &model.chain.joints[0];
     joint.damping_n_s_per_m * 2.0 * PI * 1000.0 / (2.0 * joint.stiffness_n_per_m)
 }
 

@@ -243,9 +243,9 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         .map(|k| summarise_kind(*k, passes, exit_from))
         .collect();
     let (mean, half, full) = watch.tension_n();
-    let n = model.chain.n_links;
-    let pitch = 2.0 * model.chain.lever[0];
-    let per_length = model.chain.mass[..n].iter().sum::<f64>() / (n as f64 * pitch);
+    let chain = model.chain.loops[model.sprockets[model.driver].chain].clone();
+    let pitch = 2.0 * model.chain.lever[chain.start];
+    let per_length = model.chain.mass[chain.clone()].iter().sum::<f64>() / (chain.len() as f64 * pitch);
     let mut summary = Summary {
         drive: drive.name.clone(),
         headline: headline::Headline::default(),

@@ -122,6 +122,8 @@ pub(super) struct Circle {
 #[derive(Clone, Debug, PartialEq)]
 pub struct EndBody {
     pub name: String,
+    /// Index of the chain whose links touch it.
+    pub chain: usize,
     /// Index of the coordinate it turns by.
     pub coordinate: Option<usize>,
     /// Index among the bodies of a recording.

@@ -170,7 +170,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
-        column.close(model.chain.n_links);
+        column.close(&model.chain);
     }
     for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
         *block = BlockForces::default();
@@ -187,6 +187,16 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     links::feel(model, state, scratch);
     links::joints(model, state, scratch);
     coordinate_accelerations(model, state, scratch);
+}
+
+/// Lanes that hold links and are nearest to body `k`; None: all of them.
+#[inline(always)]
+fn owned(links: Option<[bool; LANES]>, nearest: Option<&[usize]>, k: usize) -> Option<[bool; LANES]> {
+    if links.is_none() && nearest.is_none() {
+        return None;
+    }
+    let links = links.unwrap_or([true; LANES]);
+    Some(std::array::from_fn(|i| links[i] && nearest.is_none_or(|nearest| nearest[i] == k)))
 }
 
 /// Puts lanes that are nearer to another body out of reach.
@@ -434,7 +444,7 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
 fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepError> {
     let t_s = state.step as f64 * model.step_s;
     let mut fastest2 = 0.0_f64;
-    for j in 0..model.chain.n_links {
+    for j in model.chain.links() {
         let (vx, vy) = (scratch.front.vx[j], scratch.front.vy[j]);
         fastest2 = fastest2.max(vx * vx + vy * vy);
         let (dx, dy) = (scratch.front.x[j] - scratch.rear.x[j + 1], scratch.front.y[j] - scratch.rear.y[j + 1]);

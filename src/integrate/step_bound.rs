@@ -15,6 +15,7 @@
 use super::link_row::{self, Row, RowContact, RowLink};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::{EndBody, LinkContour};
+use crate::elements::link_joint::LinkJoint;
 use crate::model::{Model, flank_radii};
 
 /// One bound and where it comes from.
@@ -46,8 +47,7 @@ const LEAST_SEARCHED: f64 = 0.1;
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
     let chain = &model.chain;
-    let n = chain.n_links;
-    let largest = |f: &dyn Fn(usize) -> f64| (0..n).map(f).fold(0.0_f64, f64::max);
+    let largest = |f: &dyn Fn(usize) -> f64| chain.links().map(f).fold(0.0_f64, f64::max);
     let bush_mobility =
         largest(&|j| chain.bush_inverse_mass[j] + chain.bush_lever[j].powi(2) * chain.bush_inverse_inertia[j]);
     let end_mobility = largest(&|i| chain.inverse_mass[i] + chain.lever[i].powi(2) * chain.inverse_inertia[i]);
@@ -83,7 +83,13 @@ pub fn step_bound(model: &Model) -> StepBound {
             bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
         }
     }
-    let joint = &chain.joint;
+    // Of all loops the stiffest and the most damped; abutments run on one loop alone.
+    let stiffest = |f: &dyn Fn(&LinkJoint) -> f64| chain.joints.iter().map(f).fold(0.0_f64, f64::max);
+    let joint = &LinkJoint {
+        stiffness_n_per_m: stiffest(&|j| j.stiffness_n_per_m),
+        damping_n_s_per_m: stiffest(&|j| j.damping_n_s_per_m),
+        ..chain.joints[0]
+    };
     if joint.damping_n_s_per_m > 0.0 {
         let share = if has_abutments { PIN_DAMPING_WITH_ABUTMENTS } else { PIN_DAMPING };
         bounds.push(StepBound {

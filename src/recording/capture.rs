@@ -21,9 +21,10 @@ use crate::geometry::profile::{Element, Profile};
 use crate::geometry::rail::Piece;
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{Part, Scratch, rails};
-use crate::model::Model;
+use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
+use std::ops::Range;
 
 /// Takes frames of one run; remembers where its ledger began.
 #[derive(Clone, Debug, Default)]
@@ -65,13 +66,13 @@ struct Node<'a> {
     model: &'a Model,
     state: &'a State,
     scratch: &'a Scratch,
-    /// The one link whose contacts are asked for; None: all.
+    /// The lane of the one link whose contacts are asked for; None: all.
     only: Option<usize>,
 }
 
 impl Node<'_> {
     fn is_asked(&self, link: usize) -> bool {
-        link < self.model.chain.n_links && self.only.is_none_or(|only| only == link)
+        self.model.chain.is_link(link) && self.only.is_none_or(|only| only == link)
     }
 
     /// Of a coordinate, at the node [rad/s].
@@ -90,6 +91,7 @@ impl Node<'_> {
 /// One contact before it is put into columns.
 #[derive(Clone, Debug)]
 struct Row {
+    /// Its lane.
     link: usize,
     feature: Feature,
     body: usize,
@@ -135,19 +137,21 @@ impl Camera {
 
     /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
     pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
-        let n = state.n_links;
         let mut frame = self.spare.pop().unwrap_or_default();
         fill_links(model, state, scratch, &mut frame.links);
         let (x, y, torque) = scratch.joint_columns();
-        fill(&mut frame.joints.force_x_n, x[1..n + 1].iter().copied());
-        fill(&mut frame.joints.force_y_n, y[1..n + 1].iter().copied());
-        fill(&mut frame.joints.friction_torque_nm, torque[1..n + 1].iter().copied());
+        let chain = &model.chain;
+        fill_lanes(&mut frame.joints.force_x_n, chain, |own| x[own.start + 1..own.end + 1].iter().copied());
+        fill_lanes(&mut frame.joints.force_y_n, chain, |own| y[own.start + 1..own.end + 1].iter().copied());
+        fill_lanes(&mut frame.joints.friction_torque_nm, chain, |own| {
+            torque[own.start + 1..own.end + 1].iter().copied()
+        });
         let node = Node { model, state, scratch, only: None };
         self.rows.find(&node);
         fill_rotors(&node, &mut frame.rotors);
         let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
-        fill_contacts(&self.rows, &mut frame.contacts);
+        fill_contacts(chain, &self.rows, &mut frame.contacts);
         frame.step = state.step;
         frame.t_s = state.step as f64 * model.step_s;
         frame.state_hash = state.hash();
@@ -169,6 +173,14 @@ fn fill<T>(column: &mut Vec<T>, values: impl Iterator<Item = T>) {
     column.extend(values);
 }
 
+/// As [`fill`], from the lanes of one loop after the other.
+fn fill_lanes<I: Iterator<Item = f64>>(column: &mut Vec<f64>, chain: &ChainModel, values: impl Fn(Range<usize>) -> I) {
+    column.clear();
+    for own in &chain.loops {
+        column.extend(values(own.clone()));
+    }
+}
+
 /// All energies at `state`: where a ledger begins that is opened there.
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
@@ -188,26 +200,29 @@ pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts 
 /// As [`contacts_at`], of one link where one is given.
 pub fn contacts_of(model: &Model, state: &State, scratch: &Scratch, only: Option<usize>) -> Contacts {
     let (mut rows, mut contacts) = (Rows::default(), Contacts::default());
-    rows.find(&Node { model, state, scratch, only });
-    fill_contacts(&rows, &mut contacts);
+    rows.find(&Node { model, state, scratch, only: only.map(|link| model.chain.lane_of(link)) });
+    fill_contacts(&model.chain, &rows, &mut contacts);
     contacts
 }
 
 fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links) {
-    let (n, half) = (state.n_links, 0.5 * model.step_s);
+    let (chain, half) = (&model.chain, 0.5 * model.step_s);
     let s = &state.links;
     let at_node = |column: &mut Vec<f64>, v: &[f64], a: &[f64]| {
-        fill(column, v[..n].iter().zip(&a[..n]).map(|(v, a)| v + half * a));
+        fill_lanes(column, chain, |own| v[own.clone()].iter().zip(&a[own]).map(|(v, a)| v + half * a));
     };
-    fill(&mut links.x_m, s.x[..n].iter().copied());
-    fill(&mut links.y_m, s.y[..n].iter().copied());
-    fill(&mut links.angle_rad, s.sin[..n].iter().zip(&s.cos[..n]).map(|(sin, cos)| direction(*sin, *cos)));
+    let as_is = |column: &mut Vec<f64>, v: &[f64]| fill_lanes(column, chain, |own| v[own].iter().copied());
+    as_is(&mut links.x_m, &s.x);
+    as_is(&mut links.y_m, &s.y);
+    fill_lanes(&mut links.angle_rad, chain, |own| {
+        s.sin[own.clone()].iter().zip(&s.cos[own]).map(|(sin, cos)| direction(*sin, *cos))
+    });
     at_node(&mut links.vx_m_s, &s.vx, &scratch.ax);
     at_node(&mut links.vy_m_s, &s.vy, &scratch.ay);
     at_node(&mut links.omega_rad_s, &s.omega, &scratch.alpha);
-    fill(&mut links.ax_m_s2, scratch.ax[..n].iter().copied());
-    fill(&mut links.ay_m_s2, scratch.ay[..n].iter().copied());
-    fill(&mut links.alpha_rad_s2, scratch.alpha[..n].iter().copied());
+    as_is(&mut links.ax_m_s2, &scratch.ax);
+    as_is(&mut links.ay_m_s2, &scratch.ay);
+    as_is(&mut links.alpha_rad_s2, &scratch.alpha);
 }
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
@@ -218,7 +233,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
-        for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| *j < model.chain.n_links) {
+        for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
             let (link, front) = model.chain.bush_carrier(j);
             if memory.age[j] == 0.0 || !scratch.is_contact(Part::Bushes, j) || !node.is_asked(link) {
                 continue;
@@ -401,8 +416,8 @@ fn row(
     }
 }
 
-fn fill_contacts(rows: &Rows, c: &mut Contacts) {
-    fill(&mut c.link, rows.iter().map(|r| r.link as u32));
+fn fill_contacts(chain: &ChainModel, rows: &Rows, c: &mut Contacts) {
+    fill(&mut c.link, rows.iter().map(|r| chain.number_of(r.link) as u32));
     fill(&mut c.feature, rows.iter().map(|r| r.feature as u32));
     fill(&mut c.body, rows.iter().map(|r| r.body as u32));
     fill(&mut c.tooth, rows.iter().map(|r| r.tooth));
@@ -451,19 +466,33 @@ fn sum_of(n: usize, term: impl Fn(usize) -> f64) -> f64 {
     parts.iter().sum()
 }
 
+/// Sum over the loops.
+fn each_loop(chain: &ChainModel, of: impl FnMut(&Range<usize>) -> f64) -> f64 {
+    chain.loops.iter().map(of).sum()
+}
+
 /// All energies at the node; losses and work since the State's ledger was opened.
 fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     let Node { model, state, scratch, .. } = *node;
-    let (n, h) = (state.n_links, model.step_s);
-    let c = &model.chain;
-    let kinetic_j = sum_of(n, |i| {
-        let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
-        let held = c.inverse_mass[i] == 0.0;
-        let omega = links.omega_rad_s[i];
-        if held { 0.0 } else { 0.5 * (c.mass[i] * v2 + c.inertia[i] * omega * omega) }
+    let (c, h) = (&model.chain, model.step_s);
+    let mut first_link = 0;
+    let kinetic_j = each_loop(c, |own| {
+        let first = first_link;
+        first_link += own.len();
+        sum_of(own.len(), |k| {
+            let (i, lane) = (first + k, own.start + k);
+            let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
+            let held = c.inverse_mass[lane] == 0.0;
+            let omega = links.omega_rad_s[i];
+            if held { 0.0 } else { 0.5 * (c.mass[lane] * v2 + c.inertia[lane] * omega * omega) }
+        })
     });
     let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
-    let elastic_joint_j = sum_of(n, |j| c.joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored);
+    let elastic_joint_j = each_loop(c, |own| {
+        let joint = c.joint(own.start);
+        let stored = |j: usize| joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored;
+        sum_of(own.len(), |k| stored(own.start + k))
+    });
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
     for (k, coordinate) in model.coordinates.iter().enumerate() {
         let speed = node.speed(k);
@@ -484,14 +513,14 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();
     let (pin_damping, pin_friction) = scratch.joint_powers();
-    let own = |column: &[f64]| {
-        let column = &column[..n.min(column.len())];
-        sum_of(column.len(), |i| column[i])
+    let own = |column: &[f64]| match column {
+        [] => 0.0,
+        column => each_loop(c, |own| sum_of(own.len(), |k| column[own.start + k])),
     };
     e.lost_pin_damping_j = own(&state.lost_pin_damping) + 0.5 * h * own(pin_damping);
     e.lost_pin_friction_j = own(&state.lost_pin_friction) + 0.5 * h * own(pin_friction);
     // Totals before and after this step: at the node in its middle, their mean.
-    // Behind the last link a ghost of the first stands in the padding: what that loses is nobody's.
+    // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
     for part in Part::of(model) {
         let (past, now) = (part.past_memory(state), scratch.memory(part));
@@ -557,7 +586,6 @@ pub fn header_of(
     assembly: Vec<String>,
     steps_per_frame: u64,
 ) -> Header {
-    let n = model.chain.n_links;
     let rows = model.rows.len();
     let mut bodies: Vec<BodyInfo> = model
         .sprockets
@@ -607,7 +635,9 @@ pub fn header_of(
         overrides: drive.overrides.clone(),
         step_s: model.step_s,
         steps_per_frame,
-        links: (0..n)
+        links: model
+            .chain
+            .links()
             .map(|i| LinkInfo {
                 outline: (i % rows) as u32,
                 pitch_m: 2.0 * model.chain.lever[i],

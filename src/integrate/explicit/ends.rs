@@ -527,8 +527,9 @@ pub(crate) fn turning(model: &Model, state: &State, body: &EndBody) -> ((f64, f6
 
 /// For those who look at every step.
 fn watch(model: &Model, watched: &mut Watched, (set, block): (usize, usize), own: &Mask, found: &Found, lanes: &Lanes) {
-    let (n, at) = (model.chain.n_links, block * LANES);
-    let own = std::array::from_fn(|i| at + i < n && own[i] != 0);
+    let at = block * LANES;
+    let links = model.chain.gaps(at).unwrap_or([true; LANES]);
+    let own = std::array::from_fn(|i| links[i] && own[i] != 0);
     let part = Part::Contours(set);
     if watched.wants_segments() {
         let segment = |i: usize| {
@@ -542,22 +543,23 @@ fn watch(model: &Model, watched: &mut Watched, (set, block): (usize, usize), own
 /// Links near each body, and for every set the nearest body of each link.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     scratch.contour_ends.clone_from(&state.contour_ends);
-    let n = model.chain.n_links;
     let distance = |body: &EndBody, link: usize| {
         body.distance_m(Vec2::new(state.links.x[link], state.links.y[link]) - body.origin)
     };
     for (k, body) in model.end_bodies.iter().enumerate() {
         let reach = body.reach_m(model.chain.lever[0]) + WINDOW_MARGIN_M;
         let near = |link: usize| distance(body, link) < reach;
-        scratch.end_windows[k] = super::windows::aligned_windows(n, model.chain.padded, near);
+        scratch.end_windows[k] = super::windows::aligned_windows(&model.chain.loops[body.chain], near);
     }
     for set in 0..scratch.nearest_end.len() {
-        for link in 0..n {
+        for link in model.chain.links() {
+            let own = model.chain.loop_of(link);
             let gap = |k: &usize| {
                 let body = &model.end_bodies[*k];
                 distance(body, link) - body.reach_m(model.chain.lever[0])
             };
-            let of_set = (0..model.end_bodies.len()).filter(|k| model.end_bodies[*k].set == set);
+            let of_set = (0..model.end_bodies.len())
+                .filter(|k| model.end_bodies[*k].set == set && model.end_bodies[*k].chain == own);
             let nearest = of_set.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(usize::MAX);
             super::windows::hand_over(&mut scratch.nearest_end[set][link], nearest, &mut scratch.handovers);
         }
@@ -566,7 +568,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         let nearest = &scratch.nearest_end[body.set];
         for block in scratch.end_windows[k].iter().flat_map(|w| w.start / LANES..w.end / LANES) {
             let own: Mask = std::array::from_fn(|i| mask(nearest[block * LANES + i] == k));
-            let all_own = (0..LANES).all(|i| own[i] != 0 || block * LANES + i >= n);
+            let links = model.chain.gaps(block * LANES).unwrap_or([true; LANES]);
+            let all_own = (0..LANES).all(|i| own[i] != 0 || !links[i]);
             for end in &mut scratch.end_blocks[k][block] {
                 (end.own, end.has_own, end.all_own, end.is_clear) = (own, any(&own), all_own, false);
             }

@@ -1,7 +1,7 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
 use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, put, send_away, shift_and_lever, take};
+use super::{MemoryBlocks, Part, Scratch, Window, owned, put, send_away, shift_and_lever, take};
 use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
@@ -88,10 +88,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
 #[inline(always)]
 fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
     let Some(watched) = &mut scratch.watched else { return };
-    let (body, n) = (&model.guides[k].body, model.chain.n_links);
+    let body = &model.guides[k].body;
     let nearest = &scratch.nearest_guide[body.side];
-    let own: Option<[bool; LANES]> =
-        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[at + i] == k)));
+    let own = owned(model.chain.gaps(at), shared.then_some(&nearest[at..at + LANES]), k);
     let part = Part::Guides(set);
     if watched.wants_segments() {
         let along = |i: usize| lanes.x[i] * body.along.x + lanes.y[i] * body.along.y;

@@ -5,9 +5,9 @@ use super::guides::BlockForces;
 use super::scratch::{Constants, Ends, Wrapped};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
-use crate::elements::link_joint::{self, JointEnds};
+use crate::elements::link_joint::{self, JointEnds, LinkJoint};
 use crate::elements::tooth_contact::{LANES, blocks, blocks_mut};
-use crate::model::Model;
+use crate::model::{ChainModel, Model};
 use crate::state::{LinkState, State};
 
 /// What the joints give at this node, and what contacts may reckon with: accelerations of a step ago with the change that the
@@ -16,7 +16,7 @@ use crate::state::{LinkState, State};
 pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
     first_look(model, state, scratch);
     let quarter = 0.25 * model.step_s;
-    let (c, s, last) = (&model.chain, &state.links, model.chain.n_links);
+    let (c, s) = (&model.chain, &state.links);
     let count = c.padded / LANES;
     let Scratch {
         front,
@@ -81,35 +81,52 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     let Wrapped { ax, ay, alpha, .. } = wrapped;
     for column in [&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha] {
-        column[last] = column[0];
+        close(column, c);
+    }
+}
+
+/// Joint law of every loop, and its blocks.
+#[inline(always)]
+fn loops(chain: &ChainModel) -> impl Iterator<Item = (&LinkJoint, std::ops::Range<usize>)> {
+    let blocks = chain.loops.iter().map(|l| l.start / LANES..l.end.div_ceil(LANES));
+    chain.joints.iter().zip(blocks)
+}
+
+/// Behind the last link of every loop its first again.
+#[inline(always)]
+fn close(column: &mut [f64], chain: &ChainModel) {
+    for l in &chain.loops {
+        column[l.end] = column[l.start];
     }
 }
 
 /// Forces of the joints at the node, with the friction that their forces of a step ago allow: that saves a root.
 #[inline(always)]
 fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
-    let (c, last) = (&model.chain, model.chain.n_links);
+    let c = &model.chain;
     let count = c.padded / LANES;
     let Scratch { front, rear, omega, joint_x, joint_y, joint_torque, constants, .. } = scratch;
     let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
-    let per_speed = 1.0 / c.joint.stick_speed_rad_s;
     let limit = blocks(&state.joint_limit, count);
     let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let fm = blocks_mut(joint_torque.own_mut(), count);
-        for at in 0..count {
-            let force = ends.block(&c.joint, at, count);
-            let (limit, grip, w0, w1) = (limit[at], constants.block(at).grip, w0[at], w1[at]);
-            let mut torque = [0.0; LANES];
-            for i in 0..LANES {
-                torque[i] = friction::gripped_force(limit[i], w1[i] - w0[i], limit[i] * per_speed, grip[i]);
+        for (joint, blocks) in loops(c) {
+            let per_speed = 1.0 / joint.stick_speed_rad_s;
+            for at in blocks {
+                let force = ends.block(joint, at, count);
+                let (limit, grip, w0, w1) = (limit[at], constants.block(at).grip, w0[at], w1[at]);
+                let mut torque = [0.0; LANES];
+                for i in 0..LANES {
+                    torque[i] = friction::gripped_force(limit[i], w1[i] - w0[i], limit[i] * per_speed, grip[i]);
+                }
+                (fx[at], fy[at], fm[at]) = (force.x, force.y, torque);
             }
-            (fx[at], fy[at], fm[at]) = (force.x, force.y, torque);
         }
     }
     for column in [joint_x, joint_y, joint_torque] {
-        column.close(last);
+        column.close(c);
     }
 }
 
@@ -132,9 +149,16 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
         let (stale, pushed) = (&stale_bushes[..count], &end_forces[..count]);
-        // Where no bush and no guide end touches, nothing is given.
-        let mut before = stale[(c.n_links - 1) / LANES];
+        // Where no bush and no guide end touches, nothing is given. Before the first link of a loop stands its last joint.
+        let mut before = stale[(c.loops[0].end - 1) / LANES];
+        let mut ahead = c.loops.iter().skip(1).map(|l| (l.start / LANES, (l.end - 1) / LANES));
+        let mut next_loop = ahead.next();
         for at in 0..count {
+            if let Some((first, last)) = next_loop
+                && first == at
+            {
+                (before, next_loop) = (stale[last], ahead.next());
+            }
             let idle = stale[at] | before == 0;
             before = stale[at];
             let zero = [0.0; LANES];
@@ -163,7 +187,7 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     if scratch.run_in != RunIn::OFF {
         let rate = scratch.run_in.link_rate_per_s;
         let (ax, ay) = (&mut scratch.ax[..n], &mut scratch.ay[..n]);
-        for i in 0..c.n_links {
+        for i in 0..c.lanes {
             ax[i] -= rate * (s.vx[i] - model.chain_speed_m_s * s.cos[i]);
             ay[i] -= rate * (s.vy[i] - model.chain_speed_m_s * s.sin[i]);
         }
@@ -208,10 +232,9 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         (felt_fvx[at], felt_fvy[at], felt_rvx[at], felt_rvy[at]) = (avx, avy, bvx, bvy);
         turning[at] = o;
     }
-    let last = model.chain.n_links;
     let Ends { x, y, vx, vy } = felt_rear;
     for column in [x, y, vx, vy, felt_omega] {
-        column[last] = column[0];
+        close(column, &model.chain);
     }
 }
 
@@ -221,11 +244,10 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
 pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
     let Scratch { front, rear, omega, wrapped, constants, .. } = scratch;
     ends_kernel(0.5 * model.step_s, constants, &state.links, front, rear, omega, wrapped, model.chain.padded / LANES);
-    let last = model.chain.n_links;
     let Wrapped { cos, sin, .. } = wrapped;
     let Ends { x, y, vx, vy } = rear;
     for column in [x, y, vx, vy, omega, cos, sin] {
-        column[last] = column[0];
+        close(column, &model.chain);
     }
 }
 
@@ -306,7 +328,7 @@ pub(super) fn joints(model: &Model, state: &State, scratch: &mut Scratch) {
 /// Forces of the joints and the power they lose, on ends and speeds as they feel them.
 #[inline(always)]
 fn second_look(model: &Model, scratch: &mut Scratch) {
-    let (c, last) = (&model.chain, model.chain.n_links);
+    let c = &model.chain;
     let count = c.padded / LANES;
     let Scratch {
         felt_front: front,
@@ -322,47 +344,48 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
         ..
     } = scratch;
     let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
-    let arm = c.joint.friction_arm_m;
-    let per_speed = 1.0 / c.joint.stick_speed_rad_s;
     let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let (fm, limits) = (blocks_mut(joint_torque.own_mut(), count), blocks_mut(joint_limit, count));
         let (pd, pf) = (blocks_mut(joint_power_damping, count), blocks_mut(joint_power_friction, count));
-        for at in 0..count {
-            let force = ends.block(&c.joint, at, count);
-            let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-            if arm > 0.0 {
-                let (w0, w1, grip) = (w0[at], w1[at], constants.block(at).grip);
-                for i in 0..LANES {
-                    let relative = w1[i] - w0[i];
-                    limit[i] = arm * (force.x[i] * force.x[i] + force.y[i] * force.y[i]).sqrt();
-                    torque[i] = friction::gripped_force(limit[i], relative, limit[i] * per_speed, grip[i]);
-                    lost[i] = 0.0 - torque[i] * relative;
+        for (joint, blocks) in loops(c) {
+            let (arm, per_speed) = (joint.friction_arm_m, 1.0 / joint.stick_speed_rad_s);
+            for at in blocks {
+                let force = ends.block(joint, at, count);
+                let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                if arm > 0.0 {
+                    let (w0, w1, grip) = (w0[at], w1[at], constants.block(at).grip);
+                    for i in 0..LANES {
+                        let relative = w1[i] - w0[i];
+                        limit[i] = arm * (force.x[i] * force.x[i] + force.y[i] * force.y[i]).sqrt();
+                        torque[i] = friction::gripped_force(limit[i], relative, limit[i] * per_speed, grip[i]);
+                        lost[i] = 0.0 - torque[i] * relative;
+                    }
                 }
+                (fx[at], fy[at], fm[at], limits[at]) = (force.x, force.y, torque, limit);
+                (pd[at], pf[at]) = (force.lost, lost);
             }
-            (fx[at], fy[at], fm[at], limits[at]) = (force.x, force.y, torque, limit);
-            (pd[at], pf[at]) = (force.lost, lost);
         }
     }
     for column in [joint_x, joint_y, joint_torque] {
-        column.close(last);
+        column.close(c);
     }
 }
 
 /// Friction of the joints that turn hard, beside that of all.
 #[inline(always)]
 fn tight_joints(model: &Model, scratch: &mut Scratch) {
-    let (c, last) = (&model.chain, model.chain.n_links);
+    let c = &model.chain;
     for (j, torque_nm) in &c.tight {
-        let (j, next) = (*j, if *j + 1 == last { 0 } else { *j + 1 });
+        let (j, next) = (*j, c.next(*j));
         let relative = scratch.felt_omega[j + 1] - scratch.felt_omega[j];
         let inverse = &c.inverse_inertia;
         let mobility = 0.5 * model.step_s * (inverse[j] + inverse[j + 1]);
-        let own = link_joint::tightened(&c.joint, *torque_nm, relative, mobility);
+        let own = link_joint::tightened(c.joint(j), *torque_nm, relative, mobility);
         scratch.joint_limit[j] += *torque_nm;
         scratch.joint_torque.own_mut()[j] += own;
-        scratch.joint_torque.close(last);
+        scratch.joint_torque.close(c);
         scratch.joint_power_friction[j] -= own * relative;
         scratch.alpha[j] -= own * inverse[j];
         scratch.alpha[next] += own * inverse[next];

@@ -1,7 +1,7 @@
 //! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
 
 use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, put, take};
+use super::{MemoryBlocks, Part, Scratch, Window, owned, put, take};
 use crate::elements::rail_contact::{self, Found, PlatePart, RailBody, Swing};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Sliding};
 use crate::model::Model;
@@ -219,10 +219,8 @@ fn watch(
     (lanes, found): (&Lanes, &Found),
 ) {
     let Some(watched) = &mut scratch.watched else { return };
-    let n = model.chain.n_links;
     let nearest = &scratch.nearest_rail[model.rails[k].body.side];
-    let own: Option<[bool; LANES]> =
-        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[at + i] == k)));
+    let own = owned(model.chain.gaps(at), shared.then_some(&nearest[at..at + LANES]), k);
     let part = Part::Rails(set);
     if watched.wants_segments() {
         let segment = |i: usize| f64::from(model.rails[k].segment(found.piece[i] as usize) as u32);

@@ -10,7 +10,7 @@ use crate::elements::contour_forces::Lead;
 use crate::elements::friction;
 use crate::elements::tooth_contact::{Column, LANES, Lanes, take};
 use crate::integrate::Isa;
-use crate::model::Model;
+use crate::model::{ChainModel, Model};
 use crate::state::ContactMemory;
 
 /// What a step computes on the way. May be thrown away at any time.
@@ -139,14 +139,16 @@ impl ByJoint {
         &mut self.0[Self::FIRST..]
     }
 
-    /// Shifted by one: joint j at j + 1, the last one at 0.
+    /// Shifted by one: joint j at j + 1, the last one of a loop before its first.
     pub(super) fn before(&self) -> &[f64] {
         &self.0[Self::FIRST - 1..]
     }
 
-    /// To be called when all joints of a chain have their values.
-    pub(super) fn close(&mut self, n_links: usize) {
-        self.0[Self::FIRST - 1] = self.0[Self::FIRST + n_links - 1];
+    /// To be called when all joints have their values.
+    pub(super) fn close(&mut self, chain: &ChainModel) {
+        for l in &chain.loops {
+            self.0[Self::FIRST + l.start - 1] = self.0[Self::FIRST + l.end - 1];
+        }
     }
 
     pub(super) fn clear(&mut self) {
@@ -347,7 +349,7 @@ impl Scratch {
     pub fn ends_near<'a>(&'a self, model: &'a Model, k: usize) -> impl Iterator<Item = usize> + 'a {
         let set = model.end_bodies[k].set;
         let near = self.end_windows[k].iter().flat_map(|w| w.start..w.end);
-        near.filter(move |i| *i < model.chain.n_links && self.nearest_end[set][*i] == k)
+        near.filter(move |i| model.chain.is_link(*i) && self.nearest_end[set][*i] == k)
     }
 
     /// Joints that sprocket `k` is the nearest to of all that are near, and the tooth gap that the bush of each is in.

@@ -1,7 +1,7 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
 use super::watch::{Noted, Watched};
-use super::{MemoryBlocks, Part, Scratch, Window, send_away};
+use super::{MemoryBlocks, Part, Scratch, Window, owned, send_away};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning, blocks, blocks_mut};
 use crate::geometry::Vec2;
 use crate::model::Model;
@@ -61,7 +61,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         + body.bush_radius_m
         + body.most_shift_m
         + reach_m
-        + model.chain.joint.clearance_m
+        + model.chain.joints[model.sprockets[k].chain].clearance_m
         + JOINT_STRETCH_M;
     let s = scratch;
     let sources = Sources {
@@ -180,9 +180,8 @@ fn watch(
     turning: Turning,
     lanes: &Lanes,
 ) {
-    let (body, n) = (&model.sprockets[k].body, model.chain.n_links);
-    let own: Option<[bool; LANES]> =
-        (shared || at + LANES > n).then(|| std::array::from_fn(|i| at + i < n && (!shared || nearest[i] == k)));
+    let body = &model.sprockets[k].body;
+    let own = owned(model.chain.gaps(at), shared.then_some(nearest), k);
     if watched.wants_segments() && lanes.age != [0.0; LANES] {
         let segments = tooth_contact::segments(body, turning, lanes);
         watched.note_segments(Part::Bushes, at, segments, own.as_ref());

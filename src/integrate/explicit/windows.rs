@@ -8,10 +8,10 @@ use crate::elements::rail_contact::Swing;
 use crate::geometry::Vec2;
 use crate::model::{Model, RailModel};
 use crate::state::{ContactMemory, State};
+use std::ops::Range;
 
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
-    let n = model.chain.n_links;
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
@@ -41,7 +41,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let (dx, dy) = offset(j);
             dx * dx + dy * dy < reach * reach
         };
-        let windows = aligned_windows(n, model.chain.padded, near);
+        let windows = aligned_windows(&model.chain.loops[sprocket.chain], near);
         let body = &sprocket.body;
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
@@ -66,7 +66,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         // Link centres lie up to a lever from the ends that touch.
-        let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
+        let lever = longest_lever(model, guide.chain);
         let reach = b.plate_radius_m + lever + WINDOW_MARGIN_M;
         let beyond = b.relief_m + reach;
         let near = |i: usize| {
@@ -75,18 +75,23 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let above = dy * b.along.x - dx * b.along.y;
             above.abs() < reach && along > -beyond && along < b.length_m + beyond
         };
-        scratch.guide_windows[k] = aligned_windows(n, model.chain.padded, near);
+        scratch.guide_windows[k] = aligned_windows(&model.chain.loops[guide.chain], near);
     }
-    let lever = model.chain.lever[0].max(model.chain.lever[1 % n]);
     for (k, rail) in model.rails.iter().enumerate() {
         let (swing, _) = super::rails::swing(model, state, k);
-        let reach = rail.body.plate_radius_m + lever + WINDOW_MARGIN_M;
+        let reach = rail.body.plate_radius_m + longest_lever(model, rail.chain) + WINDOW_MARGIN_M;
         let near = |i: usize| rail.box_distance_m(in_frame(rail, &swing, state, i)) < reach;
-        scratch.rail_windows[k] = aligned_windows(n, model.chain.padded, near);
+        scratch.rail_windows[k] = aligned_windows(&model.chain.loops[rail.chain], near);
     }
     find_nearest(model, state, scratch);
     find_nearest_rail(model, state, scratch);
     super::ends::refresh(model, state, scratch);
+}
+
+/// Of the first links of a loop, one of each row [m].
+fn longest_lever(model: &Model, chain: usize) -> f64 {
+    let first = model.chain.loops[chain].start;
+    model.chain.lever[first].max(model.chain.lever[model.chain.next(first)])
 }
 
 /// The centre of link `i` in the frame of a rail.
@@ -113,20 +118,23 @@ pub(super) fn hand_over(nearest: &mut usize, now: usize, handovers: &mut u64) {
 fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
     let everything = |_: usize, _: usize| true;
     if mark_shared(&mut scratch.tooth_windows, everything) {
-        for j in 0..model.chain.n_links {
+        for j in model.chain.links() {
+            let own = model.chain.loop_of(j);
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];
                 let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
                 d - s.geometry.tip_radius_m()
             };
-            let nearest = (0..model.sprockets.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+            let of_chain = (0..model.sprockets.len()).filter(|k| model.sprockets[*k].chain == own);
+            let nearest = of_chain.min_by(|a, b| gap(a).total_cmp(&gap(b)));
             hand_over(&mut scratch.nearest_sprocket[j], nearest.unwrap_or(0), &mut scratch.handovers);
         }
     }
     let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
     if mark_shared(&mut scratch.guide_windows, same_side) {
         for side in 0..2 {
-            for i in 0..model.chain.n_links {
+            for i in model.chain.links() {
+                let own = model.chain.loop_of(i);
                 let gap = |k: &usize| {
                     let b = &model.guides[*k].body;
                     let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
@@ -134,7 +142,8 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                     let above = dy * b.along.x - dx * b.along.y;
                     above.hypot(along - along.clamp(0.0, b.length_m))
                 };
-                let on_side = (0..model.guides.len()).filter(|k| model.guides[*k].body.side == side);
+                let on_side = (0..model.guides.len())
+                    .filter(|k| model.guides[*k].body.side == side && model.guides[*k].chain == own);
                 let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
                 hand_over(&mut scratch.nearest_guide[side][i], nearest, &mut scratch.handovers);
             }
@@ -149,12 +158,14 @@ fn find_nearest_rail(model: &Model, state: &State, scratch: &mut Scratch) {
         return;
     }
     for side in 0..2 {
-        for i in 0..model.chain.n_links {
+        for i in model.chain.links() {
+            let own = model.chain.loop_of(i);
             let gap = |k: &usize| {
                 let (swing, _) = super::rails::swing(model, state, *k);
                 model.rails[*k].rail.profile.closest(in_frame(&model.rails[*k], &swing, state, i)).distance_m.abs()
             };
-            let on_side = (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side);
+            let on_side =
+                (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side && model.rails[*k].chain == own);
             let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
             hand_over(&mut scratch.nearest_rail[side][i], nearest, &mut scratch.handovers);
         }
@@ -183,11 +194,11 @@ fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bo
     any
 }
 
-/// Runs of indices below `n` that are near, widened to multiples of [`LANES`] and joined.
-pub(super) fn aligned_windows(n: usize, padded: usize, near: impl Fn(usize) -> bool) -> Vec<Window> {
+/// Runs of lanes of a loop that are near, widened to multiples of [`LANES`] and joined.
+pub(super) fn aligned_windows(own: &Range<usize>, near: impl Fn(usize) -> bool) -> Vec<Window> {
     let mut windows: Vec<Window> = Vec::new();
-    for start in (0..padded).step_by(LANES) {
-        if (start..(start + LANES).min(n)).any(&near) {
+    for start in own.clone().step_by(LANES) {
+        if (start..(start + LANES).min(own.end)).any(&near) {
             match windows.last_mut() {
                 Some(last) if last.end == start => last.end += LANES,
                 _ => windows.push(Window { start, end: start + LANES, shared: false }),

@@ -66,7 +66,7 @@ impl Look for Glance<'_> {
 
 impl EndFinder {
     pub(crate) fn new(model: &Model) -> EndFinder {
-        let count = if model.contour.is_some() { model.chain.n_links.div_ceil(LANES) } else { 0 };
+        let count = if model.contour.is_some() { model.chain.lanes.div_ceil(LANES) } else { 0 };
         let of_body = |body: &EndBody| {
             (0..count).map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
         };
@@ -91,7 +91,7 @@ impl EndFinder {
             let within = |i: usize| {
                 let link = at * LANES + i;
                 let centre = Vec2::new(from_x[i], from_y[i]);
-                mask(link < model.chain.n_links && body.within_reach(centre, levers[link]))
+                mask(model.chain.is_link(link) && body.within_reach(centre, levers[link]))
             };
             let own = std::array::from_fn(within);
             if !any(&own) {
