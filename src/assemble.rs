@@ -14,12 +14,13 @@ use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
 use crate::geometry::Vec2;
+use crate::geometry::route::Route;
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, Placed, place};
-use crate::state::State;
+use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{Configuration, Equilibrium, equilibrium, rail_touches, sensitivity_to_driver};
 use crate::units::{sin_cos, wrap_angle};
 use std::f64::consts::PI;
@@ -34,11 +35,11 @@ pub struct Assembly {
 /// What assembling found.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct AssemblyReport {
-    /// The tightening sprocket; None where an arm tightens the loop.
-    pub moved: Option<MovedAxis>,
+    /// The tightening sprockets of all chains; none of those that an arm tightens.
+    pub moved: Vec<MovedAxis>,
     /// Arms under load at rest.
     pub arms: Vec<RestingArm>,
-    /// Mean tension at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
+    /// Mean tension of the first chain at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
     pub preload_n: f64,
     pub preload_low_n: f64,
     pub preload_high_n: f64,
@@ -162,6 +163,21 @@ pub struct Compiled {
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
+    let (mut models, mut tensions) = (Vec::new(), Vec::new());
+    for chain in 0..drive.chains() {
+        let (model, tensions_n) = compile_alone(&drive.alone(chain))?;
+        models.push(model);
+        tensions.push(tensions_n);
+    }
+    let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    let tensions_n = tensions.swap_remove(0);
+    let bound = step_bound(&model);
+    model.step_s = choose_step(drive, &bound)?;
+    Ok(Compiled { model, bound, tensions_n })
+}
+
+/// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
+fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
@@ -171,23 +187,25 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
             tighten(&ideal, &place(&ideal).map_err(AssemblyError::Input)?)?
         }
     };
-    let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
-    let bound = step_bound(&model);
-    model.step_s = choose_step(drive, &bound)?;
-    Ok(Compiled { model, bound, tensions_n })
+    Ok((Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?, tensions_n))
 }
 
 /// Compiles a drive whose tightening sprocket stays where it is in another model: for runs that go on with other values.
 pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyError> {
-    let placed = place(drive).map_err(AssemblyError::Input)?;
-    let shift = match drive.preload {
-        PreloadSpec::Sprocket { moves, .. } => other
-            .sprockets
-            .get(moves)
-            .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction)),
-        PreloadSpec::Arm(_) => 0.0,
-    };
-    let mut model = Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?;
+    let mut models = Vec::new();
+    for chain in 0..drive.chains() {
+        let (own, first) = (drive.alone(chain), drive.sprockets_of(chain).start);
+        let placed = place(&own).map_err(AssemblyError::Input)?;
+        let shift = match own.preload {
+            PreloadSpec::Sprocket { moves, .. } => other
+                .sprockets
+                .get(first + moves)
+                .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction)),
+            PreloadSpec::Arm(_) => 0.0,
+        };
+        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
+    }
+    let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
 }
@@ -217,13 +235,15 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
         loaded_means.push(mean(&solve(&model, unloaded.configuration, 1.0, "loading the drive")?.tensions_n));
     }
-    let moved = match drive.preload {
+    let axis = |preload: &PreloadSpec| match *preload {
         PreloadSpec::Sprocket { moves, .. } => {
             let (centre, sprocket) = (model.sprockets[moves].body.centre, drive.sprockets[moves].name.clone());
             Some(MovedAxis { sprocket, x_m: centre.x, y_m: centre.y })
         }
         PreloadSpec::Arm(_) => None,
     };
+    let preloads = std::iter::once(&drive.preload).chain(drive.more.iter().map(|c| &c.preload));
+    let moved = preloads.filter_map(axis).collect();
     let resting = |arm: &ArmModel| {
         let angle_rad = loaded.configuration.coordinates[arm.coordinate];
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.torque_nm(angle_rad);
@@ -312,13 +332,48 @@ fn solve(model: &Model, start: Configuration, load: f64, what: &str) -> Result<E
     })
 }
 
-/// The chain laid on the model's route with a pitch that closes, the driver turned by `phase` of a tooth period.
+/// All chains laid on their routes with pitches that close, the driver turned by `phase` of a tooth period. A chain on a shaft that one
+/// before it turns is laid so that its teeth stand as that shaft does.
 fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Configuration, AssemblyError> {
-    let Some(route) = &model.route else {
-        return Err(AssemblyError::Statics { what: "no route".into(), residual_n: f64::NAN, iterations: 0 });
-    };
-    let n = model.chain.n_links;
-    let start = route.anchor_m() + phase * drive.chain.pitch_m();
+    let no_route = || AssemblyError::Statics { what: "no route".into(), residual_n: f64::NAN, iterations: 0 };
+    let mut links = vec![(Vec2::new(FAR_AWAY_M, 0.0), 0.0); model.chain.lanes];
+    let mut coordinates: Vec<Option<f64>> = vec![None; model.coordinates.len()];
+    for arm in &model.arms {
+        coordinates[arm.coordinate] = Some(arm.start_rad);
+    }
+    for (chain, own) in model.chain.loops.iter().enumerate() {
+        let route = model.routes.get(chain).ok_or_else(no_route)?;
+        let spec = if chain == 0 { &drive.chain } else { &drive.more[chain - 1].chain };
+        let pitch_m = spec.pitch_m();
+        let sprockets = drive.sprockets_of(chain);
+        let mut laid = lay(route, own.len(), pitch_m, phase);
+        let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();
+        if let Some(k) = sprockets.clone().find(known) {
+            let s = &model.sprockets[k];
+            let stands = coordinates[s.coordinate].unwrap_or(0.0);
+            let tooth_rad = 2.0 * PI / f64::from(s.geometry.teeth());
+            let sense = drive.sprockets[k].wrap.sign();
+            let ahead = sense * (stands - laid.angles[k - sprockets.start]) / tooth_rad;
+            laid = lay(route, own.len(), pitch_m, phase + ahead - libm::floor(ahead));
+        }
+        for (pose, lane) in laid.links.into_iter().zip(own.clone()) {
+            links[lane] = pose;
+        }
+        for (k, angle) in sprockets.zip(laid.angles) {
+            coordinates[model.sprockets[k].coordinate].get_or_insert(angle);
+        }
+    }
+    Ok(Configuration { links, coordinates: coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect() })
+}
+
+/// A chain laid on its route: poses of its links, angles of its sprockets.
+struct Laid {
+    links: Vec<(Vec2, f64)>,
+    angles: Vec<f64>,
+}
+
+fn lay(route: &Route, n: usize, pitch_m: f64, phase: f64) -> Laid {
+    let start = route.anchor_m() + phase * pitch_m;
     // Pitch at which n chords close the loop: secant on the overshoot.
     let lay = |pitch: f64| {
         let mut joints = Vec::with_capacity(n);
@@ -329,7 +384,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
         }
         (joints, s - start - route.length_m())
     };
-    let mut pitch = drive.chain.pitch_m();
+    let mut pitch = pitch_m;
     let (mut joints, mut miss) = lay(pitch);
     for _ in 0..20 {
         if miss.abs() < 1e-13 {
@@ -346,7 +401,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             ((front + rear) * 0.5, crate::units::atan2(d.y, d.x))
         })
         .collect();
-    let coordinates = (0..model.sprockets.len())
+    let angles = (0..route.sprockets())
         .map(|k| {
             // The joint nearest to the middle of the wrap sits in a gap.
             let middle = 0.5 * (route.wrap_start_m(k) + route.span_start_m(k));
@@ -358,9 +413,8 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             let seated = joints.iter().copied().min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(middle);
             route.angle_about(k, seated)
         })
-        .chain(model.arms.iter().map(|arm| arm.start_rad))
         .collect();
-    Ok(Configuration { links, coordinates })
+    Laid { links, angles }
 }
 
 /// The equilibrium set in motion.
@@ -511,8 +565,8 @@ impl StillnessWatch {
     }
 
     fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
-        for (sum, omega) in self.sums.iter_mut().zip(&state.coordinates.omega) {
-            *sum += omega;
+        for (sum, sprocket) in self.sums.iter_mut().zip(&model.sprockets) {
+            *sum += state.coordinates.omega[sprocket.coordinate];
         }
         let forces = model.chain.links().map(|j| scratch.joint_force(j));
         self.tension += forces.map(|(x, y, _)| x.hypot(y)).sum::<f64>() / model.chain.n_links as f64;

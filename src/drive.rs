@@ -22,15 +22,35 @@ use reader::{Places, Reader};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 4] = [
+pub const BUNDLED: [(&str, &str); 5] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
     ("arm-20-40", include_str!("../assets/drives/arm-20-40.toml")),
+    ("reduction-20-40-20-40", include_str!("../assets/drives/reduction-20-40-20-40.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.
 pub const CHAIN_TYPES: [&str; 3] = ["bush-20-40", "silent-20-40", "smartchain-20-40"];
+
+/// What is a chain's own where a drive has several.
+#[derive(Clone, Debug)]
+pub struct ChainPart {
+    pub chain: ChainSpec,
+    pub links: usize,
+    pub scatter: ScatterSpec,
+    pub joint: JointSpec,
+    pub tooth_contact: ContactSpec,
+    pub guide_contact: ContactSpec,
+    pub preload: PreloadSpec,
+}
+
+/// A shaft that sprockets sit on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShaftSpec {
+    pub name: String,
+    pub outer: OuterSpec,
+}
 
 /// A checked drive, in SI, with the text it came from.
 #[derive(Clone, Debug)]
@@ -39,6 +59,7 @@ pub struct Drive {
     pub text: String,
     pub overrides: Vec<String>,
     pub title: String,
+    /// The chain; of several, the first.
     pub chain: ChainSpec,
     pub links: usize,
     pub scatter: ScatterSpec,
@@ -47,7 +68,12 @@ pub struct Drive {
     pub guide_contact: ContactSpec,
     /// Abutments on rings.
     pub ring_contact: ContactSpec,
-    /// In the order in which the chain meets them.
+    /// The chains behind the first.
+    pub more: Vec<ChainPart>,
+    /// Names of all chains where there are several.
+    pub chain_names: Vec<String>,
+    pub shafts: Vec<ShaftSpec>,
+    /// In the order in which the chain meets them, one chain after the other.
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
     pub arms: Vec<ArmSpec>,
@@ -145,6 +171,10 @@ pub struct ContactSpec {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SprocketDrive {
     pub name: String,
+    /// Index of the chain that runs on it.
+    pub chain: usize,
+    /// Index of the shaft it sits on; None: its own.
+    pub shaft: Option<usize>,
     pub teeth: u32,
     pub form: GapForm,
     pub tip_diameter_m: Option<f64>,
@@ -347,8 +377,114 @@ impl Drive {
         let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
         let drive =
             Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), places, ..drive };
-        drive.check()?;
+        drive.check_chains()?;
+        for chain in 0..drive.chains() {
+            drive.alone(chain).check()?;
+        }
         Ok(drive)
+    }
+
+    /// Number of chains.
+    pub fn chains(&self) -> usize {
+        1 + self.more.len()
+    }
+
+    /// Sprockets of a chain.
+    pub fn sprockets_of(&self, chain: usize) -> std::ops::Range<usize> {
+        let first = self.sprockets.iter().position(|s| s.chain == chain).unwrap_or(0);
+        first..first + self.sprockets.iter().filter(|s| s.chain == chain).count()
+    }
+
+    /// Number of links of every chain.
+    pub fn links_of(&self, chain: usize) -> usize {
+        if chain == 0 { self.links } else { self.more[chain - 1].links }
+    }
+
+    /// The drive of one of its chains: what belongs to others is not there. A shaft that turns another chain before it turns this one with
+    /// its speed.
+    pub fn alone(&self, chain: usize) -> Drive {
+        let mut alone = self.clone();
+        if self.more.is_empty() {
+            return alone;
+        }
+        let own = self.sprockets_of(chain);
+        let first_link: usize = (0..chain).map(|c| self.links_of(c)).sum();
+        let links = first_link..first_link + self.links_of(chain);
+        if chain > 0 {
+            let part = &self.more[chain - 1];
+            (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
+            (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
+                (part.tooth_contact, part.guide_contact, part.tooth_contact);
+            alone.preload = part.preload;
+        }
+        alone.more.clear();
+        alone.chain_names.clear();
+        alone.places = self.places.within(&format!("chains.{}", self.chain_names[chain]));
+        alone.sprockets = self.sprockets[own.clone()].to_vec();
+        let leader = self.leader_of(chain);
+        for (k, s) in alone.sprockets.iter_mut().enumerate() {
+            s.chain = 0;
+            s.outer = match s.outer {
+                OuterSpec::Speed { .. } => s.outer,
+                _ if own.start + k == leader => OuterSpec::Speed { speed_rad_s: self.shaft_speed_rad_s(leader) },
+                outer => outer,
+            };
+        }
+        if let PreloadSpec::Sprocket { moves, .. } = &mut alone.preload {
+            *moves -= own.start;
+        }
+        let kept: Vec<usize> = (0..self.arms.len())
+            .filter(|a| self.rails.iter().any(|r| r.arm == Some(*a) && own.contains(&r.span)))
+            .collect();
+        let arm = |a: usize| kept.iter().position(|k| *k == a).unwrap_or(0);
+        alone.arms = kept.iter().map(|a| self.arms[*a].clone()).collect();
+        if let PreloadSpec::Arm(a) = &mut alone.preload {
+            *a = arm(*a);
+        }
+        alone.guides.retain(|g| own.contains(&g.span));
+        alone.guides.iter_mut().for_each(|g| g.span -= own.start);
+        alone.rails.retain(|r| own.contains(&r.span));
+        for r in &mut alone.rails {
+            (r.span, r.arm) = (r.span - own.start, r.arm.map(arm));
+        }
+        let e = &mut alone.effects;
+        e.gap_errors.retain(|g| own.contains(&g.sprocket));
+        e.gap_errors.iter_mut().for_each(|g| g.sprocket -= own.start);
+        e.gap_waves.retain(|w| own.contains(&w.sprocket));
+        e.gap_waves.iter_mut().for_each(|w| w.sprocket -= own.start);
+        e.pitch_errors.retain(|p| links.contains(&p.link));
+        e.pitch_errors.iter_mut().for_each(|p| p.link -= links.start);
+        e.tight_joints.retain(|t| links.contains(&t.joint));
+        e.tight_joints.iter_mut().for_each(|t| t.joint -= links.start);
+        alone.sensors.clear();
+        alone
+    }
+
+    /// The sprocket that drives a chain: with the prescribed speed, or on a shaft that a chain before it turns.
+    pub fn leader_of(&self, chain: usize) -> usize {
+        let own = self.sprockets_of(chain);
+        let turned_before = |k: &usize| {
+            let shaft = self.sprockets[*k].shaft;
+            shaft.is_some() && self.sprockets[..own.start].iter().any(|s| s.shaft == shaft)
+        };
+        let prescribed = |k: &usize| matches!(self.sprockets[*k].outer, OuterSpec::Speed { .. });
+        own.clone().find(prescribed).or_else(|| own.clone().find(turned_before)).unwrap_or(own.start)
+    }
+
+    /// Nominal speed of a sprocket in the sense in which its chain moves forwards [rad/s].
+    fn shaft_speed_rad_s(&self, sprocket: usize) -> f64 {
+        let s = &self.sprockets[sprocket];
+        if let OuterSpec::Speed { speed_rad_s } = s.outer {
+            return speed_rad_s;
+        }
+        let leader = self.leader_of(s.chain);
+        if sprocket != leader {
+            let (from, to) = (&self.sprockets[leader], s);
+            return self.shaft_speed_rad_s(leader) * f64::from(from.teeth) / f64::from(to.teeth);
+        }
+        // Turned by a chain before this one, in the sense of the sprocket on that chain.
+        let other = self.sprockets.iter().position(|o| o.chain < s.chain && o.shaft == s.shaft && s.shaft.is_some());
+        other.map_or(0.0, |o| self.shaft_speed_rad_s(o) * self.sprockets[o].wrap.sign() * s.wrap.sign())
     }
 
     /// Index of the sprocket whose speed is prescribed.
@@ -365,6 +501,123 @@ impl Drive {
             }
             OuterSpec::Load { .. } => 0.0,
         }
+    }
+
+    /// Checks of how several chains hang together.
+    fn check_chains(&self) -> Result<(), Report> {
+        if self.more.is_empty() {
+            return Ok(());
+        }
+        let mut diags: Vec<Diag> = Vec::new();
+        let mut error = |path: String, title: String, help: &str| {
+            diags.push(self.places.error(&path, title, Some(help.to_string())));
+        };
+        for (chain, name) in self.chain_names.iter().enumerate() {
+            let own = self.sprockets_of(chain);
+            let leader = self.leader_of(chain);
+            let before =
+                |s: &SprocketDrive| s.chain < chain && s.shaft.is_some() && s.shaft == self.sprockets[leader].shaft;
+            let driven =
+                matches!(self.sprockets[leader].outer, OuterSpec::Speed { .. }) || self.sprockets.iter().any(before);
+            if !driven {
+                error(
+                    format!("chains.{name}.route"),
+                    format!("nothing turns chain `{name}`"),
+                    "put one of its sprockets on a `shaft` that a chain before it turns, or give one a speed; chains stand in the \
+                     order in which they drive each other",
+                );
+            }
+            let spec = if chain == 0 { &self.chain } else { &self.more[chain - 1].chain };
+            if !matches!(spec, ChainSpec::Bush(_)) {
+                error(
+                    format!("chains.{name}.chain"),
+                    "silent and abutment chains run alone yet".into(),
+                    "take bush chains where there are several",
+                );
+            }
+            let preload = if chain == 0 { &self.preload } else { &self.more[chain - 1].preload };
+            if let PreloadSpec::Sprocket { moves, .. } = *preload
+                && self.sprockets.iter().filter(|s| s.shaft.is_some() && s.shaft == self.sprockets[moves].shaft).count()
+                    > 1
+            {
+                error(
+                    format!("chains.{name}.preload.moves"),
+                    format!("sprocket `{}` shares its shaft with another chain's", self.sprockets[moves].name),
+                    "tighten the chain by a sprocket of its own, or by an arm",
+                );
+            }
+            for r in self.rails.iter().filter(|r| own.contains(&r.span)) {
+                if let Some(arm) = r.arm
+                    && self.rails.iter().any(|o| o.arm == Some(arm) && !own.contains(&o.span))
+                {
+                    error(
+                        format!("guides.rail.{}.arm", r.name),
+                        format!("arm `{}` carries rails of two chains", self.arms[arm].name),
+                        "give each chain an arm of its own",
+                    );
+                }
+            }
+        }
+        let speeds = |of: &dyn Fn(&SprocketDrive) -> bool| {
+            self.sprockets.iter().filter(|s| of(s) && matches!(s.outer, OuterSpec::Speed { .. })).count()
+        };
+        let on_shafts = (0..self.shafts.len()).filter(|k| speeds(&|s| s.shaft == Some(*k)) > 0).count();
+        let drivers = speeds(&|s| s.shaft.is_none()) + on_shafts;
+        if drivers != 1 {
+            error(
+                "speeds.constant".into(),
+                format!("{drivers} sprockets and shafts have a prescribed speed"),
+                "give exactly one a `[speeds.constant.NAME]`",
+            );
+        }
+        for (k, shaft) in self.shafts.iter().enumerate() {
+            let mut on = self.sprockets.iter().filter(|s| s.shaft == Some(k));
+            let Some(first) = on.next() else {
+                error(
+                    format!("shafts.{}", shaft.name),
+                    format!("no sprocket sits on shaft `{}`", shaft.name),
+                    "give one this `shaft`",
+                );
+                continue;
+            };
+            for s in on {
+                if (s.x_m, s.y_m) != (first.x_m, first.y_m) {
+                    error(
+                        format!("sprockets.{}.x_mm", s.name),
+                        format!("sprockets `{}` and `{}` sit on one shaft and not at one place", first.name, s.name),
+                        "give both the same `x_mm` and `y_mm`",
+                    );
+                }
+                if s.chain == first.chain {
+                    error(
+                        format!("sprockets.{}.shaft", s.name),
+                        format!("sprockets `{}` and `{}` of one chain sit on one shaft", first.name, s.name),
+                        "a chain that meets one shaft twice is not there yet",
+                    );
+                }
+            }
+        }
+        if diags.is_empty() { Ok(()) } else { Err(self.places.report(diags)) }
+    }
+
+    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms. Paths in the file.
+    pub fn coordinate_paths(&self) -> Vec<String> {
+        let mut paths: Vec<String> = Vec::new();
+        for s in &self.sprockets {
+            let path = s
+                .shaft
+                .filter(|_| !self.more.is_empty())
+                .map_or(format!("sprockets.{}", s.name), |k| format!("shafts.{}", self.shafts[k].name));
+            if !paths.contains(&path) {
+                paths.push(path);
+            }
+        }
+        // Arms in the order of the chains whose rails they carry.
+        for chain in 0..self.chains() {
+            let own = self.alone(chain).arms;
+            paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
+        }
+        paths
     }
 
     /// Checks that need more than one value.

@@ -156,11 +156,11 @@ impl Pass {
 impl Watch {
     /// Watches sprocket `sprocket` of a model that was built from a drive.
     pub fn new(model: &Model, sprocket: usize) -> Watch {
-        let route = model.route.as_ref().expect("a model of a drive has a route");
-        let span = route.span_before(sprocket);
+        let (route, place) = model.route_at(sprocket).expect("a model of a drive has a route");
+        let span = route.span_before(place);
         let s = &model.sprockets[sprocket];
         let teeth = f64::from(s.geometry.teeth());
-        let wrap_rad = route.wrap(sprocket).sweep_rad.abs();
+        let wrap_rad = route.wrap(place).sweep_rad.abs();
         let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
         let links = model.chain.lanes;
         Watch {

@@ -88,7 +88,7 @@ impl ImpactWatch {
     pub fn new(model: &Model) -> ImpactWatch {
         let n = model.chain.lanes;
         let pitch_m = 2.0 * model.chain.lever.first().copied().unwrap_or(0.0);
-        let period_s = pitch_m / model.chain_speed_m_s.abs().max(1e-12);
+        let period_s = pitch_m / model.chain_speed_m_s().abs().max(1e-12);
         ImpactWatch {
             period_steps: (period_s / model.step_s).max(1.0),
             step_s: model.step_s,

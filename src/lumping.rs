@@ -53,7 +53,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;
     let soft = || LumpError::Form("the links at rest have no stiffness of their own".to_string());
     let Reduced { stiffness, inertia } = reduced(&model, &equilibrium.configuration).ok_or_else(soft)?;
-    let route = model.route.as_ref().ok_or_else(soft)?;
+    let route = model.routes.first().ok_or_else(soft)?;
     let n = model.sprockets.len();
     // Where the chain does not slip the shafts turn by its length over their rolling radius.
     let radius_m: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();

@@ -202,11 +202,13 @@ pub struct Model {
     pub abutment: Option<Abutment>,
     /// Index of the sprocket with the prescribed speed.
     pub driver: usize,
-    /// Nominal speed z p n, forwards positive [m/s].
-    pub chain_speed_m_s: f64,
-    /// Inner and outer link.
+    /// Nominal speed z p n of every chain, forwards positive [m/s].
+    pub chain_speeds_m_s: Vec<f64>,
+    /// Inner and outer link, of one chain after the other; `row_ranges`: those of each.
     pub rows: Vec<LinkShape>,
-    pub route: Option<Route>,
+    pub row_ranges: Vec<std::ops::Range<usize>>,
+    /// Of every chain; none where there are no sprockets.
+    pub routes: Vec<Route>,
     pub sensors: Vec<SensorReads>,
 }
 
@@ -292,9 +294,10 @@ impl Model {
             line_end_m: placed.line_end_m.clone(),
             abutment: placed.abutment.clone(),
             driver: drive.driver(),
-            chain_speed_m_s: drive.chain_speed_m_s(),
+            chain_speeds_m_s: vec![drive.chain_speed_m_s()],
+            row_ranges: std::iter::once(0..placed.rows.len()).collect(),
             rows: placed.rows.clone(),
-            route: Some(route),
+            routes: vec![route],
             sensors: drive.sensors.iter().map(|s| s.reads).collect(),
         })
     }
@@ -314,11 +317,91 @@ impl Model {
             line_end_m: Vec::new(),
             abutment: None,
             driver: 0,
-            chain_speed_m_s: 0.0,
+            chain_speeds_m_s: vec![0.0],
+            row_ranges: std::iter::once(0..rows.len()).collect(),
             rows,
-            route: None,
+            routes: Vec::new(),
             sensors: Vec::new(),
         }
+    }
+
+    /// The chains of a drive in one model, each compiled alone. A shaft turns by what the first chain on it gives it.
+    pub fn join(drive: &Drive, alone: Vec<Model>) -> Model {
+        let chain = ChainModel::join(&alone.iter().map(|m| m.chain.clone()).collect::<Vec<_>>());
+        let mut joined = Model {
+            chain,
+            coordinates: Vec::new(),
+            sprockets: Vec::new(),
+            guides: Vec::new(),
+            arms: Vec::new(),
+            rails: Vec::new(),
+            line_end_m: Vec::new(),
+            driver: drive.driver(),
+            chain_speeds_m_s: Vec::new(),
+            rows: Vec::new(),
+            row_ranges: Vec::new(),
+            routes: Vec::new(),
+            sensors: drive.sensors.iter().map(|s| s.reads).collect(),
+            ..alone[0].clone()
+        };
+        let mut of_shaft = vec![None; drive.shafts.len()];
+        for (chain, model) in alone.iter().enumerate() {
+            for s in &model.sprockets {
+                let shaft = drive.sprockets[joined.sprockets.len()].shaft;
+                let own = &model.coordinates[s.coordinate];
+                let coordinate = match shaft.and_then(|k| of_shaft[k]) {
+                    Some(coordinate) => coordinate,
+                    None => {
+                        let path = shaft.map_or(own.path.clone(), |k| format!("shafts.{}", drive.shafts[k].name));
+                        joined.coordinates.push(Coordinate { path, reach_m: 0.0, ..own.clone() });
+                        joined.coordinates.len() - 1
+                    }
+                };
+                if let Some(k) = shaft {
+                    of_shaft[k] = Some(coordinate);
+                }
+                let reach_m = &mut joined.coordinates[coordinate].reach_m;
+                *reach_m = reach_m.max(own.reach_m);
+                joined.sprockets.push(SprocketModel { chain, coordinate, ..s.clone() });
+            }
+        }
+        for (chain, model) in alone.into_iter().enumerate() {
+            let first_arm = joined.coordinates.len();
+            let sprockets = model.sprockets.len();
+            // Behind its sprockets' coordinates come those of its arms.
+            let moved = |q: usize| first_arm + q - sprockets;
+            joined.coordinates.extend(model.coordinates.into_iter().skip(sprockets));
+            joined.arms.extend(model.arms.into_iter().map(|a| ArmModel { coordinate: moved(a.coordinate), ..a }));
+            joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
+            let rails = model.rails.into_iter();
+            joined.rails.extend(rails.map(|r| RailModel { chain, coordinate: r.coordinate.map(moved), ..r }));
+            joined.line_end_m.extend(model.line_end_m);
+            joined.chain_speeds_m_s.extend(model.chain_speeds_m_s);
+            let first_row = joined.rows.len();
+            joined.rows.extend(model.rows);
+            joined.row_ranges.push(first_row..joined.rows.len());
+            joined.routes.extend(model.routes);
+        }
+        joined
+    }
+
+    /// Nominal speed of the first chain, forwards positive [m/s].
+    pub fn chain_speed_m_s(&self) -> f64 {
+        self.chain_speeds_m_s.first().copied().unwrap_or(0.0)
+    }
+
+    /// Row of the link in a lane.
+    pub fn row_of(&self, lane: usize) -> usize {
+        let k = self.chain.loop_of(lane);
+        let rows = &self.row_ranges[k];
+        rows.start + (lane - self.chain.loops[k].start) % rows.len()
+    }
+
+    /// Route of the chain that runs on a sprocket, and the sprocket's place in it.
+    pub fn route_at(&self, sprocket: usize) -> Option<(&Route, usize)> {
+        let chain = self.sprockets.get(sprocket)?.chain;
+        let first = self.sprockets.iter().position(|s| s.chain == chain)?;
+        Some((self.routes.get(chain)?, sprocket - first))
     }
 
     /// What a sprocket turns by.

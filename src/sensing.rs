@@ -36,8 +36,8 @@ fn along(state: &State, scratch: &Scratch, i: usize, j: usize) -> f64 {
 
 /// Tension in the middle of the span that leaves sprocket `k`: of the joints near it, the nearer the more.
 fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
-    let Some(route) = model.route.as_ref().filter(|r| k < r.sprockets()) else { return f64::NAN };
-    let span = route.span_after(k);
+    let Some((route, place)) = model.route_at(k) else { return f64::NAN };
+    let span = route.span_after(place);
     let middle = span.start + span.direction * (0.5 * span.length_m);
     let (mut sum, mut weights) = (0.0, 0.0);
     for i in model.chain.loops[model.sprockets[k].chain].clone() {

@@ -311,12 +311,12 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     let mut state = a.state.clone();
     // Height of the joint that runs on, and speed along the tight span of the last joint before it touches.
     let (mut speeds, mut heights) = (Vec::new(), Vec::new());
-    let direction = model.route.as_ref().expect("a route").span_after(1).direction;
+    let direction = model.routes.first().expect("a route").span_after(1).direction;
     let normal = Vec2::new(direction.y, -direction.x);
     watch(&a.model, &mut state, (3.0 * tooth_period / model.step_s) as u64, |state, _| {
         // Mean over the links of the tight span that touch no tooth.
         let l = &state.links;
-        let span = model.route.as_ref().expect("a route").span_after(1);
+        let span = model.routes.first().expect("a route").span_after(1);
         let along = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&span.direction);
         let across = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&normal).abs();
         let inside: Vec<usize> = (0..state.n_links)

@@ -24,7 +24,7 @@ fn joint_at_rest(model: &Model, q: &Configuration, j: usize) -> (Vec2, Vec2) {
     let k = (j + 1) % model.chain.n_links;
     let end = |link: usize, sign: f64| q.links[link].0 + unit(q.links[link].1) * (sign * model.chain.lever[link]);
     let (front, rear) = (end(j, 1.0), end(k, -1.0));
-    let f = model.chain.joint.force(front.x - rear.x, front.y - rear.y, 0.0, 0.0);
+    let f = model.chain.joint(j).force(front.x - rear.x, front.y - rear.y, 0.0, 0.0);
     (Vec2::new(f.x, f.y), rear)
 }
 
@@ -110,10 +110,10 @@ fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
     let mut scratch = Scratch::new(&model);
     let rail = &model.rails[0];
     let (n, lever) = (model.chain.n_links, model.chain.lever[0]);
-    let period = (2.0 * lever / model.chain_speed_m_s.abs() / model.step_s).round() as usize;
+    let period = (2.0 * lever / model.chain_speed_m_s().abs() / model.step_s).round() as usize;
     let mass_per_m =
         (model.chain.mass[0] + model.chain.mass[1]) / (2.0 * (model.chain.lever[0] + model.chain.lever[1]));
-    let centrifugal = mass_per_m * model.chain_speed_m_s.powi(2);
+    let centrifugal = mass_per_m * model.chain_speed_m_s().powi(2);
     let (mut before, mut after, mut turn, mut looks) = (0.0, 0.0, 0.0, 0.0);
     let centre = rail.rail.bends()[0].0;
     for step in 0..2 * period * 10 {

@@ -493,7 +493,9 @@ fn filmed(model: &Model, state: &mut State, steps: usize) -> (Film, Scratch) {
 /// Nothing is lost any more. (A drive that is assembled so never comes to rest.)
 fn undamped(model: &Model) -> Model {
     let mut model = model.clone();
-    (model.chain.joint.damping_n_s_per_m, model.chain.joint.friction_arm_m) = (0.0, 0.0);
+    for joint in &mut model.chain.joints {
+        (joint.damping_n_s_per_m, joint.friction_arm_m) = (0.0, 0.0);
+    }
     model.sprockets.iter_mut().for_each(|s| s.body.friction = 0.0);
     model.guides.iter_mut().for_each(|g| g.body.friction = 0.0);
     model.end_bodies.iter_mut().for_each(|b| b.friction = 0.0);

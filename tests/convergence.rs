@@ -20,7 +20,7 @@ fn peaks(
     let mut model = model.clone();
     model.step_s = step_s;
     let mut state = for_step(start, start_step_s, step_s);
-    let tooth_period_s = 8e-3 / model.chain_speed_m_s;
+    let tooth_period_s = 8e-3 / model.chain_speed_m_s();
     let mut engagements =
         EngagementWatch::new(sprocket, tooth_period_s, model.sprockets[sprocket as usize].body.law, step_s);
     let steps = (window_s.1 / step_s) as u64;

@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 
 /// Steps of `loops` turns of the chain round the loop.
 fn loop_steps(model: &Model, loops: f64) -> u64 {
-    (loops * model.chain.n_links as f64 * 8e-3 / model.chain_speed_m_s / model.step_s).round() as u64
+    (loops * model.chain.n_links as f64 * 8e-3 / model.chain_speed_m_s() / model.step_s).round() as u64
 }
 
 #[test]
@@ -38,11 +38,11 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let ratio = turned[1] / turned[0];
     println!(
         "ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)",
-        model.chain_speed_m_s
+        model.chain_speed_m_s()
     );
     // A skipped tooth in two loops (nine turns of the driver) would show as 1/180 in both.
     assert!((ratio / 0.5 - 1.0).abs() < 1e-4, "ratio {ratio}");
-    assert!((speed / model.chain_speed_m_s - 1.0).abs() < 1e-4, "span speed {speed}");
+    assert!((speed / model.chain_speed_m_s() - 1.0).abs() < 1e-4, "span speed {speed}");
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn tensions(overrides: &[&str]) -> (f64, f64, f64, f64) {
     let a = assembled(&drive(overrides));
     let model = a.model.clone();
     let mut state = a.state;
-    let route = model.route.as_ref().expect("a route");
+    let route = model.routes.first().expect("a route");
     let mut sums = [(0.0, 0.0); 2];
     let (mut mean, mut n) = (0.0, 0.0);
     watch(&a.model, &mut state, loop_steps(&model, 2.0), |state, scratch| {
@@ -139,7 +139,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
     let tooth_s = 2.0 * PI / (20.0 * omega);
     let mut touches = FirstTouches { speed_m_s: 8e-3 * 20.0 * omega / (2.0 * PI), ..FirstTouches::default() };
     touches.kg_per_m = model.chain.mass[..90].iter().sum::<f64>() / (90.0 * 8e-3);
-    let span = model.route.as_ref().expect("a route").span_after(1);
+    let span = model.routes.first().expect("a route").span_after(1);
     let (mut pull, mut pulls) = (0.0, 0.0);
     let mut last_seen = vec![f64::NEG_INFINITY; 90];
     let mut free = state.links.clone();
@@ -306,7 +306,7 @@ fn positions_without_contact_converge_with_the_second_order() {
     // A ring of chain that turns and wobbles: joints only, with damping.
     let model_at = |h: f64| {
         let a = assembled(&drive_without_guides(&[]));
-        let mut joint = a.model.chain.joint;
+        let mut joint = a.model.chain.joints[0];
         joint.friction_arm_m = 0.0;
         Model::chain_only(24, a.model.rows.clone(), joint, h)
     };
@@ -385,7 +385,7 @@ fn effects_on_joints_and_guides_reach_the_model() {
     assert!((stiffness(&guided, 0) / series - 1.0).abs() < 1e-12);
     assert_eq!(stiffness(&guided, 1), stiffness(&plain, 1));
     assert!((guided.guides[0].body.friction - plain.guides[0].body.friction - 0.05).abs() < 1e-15);
-    assert!(guided.chain.joint.friction_arm_m > plain.chain.joint.friction_arm_m);
+    assert!(guided.chain.joints[0].friction_arm_m > plain.chain.joints[0].friction_arm_m);
 }
 
 /// What the catalogue says that drives with links take, they take.

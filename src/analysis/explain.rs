@@ -223,7 +223,7 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
 
 /// Over the tooth period before.
 fn mean_of_period(model: &Model, tensions: &[f64]) -> f64 {
-    let period_s = 2.0 * model.chain.lever[0] / model.chain_speed_m_s.abs().max(1e-12);
+    let period_s = 2.0 * model.chain.lever[0] / model.chain_speed_m_s().abs().max(1e-12);
     let steps = ((period_s / model.step_s) as usize).clamp(1, tensions.len().max(1));
     let last = &tensions[tensions.len().saturating_sub(steps)..];
     if last.is_empty() { f64::NAN } else { last.iter().sum::<f64>() / last.len() as f64 }
@@ -279,7 +279,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let surface = |p: Vec2| perp(p - centre) * spin;
     let mut parts = if lane.part == Part::Bushes {
         // The link ahead of the bush's joint, in the direction of travel.
-        let forwards = model.chain_speed_m_s >= 0.0;
+        let forwards = model.chain_speed_m_s() >= 0.0;
         let ahead = if forwards { model.chain.next(lane.lane) } else { lane.lane };
         let (p, v) = end_at(model, state, scratch, link, front);
         let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
@@ -293,7 +293,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
         ]
     } else {
         // A flank, an abutment or a plate end goes round the joint ahead of its link.
-        let (joint, v_joint) = end_at(model, state, scratch, link, model.chain_speed_m_s >= 0.0);
+        let (joint, v_joint) = end_at(model, state, scratch, link, model.chain_speed_m_s() >= 0.0);
         let (r, w) = (touch.point - joint, velocity_at(model, state, scratch, link).1);
         let turns = part("the arriving link turns already (sideways motion of the span)", perp(r) * w);
         if rotor.is_some() {

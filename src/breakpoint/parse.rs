@@ -371,7 +371,9 @@ impl Parser<'_> {
             let name_at = self.at;
             let name = if named { self.identifier() } else { String::new() };
             let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
-            let own = |path: &String| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
+            // Sprockets on a shaft turn by it.
+            let of_kind = |path: &str, kind: &str| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
+            let own = |path: &String| of_kind(path, kind) || scope == Scope::Sprocket && of_kind(path, "shaft");
             let all = self.names.coordinates.iter();
             if let Some(k) = all.clone().position(|path| own(path) && last(path) == name) {
                 return Ok(Some(k));

@@ -43,7 +43,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
             "links": model.chain.n_links,
             "rows": rows,
             "mass_per_length_kg_m": mass_per_length(model),
-            "chain_speed_m_s": model.chain_speed_m_s,
+            "chain_speed_m_s": model.chain_speed_m_s(),
             "centre_distances_mm": bounds.iter().map(|(n, d)| serde_json::json!({ "between": n, "mm": d * 1e3 })).collect::<Vec<_>>(),
             "joint_damping_ratio_at_1_khz": joint_damping_ratio(model),
             "abutment_planes": abutment.as_ref().map(Abutment::planes),
@@ -60,7 +60,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
                 "  chain                {} links, {:.3} kg/m, {:.3} m/s",
                 model.chain.n_links,
                 mass_per_length(model),
-                model.chain_speed_m_s
+                model.chain_speed_m_s()
             )
         })
         .and_then(|()| {

@@ -353,12 +353,7 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
             .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
             .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
             .collect(),
-        coordinates: drive
-            .sprockets
-            .iter()
-            .map(|s| format!("sprockets.{}", s.name))
-            .chain(drive.arms.iter().map(|a| format!("arms.{}", a.name)))
-            .collect(),
+        coordinates: drive.coordinate_paths(),
         links: drive.links,
     };
     let (mut good, mut bad) = (Vec::new(), Vec::new());

@@ -29,8 +29,8 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
     (merged.overrides, merged.assembly) = (Vec::new(), Vec::new());
     merged.drive_text = String::new();
     let rotors: usize = runs.iter().map(|h| h.bodies.iter().filter(|b| b.rotor).count()).sum();
-    let (mut next_rotor, mut next_other, mut next_arm) = (0, rotors, rotors);
-    merged.coordinates = vec![String::new(); runs.iter().map(|h| h.coordinates.len()).sum()];
+    let (mut next_rotor, mut next_other) = (0, rotors);
+    merged.coordinates.clear();
     let mut bodies = vec![None; runs.iter().map(|h| h.bodies.len()).sum()];
     let mut parts = Vec::new();
     let mut bottom_m: Option<f64> = None;
@@ -55,14 +55,9 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
             outline.name = format!("{short} {}", o.name);
             outline
         }));
-        let sprockets = header.bodies.iter().filter(|b| b.rotor).count();
-        let mut coordinates = Vec::new();
-        for (q, path) in header.coordinates.iter().enumerate() {
-            let new = if q < sprockets { next_rotor + q } else { next_arm };
-            next_arm += usize::from(q >= sprockets);
-            merged.coordinates[new] = format!("{short}.{path}");
-            coordinates.push(new);
-        }
+        let first = merged.coordinates.len();
+        let coordinates: Vec<usize> = (first..first + header.coordinates.len()).collect();
+        merged.coordinates.extend(header.coordinates.iter().map(|path| format!("{short}.{path}")));
         let mut numbers = Vec::new();
         for body in &header.bodies {
             let next = if body.rotor { &mut next_rotor } else { &mut next_other };

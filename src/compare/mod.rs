@@ -234,9 +234,8 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     let passes = &watch.done;
     let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
     let exit_from = model
-        .route
-        .as_ref()
-        .map_or(0.0, |r| r.wrap(model.driver).sweep_rad.abs() / (2.0 * std::f64::consts::PI) * teeth - 2.0);
+        .route_at(model.driver)
+        .map_or(0.0, |(r, k)| r.wrap(k).sweep_rad.abs() / (2.0 * std::f64::consts::PI) * teeth - 2.0);
     let kinds = KINDS
         .iter()
         .filter(|k| passes.iter().any(|p| p.first_touch[**k as usize].is_some()))
@@ -255,7 +254,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
         tight_tension_n: mean,
         tension_half_order_n: half,
         tension_tooth_order_n: full,
-        centrifugal_tension_n: per_length * model.chain_speed_m_s.powi(2),
+        centrifugal_tension_n: per_length * model.chain_speed_m_s().powi(2),
         turning_speed_m_s: pitch * model.sprockets[model.driver].nominal_speed_rad_s.abs(),
         speed_ripple: watch.speed_ripple(),
         touches: Vec::new(),

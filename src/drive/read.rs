@@ -4,8 +4,9 @@
 use super::reader::{Places, Table};
 use super::sensors;
 use super::{
-    ArmSpec, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec, JointSpec,
-    OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, SprocketDrive, TightJoint,
+    ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
+    JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
+    TightJoint,
 };
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
@@ -25,36 +26,35 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let title = root.text("title").unwrap_or_default();
     // The other one is read by `machine`.
     root.choice("fidelity", &[("links", ())]);
-    let chain_table = root.table("chain");
-    let (chain, links) = read_chain(&chain_table);
-    let scatter_table = chain_table.table("scatter");
-    let scatter = ScatterSpec {
-        pitch_m: scatter_table.number("pitch_um", UM, 0.0..=500.0).unwrap_or(0.0),
-        seed: scatter_table.integer("seed", 0..=i64::MAX).unwrap_or(1) as u64,
+    let several = root.table("chains");
+    let chains = several.tables();
+    let (sprockets, shafts) = read_sprockets(root, &chains);
+    let names: Vec<String> = sprockets.iter().map(|s| s.name.clone()).collect();
+    let own = |chain: usize| -> Vec<String> {
+        sprockets.iter().filter(|s| s.chain == chain).map(|s| s.name.clone()).collect()
     };
-    scatter_table.finish();
-    let joint = read_joint(&chain_table.table("joint"));
-    chain_table.finish();
-    let contact = root.table("contact");
-    let width_m = match chain {
-        ChainSpec::Bush(c) => c.inner_width_m,
-        ChainSpec::Silent(c) => c.pack_thickness_m,
-        ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
-    };
-    let tooth_contact = read_contact(&contact.table("sprocket"), width_m);
-    let guide_contact = read_contact(&contact.table("guide"), width_m);
-    let ring_contact = match chain {
-        ChainSpec::Abutment(_) => read_contact(&contact.table("ring"), width_m),
-        _ => tooth_contact,
-    };
-    contact.finish();
-    let (sprockets, names) = read_sprockets(root);
+    // What is the drive's own where it has one chain stands in the chain's table where it has several.
+    let first = chains.first().map_or(root, |(_, t)| t);
+    let (chain, links, scatter, joint) = read_links(&first.table("chain"));
+    let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
     let arms = read_arms(root);
     let guide_table = root.table("guides");
-    let guides = read_guides(&guide_table, &names);
-    let rails = read_rails(&guide_table, &names, &arms);
+    let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
+    let guides = read_guides(&guide_table, &spans);
+    let rails = read_rails(&guide_table, &spans, &arms);
     guide_table.finish();
-    let preload = read_preload(&root.table("preload"), &names, &arms);
+    let preload = read_preload(&first.table("preload"), &own(0), 0, &arms);
+    let mut more = Vec::new();
+    for (index, (_, t)) in chains.iter().enumerate().skip(1) {
+        let (chain, links, scatter, joint) = read_links(&t.table("chain"));
+        let (tooth_contact, guide_contact, _) = read_contacts(&t.table("contact"), &chain);
+        let before = (0..index).map(|c| own(c).len()).sum();
+        let preload = read_preload(&t.table("preload"), &own(index), before, &arms);
+        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, preload });
+    }
+    chains.iter().for_each(|(_, t)| t.finish());
+    let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
+    several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
     let sensors = sensors::sensors(root, &names, driver, &guides);
     let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
@@ -80,6 +80,9 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         tooth_contact,
         guide_contact,
         ring_contact,
+        more,
+        chain_names,
+        shafts,
         sprockets,
         guides,
         arms,
@@ -91,6 +94,37 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         run,
         places,
     }
+}
+
+/// Links and joints: `[chain]`.
+fn read_links(t: &Table<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
+    let (chain, links) = read_chain(t);
+    let scatter_table = t.table("scatter");
+    let scatter = ScatterSpec {
+        pitch_m: scatter_table.number("pitch_um", UM, 0.0..=500.0).unwrap_or(0.0),
+        seed: scatter_table.integer("seed", 0..=i64::MAX).unwrap_or(1) as u64,
+    };
+    scatter_table.finish();
+    let joint = read_joint(&t.table("joint"));
+    t.finish();
+    (chain, links, scatter, joint)
+}
+
+/// Contacts with sprockets, guides and rings: `[contact]`.
+fn read_contacts(t: &Table<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec, ContactSpec) {
+    let width_m = match chain {
+        ChainSpec::Bush(c) => c.inner_width_m,
+        ChainSpec::Silent(c) => c.pack_thickness_m,
+        ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
+    };
+    let tooth = read_contact(&t.table("sprocket"), width_m);
+    let guide = read_contact(&t.table("guide"), width_m);
+    let ring = match chain {
+        ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
+        _ => tooth,
+    };
+    t.finish();
+    (tooth, guide, ring)
 }
 
 fn read_effects(
@@ -413,21 +447,39 @@ fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
     spec
 }
 
-fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
+fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<SprocketDrive>, Vec<ShaftSpec>) {
     let table = root.table("sprockets");
     let speeds = root.table("speeds");
     let constant_speeds = speeds.table("constant");
     let loads = root.table("loads");
     let constant_loads = loads.table("constant");
+    let shafts = read_shafts(root, &constant_speeds, &constant_loads);
     // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
-    let chain = root.table("chain");
+    let chain = chains.first().map_or(root, |(_, t)| t).table("chain");
     let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
     let mut all = Vec::new();
     for (name, t) in table.tables() {
         let speed = constant_speeds.table(&name);
         let load = constant_loads.table(&name);
         let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
-        let outer = if speed.is_present() {
+        let shaft = t.text("shaft").map(|name| {
+            if inertia.is_some() || speed.is_present() || load.is_present() {
+                t.error_at("shaft", format!("`{name}` has the inertia, the speed and the load"), None);
+            }
+            shafts.iter().position(|s| s.name == name).unwrap_or_else(|| {
+                let known: Vec<&str> = shafts.iter().map(|s| s.name.as_str()).collect();
+                t.error_at(
+                    "shaft",
+                    format!("no shaft is called `{name}`"),
+                    Some(format!("shafts: {}", known.join(", "))),
+                );
+                usize::MAX
+            })
+        });
+        let on_shaft = shaft.and_then(|k| shafts.get(k));
+        let outer = if let Some(shaft) = on_shaft {
+            shaft.outer
+        } else if speed.is_present() {
             if load.is_present() {
                 load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
             }
@@ -463,6 +515,8 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
             outer,
+            chain: 0,
+            shaft: shaft.filter(|k| *k < shafts.len()),
             name,
         });
         t.finish();
@@ -470,7 +524,29 @@ fn read_sprockets(root: &Table<'_>) -> (Vec<SprocketDrive>, Vec<String>) {
     for t in [&constant_speeds, &speeds, &constant_loads, &loads] {
         t.finish();
     }
-    order_by_route(root, all)
+    let routes: Vec<&Table<'_>> = if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
+    (order_by_routes(root, &routes, all), shafts)
+}
+
+/// Shafts that several sprockets sit on: `[shafts.NAME]`.
+fn read_shafts(root: &Table<'_>, speeds: &Table<'_>, loads: &Table<'_>) -> Vec<ShaftSpec> {
+    let table = root.table("shafts");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let (speed, load) = (speeds.table(&name), loads.table(&name));
+        let outer = if speed.is_present() {
+            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+        } else {
+            OuterSpec::Load {
+                inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e6),
+                torque_nm: load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0),
+            }
+        };
+        all.push(ShaftSpec { name, outer });
+        [speed, load, t].iter().for_each(Table::finish);
+    }
+    table.finish();
+    all
 }
 
 /// A flat face on a flat flank would touch along a length, which no point stands for: straight teeth are crowned a little.
@@ -485,37 +561,52 @@ fn read_face(t: &Table<'_>) -> FaceForm {
     FaceForm::Arc
 }
 
-/// Sorts the sprockets by `route`, the order in which the chain meets them.
-fn order_by_route(root: &Table<'_>, all: Vec<SprocketDrive>) -> (Vec<SprocketDrive>, Vec<String>) {
+/// Sorts the sprockets by `route`, the order in which the chain meets them, of one chain after the other.
+fn order_by_routes(root: &Table<'_>, chains: &[&Table<'_>], all: Vec<SprocketDrive>) -> Vec<SprocketDrive> {
     let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
-    let route = root.texts("route").unwrap_or_else(|| names.clone());
     let mut sorted = Vec::new();
-    for name in &route {
+    let mut whole = Vec::new();
+    for (chain, t) in chains.iter().enumerate() {
+        let route = t.texts("route").unwrap_or_else(|| if chains.len() == 1 { names.clone() } else { Vec::new() });
+        order_by_route(t, chain, &route, &all, &mut sorted);
+        whole.extend(route);
+    }
+    let mut seen = whole.clone();
+    seen.sort();
+    seen.dedup();
+    if seen.len() != whole.len() || whole.len() != names.len() {
+        root.error(
+            "`route` must name every sprocket once".into(),
+            Some(format!("sprockets here: {}", names.join(", "))),
+        );
+    }
+    sorted
+}
+
+fn order_by_route(
+    root: &Table<'_>,
+    chain: usize,
+    route: &[String],
+    all: &[SprocketDrive],
+    sorted: &mut Vec<SprocketDrive>,
+) {
+    let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
+    let before = sorted.len();
+    for name in route {
         match all.iter().find(|s| s.name == *name) {
-            Some(s) => sorted.push(s.clone()),
+            Some(s) => sorted.push(SprocketDrive { chain, ..s.clone() }),
             None => root.error(
                 format!("`route` names `{name}`, which is no sprocket"),
                 Some(format!("sprockets here: {}", names.join(", "))),
             ),
         }
     }
-    if sorted.len() < 2 {
+    if sorted.len() - before < 2 {
         root.error(
             "a drive needs at least two sprockets in its route".into(),
             Some("add `[sprockets.NAME]` tables and `route = [...]`".into()),
         );
     }
-    let mut seen = route.clone();
-    seen.sort();
-    seen.dedup();
-    if seen.len() != route.len() || route.len() != names.len() {
-        root.error(
-            "`route` must name every sprocket once".into(),
-            Some(format!("sprockets here: {}", names.join(", "))),
-        );
-    }
-    let names = sorted.iter().map(|s| s.name.clone()).collect();
-    (sorted, names)
 }
 
 fn read_arms(root: &Table<'_>) -> Vec<ArmSpec> {
@@ -537,27 +628,29 @@ fn read_arms(root: &Table<'_>) -> Vec<ArmSpec> {
 }
 
 /// The sprocket that the way of `span = ["a", "b"]` leaves.
-fn read_span(t: &Table<'_>, names: &[String]) -> usize {
+fn read_span(t: &Table<'_>, chains: &[Vec<String>]) -> usize {
     let span = t.texts("span").unwrap_or_default();
-    let from = names.iter().position(|n| Some(n) == span.first());
-    let to = names.iter().position(|n| Some(n) == span.get(1));
-    match (from, to) {
-        (Some(a), Some(b)) if span.len() == 2 && (a + 1) % names.len() == b => a,
-        _ => {
-            let spans: Vec<String> =
-                (0..names.len()).map(|i| format!("[\"{}\", \"{}\"]", names[i], names[(i + 1) % names.len()])).collect();
-            t.error(
-                format!("`{}.span` is no span of the route", t.path()),
-                Some(format!("spans here: {}", spans.join(", "))),
-            );
-            0
+    let mut before = 0;
+    let mut spans = Vec::new();
+    for names in chains {
+        let pairs = (0..names.len()).map(|i| (i, &names[i], &names[(i + 1) % names.len()]));
+        for (i, from, to) in pairs {
+            if let [a, b] = &span[..]
+                && (a, b) == (from, to)
+            {
+                return before + i;
+            }
+            spans.push(format!("[\"{from}\", \"{to}\"]"));
         }
+        before += names.len();
     }
+    t.error(format!("`{}.span` is no span of the route", t.path()), Some(format!("spans here: {}", spans.join(", "))));
+    0
 }
 
 const SIDES: [(&str, GuideSide); 2] = [("inside", GuideSide::Inside), ("outside", GuideSide::Outside)];
 
-fn read_rails(guides: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> Vec<RailSpec> {
+fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec]) -> Vec<RailSpec> {
     let table = guides.table("rail");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -583,7 +676,7 @@ fn read_rails(guides: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> Vec<Rai
         let stretch =
             |(length_m, r): (&f64, &f64)| Stretch { length_m: *length_m, radius_m: (*r != 0.0).then_some(*r) };
         all.push(RailSpec {
-            span: read_span(&t, names),
+            span: read_span(&t, chains),
             arm,
             side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
             start: Vec2::new(t.required("start_x_mm", MM, -1e5..=1e5), t.required("start_y_mm", MM, -1e5..=1e5)),
@@ -597,12 +690,12 @@ fn read_rails(guides: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> Vec<Rai
     all
 }
 
-fn read_guides(guides: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
+fn read_guides(guides: &Table<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec> {
     let fixed = guides.table("fixed");
     let mut all = Vec::new();
     for (name, t) in fixed.tables() {
         all.push(GuideSpec {
-            span: read_span(&t, names),
+            span: read_span(&t, chains),
             side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
             start_m: t.required("start_mm", MM, -1000.0..=1e5),
             end_m: t.required("end_mm", MM, -1000.0..=1e5),
@@ -617,7 +710,8 @@ fn read_guides(guides: &Table<'_>, names: &[String]) -> Vec<GuideSpec> {
     all
 }
 
-fn read_preload(t: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> PreloadSpec {
+/// `before`: sprockets of the chains before this one.
+fn read_preload(t: &Table<'_>, names: &[String], before: usize, arms: &[ArmSpec]) -> PreloadSpec {
     if let Some(arm) = t.text("moves").and_then(|name| arms.iter().position(|a| a.name == name)) {
         for key in ["tension_n", "direction_deg"] {
             if t.number(key, 1.0, f64::MIN..=f64::MAX).is_some() {
@@ -644,7 +738,7 @@ fn read_preload(t: &Table<'_>, names: &[String], arms: &[ArmSpec]) -> PreloadSpe
         }),
     };
     let direction_rad = t.number("direction_deg", PI / 180.0, -360.0..=360.0);
-    let preload = PreloadSpec::Sprocket { tension_n, moves: index, direction_rad };
+    let preload = PreloadSpec::Sprocket { tension_n, moves: before + index, direction_rad };
     t.finish();
     preload
 }

@@ -107,7 +107,7 @@ impl<'t> Reader<'t> {
         drop(asked);
         let diags = self.diags.into_inner();
         if diags.is_empty() {
-            Ok(Places { sources: self.sources, places: self.places.into_inner() })
+            Ok(Places { sources: self.sources, places: self.places.into_inner(), within: String::new() })
         } else {
             Err(Report::new(self.sources, diags))
         }
@@ -123,16 +123,26 @@ impl<'t> Reader<'t> {
 pub struct Places {
     pub sources: Vec<Source>,
     places: BTreeMap<String, Place>,
+    /// Path of the table whose values are looked for before those of the document.
+    within: String,
 }
 
 impl Places {
     pub fn empty() -> Places {
-        Places { sources: Vec::new(), places: BTreeMap::new() }
+        Places { sources: Vec::new(), places: BTreeMap::new(), within: String::new() }
+    }
+
+    /// The same where values of one chain of several stand in a table of its own.
+    pub fn within(&self, table: &str) -> Places {
+        Places { within: format!("{table}."), ..self.clone() }
     }
 
     /// A mistake at the value `path`, or at the nearest table above it.
     pub fn error(&self, path: &str, title: impl Into<String>, help: Option<String>) -> Diag {
-        let mut at = path;
+        let inner = format!("{}{path}", self.within);
+        let first = path.split('.').next().unwrap_or(path);
+        let mut at =
+            if self.places.keys().any(|p| p.starts_with(&format!("{}{first}", self.within))) { &inner } else { path };
         loop {
             if let Some(place) = self.places.get(at) {
                 return Diag { title: title.into(), place: place.clone(), help };

@@ -1,6 +1,6 @@
 //! The columns of all chains: one value per lane. Closed loops of links stand behind each other, each on blocks of its own; lanes that hold
-//! no link are inert. Between two loops there are two of them at least: behind the last link of one stands its first again while
-//! joints are computed, before the first link of the other its last joint.
+//! no link are inert. Behind the last link of a loop its first stands again while joints are computed, before its first link its last
+//! joint: so a whole block is left between two loops, which no window over links reaches.
 
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::LANES;
@@ -40,56 +40,75 @@ pub struct ChainModel {
 impl ChainModel {
     /// A closed chain of alternating rows, the first row carrying the bushes.
     pub fn new(n_links: usize, rows: &[LinkShape], joint: LinkJoint, lane_width: usize) -> ChainModel {
-        ChainModel::of_loops(&[(n_links, rows, joint)], lane_width)
-    }
-
-    /// Several of them: number of links, rows and joints of each.
-    pub fn of_loops(chains: &[(usize, &[LinkShape], LinkJoint)], lane_width: usize) -> ChainModel {
-        let mut loops: Vec<Range<usize>> = Vec::new();
-        for (n, ..) in chains {
-            let first = loops.last().map_or(0, |l| (l.end + LANES_BETWEEN).next_multiple_of(lane_width));
-            loops.push(first..first + n);
-        }
-        let lanes = loops.last().map_or(0, |l| l.end);
-        let padded = lanes.next_multiple_of(lane_width);
-        let own = |i: usize| loops.iter().position(|l| l.contains(&i));
-        // Loops begin on whole blocks, so that lanes count rows from their own first link.
-        let row = |i: usize| own(i).map(|k| &chains[k].1[(i - loops[k].start) % chains[k].1.len()]);
-        let column = |f: &dyn Fn(&LinkShape) -> f64, inert: f64, len: usize| -> Vec<f64> {
-            (0..len).map(|i| row(i).map_or(inert, f)).collect()
+        let padded = n_links.div_ceil(lane_width) * lane_width;
+        let row = |i: usize| &rows[i % rows.len()];
+        let column = |f: &dyn Fn(usize) -> f64, inert: f64, len: usize| -> Vec<f64> {
+            (0..len).map(|i| if i < n_links { f(i) } else { inert }).collect()
         };
-        let next = |j: usize| own(j).filter(|k| j + 1 == loops[*k].end).map_or(j + 1, |k| loops[k].start);
-        let carrier = |j: usize| if row(j).is_none_or(|r| r.bush_radius_m.is_some()) { j } else { next(j) };
+        let carrier = |j: usize| if row(j).bush_radius_m.is_some() { j } else { (j + 1) % n_links };
         let on_front = |j: usize| if carrier(j) == j { 1.0 } else { 0.0 };
-        let mut inverse_inertia = column(&|r| 1.0 / r.inertia_kg_m2, 0.0, padded + 1);
+        let mut inverse_inertia = column(&|i| 1.0 / row(i).inertia_kg_m2, 0.0, padded + 1);
+        inverse_inertia[n_links] = inverse_inertia[0];
         let mut bush_on_front = vec![1.0; padded + 1];
-        for j in 0..lanes {
+        for j in 0..n_links {
             bush_on_front[j + 1] = on_front(j);
         }
-        for l in &loops {
-            inverse_inertia[l.end] = inverse_inertia[l.start];
-            bush_on_front[l.start] = on_front(l.end - 1);
-        }
-        let of_carrier = |f: &dyn Fn(&LinkShape) -> f64| -> Vec<f64> {
-            (0..padded).map(|j| row(j).and_then(|_| row(carrier(j))).map_or(0.0, f)).collect()
-        };
-        let signs: Vec<f64> = (0..padded).map(|j| 2.0 * on_front(j) - 1.0).collect();
+        bush_on_front[0] = on_front(n_links - 1);
+        let half_pitch = |i: usize| 0.5 * row(i).pitch_m;
         ChainModel {
-            n_links: chains.iter().map(|c| c.0).sum(),
-            lanes,
+            n_links,
+            loops: std::iter::once(0..n_links).collect(),
+            lanes: n_links,
             padded,
-            lever: column(&|r| 0.5 * r.pitch_m, 0.0, padded),
-            mass: column(&|r| r.mass_kg, 0.0, padded),
-            inertia: column(&|r| r.inertia_kg_m2, 0.0, padded),
-            inverse_mass: column(&|r| 1.0 / r.mass_kg, 0.0, padded),
+            lever: column(&half_pitch, 0.0, padded),
+            mass: column(&|i| row(i).mass_kg, 0.0, padded),
+            inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
+            inverse_mass: column(&|i| 1.0 / row(i).mass_kg, 0.0, padded),
             inverse_inertia,
             bush_on_front,
-            bush_lever: of_carrier(&|r| 0.5 * r.pitch_m).iter().zip(&signs).map(|(l, sign)| l * sign).collect(),
-            bush_inverse_mass: of_carrier(&|r| 1.0 / r.mass_kg),
-            bush_inverse_inertia: of_carrier(&|r| 1.0 / r.inertia_kg_m2),
-            joints: chains.iter().map(|c| c.2).collect(),
-            loops,
+            bush_lever: column(&|j| half_pitch(carrier(j)) * (2.0 * on_front(j) - 1.0), 0.0, padded),
+            bush_inverse_mass: column(&|j| 1.0 / row(carrier(j)).mass_kg, 0.0, padded),
+            bush_inverse_inertia: column(&|j| 1.0 / row(carrier(j)).inertia_kg_m2, 0.0, padded),
+            joints: vec![joint],
             tight: Vec::new(),
+        }
+    }
+
+    /// Chains behind each other.
+    pub fn join(chains: &[ChainModel]) -> ChainModel {
+        let mut loops: Vec<Range<usize>> = Vec::new();
+        for c in chains {
+            let first = loops.last().map_or(0, |l| (l.end + 1).next_multiple_of(LANES) + LANES);
+            loops.push(first..first + c.n_links);
+        }
+        let lanes = loops.last().map_or(0, |l| l.end);
+        let padded = lanes.next_multiple_of(LANES);
+        // `more`: values behind those of the links that belong to a chain.
+        let joined = |of: &dyn Fn(&ChainModel) -> &[f64], inert: f64, more: usize| {
+            let mut column = vec![inert; padded + more];
+            for (c, own) in chains.iter().zip(&loops) {
+                column[own.start..own.end + more].copy_from_slice(&of(c)[..c.n_links + more]);
+            }
+            column
+        };
+        let first = |k: usize| loops[k].start;
+        let tight = chains.iter().enumerate().flat_map(|(k, c)| c.tight.iter().map(move |(j, t)| (first(k) + j, *t)));
+        ChainModel {
+            n_links: chains.iter().map(|c| c.n_links).sum(),
+            lanes,
+            padded,
+            lever: joined(&|c| &c.lever, 0.0, 0),
+            mass: joined(&|c| &c.mass, 0.0, 0),
+            inertia: joined(&|c| &c.inertia, 0.0, 0),
+            inverse_mass: joined(&|c| &c.inverse_mass, 0.0, 0),
+            inverse_inertia: joined(&|c| &c.inverse_inertia, 0.0, 1),
+            bush_on_front: joined(&|c| &c.bush_on_front, 1.0, 1),
+            bush_lever: joined(&|c| &c.bush_lever, 0.0, 0),
+            bush_inverse_mass: joined(&|c| &c.bush_inverse_mass, 0.0, 0),
+            bush_inverse_inertia: joined(&|c| &c.bush_inverse_inertia, 0.0, 0),
+            joints: chains.iter().flat_map(|c| c.joints.iter().copied()).collect(),
+            tight: tight.collect(),
+            loops,
         }
     }
 
@@ -189,9 +208,6 @@ impl ChainModel {
         }
     }
 }
-
-/// Inert lanes between two loops, at least.
-const LANES_BETWEEN: usize = 2;
 
 /// SplitMix64 (Steele, Lea and Flood 2014): the same numbers everywhere from one seed.
 struct SplitMix(u64);

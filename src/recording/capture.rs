@@ -586,7 +586,6 @@ pub fn header_of(
     assembly: Vec<String>,
     steps_per_frame: u64,
 ) -> Header {
-    let rows = model.rows.len();
     let mut bodies: Vec<BodyInfo> = model
         .sprockets
         .iter()
@@ -639,13 +638,23 @@ pub fn header_of(
             .chain
             .links()
             .map(|i| LinkInfo {
-                outline: (i % rows) as u32,
+                outline: model.row_of(i) as u32,
                 pitch_m: 2.0 * model.chain.lever[i],
                 mass_kg: model.chain.mass[i],
                 inertia_kg_m2: model.chain.inertia[i],
             })
             .collect(),
-        link_outlines: model.rows.iter().map(|r| outline(r.name, &r.plate, &r.circles)).collect(),
+        link_outlines: model
+            .rows
+            .iter()
+            .enumerate()
+            .map(|(k, r)| {
+                // Of several chains each has rows of the same names.
+                let chain = model.row_ranges.iter().position(|rows| rows.contains(&k)).unwrap_or(0);
+                let own = drive.chain_names.get(chain).map_or(String::new(), |name| format!("{name} "));
+                outline(&format!("{own}{}", r.name), &r.plate, &r.circles)
+            })
+            .collect(),
         bodies,
         channels: super::channels::CHANNELS
             .iter()
@@ -655,7 +664,7 @@ pub fn header_of(
                 meaning: (*meaning).into(),
             })
             .collect(),
-        chain_speed_m_s: model.chain_speed_m_s,
+        chain_speed_m_s: model.chain_speed_m_s(),
         static_tension_n,
         assembly,
         parent: None,

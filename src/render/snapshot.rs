@@ -422,7 +422,8 @@ fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
         let [low, high] = body_box_m(sheet.header, frame, k);
         let at = panel.on_page([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]);
         if body.rotor {
-            let speed = frame.rotors.speed_rad_s.get(k).copied().unwrap_or(0.0) / crate::units::RPM;
+            let turning = body.coordinate.and_then(|q| frame.rotors.speed_rad_s.get(q as usize));
+            let speed = turning.copied().unwrap_or(0.0) / crate::units::RPM;
             let lines = [name, format!("{} teeth", body.teeth), format!("{speed:.0} rpm")];
             let place = Rect::of_text(&lines, sheet.font, at);
             if take(taken, place) {

@@ -187,9 +187,11 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     if scratch.run_in != RunIn::OFF {
         let rate = scratch.run_in.link_rate_per_s;
         let (ax, ay) = (&mut scratch.ax[..n], &mut scratch.ay[..n]);
-        for i in 0..c.lanes {
-            ax[i] -= rate * (s.vx[i] - model.chain_speed_m_s * s.cos[i]);
-            ay[i] -= rate * (s.vy[i] - model.chain_speed_m_s * s.sin[i]);
+        for (own, speed) in c.loops.iter().zip(&model.chain_speeds_m_s) {
+            for i in own.clone() {
+                ax[i] -= rate * (s.vx[i] - speed * s.cos[i]);
+                ay[i] -= rate * (s.vy[i] - speed * s.sin[i]);
+            }
         }
     }
     let Scratch {
