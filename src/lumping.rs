@@ -50,6 +50,10 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             s.name
         )));
     }
+    if !drive.arms.is_empty() || !drive.rails.is_empty() || drive.chains() > 1 {
+        let text = "arms, rails and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets";
+        return Err(LumpError::Form(text.into()));
+    }
     let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;
     let soft = || LumpError::Form("the links at rest have no stiffness of their own".to_string());
     let Reduced { stiffness, inertia } = reduced(&model, &equilibrium.configuration).ok_or_else(soft)?;

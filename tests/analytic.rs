@@ -319,14 +319,14 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
         let span = model.routes.first().expect("a route").span_after(1);
         let along = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&span.direction);
         let across = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&normal).abs();
-        let inside: Vec<usize> = (0..state.n_links)
+        let inside: Vec<usize> = (0..state.lanes)
             .filter(|i| across(*i) < 5e-3 && along(*i) > 16e-3 && along(*i) < span.length_m - 16e-3)
             .collect();
         speeds.push(
             inside.iter().map(|i| l.vx[*i] * direction.x + l.vy[*i] * direction.y).sum::<f64>() / inside.len() as f64,
         );
         // Joints on the wrap near the run-on point: the highest one.
-        let highest = (0..state.n_links)
+        let highest = (0..state.lanes)
             .map(|i| {
                 Vec2::new(l.x[i] + model.chain.lever[i] * l.cos[i], l.y[i] + model.chain.lever[i] * l.sin[i])
                     - s.body.centre

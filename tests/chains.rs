@@ -477,12 +477,12 @@ fn filmed(model: &Model, state: &mut State, steps: usize) -> (Film, Scratch) {
     for step in 0..=steps {
         explicit::evaluate(model, state, &mut scratch).expect("the run holds");
         let contacts = camera.take(model, state, &scratch).contacts;
-        let mut forces = vec![0.0; state.n_links];
+        let mut forces = vec![0.0; state.lanes];
         for i in (0..contacts.link.len()).filter(|i| contacts.body[*i] == 0) {
             forces[contacts.link[i] as usize] += contacts.normal_force_n[i];
         }
         film.forces.push(forces);
-        film.places.push((0..state.n_links).map(|i| (state.links.x[i], state.links.y[i])).collect());
+        film.places.push((0..state.lanes).map(|i| (state.links.x[i], state.links.y[i])).collect());
         if step < steps {
             explicit::advance(model, state, &mut scratch);
         }
@@ -572,7 +572,7 @@ fn engagement_mirrors_disengagement_when_time_runs_back() {
             }
             let rms = f64::sqrt(sums.0 / sums.1);
             let touches = |film: &Film, from: usize, to: usize| {
-                (0..state.n_links).filter(|i| film.forces[from][*i] == 0.0 && film.forces[to][*i] > 0.0).count()
+                (0..state.lanes).filter(|i| film.forces[from][*i] == 0.0 && film.forces[to][*i] > 0.0).count()
             };
             let (left, met) = (touches(&forth, steps, 0), touches(&back, 0, steps));
             println!(

@@ -28,10 +28,10 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let before = state.links.clone();
     watch(&a.model, &mut state, steps, |_, _| {});
     let l = &state.links;
-    let advance: f64 = (0..state.n_links)
+    let advance: f64 = (0..state.lanes)
         .map(|i| (l.x[i] - before.x[i]) * before.cos[i] + (l.y[i] - before.y[i]) * before.sin[i])
         .sum::<f64>()
-        / state.n_links as f64;
+        / state.lanes as f64;
     let time = steps as f64 * model.step_s;
     let speed = (2.0 * 90.0 * 8e-3 + advance) / time;
     let turned = [state.coordinates.angle[0] - start[0], state.coordinates.angle[1] - start[1]];
@@ -75,7 +75,7 @@ fn tensions(overrides: &[&str]) -> (f64, f64, f64, f64) {
     let (mut mean, mut n) = (0.0, 0.0);
     watch(&a.model, &mut state, loop_steps(&model, 2.0), |state, scratch| {
         let l = &state.links;
-        for j in 0..state.n_links {
+        for j in 0..state.lanes {
             let (x, y, _) = scratch.joint_force(j);
             let p = Vec2::new(l.x[j] + model.chain.lever[j] * l.cos[j], l.y[j] + model.chain.lever[j] * l.sin[j]);
             mean += x.hypot(y);
@@ -102,7 +102,7 @@ fn mean_tension_stays_that_of_the_static_assembly() {
     let mut state = a.state;
     let (mut sum, mut n) = (0.0, 0.0);
     watch(&a.model, &mut state, loop_steps(&model, 2.0), |state, scratch| {
-        for j in 0..state.n_links {
+        for j in 0..state.lanes {
             let (x, y, _) = scratch.joint_force(j);
             sum += x.hypot(y);
             n += 1.0;
@@ -147,7 +147,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
         let before = std::mem::replace(&mut free, state.links.clone());
         let c = contacts_at(&model, state, scratch);
         let t = state.step as f64 * model.step_s;
-        for j in 0..state.n_links {
+        for j in 0..state.lanes {
             let l = &state.links;
             let along = (Vec2::new(l.x[j], l.y[j]) - span.start).dot(&span.direction);
             let off = (Vec2::new(l.x[j], l.y[j]) - span.start).perp(&span.direction).abs();

@@ -167,12 +167,12 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
             (names.to_vec(), recording.header.bodies.iter().enumerate().map(row).collect())
         }
         "link_info" => {
-            let names = ["link", "outline", "outline_name", "pitch_m", "mass_kg", "inertia_kg_m2"];
+            let names = ["link", "outline", "outline_name", "pitch_m", "mass_kg", "inertia_kg_m2", "ahead"];
             let header = &recording.header;
             let row = |(i, l): (usize, &pitchline::recording::frame::LinkInfo)| {
                 let name = words(&header.link_outlines[l.outline as usize].name);
                 let floats = [l.pitch_m, l.mass_kg, l.inertia_kg_m2].map(float);
-                [whole(i as u64), whole(l.outline), name].into_iter().chain(floats).collect()
+                [whole(i as u64), whole(l.outline), name].into_iter().chain(floats).chain([whole(l.ahead)]).collect()
             };
             (names.to_vec(), header.links.iter().enumerate().map(row).collect())
         }

@@ -359,7 +359,7 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
     };
     for j in 0..n {
         let force = (f.joints.force_x_n[j], f.joints.force_y_n[j]);
-        for (link, side, sign) in [(j, 0.5, -1.0), ((j + 1) % n, -0.5, 1.0)] {
+        for (link, side, sign) in [(j, 0.5, -1.0), (header.links[j].ahead as usize, -0.5, 1.0)] {
             let (arm, angle) = (side * header.links[link].pitch_m, l.angle_rad[link]);
             let at = (l.x_m[link] + arm * angle.cos(), l.y_m[link] + arm * angle.sin());
             push(link, at, (sign * force.0, sign * force.1), sign * f.joints.friction_torque_nm[j]);

@@ -103,8 +103,12 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
                 let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
                 candidates.extend(judged(suspect, (tooth, true, q), &group, &medians));
             }
-            for (joint, group) in groups(&all, |i| if bushed { joint_of(i, links) } else { Some(i.link) }) {
-                let ahead = if forwards && bushed { (joint + 1) % links } else { joint };
+            for (joint, group) in groups(&all, |i| if bushed { joint_of(i, header) } else { Some(i.link) }) {
+                let ahead = if forwards && bushed {
+                    header.links.get(joint as usize).map_or(joint, |l| l.ahead)
+                } else {
+                    joint
+                };
                 let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
                 candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
             }
@@ -172,10 +176,12 @@ fn is_bush(i: &Impact) -> bool {
 }
 
 /// Joint that a bush sits on.
-fn joint_of(i: &Impact, links: u32) -> Option<u32> {
+fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
     match i.feature {
         f if f == Feature::FrontBush as u32 => Some(i.link),
-        f if f == Feature::RearBush as u32 => Some((i.link + links - 1) % links),
+        f if f == Feature::RearBush as u32 => {
+            header.links.iter().position(|l| l.ahead == i.link).map(|joint| joint as u32)
+        }
         _ => None,
     }
 }

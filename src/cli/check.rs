@@ -1,8 +1,9 @@
 //! `pitchline check`: reads a drive, assembles it, says what follows from it.
 
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
+use crate::elements::link_joint::LinkJoint;
 use crate::geometry::smartchain::Abutment;
-use crate::model::Model;
+use crate::model::{Model, SprocketModel};
 use std::f64::consts::PI;
 use std::fmt::Write;
 
@@ -105,19 +106,22 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
 }
 
 fn mass_per_length(model: &Model) -> f64 {
-    let n = model.chain.n_links;
-    model.chain.mass.iter().take(n).sum::<f64>() / (2.0 * model.chain.lever.iter().take(n).sum::<f64>())
+    // Inert lanes have neither mass nor length.
+    model.chain.mass.iter().sum::<f64>() / (2.0 * model.chain.lever.iter().sum::<f64>())
 }
 
 /// zeta = c omega / (2 k): joints are springs in series, each with its damper.
 fn joint_damping_ratio(model: &Model) -> f64 {
-    let joint = &model.chain.joints[0];
-    joint.damping_n_s_per_m * 2.0 * PI * 1000.0 / (2.0 * joint.stiffness_n_per_m)
+    let ratio = |joint: &LinkJoint| joint.damping_n_s_per_m * 2.0 * PI * 1000.0 / (2.0 * joint.stiffness_n_per_m);
+    model.chain.joints.first().map_or(f64::NAN, ratio)
 }
 
 fn centre_distances(model: &Model) -> Vec<(String, f64)> {
-    let n = model.sprockets.len();
-    let following = model.sprockets.iter().cycle().skip(1);
-    let pairs = model.sprockets.iter().zip(following).take(if n == 2 { 1 } else { n });
-    pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())).collect()
+    let mut all = Vec::new();
+    for chain in 0..model.chain.loops.len() {
+        let own: Vec<&SprocketModel> = model.sprockets.iter().filter(|s| s.chain == chain).collect();
+        let pairs = own.iter().zip(own.iter().cycle().skip(1)).take(if own.len() == 2 { 1 } else { own.len() });
+        all.extend(pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())));
+    }
+    all
 }

@@ -122,6 +122,11 @@ fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
         (Machine::parse(&name, &text, &[]).map_err(input)?, None)
     } else {
         let drive = Drive::parse(&name, &text, &[]).map_err(input)?;
+        if drive.chains() > 1 {
+            let text =
+                format!("drive `{}` has several chains, which cannot be held against records yet", measurement.drive);
+            return Err(Failure::Input(text));
+        }
         (Machine::of_links(&drive), Some(drive))
     };
     if machine.sensors.is_empty() {

@@ -48,6 +48,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
         merged.links.extend(header.links.iter().map(|l| {
             let mut link = *l;
             link.outline += first_outline;
+            link.ahead += first_link;
             link
         }));
         merged.link_outlines.extend(header.link_outlines.iter().map(|o| {

@@ -639,6 +639,7 @@ pub fn header_of(
             .links()
             .map(|i| LinkInfo {
                 outline: model.row_of(i) as u32,
+                ahead: model.chain.number_of(model.chain.next(i)) as u32,
                 pitch_m: 2.0 * model.chain.lever[i],
                 mass_kg: model.chain.mass[i],
                 inertia_kg_m2: model.chain.inertia[i],

@@ -111,6 +111,9 @@ pub struct LinkInfo {
     /// Moment of inertia about the centre of mass [kg m2].
     #[prost(double, tag = "4")]
     pub inertia_kg_m2: f64,
+    /// Index of the link ahead, which its front joint joins it to: chains are closed, each in itself.
+    #[prost(uint32, tag = "5")]
+    pub ahead: u32,
 }
 
 /// A contour of arcs and lines in its body's own frame, and the circles that are drawn with it.

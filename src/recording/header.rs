@@ -108,6 +108,7 @@ fn check(header: &Header) -> anyhow::Result<()> {
     let outlines = header.link_outlines.len();
     for (i, link) in header.links.iter().enumerate() {
         ensure!((link.outline as usize) < outlines, "link {i} has outline {} of {outlines}", link.outline);
+        ensure!((link.ahead as usize) < header.links.len(), "link {i} is followed by link {}", link.ahead);
     }
     let mut rotors_end = false;
     for body in &header.bodies {

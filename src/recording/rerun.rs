@@ -352,7 +352,7 @@ mod tests {
     use rerun::log::{Chunk, LogMsg};
 
     fn header() -> Header {
-        let link = LinkInfo { outline: 0, pitch_m: 8e-3, mass_kg: 1e-3, inertia_kg_m2: 1e-8 };
+        let link = LinkInfo { outline: 0, pitch_m: 8e-3, mass_kg: 1e-3, inertia_kg_m2: 1e-8, ahead: 0 };
         let outline = Outline { name: "inner".to_owned(), ..Outline::default() };
         Header {
             drive_name: "test".to_owned(),

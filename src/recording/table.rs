@@ -356,7 +356,7 @@ fn body<'a>(index: u32, body: &'a BodyInfo) -> Rows<'a> {
 }
 
 fn link_info<'a>(header: &'a Header, index: u32, link: &'a LinkInfo) -> Rows<'a> {
-    let LinkInfo { outline, pitch_m, mass_kg, inertia_kg_m2 } = link;
+    let LinkInfo { outline, pitch_m, mass_kg, inertia_kg_m2, ahead } = link;
     let name = header.link_outlines.get(*outline as usize).map_or("unknown outline", |o| o.name.as_str());
     let columns = vec![
         own("link", "1", "Index of the link.", EveryU32(index)),
@@ -365,6 +365,7 @@ fn link_info<'a>(header: &'a Header, index: u32, link: &'a LinkInfo) -> Rows<'a>
         own("pitch_m", "m", "Pin-to-pin distance, unloaded.", EveryF64(*pitch_m)),
         own("mass_kg", "kg", "Mass.", EveryF64(*mass_kg)),
         own("inertia_kg_m2", "kg m2", "Moment of inertia about the centre of mass.", EveryF64(*inertia_kg_m2)),
+        own("ahead", "1", "Index of the link ahead, behind the front joint.", EveryU32(*ahead)),
     ];
     Rows { n: 1, columns }
 }
