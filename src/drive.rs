@@ -620,6 +620,20 @@ impl Drive {
         paths
     }
 
+    /// Sprockets and what else turns, by their paths, each with its row among [`Drive::coordinate_paths`].
+    pub fn turning(&self) -> Vec<(String, usize)> {
+        let paths = self.coordinate_paths();
+        let row = |path: &String| paths.iter().position(|p| p == path);
+        let on_shaft = self.sprockets.iter().filter_map(|s| {
+            let path = format!("sprockets.{}", s.name);
+            let shaft = s.shaft.map(|k| format!("shafts.{}", self.shafts[k].name));
+            let found = row(&path).or_else(|| row(&shaft?))?;
+            Some((path, found))
+        });
+        let own = paths.iter().enumerate().filter(|(_, p)| !p.starts_with("sprockets."));
+        on_shaft.chain(own.map(|(row, path)| (path.clone(), row))).collect()
+    }
+
     /// Checks that need more than one value.
     fn check(&self) -> Result<(), Report> {
         let mut diags: Vec<Diag> = Vec::new();

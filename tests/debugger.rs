@@ -142,11 +142,23 @@ fn verify_says_which_frame_is_not_reproduced() {
     assert!(verdict.mismatches > whole.frames.len() as u64 / 2);
 }
 
+/// Links of every chain: the last of each is followed by its first.
+fn chains(header: &Header) -> Vec<usize> {
+    let ends: Vec<usize> = (0..header.links.len()).filter(|i| header.links[*i].ahead as usize <= *i).collect();
+    ends.iter().map(|end| end + 1 - header.links[*end].ahead as usize).collect()
+}
+
+/// Bodies and coordinates that turn, with their rows.
+fn turning(header: &Header) -> Vec<(String, usize)> {
+    let bodies = header.bodies.iter().filter_map(|b| Some((b.path.clone(), b.coordinate? as usize)));
+    bodies.chain(header.coordinates.iter().cloned().enumerate().map(|(row, path)| (path, row))).collect()
+}
+
 fn names(header: &Header) -> Names {
     Names {
         bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
-        coordinates: header.coordinates.clone(),
-        links: header.links.len(),
+        turning: turning(header),
+        chains: chains(header),
     }
 }
 
@@ -292,8 +304,8 @@ fn hits(path: &Path, breakpoint: Breakpoint, most: Option<usize>) -> Vec<(u64, p
 fn expressions_that_make_no_sense_are_refused_with_a_caret() {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
-        coordinates: vec!["sprockets.driver".into()],
-        links: 90,
+        turning: vec![("sprockets.driver".into(), 0)],
+        chains: vec![90],
     };
     for (text, wanted) in [
         ("contact.penetraton > 8 um", "did you mean `contact.penetration`"),

@@ -10,8 +10,8 @@ use pitchline::recording::frame::Frame;
 fuzz_target!(|text: &str| {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "sprockets.driven".into(), "guides.fixed.tight".into()],
-        coordinates: vec!["sprockets.driver".into(), "sprockets.driven".into(), "arms.tensioner".into()],
-        links: 90,
+        turning: vec![("sprockets.driver".into(), 0), ("sprockets.driven".into(), 1), ("arms.tensioner".into(), 2)],
+        chains: vec![90],
     };
     match Breakpoint::parse(text, &names) {
         Ok(breakpoint) => {

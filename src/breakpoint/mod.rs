@@ -19,10 +19,19 @@ use quantities::{Quantity, Scope, What};
 /// What a drive calls its bodies, and how many links it has.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Names {
-    /// Paths as in the header of a recording: of bodies, and of what turns.
+    /// Paths as in the header of a recording.
     pub bodies: Vec<String>,
-    pub coordinates: Vec<String>,
-    pub links: usize,
+    /// Sprockets, shafts and arms by their paths, and the row of each in `rotors`.
+    pub turning: Vec<(String, usize)>,
+    /// Links of every chain.
+    pub chains: Vec<usize>,
+}
+
+impl Names {
+    /// Of all chains.
+    pub fn links(&self) -> usize {
+        self.chains.iter().sum()
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -115,6 +124,8 @@ pub struct Breakpoint {
     pub text: String,
     pub expr: Expr,
     pub uses: Uses,
+    /// Numbers of links of the chains that it asks about.
+    chains: Vec<usize>,
 }
 
 /// What an expression asks about.
@@ -148,7 +159,7 @@ impl Breakpoint {
                 "what an impact touches has names of its own: impact.body, impact.tooth, impact.feature",
             ));
         }
-        Ok(Breakpoint { text: text.to_string(), expr, uses })
+        Ok(Breakpoint { text: text.to_string(), expr, uses, chains: names.chains.clone() })
     }
 
     /// Everything in a frame that fulfils the expression, sorted. Expressions about impacts: see [`Breakpoint::impact_holds`].
@@ -167,10 +178,11 @@ impl Breakpoint {
                 .filter(|i| self.holds_for(frame, Bound { link: Some(*i), ..Bound::default() }));
             found.extend(links.map(|i| Subject::Link(i as u32)));
         } else if self.uses.any_joint {
-            let joints = (0..frame.joints.force_x_n.len())
-                .filter(|j| truth(&self.expr, frame, &Bound { joint: Some(*j), ..Bound::default() }) == Some(true));
+            let joints = (0..frame.joints.force_x_n.len()).filter(|j| {
+                truth(&self.expr, &self.of(frame), &Bound { joint: Some(*j), ..Bound::default() }) == Some(true)
+            });
             found.extend(joints.map(|j| Subject::Joint(j as u32)));
-        } else if truth(&self.expr, frame, &Bound::default()) == Some(true) {
+        } else if truth(&self.expr, &self.of(frame), &Bound::default()) == Some(true) {
             found.push(Subject::Drive);
         }
         found.sort_unstable();
@@ -178,13 +190,17 @@ impl Breakpoint {
         found
     }
 
+    fn of<'a>(&'a self, frame: &'a Frame) -> OfFrame<'a> {
+        OfFrame { frame, chains: &self.chains }
+    }
+
     /// For some joint, where the expression asks about any.
     fn holds_for(&self, frame: &Frame, bound: Bound<'_>) -> bool {
         if !self.uses.any_joint {
-            return truth(&self.expr, frame, &bound) == Some(true);
+            return truth(&self.expr, &self.of(frame), &bound) == Some(true);
         }
         (0..frame.joints.force_x_n.len())
-            .any(|j| truth(&self.expr, frame, &Bound { joint: Some(j), ..bound }) == Some(true))
+            .any(|j| truth(&self.expr, &self.of(frame), &Bound { joint: Some(j), ..bound }) == Some(true))
     }
 
     /// Whether an impact fulfils the expression, in the frame of a step.
@@ -329,21 +345,27 @@ fn impact_name(what: What, impact: &Impact) -> Option<u32> {
     }
 }
 
-impl Values for Frame {
+/// A frame of links that belong to chains of these lengths.
+struct OfFrame<'a> {
+    frame: &'a Frame,
+    chains: &'a [usize],
+}
+
+impl Values for OfFrame<'_> {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64> {
         match quantity.scope {
-            Scope::Contact => contact_number(self, quantity.what, bound.contact?),
+            Scope::Contact => contact_number(self.frame, quantity.what, bound.contact?),
             Scope::Impact => bound.impact.map(|impact| impact_number(quantity.what, impact)),
-            Scope::Link => link_number(self, quantity.what, index.or(bound.link)?),
+            Scope::Link => self.link_number(quantity.what, index.or(bound.link)?),
             Scope::Joint => {
-                let (j, joints) = (index.or(bound.joint)?, &self.joints);
+                let (j, joints) = (index.or(bound.joint)?, &self.frame.joints);
                 match quantity.what {
                     What::Force => Some(libm::hypot(*joints.force_x_n.get(j)?, *joints.force_y_n.get(j)?)),
                     _ => joints.friction_torque_nm.get(j).copied(),
                 }
             }
             Scope::Sprocket | Scope::Arm => {
-                let (k, r) = (index?, &self.rotors);
+                let (k, r) = (index?, &self.frame.rotors);
                 let column = match quantity.what {
                     What::Speed => &r.speed_rad_s,
                     What::Angle => &r.angle_rad,
@@ -352,11 +374,11 @@ impl Values for Frame {
                 };
                 column.get(k).copied()
             }
-            Scope::Energy => Some(energy_number(quantity.what, &self.energy)),
+            Scope::Energy => Some(energy_number(quantity.what, &self.frame.energy)),
             Scope::Run => Some(match quantity.what {
-                What::Time => self.t_s,
-                What::Step => self.step as f64,
-                _ => self.crank_angle_rad,
+                What::Time => self.frame.t_s,
+                What::Step => self.frame.step as f64,
+                _ => self.frame.crank_angle_rad,
             }),
         }
     }
@@ -365,7 +387,7 @@ impl Values for Frame {
         if let Some(impact) = bound.impact {
             return impact_name(what, impact);
         }
-        let (c, row) = (&self.contacts, bound.contact?);
+        let (c, row) = (&self.frame.contacts, bound.contact?);
         match what {
             What::Body => c.body.get(row).copied(),
             What::Feature => c.feature.get(row).copied(),
@@ -414,23 +436,36 @@ fn tension_n(angle_rad: f64, front_n: (f64, f64), rear_n: (f64, f64)) -> f64 {
     -0.5 * ((front_n.0 * c + front_n.1 * s) + (rear_n.0 * c + rear_n.1 * s))
 }
 
-fn link_number(frame: &Frame, what: What, i: usize) -> Option<f64> {
-    let l = &frame.links;
-    match what {
-        What::Tension => {
-            let j = &frame.joints;
-            let rear = (i + j.force_x_n.len() - 1) % j.force_x_n.len();
-            let force = |joint: usize| (j.force_x_n[joint], j.force_y_n[joint]);
-            Some(tension_n(*l.angle_rad.get(i)?, force(i), force(rear)))
+impl OfFrame<'_> {
+    /// The joint behind a link.
+    fn rear_joint(&self, link: usize) -> usize {
+        let mut first = 0;
+        for n in self.chains {
+            if link < first + n {
+                return if link == first { first + n - 1 } else { link - 1 };
+            }
+            first += n;
         }
-        What::Speed => Some(libm::hypot(*l.vx_m_s.get(i)?, *l.vy_m_s.get(i)?)),
-        What::VelocityX => l.vx_m_s.get(i).copied(),
-        What::VelocityY => l.vy_m_s.get(i).copied(),
-        What::Omega => l.omega_rad_s.get(i).copied(),
-        What::X => l.x_m.get(i).copied(),
-        What::Y => l.y_m.get(i).copied(),
-        What::Angle => l.angle_rad.get(i).copied(),
-        What::Link => Some(i as f64),
-        _ => None,
+        link.saturating_sub(1)
+    }
+
+    fn link_number(&self, what: What, i: usize) -> Option<f64> {
+        let l = &self.frame.links;
+        match what {
+            What::Tension => {
+                let j = &self.frame.joints;
+                let force = |joint: usize| Some((*j.force_x_n.get(joint)?, *j.force_y_n.get(joint)?));
+                Some(tension_n(*l.angle_rad.get(i)?, force(i)?, force(self.rear_joint(i))?))
+            }
+            What::Speed => Some(libm::hypot(*l.vx_m_s.get(i)?, *l.vy_m_s.get(i)?)),
+            What::VelocityX => l.vx_m_s.get(i).copied(),
+            What::VelocityY => l.vy_m_s.get(i).copied(),
+            What::Omega => l.omega_rad_s.get(i).copied(),
+            What::X => l.x_m.get(i).copied(),
+            What::Y => l.y_m.get(i).copied(),
+            What::Angle => l.angle_rad.get(i).copied(),
+            What::Link => Some(i as f64),
+            _ => None,
+        }
     }
 }

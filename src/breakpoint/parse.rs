@@ -371,14 +371,12 @@ impl Parser<'_> {
             let name_at = self.at;
             let name = if named { self.identifier() } else { String::new() };
             let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
-            // Sprockets on a shaft turn by it.
-            let of_kind = |path: &str, kind: &str| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
-            let own = |path: &String| of_kind(path, kind) || scope == Scope::Sprocket && of_kind(path, "shaft");
-            let all = self.names.coordinates.iter();
-            if let Some(k) = all.clone().position(|path| own(path) && last(path) == name) {
-                return Ok(Some(k));
+            let own = |(path, _): &&(String, usize)| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
+            let all = self.names.turning.iter().filter(own);
+            if let Some((_, row)) = all.clone().find(|(path, _)| last(path) == name) {
+                return Ok(Some(*row));
             }
-            let known: Vec<String> = all.filter(|path| own(path)).map(|s| last(s)).collect();
+            let known: Vec<String> = all.map(|(path, _)| last(path)).collect();
             let help = match nearest(&name, known.iter().map(String::as_str)) {
                 Some(near) => format!("did you mean `{kind}.{near}`?"),
                 None if known.is_empty() => format!("this drive has no {kind}s"),
@@ -396,10 +394,10 @@ impl Parser<'_> {
         let index = self.text[start..self.at].parse::<usize>().ok();
         let closed = self.takes("]");
         match index {
-            Some(i) if i < self.names.links && closed => Ok(Some(i)),
+            Some(i) if i < self.names.links() && closed => Ok(Some(i)),
             Some(i) if closed => {
                 let title = format!("there is no {} {i}", scope.name());
-                let help = format!("they are numbered 0 to {}", self.names.links.saturating_sub(1));
+                let help = format!("they are numbered 0 to {}", self.names.links().saturating_sub(1));
                 Err(self.error(start..start + digits, title, Some(help)))
             }
             _ => Err(self.error(start..start + digits.max(1), "write an index, e.g. `link[12]`".into(), None)),

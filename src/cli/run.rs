@@ -353,8 +353,8 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
             .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
             .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
             .collect(),
-        coordinates: drive.coordinate_paths(),
-        links: drive.links,
+        turning: drive.turning(),
+        chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
     };
     let (mut good, mut bad) = (Vec::new(), Vec::new());
     for expression in expressions {

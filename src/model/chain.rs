@@ -18,6 +18,8 @@ pub struct ChainModel {
     pub lanes: usize,
     /// Length of the columns.
     pub padded: usize,
+    /// Blocks of which every lane holds a link.
+    whole: Vec<bool>,
     /// Half the pitch [m]: lever of both joints.
     pub lever: Vec<f64>,
     pub mass: Vec<f64>,
@@ -60,6 +62,7 @@ impl ChainModel {
             loops: std::iter::once(0..n_links).collect(),
             lanes: n_links,
             padded,
+            whole: (0..padded / LANES).map(|b| (b + 1) * LANES <= n_links).collect(),
             lever: column(&half_pitch, 0.0, padded),
             mass: column(&|i| row(i).mass_kg, 0.0, padded),
             inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
@@ -97,6 +100,10 @@ impl ChainModel {
             n_links: chains.iter().map(|c| c.n_links).sum(),
             lanes,
             padded,
+            whole: (0..padded)
+                .step_by(LANES)
+                .map(|at| loops.iter().any(|l| l.start <= at && at + LANES <= l.end))
+                .collect(),
             lever: joined(&|c| &c.lever, 0.0, 0),
             mass: joined(&|c| &c.mass, 0.0, 0),
             inertia: joined(&|c| &c.inertia, 0.0, 0),
@@ -147,8 +154,13 @@ impl ChainModel {
     /// Which of the lanes from `at` hold links; None: all of them.
     #[inline(always)]
     pub fn gaps(&self, at: usize) -> Option<[bool; LANES]> {
-        let whole = self.loops.iter().any(|l| l.start <= at && at + LANES <= l.end);
-        (!whole).then(|| std::array::from_fn(|i| self.is_link(at + i)))
+        if self.whole[at / LANES] { None } else { Some(self.held(at)) }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn held(&self, at: usize) -> [bool; LANES] {
+        std::array::from_fn(|i| self.is_link(at + i))
     }
 
     /// Number of a link, counted over all loops, and its lane.

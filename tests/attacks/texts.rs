@@ -119,8 +119,8 @@ fn lumped_drives_and_measurements_are_read_or_refused_with_a_reason() {
 fn break_expressions_are_read_or_refused_with_a_reason() {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
-        coordinates: vec!["sprockets.driver".into()],
-        links: 90,
+        turning: vec![("sprockets.driver".into(), 0)],
+        chains: vec![90],
     };
     let words = [
         "contact.normal_force",
