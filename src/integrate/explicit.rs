@@ -35,7 +35,7 @@ pub use counts::{CountedPair, PairCounts};
 use guides::BlockForces;
 pub use parts::Part;
 pub use scratch::Scratch;
-use scratch::WINDOW_MARGIN_M;
+use scratch::{ByJoint, WINDOW_MARGIN_M};
 pub use watch::{ContactValue, Extreme, Parts, Wanted};
 
 use super::{Isa, StepError, StepErrorKind};
@@ -169,9 +169,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for k in 0..model.sprockets.len() {
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
-    for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
-        column.close(&model.chain);
-    }
+    ByJoint::close([&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment], &model.chain);
     for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
         *block = BlockForces::default();
     }

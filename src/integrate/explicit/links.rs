@@ -2,7 +2,7 @@
 //! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
 
 use super::guides::BlockForces;
-use super::scratch::{Constants, Ends, Wrapped};
+use super::scratch::{ByJoint, Constants, Ends, Wrapped};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
 use crate::elements::link_joint::{self, JointEnds, LinkJoint};
@@ -80,23 +80,24 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
         turning[at] = w;
     }
     let Wrapped { ax, ay, alpha, .. } = wrapped;
-    for column in [&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha] {
-        close(column, c);
-    }
+    close([&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha], c);
 }
 
-/// Joint law of every loop, and its blocks.
+/// Joint law of every loop, and its blocks. By value: what is read through a reference is read anew for every block.
 #[inline(always)]
-fn loops(chain: &ChainModel) -> impl Iterator<Item = (&LinkJoint, std::ops::Range<usize>)> {
+fn loops(chain: &ChainModel) -> impl Iterator<Item = (LinkJoint, std::ops::Range<usize>)> {
     let blocks = chain.loops.iter().map(|l| l.start / LANES..l.end.div_ceil(LANES));
-    chain.joints.iter().zip(blocks)
+    chain.joints.iter().copied().zip(blocks)
 }
 
 /// Behind the last link of every loop its first again.
 #[inline(always)]
-fn close(column: &mut [f64], chain: &ChainModel) {
+fn close<const N: usize>(mut columns: [&mut Vec<f64>; N], chain: &ChainModel) {
     for l in &chain.loops {
-        column[l.end] = column[l.start];
+        let (start, end) = (l.start, l.end);
+        for column in &mut columns {
+            column[end] = column[start];
+        }
     }
 }
 
@@ -112,10 +113,10 @@ fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
     {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let fm = blocks_mut(joint_torque.own_mut(), count);
-        for (joint, blocks) in loops(c) {
+        for (joint, own) in loops(c) {
             let per_speed = 1.0 / joint.stick_speed_rad_s;
-            for at in blocks {
-                let force = ends.block(joint, at, count);
+            for at in own.start..own.end.min(count) {
+                let force = ends.block(&joint, at, count);
                 let (limit, grip, w0, w1) = (limit[at], constants.block(at).grip, w0[at], w1[at]);
                 let mut torque = [0.0; LANES];
                 for i in 0..LANES {
@@ -125,9 +126,7 @@ fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
             }
         }
     }
-    for column in [joint_x, joint_y, joint_torque] {
-        column.close(c);
-    }
+    ByJoint::close([joint_x, joint_y, joint_torque], c);
 }
 
 /// What contacts give, into the accelerations; ends and speeds as joints feel them on the mean over the step with these and
@@ -235,9 +234,7 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         turning[at] = o;
     }
     let Ends { x, y, vx, vy } = felt_rear;
-    for column in [x, y, vx, vy, felt_omega] {
-        close(column, &model.chain);
-    }
+    close([x, y, vx, vy, felt_omega], &model.chain);
 }
 
 /// Positions and predicted velocities of both ends of every link at the node, and headings, with the first link again after the
@@ -248,9 +245,7 @@ pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
     ends_kernel(0.5 * model.step_s, constants, &state.links, front, rear, omega, wrapped, model.chain.padded / LANES);
     let Wrapped { cos, sin, .. } = wrapped;
     let Ends { x, y, vx, vy } = rear;
-    for column in [x, y, vx, vy, omega, cos, sin] {
-        close(column, &model.chain);
-    }
+    close([x, y, vx, vy, omega, cos, sin], &model.chain);
 }
 
 #[inline(always)]
@@ -351,10 +346,10 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
         let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
         let (fm, limits) = (blocks_mut(joint_torque.own_mut(), count), blocks_mut(joint_limit, count));
         let (pd, pf) = (blocks_mut(joint_power_damping, count), blocks_mut(joint_power_friction, count));
-        for (joint, blocks) in loops(c) {
+        for (joint, own) in loops(c) {
             let (arm, per_speed) = (joint.friction_arm_m, 1.0 / joint.stick_speed_rad_s);
-            for at in blocks {
-                let force = ends.block(joint, at, count);
+            for at in own.start..own.end.min(count) {
+                let force = ends.block(&joint, at, count);
                 let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                 if arm > 0.0 {
                     let (w0, w1, grip) = (w0[at], w1[at], constants.block(at).grip);
@@ -370,9 +365,7 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
             }
         }
     }
-    for column in [joint_x, joint_y, joint_torque] {
-        column.close(c);
-    }
+    ByJoint::close([joint_x, joint_y, joint_torque], c);
 }
 
 /// Friction of the joints that turn hard, beside that of all.
@@ -387,7 +380,7 @@ fn tight_joints(model: &Model, scratch: &mut Scratch) {
         let own = link_joint::tightened(c.joint(j), *torque_nm, relative, mobility);
         scratch.joint_limit[j] += *torque_nm;
         scratch.joint_torque.own_mut()[j] += own;
-        scratch.joint_torque.close(c);
+        ByJoint::close([&mut scratch.joint_torque], c);
         scratch.joint_power_friction[j] -= own * relative;
         scratch.alpha[j] -= own * inverse[j];
         scratch.alpha[next] += own * inverse[next];

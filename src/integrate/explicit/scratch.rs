@@ -145,9 +145,13 @@ impl ByJoint {
     }
 
     /// To be called when all joints have their values.
-    pub(super) fn close(&mut self, chain: &ChainModel) {
+    #[inline(always)]
+    pub(super) fn close<const N: usize>(mut columns: [&mut ByJoint; N], chain: &ChainModel) {
         for l in &chain.loops {
-            self.0[Self::FIRST + l.start - 1] = self.0[Self::FIRST + l.end - 1];
+            let (before, last) = (Self::FIRST + l.start - 1, Self::FIRST + l.end - 1);
+            for column in &mut columns {
+                column.0[before] = column.0[last];
+            }
         }
     }
 
