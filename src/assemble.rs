@@ -13,8 +13,8 @@ use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
-use crate::geometry::Vec2;
 use crate::geometry::route::Route;
+use crate::geometry::{Vec2, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
@@ -134,7 +134,8 @@ impl std::fmt::Display for AssemblyError {
             AssemblyError::Statics { what, residual_n, iterations } => write!(
                 f,
                 "{what}: no static equilibrium (residual {residual_n:.3e} N after {iterations} iterations)\n\
-                 help: raise `preload.tension_n`, lower the load torque, or check that the teeth can carry it"
+                 help: raise the preload (`preload.tension_n`, or the arm's spring), lower the load, or check that teeth and rails can \
+                 carry the chain where they stand"
             ),
             AssemblyError::RunIn(e) => write!(f, "while running in: {e}"),
         }
@@ -215,6 +216,7 @@ pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
     let Compiled { model, .. } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
+    check_rails(drive, &model, &unloaded)?;
     let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
     Ok((model, loaded))
 }
@@ -224,7 +226,9 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
+    check_rails(drive, &model, &unloaded)?;
     let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    check_rails(drive, &model, &loaded)?;
     let mut state = moving_state(&model, &loaded)?;
     let (stillness, tension_drift) = run_in(drive, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
@@ -268,6 +272,59 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     };
     Ok(Assembly { model, state, report })
 }
+
+/// No chain at rest may run through a rail, nor lie loose under an arm whose spring turns it away.
+fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), AssemblyError> {
+    let refuse = |path: String, title: String, help: &str| {
+        Err(AssemblyError::Input(drive.places.report(vec![drive.places.error(&path, title, Some(help.into()))])))
+    };
+    for rail in &model.rails {
+        let angle = rail.coordinate.map_or(0.0, |q| at.configuration.coordinates[q]);
+        for link in model.chain.loops[rail.chain].clone() {
+            let (p, heading) = at.configuration.links[link];
+            let (centre, along) = (rotated(p - rail.body.origin, -angle), unit(heading - angle));
+            let lever_m = model.chain.lever[link];
+            if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
+                continue;
+            }
+            // A plate is not deeper in a rail than contacts let it; whatever is, stands on its other side.
+            let looks = (0..=AXIS_LOOKS)
+                .map(|i| centre + along * (lever_m * (2.0 * f64::from(i) / f64::from(AXIS_LOOKS) - 1.0)));
+            let nearest_m = looks.map(|q| rail.rail.profile.closest(q).distance_m.abs()).fold(f64::INFINITY, f64::min);
+            if nearest_m < rail.body.plate_radius_m - DEEPEST_AT_REST_M {
+                let number = model.chain.number_of(link);
+                return refuse(
+                    format!("guides.rail.{}", rail.name),
+                    format!(
+                        "the chain runs through rail `{}`: link {number} lies {:.3} mm in it",
+                        rail.name,
+                        (rail.body.plate_radius_m - nearest_m) * 1e3
+                    ),
+                    "check its side, its place and its heading; or press it in less",
+                );
+            }
+        }
+    }
+    let tension_n = at.tensions_n.iter().copied().fold(0.0, f64::max);
+    if let PreloadSpec::Arm(arm) = drive.preload
+        && tension_n < LEAST_TENSION_N
+    {
+        let name = &drive.arms[arm].name;
+        return refuse(
+            format!("arms.{name}.spring_torque_nm"),
+            format!("the spring of arm `{name}` does not tighten the chain"),
+            "its torque is counterclockwise positive: turn its sign, or make it larger",
+        );
+    }
+    Ok(())
+}
+
+/// Places of a link's axis that are looked at.
+const AXIS_LOOKS: u32 = 16;
+/// Deepest overlap of plate and rail that contacts give at rest [m]. assumed: kilonewtons on 1e7 N/m.
+const DEEPEST_AT_REST_M: f64 = 0.3e-3;
+/// A chain whose largest tension under load is less is not tightened [N].
+const LEAST_TENSION_N: f64 = 0.1;
 
 /// The step asked for, or the bound's; refused above the bound with the number that would do.
 fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {

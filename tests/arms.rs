@@ -278,3 +278,85 @@ fn a_straight_rail_is_a_straight_guide() {
     let worst = rest.tensions_n.iter().zip(&resting.tensions_n).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-2 * a, "{worst}");
 }
+
+/// An arm that swings fast says nothing of lanes without links, which stand a kilometre away: whatever the number of links.
+#[test]
+fn fast_arms_touch_links_alone() {
+    for links in [88, 90, 92, 96] {
+        let x = 237.6 + 4.0 * (f64::from(links) - 90.0);
+        let sets = [
+            format!("chain.bush.links={links}"),
+            format!("sprockets.driven.x_mm={x}"),
+            "arms.tensioner.spring_torque_nm=60".into(),
+            "run.run_in_ms=5".into(),
+            "run.settle_ms=1".into(),
+        ];
+        let drive = drive(BUNDLED[3].1, &sets.each_ref().map(String::as_str));
+        let assembly = common::assembled(&drive);
+        let swing = assembly.state.coordinates.omega[2].abs();
+        assert!(swing < 100.0, "{links} links: {swing} rad/s");
+    }
+}
+
+/// One arc drawn as several stretches is one arc.
+#[test]
+fn arcs_in_several_stretches_are_one() {
+    let angle = |sets: &[&str]| {
+        let (model, rest) = at_rest(&drive(BUNDLED[3].1, sets)).unwrap_or_else(|e| panic!("{e}"));
+        rest.configuration.coordinates[model.arms[0].coordinate]
+    };
+    let whole = angle(&[]);
+    for (lengths, radii) in [
+        ("[15, 50, 50, 15]", "[60, 250, 250, 60]"),
+        ("[7, 8, 20, 30, 50, 15]", "[60, 60, 250, 250, 250, 60]"),
+        ("[15, 100, 5, 5, 5]", "[60, 250, 60, 60, 60]"),
+    ] {
+        let parts = angle(&[
+            &format!("guides.rail.slack.lengths_mm={lengths}"),
+            &format!("guides.rail.slack.radii_mm={radii}"),
+        ]);
+        assert!((parts - whole).abs() < 1e-9, "{lengths}: {parts} against {whole}");
+    }
+}
+
+/// A straight rail that stands in the way: the taut chain bends round the corners at its ends, and no plate lies in it.
+#[test]
+fn a_chain_bends_round_the_corners_of_a_rail() {
+    let (head, _) = BUNDLED[0].1.split_once("[guides.fixed.tight]").expect("there");
+    for high_mm in [2.0, 5.0, 9.0] {
+        // Below the upper span, which runs from the driven sprocket to the driver at some 25 to 51 mm.
+        let y = 25.6 + 25.4 * 0.5 - 3.55 + high_mm;
+        let text = format!(
+            "{head}[guides.rail.flat]\nspan = [\"driven\", \"driver\"]\nside = \"inside\"\nstart_x_mm = 149\nstart_y_mm = {}\n\
+             heading_deg = 186.1\nlengths_mm = [60]\nradii_mm = [0]\n",
+            y + 3.2
+        );
+        let (model, rest) = at_rest(&drive(&text, &[])).unwrap_or_else(|e| panic!("{e}"));
+        let touches = rail_touches(&model, &rest.configuration, &model.rails[0]);
+        let deepest = touches.iter().map(|t| t.2.penetration_m).fold(0.0, f64::max);
+        println!("{high_mm} mm: {} contacts, {:.2} um deep", touches.len(), deepest * 1e6);
+        assert!(touches.len() >= 2 && deepest < 50e-6);
+    }
+}
+
+#[test]
+fn arms_and_rails_that_make_no_sense_are_refused_where_they_stand() {
+    let text = BUNDLED[3].1;
+    for (set, says) in [
+        ("arms.tensioner.spring_torque_nm=-4", "does not tighten the chain"),
+        ("arms.tensioner.inertia_kg_m2=0", "is outside"),
+        ("guides.rail.slack.arm=nobody", "no arm is called `nobody`"),
+        ("guides.rail.slack.lengths_mm=[15, 0, 15]", "holds something that is no number"),
+        ("guides.rail.slack.radii_mm=[60, 250]", "3 lengths, 2 radii"),
+        ("guides.rail.slack.radii_mm=[60, 5, 60]", "turns by more than"),
+        ("preload.tension_n=100", "the arm's spring sets the tension"),
+        ("preload.moves=nobody", "is no sprocket and no arm"),
+    ] {
+        let parsed = Drive::parse("arm.toml", text, &[set.to_string()]);
+        let report = match parsed {
+            Err(report) => report.to_string(),
+            Ok(drive) => at_rest(&drive).err().map_or_else(|| "no error".to_string(), |e| e.to_string()),
+        };
+        assert!(report.contains(says) && report.contains("-->"), "{set}: {report}");
+    }
+}

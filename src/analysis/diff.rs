@@ -198,7 +198,7 @@ fn note(result: &mut Difference, header: &Header, (number, between): (u64, bool)
         let (body, distance) = if now.position_m > 0.0 {
             (format!("link {}", now.link), now.position_m)
         } else if rotor.1 > 0.0 {
-            (header.bodies.get(rotor.0).map_or("a sprocket".into(), |b| b.path.clone()), rotor.1)
+            (header.coordinates.get(rotor.0).cloned().unwrap_or_else(|| "a sprocket".into()), rotor.1)
         } else {
             (contact_body(header, a, b), 0.0)
         };

@@ -62,8 +62,14 @@ impl Band {
 
     #[inline(always)]
     fn count_all(self, values: &[Column], chain: &ChainModel, found: &mut Column) {
-        for (b, values) in values.iter().enumerate() {
-            self.count_links(values, b, chain, found);
+        for own in &chain.loops {
+            let (first, last) = (own.start / LANES, own.end / LANES);
+            for values in &values[first..last] {
+                self.count(values, &[1.0; LANES], found);
+            }
+            if !own.end.is_multiple_of(LANES) {
+                self.count_links(&values[last], last, chain, found);
+            }
         }
     }
 

@@ -357,7 +357,11 @@ impl Parser<'_> {
                     Some(near) => format!("did you mean `{word}.{near}`?"),
                     None => format!("a {word} has: {}", known.collect::<Vec<_>>().join(", ")),
                 };
-                Err(self.error(name_at..self.at.max(name_at + 1), format!("a {word} has no `{name}`"), Some(help)))
+                Err(self.error(
+                    name_at..self.at.max(name_at + 1),
+                    format!("{} {word} has no `{name}`", if word == "arm" { "an" } else { "a" }),
+                    Some(help),
+                ))
             }
         }
     }
@@ -413,7 +417,7 @@ impl Parser<'_> {
         let help = match near {
             Some(near) => format!("did you mean `{near}`?"),
             None => {
-                "quantities begin with contact, impact, link, joint, sprocket or energy, or are time, step, crank_angle"
+                "quantities begin with contact, impact, link, joint, sprocket, arm or energy, or are time, step, crank_angle"
                     .to_string()
             }
         };

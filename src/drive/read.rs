@@ -37,11 +37,12 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let first = chains.first().map_or(root, |(_, t)| t);
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
     let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
-    let arms = read_arms(root);
+    let arms = read_arms(root, &names);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
     let guides = read_guides(&guide_table, &spans);
-    let rails = read_rails(&guide_table, &spans, &arms);
+    let taken: Vec<String> = names.iter().cloned().chain(guides.iter().map(|g| g.name.clone())).collect();
+    let rails = read_rails(&guide_table, &spans, &arms, &taken);
     guide_table.finish();
     let preload = read_preload(&first.table("preload"), &own(0), 0, &arms);
     let mut more = Vec::new();
@@ -56,7 +57,10 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
-    let sensors = sensors::sensors(root, &names, driver, &guides);
+    // In the order of the bodies: guides, then rails.
+    let guide_names: Vec<&str> =
+        guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
+    let sensors = sensors::sensors(root, &names, driver, &guide_names);
     let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
     let run_table = root.table("run");
     let run = RunSpec {
@@ -609,10 +613,13 @@ fn order_by_route(
     }
 }
 
-fn read_arms(root: &Table<'_>) -> Vec<ArmSpec> {
+fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
     let table = root.table("arms");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
+        if sprockets.contains(&name) {
+            t.error(format!("an arm and a sprocket are called `{name}`"), Some("give the arm another name".into()));
+        }
         all.push(ArmSpec {
             pivot: Vec2::new(t.required("pivot_x_mm", MM, -1e5..=1e5), t.required("pivot_y_mm", MM, -1e5..=1e5)),
             inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e3),
@@ -650,10 +657,14 @@ fn read_span(t: &Table<'_>, chains: &[Vec<String>]) -> usize {
 
 const SIDES: [(&str, GuideSide); 2] = [("inside", GuideSide::Inside), ("outside", GuideSide::Outside)];
 
-fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec]) -> Vec<RailSpec> {
+/// `all_names`: those of sprockets and fixed guides.
+fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec], all_names: &[String]) -> Vec<RailSpec> {
     let table = guides.table("rail");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
+        if all_names.contains(&name) {
+            t.error(format!("a rail and another body are called `{name}`"), Some("give the rail another name".into()));
+        }
         let known = || arms.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", ");
         let arm = t.text("arm").map(|arm| {
             arms.iter().position(|a| a.name == arm).unwrap_or_else(|| {
@@ -662,7 +673,7 @@ fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec]) -> V
             })
         });
         let lengths_m = t.list("lengths_mm", MM, 1e-3..=1e5);
-        if lengths_m.is_none() {
+        if !t.has("lengths_mm") {
             t.error(
                 format!("`{}` has no stretches", t.path()),
                 Some("add `lengths_mm = [...]`, and as many `radii_mm` (0: straight, negative: concave)".into()),
@@ -670,7 +681,7 @@ fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec]) -> V
         }
         let lengths_m = lengths_m.unwrap_or_default();
         let radii_m = t.list("radii_mm", MM, -1e6..=1e6).unwrap_or_else(|| vec![0.0; lengths_m.len()]);
-        if radii_m.len() != lengths_m.len() || lengths_m.is_empty() {
+        if radii_m.len() != lengths_m.len() && !lengths_m.is_empty() {
             t.error_at("radii_mm", format!("{} lengths, {} radii", lengths_m.len(), radii_m.len()), None);
         }
         let stretch =

@@ -337,6 +337,11 @@ impl<'a> Table<'a> {
         None
     }
 
+    /// Whether `key` is given.
+    pub fn has(&self, key: &str) -> bool {
+        self.value(key).is_some()
+    }
+
     /// A list of numbers, each as [`Table::number`] takes it.
     pub fn list(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<Vec<f64>> {
         let (value, place) = self.value(key)?;

@@ -1,6 +1,5 @@
 //! Sensors of a drive with links, and what they get wrong.
 
-use super::GuideSpec;
 use super::reader::Table;
 use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
 
@@ -71,7 +70,7 @@ pub(super) fn sensors(
     root: &Table<'_>,
     sprockets: &[String],
     driver: Option<&str>,
-    guides: &[GuideSpec],
+    guides: &[&str],
 ) -> Vec<SensorSpec> {
     let table = root.table("sensors");
     let mut all: Vec<SensorSpec> = Vec::new();
@@ -91,8 +90,7 @@ pub(super) fn sensors(
                 "strain_gauge" => tension(&t, sprockets),
                 "force" => {
                     let on = t.text("guide").unwrap_or_else(|| name.clone());
-                    let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
-                    SensorReads::Guide(index(&t, "guide", &on, &known))
+                    SensorReads::Guide(index(&t, "guide", &on, guides))
                 }
                 _ => {
                     let on = t.text("body").unwrap_or_else(|| name.clone());

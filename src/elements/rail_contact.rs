@@ -170,10 +170,13 @@ pub fn law_radius_m(radius_m: f64) -> f64 {
     if radius_m == 0.0 { BROKEN_EDGE_M } else { radius_m }
 }
 
+/// Penetration of a part that no piece of the rail faces [m]: nothing can touch from there within a step.
+const NOTHING_M: f64 = -1.0;
+
 /// What [`touches`] finds beside what it puts into the lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Found {
-    /// Whether there is a contact or a gap at all; [`Lanes::penetration`] is minus a plate's radius elsewhere.
+    /// Whether the part faces a piece of the rail: elsewhere the lane stands still, far from anything.
     pub here: [bool; LANES],
     /// Index of the piece, as a number.
     pub piece: Column,
@@ -204,7 +207,7 @@ pub fn touches(body: &RailBody, part: PlatePart, swing: Swing, link_alpha: &Colu
         hy[i] = c * lanes.sin[i] - s * lanes.cos[i];
     }
     let mut found = Found::default();
-    let (mut depth, mut place) = ([-r; LANES], [0.0; LANES]);
+    let (mut depth, mut place) = ([NOTHING_M; LANES], [0.0; LANES]);
     let (mut nx, mut ny) = ([0.0; LANES], [1.0; LANES]);
     let (mut inverse_bend, mut radius) = ([0.0; LANES], [f64::INFINITY; LANES]);
     let mut here = [false; LANES];
@@ -274,6 +277,14 @@ pub fn touches(body: &RailBody, part: PlatePart, swing: Swing, link_alpha: &Colu
         }
     }
     for i in 0..LANES {
+        if !here[i] {
+            // Its speed against a rail that turns says nothing: a lane without a link is a kilometre away.
+            (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (0.0, 0.0, 0.0, 0.0);
+            (lanes.ax[i], lanes.ay[i], lanes.omega[i], lanes.lever[i]) = (0.0, 0.0, 0.0, 0.0);
+            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NOTHING_M, 0.0, 1.0);
+            (lanes.curvature[i], lanes.body_radius[i], found.link_radius[i]) = (0.0, f64::INFINITY, r);
+            continue;
+        }
         let (at, lever) = (place[i], lanes.lever[i]);
         let (e, f) = (lanes.cos[i], lanes.sin[i]);
         let (wx, wy) = (c * nx[i] - s * ny[i], s * nx[i] + c * ny[i]);

@@ -43,6 +43,9 @@ pub struct Rail {
     pub travel: f64,
 }
 
+/// Centres and radii that differ by less are the same: they come from one drawing [m].
+const SAME_CENTRE_M: f64 = 1e-9;
+
 /// Arcs turn by less than this, so that one sector tells what belongs to them.
 pub const LARGEST_SWEEP_RAD: f64 = 0.9 * PI;
 
@@ -86,17 +89,18 @@ impl Rail {
         Ok(Rail { side, pieces: pieces(&profile), profile, travel: sense })
     }
 
-    /// The convex arcs that the chain may bend round, in the order in which it meets them: centre and radius [m].
+    /// What the chain may bend round, in the order in which it meets it: convex arcs and the corners at both ends; centre and radius [m].
     pub fn bends(&self) -> Vec<(Vec2, f64)> {
         let mut arcs: Vec<(Vec2, f64)> = self
-            .profile
-            .elements()
+            .pieces
             .iter()
-            .filter_map(|e| match *e {
-                Element::Arc { centre, radius_m, sweep_rad, .. } if sweep_rad > 0.0 => Some((centre, radius_m)),
+            .filter_map(|p| match *p {
+                Piece::Arc { centre, radius_m, .. } if radius_m >= 0.0 => Some((centre, radius_m)),
                 _ => None,
             })
             .collect();
+        // One arc in several stretches is one.
+        arcs.dedup_by(|a, b| (a.0 - b.0).norm() < SAME_CENTRE_M && (a.1 - b.1).abs() < SAME_CENTRE_M);
         if self.travel < 0.0 {
             arcs.reverse();
         }
@@ -111,10 +115,17 @@ impl Rail {
         }
     }
 
-    /// Largest distance of one of its points from the origin of its frame [m], not counting how far arcs bulge between their ends.
+    /// Corners of a box about it.
+    pub fn bounds(&self) -> (Vec2, Vec2) {
+        let boxes = || self.profile.elements().iter().map(|e| e.bounds());
+        let low = boxes().map(|b| b.0).fold(Vec2::repeat(f64::INFINITY), |a, b| a.inf(&b));
+        (low, boxes().map(|b| b.1).fold(Vec2::repeat(f64::NEG_INFINITY), |a, b| a.sup(&b)))
+    }
+
+    /// Distance from the origin of its frame that none of its points exceeds [m].
     pub fn reach_m(&self) -> f64 {
-        let ends = self.profile.elements().iter().flat_map(|e| [e.start(), e.point(0.5), e.end()]);
-        ends.map(|p| p.norm()).fold(0.0, f64::max)
+        let (low, high) = self.bounds();
+        low.abs().sup(&high.abs()).norm()
     }
 }
 
@@ -131,7 +142,7 @@ impl std::fmt::Display for RailError {
         match self {
             RailError::Stretch(index) => {
                 let most = LARGEST_SWEEP_RAD.to_degrees();
-                write!(f, "stretch {index} has no length, or turns by more than {most:.0} degrees")
+                write!(f, "its stretch number {} turns by more than {most:.0} degrees", index + 1)
             }
             RailError::Profile(e) => write!(f, "{e}"),
         }

@@ -263,7 +263,7 @@ impl Route {
         let (mut s, mut n) = (start, 0.0);
         loop {
             let next = self.next_joint_m(s, pitch_m);
-            if next >= start + total {
+            if next.is_nan() || next <= s || next >= start + total {
                 return n + (start + total - s) / (next - s);
             }
             s = next;
@@ -318,6 +318,10 @@ fn taut(pulleys: &[Pulley]) -> Vec<usize> {
 /// The straight stretch from `a` to `b`; None where one lies inside the other. Arcs that touch have one without length.
 fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
     let d = b.centre - a.centre;
+    // Circles about one centre have none.
+    if d.norm() < SAME_CENTRE_M {
+        return None;
+    }
     let lean = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
     let length2 = d.norm_squared() - lean * lean;
     let touching = a.is_optional && b.is_optional && length2.abs() <= TOUCHING * d.norm_squared();
@@ -333,6 +337,8 @@ fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
 
 /// Sine of the angle by which a chain bends round an arc, at least.
 const LEAST_BEND: f64 = 1e-8;
+/// Centres that are nearer are the same [m].
+const SAME_CENTRE_M: f64 = 1e-9;
 /// Share of the squared distance of two centres below which the square of a tangent's length is rounding.
 const TOUCHING: f64 = 1e-9;
 
