@@ -219,7 +219,7 @@ fn values(f: &Frame) -> Vec<f64> {
     let e = &f.energy;
     v.extend([e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j]);
     v.extend([e.lost_pin_damping_j, e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j]);
-    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.elastic_spring_j, e.lost_spring_damping_j, e.error_j]);
+    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.error_j, e.elastic_spring_j, e.lost_spring_damping_j]);
     v
 }
 
