@@ -208,7 +208,7 @@ pub struct Model {
     /// Inner and outer link, of one chain after the other; `row_ranges`: those of each.
     pub rows: Vec<LinkShape>,
     pub row_ranges: Vec<std::ops::Range<usize>>,
-    /// Of every chain; none where there are no sprockets.
+    /// Route of every chain; none where there are no sprockets.
     pub routes: Vec<Route>,
     pub sensors: Vec<SensorReads>,
 }
@@ -403,11 +403,6 @@ impl Model {
         let chain = self.sprockets.get(sprocket)?.chain;
         let first = self.sprockets.iter().position(|s| s.chain == chain)?;
         Some((self.routes.get(chain)?, sprocket - first))
-    }
-
-    /// What a sprocket turns by.
-    pub fn coordinate_of(&self, sprocket: usize) -> &Coordinate {
-        &self.coordinates[self.sprockets[sprocket].coordinate]
     }
 
     /// About what point a body of frames turns, and by which coordinate; None: it stands still.

@@ -1,8 +1,8 @@
-//! Static equilibrium of the loop: the minimum of its potential energy.
+//! Static equilibrium of all chains: the minimum of the potential energy.
 //!
-//! Unknowns are the pose of every link and the angle of every free sprocket. The energy is that of joints, tooth and guide
-//! contacts (without friction) and the loads. Newton's method with line search; the Hessian, curvature of contacts and
-//! rotation of links included, is block-tridiagonal with a border (the link that closes the loop and the sprockets), so an
+//! Unknowns are the pose of every link and every free coordinate. The energy is that of joints, contacts (without friction), springs of
+//! arms and the loads. Newton's method with line search; the Hessian, curvature of contacts and
+//! rotation of links included, is block-tridiagonal with a border (the link that closes each loop, and the coordinates), so an
 //! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
 
 use crate::contact;
@@ -604,7 +604,7 @@ impl System {
         largest
     }
 
-    /// Solves (H + shift) x = rhs. The last link and the sprockets form the border. None when singular.
+    /// Solves (H + shift) x = rhs. The last link of every loop and the free coordinates form the border. None when singular.
     fn solve(
         &self,
         rhs: &[Vector3<f64>],

@@ -209,4 +209,17 @@ fn drives_of_several_chains_say_what_is_wrong() {
         let report = Drive::parse(name, &text.replace(from, to), &[]).expect_err(says).to_string();
         assert!(report.contains(says) && report.contains("-->"), "{says}: {report}");
     }
+    // Links are numbered through all chains, 0 to 179.
+    let last = ["effects.pitch_error.a.link=179".to_string(), "effects.pitch_error.a.length_um=5".to_string()];
+    assert!(Drive::parse(name, text, &last).is_ok());
+    for (set, says) in
+        [("effects.pitch_error.a.link=180", "no link 180"), ("effects.tight_joint.a.joint=200", "no joint 200")]
+    {
+        let sets =
+            [set.to_string(), "effects.pitch_error.a.length_um=5".into(), "effects.tight_joint.a.torque_nm=0.1".into()];
+        let own: Vec<String> =
+            sets.into_iter().filter(|s| s.contains(set.split('.').nth(1).expect("an effect"))).collect();
+        let report = Drive::parse(name, text, &own).expect_err(says).to_string();
+        assert!(report.contains(says), "{says}: {report}");
+    }
 }

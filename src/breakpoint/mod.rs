@@ -28,7 +28,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// Of all chains.
+    /// Number of links of all chains together.
     pub fn links(&self) -> usize {
         self.chains.iter().sum()
     }

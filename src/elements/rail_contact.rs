@@ -50,6 +50,16 @@ pub enum PlatePart {
 
 impl PlatePart {
     pub const ALL: [PlatePart; 3] = [PlatePart::Front, PlatePart::Rear, PlatePart::Edge];
+
+    /// Where an end lies on the axis of its link: 1 in front, -1 behind.
+    #[inline(always)]
+    fn end(self) -> f64 {
+        match self {
+            PlatePart::Front => 1.0,
+            PlatePart::Rear => -1.0,
+            PlatePart::Edge => 0.0,
+        }
+    }
 }
 
 /// Where a part of a plate touches a rail, in the rail's frame.
@@ -63,7 +73,7 @@ pub struct PlateTouch {
     pub normal: Vec2,
     /// Where on the axis of the link, from its centre towards the front joint [m].
     pub along_m: f64,
-    /// Of the rail there [m]: infinite on a line, negative where it is concave, zero at a point.
+    /// Radius of curvature of the rail there [m]: infinite on a line, negative where it is concave, zero at a point.
     pub body_radius_m: f64,
     /// Whether the plate is straight there.
     pub is_flat: bool,
@@ -180,7 +190,7 @@ pub struct Found {
     pub here: [bool; LANES],
     /// Index of the piece, as a number.
     pub piece: Column,
-    /// Of the plate there [m]: infinite on its edge.
+    /// Radius of curvature of the plate there [m]: infinite on its straight edge.
     pub link_radius: Column,
 }
 
@@ -197,123 +207,198 @@ pub struct Swing {
 /// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place.
 #[inline(always)]
 pub fn touches(body: &RailBody, part: PlatePart, swing: Swing, link_alpha: &Column, lanes: &mut Lanes) -> Found {
-    let r = body.plate_radius_m;
-    let Swing { cos: c, sin: s, omega, alpha } = swing;
-    let (mut x, mut y, mut hx, mut hy) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for i in 0..LANES {
-        x[i] = c * lanes.x[i] + s * lanes.y[i];
-        y[i] = c * lanes.y[i] - s * lanes.x[i];
-        hx[i] = c * lanes.cos[i] + s * lanes.sin[i];
-        hy[i] = c * lanes.sin[i] - s * lanes.cos[i];
-    }
-    let mut found = Found::default();
-    let (mut depth, mut place) = ([NOTHING_M; LANES], [0.0; LANES]);
-    let (mut nx, mut ny) = ([0.0; LANES], [1.0; LANES]);
-    let (mut inverse_bend, mut radius) = ([0.0; LANES], [f64::INFINITY; LANES]);
-    let mut here = [false; LANES];
-    let end = match part {
-        PlatePart::Front => 1.0,
-        PlatePart::Rear => -1.0,
-        PlatePart::Edge => 0.0,
-    };
+    let mut nearest = Nearest::new(body.plate_radius_m, swing, lanes);
     for (index, piece) in body.pieces.iter().enumerate() {
         match *piece {
             Piece::Line { start, along, length_m } if part != PlatePart::Edge => {
-                for i in 0..LANES {
-                    let at = end * lanes.lever[i];
-                    let (dx, dy) = (x[i] + hx[i] * at - start.x, y[i] + hy[i] * at - start.y);
-                    let foot = dx * along.x + dy * along.y;
-                    let p = r - (dx * along.y - dy * along.x);
-                    let better = (foot >= 0.0) & (foot < length_m) & (p < r) & (!here[i] | (p > depth[i]));
-                    if better {
-                        (depth[i], place[i], here[i]) = (p, at, true);
-                        (nx[i], ny[i], inverse_bend[i], radius[i]) = (along.y, -along.x, 0.0, f64::INFINITY);
-                        found.piece[i] = index as f64;
-                    }
-                }
+                nearest.line(index, part, (start, along, length_m));
             }
-            Piece::Brink { point, normal } if part == PlatePart::Edge => {
-                for i in 0..LANES {
-                    let lever = lanes.lever[i];
-                    let at = (point.x - x[i]) * hx[i] + (point.y - y[i]) * hy[i];
-                    let (dx, dy) = (x[i] + hx[i] * at - point.x, y[i] + hy[i] * at - point.y);
-                    let d2 = dx * dx + dy * dy;
-                    let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
-                    let flat = (at < lever) & (at > -lever) & (dx * normal.x + dy * normal.y > 0.0);
-                    let p = r - distance;
-                    let better = flat & (p < r) & (!here[i] | (p > depth[i]));
-                    if better {
-                        let scale = 1.0 / distance;
-                        (depth[i], place[i], here[i]) = (p, at, true);
-                        (nx[i], ny[i], inverse_bend[i], radius[i]) = (dx * scale, dy * scale, 0.0 - scale, 0.0);
-                        found.piece[i] = index as f64;
-                    }
-                }
-            }
+            Piece::Brink { point, normal } if part == PlatePart::Edge => nearest.brink(index, point, normal),
             Piece::Arc { centre, radius_m, from, to } if (radius_m < 0.0) != (part == PlatePart::Edge) => {
-                let sense = if radius_m < 0.0 { -1.0 } else { 1.0 };
-                for i in 0..LANES {
-                    let lever = lanes.lever[i];
-                    let foot = (centre.x - x[i]) * hx[i] + (centre.y - y[i]) * hy[i];
-                    let foot = if foot > lever { lever } else { foot };
-                    let foot = if foot < -lever { -lever } else { foot };
-                    let at = if part == PlatePart::Edge { foot } else { end * lever };
-                    let (dx, dy) = (x[i] + hx[i] * at - centre.x, y[i] + hy[i] * at - centre.y);
-                    let d2 = dx * dx + dy * dy;
-                    let distance = if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt();
-                    let scale = sense / distance;
-                    let (ux, uy) = (dx * scale, dy * scale);
-                    let inside = (sense * (from.x * uy - from.y * ux) >= 0.0) & (sense * (ux * to.y - uy * to.x) > 0.0);
-                    let p = radius_m + r - sense * distance;
-                    let better = inside & (p < r) & (!here[i] | (p > depth[i]));
-                    if better {
-                        (depth[i], place[i], here[i]) = (p, at, true);
-                        (nx[i], ny[i], inverse_bend[i], radius[i]) = (ux, uy, 0.0 - scale, radius_m);
-                        found.piece[i] = index as f64;
-                    }
-                }
+                nearest.arc(index, part, (centre, radius_m, from, to));
             }
-            _ => {}
+            Piece::Line { .. } | Piece::Brink { .. } | Piece::Arc { .. } => {}
         }
     }
-    for i in 0..LANES {
-        if !here[i] {
-            // Its speed against a rail that turns says nothing: a lane without a link is a kilometre away.
-            (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (0.0, 0.0, 0.0, 0.0);
-            (lanes.ax[i], lanes.ay[i], lanes.omega[i], lanes.lever[i]) = (0.0, 0.0, 0.0, 0.0);
-            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NOTHING_M, 0.0, 1.0);
-            (lanes.curvature[i], lanes.body_radius[i], found.link_radius[i]) = (0.0, f64::INFINITY, r);
-            continue;
+    nearest.move_lanes(part, swing, link_alpha, lanes)
+}
+
+/// The nearest piece of every lane so far, in the rail's frame.
+struct Nearest {
+    plate_radius_m: f64,
+    /// Centre and heading of the link, and half its pitch.
+    x: Column,
+    y: Column,
+    heading_x: Column,
+    heading_y: Column,
+    lever: Column,
+    /// What is found: see [`PlateTouch`]; `bend`: of the joint's path along the piece, as [`Lanes::curvature`].
+    here: [bool; LANES],
+    depth: Column,
+    place: Column,
+    normal_x: Column,
+    normal_y: Column,
+    bend: Column,
+    radius: Column,
+    piece: Column,
+}
+
+impl Nearest {
+    #[inline(always)]
+    fn new(plate_radius_m: f64, swing: Swing, lanes: &Lanes) -> Nearest {
+        let Swing { cos: c, sin: s, .. } = swing;
+        let zero = [0.0; LANES];
+        let (mut x, mut y, mut heading_x, mut heading_y) = (zero, zero, zero, zero);
+        for i in 0..LANES {
+            x[i] = c * lanes.x[i] + s * lanes.y[i];
+            y[i] = c * lanes.y[i] - s * lanes.x[i];
+            heading_x[i] = c * lanes.cos[i] + s * lanes.sin[i];
+            heading_y[i] = c * lanes.sin[i] - s * lanes.cos[i];
         }
-        let (at, lever) = (place[i], lanes.lever[i]);
-        let (e, f) = (lanes.cos[i], lanes.sin[i]);
-        let (wx, wy) = (c * nx[i] - s * ny[i], s * nx[i] + c * ny[i]);
-        let flat = (part == PlatePart::Edge) & (at < lever) & (at > -lever);
-        let turn = lanes.omega[i];
-        let (px, py) = (lanes.x[i] + e * at, lanes.y[i] + f * at);
-        let (vx, vy) = (lanes.vx[i] - turn * at * f, lanes.vy[i] + turn * at * e);
-        // Against the points of the rail.
-        let mut ax = lanes.ax[i] - link_alpha[i] * at * f + alpha * py;
-        let mut ay = lanes.ay[i] + link_alpha[i] * at * e - alpha * px;
-        if flat {
-            // What a normal that turns with the link adds, and without what `rates` takes off for one that turns with the rail.
-            let rho = radius[i] + r - depth[i];
-            let (cx, cy) = (px - wx * rho, py - wy * rho);
-            let u = wx * (vy - omega * cx) - wy * (vx + omega * cy);
-            let with_rail = wx * (2.0 * vy - omega * px) - wy * (2.0 * vx + omega * py);
-            let extra = 2.0 * turn * u - turn * turn * rho + omega * omega * (cx * wx + cy * wy) - omega * with_rail;
-            ax += wx * extra;
-            ay += wy * extra;
+        Nearest {
+            plate_radius_m,
+            x,
+            y,
+            heading_x,
+            heading_y,
+            lever: lanes.lever,
+            here: [false; LANES],
+            depth: [NOTHING_M; LANES],
+            place: zero,
+            normal_x: zero,
+            normal_y: [1.0; LANES],
+            bend: zero,
+            radius: [f64::INFINITY; LANES],
+            piece: zero,
         }
-        (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (px, py, vx, vy);
-        (lanes.ax[i], lanes.ay[i], lanes.lever[i]) = (ax, ay, at);
-        (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (depth[i], wx, wy);
-        lanes.curvature[i] = if flat { 0.0 } else { inverse_bend[i] };
-        lanes.body_radius[i] = law_radius_m(radius[i]);
-        found.link_radius[i] = if flat { f64::INFINITY } else { r };
     }
-    found.here = here;
-    found
+
+    /// From a point of the rail to the point `at` of a link's axis.
+    #[inline(always)]
+    fn from(&self, i: usize, point: Vec2, at: f64) -> (f64, f64) {
+        (self.x[i] + self.heading_x[i] * at - point.x, self.y[i] + self.heading_y[i] * at - point.y)
+    }
+
+    /// Where on the axis of a link a point of the rail has its foot.
+    #[inline(always)]
+    fn foot(&self, i: usize, point: Vec2) -> f64 {
+        (point.x - self.x[i]) * self.heading_x[i] + (point.y - self.y[i]) * self.heading_y[i]
+    }
+
+    /// Takes a piece that a lane faces, if it is nearer than what there is: where on the axis, penetration, normal, bend, radius.
+    #[inline(always)]
+    fn offer(&mut self, i: usize, index: usize, (at, p): (f64, f64), (nx, ny): (f64, f64), (bend, radius): (f64, f64)) {
+        if (p < self.plate_radius_m) & (!self.here[i] | (p > self.depth[i])) {
+            (self.depth[i], self.place[i], self.here[i]) = (p, at, true);
+            (self.normal_x[i], self.normal_y[i], self.bend[i], self.radius[i]) = (nx, ny, bend, radius);
+            self.piece[i] = index as f64;
+        }
+    }
+
+    #[inline(always)]
+    fn line(&mut self, index: usize, part: PlatePart, (start, along, length_m): (Vec2, Vec2, f64)) {
+        for i in 0..LANES {
+            let at = part.end() * self.lever[i];
+            let (dx, dy) = self.from(i, start, at);
+            let foot = dx * along.x + dy * along.y;
+            let p = self.plate_radius_m - (dx * along.y - dy * along.x);
+            if (foot >= 0.0) & (foot < length_m) {
+                self.offer(i, index, (at, p), (along.y, -along.x), (0.0, f64::INFINITY));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn brink(&mut self, index: usize, point: Vec2, normal: Vec2) {
+        for i in 0..LANES {
+            let at = self.foot(i, point);
+            let (dx, dy) = self.from(i, point, at);
+            let distance = length(dx, dy);
+            let flat = (at < self.lever[i]) & (at > -self.lever[i]) & (dx * normal.x + dy * normal.y > 0.0);
+            if flat {
+                let scale = 1.0 / distance;
+                let p = self.plate_radius_m - distance;
+                self.offer(i, index, (at, p), (dx * scale, dy * scale), (0.0 - scale, 0.0));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn arc(&mut self, index: usize, part: PlatePart, (centre, radius_m, from, to): (Vec2, f64, Vec2, Vec2)) {
+        let sense = if radius_m < 0.0 { -1.0 } else { 1.0 };
+        for i in 0..LANES {
+            let lever = self.lever[i];
+            let at = match part {
+                PlatePart::Edge => self.foot(i, centre).clamp(-lever, lever),
+                PlatePart::Front | PlatePart::Rear => part.end() * lever,
+            };
+            let (dx, dy) = self.from(i, centre, at);
+            let distance = length(dx, dy);
+            let scale = sense / distance;
+            let (ux, uy) = (dx * scale, dy * scale);
+            let inside = (sense * (from.x * uy - from.y * ux) >= 0.0) & (sense * (ux * to.y - uy * to.x) > 0.0);
+            if inside {
+                let p = radius_m + self.plate_radius_m - sense * distance;
+                self.offer(i, index, (at, p), (ux, uy), (0.0 - scale, radius_m));
+            }
+        }
+    }
+
+    /// Puts the points of contact in the place of the links: positions, velocities and accelerations against the rail, normals.
+    #[inline(always)]
+    fn move_lanes(&self, part: PlatePart, swing: Swing, link_alpha: &Column, lanes: &mut Lanes) -> Found {
+        let Swing { cos: c, sin: s, omega, alpha } = swing;
+        let mut found = Found { here: self.here, piece: self.piece, link_radius: [self.plate_radius_m; LANES] };
+        for i in 0..LANES {
+            if !self.here[i] {
+                let_stand(i, lanes);
+                continue;
+            }
+            let (at, lever) = (self.place[i], self.lever[i]);
+            let (e, f, turn) = (lanes.cos[i], lanes.sin[i], lanes.omega[i]);
+            let (wx, wy) = (c * self.normal_x[i] - s * self.normal_y[i], s * self.normal_x[i] + c * self.normal_y[i]);
+            let flat = (part == PlatePart::Edge) & (at < lever) & (at > -lever);
+            let (px, py) = (lanes.x[i] + e * at, lanes.y[i] + f * at);
+            let (vx, vy) = (lanes.vx[i] - turn * at * f, lanes.vy[i] + turn * at * e);
+            // Acceleration against the points of the rail.
+            let mut ax = lanes.ax[i] - link_alpha[i] * at * f + alpha * py;
+            let mut ay = lanes.ay[i] + link_alpha[i] * at * e - alpha * px;
+            if flat {
+                // The normal of a flat edge turns with the link. `rates` reckons with a normal that turns with the rail: the difference.
+                let rho = self.radius[i] + self.plate_radius_m - self.depth[i];
+                let (cx, cy) = (px - wx * rho, py - wy * rho);
+                let u = wx * (vy - omega * cx) - wy * (vx + omega * cy);
+                let with_rail = wx * (2.0 * vy - omega * px) - wy * (2.0 * vx + omega * py);
+                let with_link = 2.0 * turn * u - turn * turn * rho;
+                let extra = with_link + omega * omega * (cx * wx + cy * wy) - omega * with_rail;
+                ax += wx * extra;
+                ay += wy * extra;
+                found.link_radius[i] = f64::INFINITY;
+            }
+            (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (px, py, vx, vy);
+            (lanes.ax[i], lanes.ay[i], lanes.lever[i]) = (ax, ay, at);
+            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (self.depth[i], wx, wy);
+            lanes.curvature[i] = if flat { 0.0 } else { self.bend[i] };
+            lanes.body_radius[i] = law_radius_m(self.radius[i]);
+        }
+        found
+    }
+}
+
+/// A lane that faces no piece of the rail. Its speed against a rail that turns says nothing: a lane without a link is a kilometre away.
+#[inline(always)]
+fn let_stand(i: usize, lanes: &mut Lanes) {
+    (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (0.0, 0.0, 0.0, 0.0);
+    (lanes.ax[i], lanes.ay[i], lanes.omega[i], lanes.lever[i]) = (0.0, 0.0, 0.0, 0.0);
+    (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NOTHING_M, 0.0, 1.0);
+    (lanes.curvature[i], lanes.body_radius[i]) = (0.0, f64::INFINITY);
+}
+
+/// Of a vector, never zero.
+#[inline(always)]
+fn length(dx: f64, dy: f64) -> f64 {
+    let d2 = dx * dx + dy * dy;
+    if d2 > 1e-24 { d2 } else { 1e-24 }.sqrt()
 }
 
 #[cfg(test)]

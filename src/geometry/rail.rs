@@ -37,7 +37,7 @@ pub enum Piece {
 pub struct Rail {
     pub side: GuideSide,
     pub profile: Profile,
-    /// Of the profile's elements in their order, between the corners at both ends; brinks behind them.
+    /// The first is the corner at the beginning. Then come the profile's elements, the corner at the end, and the brinks.
     pub pieces: Vec<Piece>,
     /// +1: the chain travels along the profile; -1: against it.
     pub travel: f64,

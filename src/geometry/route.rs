@@ -97,9 +97,9 @@ impl std::error::Error for RouteError {}
 pub struct Route {
     wraps: Vec<WrapArc>,
     spans: Vec<Span>,
-    /// Of every pulley that is not optional: its place among the wraps.
+    /// Index into `wraps` of every sprocket.
     stops: Vec<usize>,
-    /// Of every wrap: its pulley.
+    /// Index of the pulley that each wrap goes round.
     pulleys: Vec<usize>,
     /// Path length at the start of each piece, alternating wrap and span, and the total at the end [m].
     starts_m: Vec<f64>,

@@ -337,6 +337,17 @@ fn sum(a: Column, b: Column) -> Column {
     out
 }
 
+/// Rotation and acceleration of the links `at` .. `at + LANES`, half their pitches and what moves them.
+#[inline(always)]
+fn load_links(model: &Model, scratch: &Scratch, at: usize, lanes: &mut Lanes) {
+    let (c, w) = (&model.chain, &scratch.wrapped);
+    lanes.omega = take(&scratch.omega, at);
+    (lanes.cos, lanes.sin) = (take(&w.cos, at), take(&w.sin, at));
+    (lanes.ax, lanes.ay) = (take(&w.ax, at), take(&w.ay, at));
+    lanes.lever = take(&c.lever, at);
+    (lanes.inverse_mass, lanes.inverse_inertia) = (take(&c.inverse_mass, at), take(&c.inverse_inertia, at));
+}
+
 /// Coordinates from the body's origin; acceleration of the end from that of the link.
 #[inline(always)]
 fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f64) {

@@ -10,7 +10,7 @@ use std::ops::Range;
 /// All chains: one value per lane, padded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainModel {
-    /// Of all loops.
+    /// Number of links of all loops together.
     pub n_links: usize,
     /// Lanes of the links of every loop.
     pub loops: Vec<Range<usize>>,
@@ -33,7 +33,7 @@ pub struct ChainModel {
     pub bush_lever: Vec<f64>,
     pub bush_inverse_mass: Vec<f64>,
     pub bush_inverse_inertia: Vec<f64>,
-    /// Of every loop.
+    /// Joint law of every loop.
     pub joints: Vec<LinkJoint>,
     /// Joints that turn hard, and the torque of their friction [N m].
     pub tight: Vec<(usize, f64)>,

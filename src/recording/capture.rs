@@ -15,12 +15,11 @@ use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::Motion;
 use crate::elements::end_contact::EndShape;
-use crate::elements::rail_contact::{RailBody, Swing, law_radius_m};
+use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
-use crate::geometry::rail::Piece;
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, rails};
+use crate::integrate::explicit::{Part, Scratch};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -304,7 +303,6 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
 fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     for (k, rail) in model.rails.iter().enumerate() {
-        let (swing, _) = rails::swing(model, state, k);
         for link in scratch.links_near_rail(model, k).filter(|i| node.is_asked(*i)) {
             for part_index in [1, 0, 2] {
                 let set = 3 * rail.body.side + part_index;
@@ -313,10 +311,9 @@ fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                     continue;
                 }
                 let (l, b) = (&state.links, &rail.body);
-                let (along_m, piece) = scratch.on_rail(set, link);
+                let (along_m, piece, normal) = scratch.on_rail(set, link);
                 let heading = Vec2::new(l.cos[link], l.sin[link]);
                 let on_axis = Vec2::new(l.x[link], l.y[link]) + heading * along_m;
-                let normal = normal_at(b, piece, swing, heading, on_axis);
                 let penetration_m = scratch.depth(part, link);
                 let is_flat = part_index == 2 && along_m.abs() < model.chain.lever[link];
                 let pair = Pair {
@@ -334,23 +331,6 @@ fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 rows.push(row(node, &pair, (0, rail.segment(piece), law_radius_m(b.radius_at(piece))), points, normal));
             }
         }
-    }
-}
-
-/// Out of a piece of a rail, towards a point of a link's axis, in the world.
-fn normal_at(body: &RailBody, piece: usize, swing: Swing, heading: Vec2, on_axis: Vec2) -> Vec2 {
-    let world = |v: Vec2| Vec2::new(swing.cos * v.x - swing.sin * v.y, swing.sin * v.x + swing.cos * v.y);
-    match body.pieces.get(piece) {
-        Some(Piece::Line { along, .. }) => world(-perp(*along)),
-        Some(Piece::Brink { point, .. }) => {
-            let d = on_axis - body.origin - world(*point);
-            d / d.norm()
-        }
-        Some(Piece::Arc { centre, radius_m, .. }) => {
-            let d = (on_axis - body.origin - world(*centre)) * if *radius_m < 0.0 { -1.0 } else { 1.0 };
-            d / d.norm()
-        }
-        None => perp(heading),
     }
 }
 

@@ -508,12 +508,12 @@ pub enum Feature {
     /// Flanks that face each other across the crotch.
     RearInnerFlank = 8,
     FrontInnerFlank = 9,
-    /// Of a plate, between its ends, and these on arcs of rails.
+    /// A plate on an arc of a rail: its straight edge, or the rounds at its ends.
     PlateEdge = 10,
 }
 
 impl Feature {
-    /// Of all, in the order of their numbers.
+    /// Names in the order of the numbers.
     pub const NAMES: [&str; 11] = [
         "rear bush",
         "front bush",
@@ -570,7 +570,7 @@ impl Segment {
         Segment::RailEnd,
     ];
 
-    /// Of all, in the order of their numbers.
+    /// Names in the order of the numbers.
     pub const NAMES: [&str; 11] = [
         "seat",
         "clockwise flank",

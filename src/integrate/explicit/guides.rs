@@ -1,7 +1,7 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
 use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, owned, put, send_away, shift_and_lever, take};
+use super::{MemoryBlocks, Part, Scratch, Window, load_links, owned, put, send_away, shift_and_lever, take};
 use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
@@ -155,20 +155,12 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
 #[inline(always)]
 fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec2, lanes: &mut Lanes) {
-    let c = &model.chain;
     let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
     lanes.x = take(&ends.x, at);
     lanes.y = take(&ends.y, at);
     lanes.vx = take(&ends.vx, at);
     lanes.vy = take(&ends.vy, at);
-    lanes.omega = take(&scratch.omega, at);
-    lanes.cos = take(&scratch.wrapped.cos, at);
-    lanes.sin = take(&scratch.wrapped.sin, at);
-    lanes.ax = take(&scratch.wrapped.ax, at);
-    lanes.ay = take(&scratch.wrapped.ay, at);
-    lanes.lever = take(&c.lever, at);
-    lanes.inverse_mass = take(&c.inverse_mass, at);
-    lanes.inverse_inertia = take(&c.inverse_inertia, at);
+    load_links(model, scratch, at, lanes);
     for lever in &mut lanes.lever {
         *lever *= sign;
     }

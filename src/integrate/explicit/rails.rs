@@ -1,7 +1,7 @@
 //! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
 
 use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, owned, put, take};
+use super::{MemoryBlocks, Part, Scratch, Window, load_links, owned, put, take};
 use crate::elements::rail_contact::{self, Found, PlatePart, RailBody, Swing};
 use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Sliding};
 use crate::model::Model;
@@ -13,9 +13,11 @@ pub(super) struct RailColumns {
     pub(super) rate: [Vec<f64>; SETS],
     pub(super) slide: [Vec<f64>; SETS],
     pub(super) depth: [Vec<f64>; SETS],
-    /// Where on the axis of its link a contact lies [m], and the piece of the rail.
+    /// Where on the axis of its link a contact lies [m], the piece of the rail, and the normal out of it.
     pub(super) along: [Vec<f64>; SETS],
     pub(super) piece: [Vec<f64>; SETS],
+    pub(super) normal_x: [Vec<f64>; SETS],
+    pub(super) normal_y: [Vec<f64>; SETS],
 }
 
 pub(super) const SETS: usize = 6;
@@ -23,7 +25,15 @@ pub(super) const SETS: usize = 6;
 impl RailColumns {
     pub(super) fn new(n: usize) -> RailColumns {
         let columns = || std::array::from_fn(|_| vec![0.0; n]);
-        RailColumns { rate: columns(), slide: columns(), depth: columns(), along: columns(), piece: columns() }
+        RailColumns {
+            rate: columns(),
+            slide: columns(),
+            depth: columns(),
+            along: columns(),
+            piece: columns(),
+            normal_x: columns(),
+            normal_y: columns(),
+        }
     }
 }
 
@@ -177,6 +187,8 @@ fn keep(
         (&mut r.depth[set], &lanes.penetration),
         (&mut r.along[set], &lanes.lever),
         (&mut r.piece[set], &found.piece),
+        (&mut r.normal_x[set], &lanes.normal_x),
+        (&mut r.normal_y[set], &lanes.normal_y),
     ];
     let mut memory = MemoryBlocks::new(&state.rail_plates[set], &mut rail_plates[set], &mut stale_rails[set], count);
     if shared {
@@ -238,7 +250,6 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 /// The links `at` .. `at + LANES` as seen from a rail's origin.
 #[inline(always)]
 fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, body: &RailBody, lanes: &mut Lanes) {
-    let c = &model.chain;
     let (front, rear) = (&scratch.front, &scratch.rear);
     let (x, y) = (take(&state.links.x, at), take(&state.links.y, at));
     let (front_vx, front_vy) = (take(&front.vx, at), take(&front.vy, at));
@@ -249,14 +260,7 @@ fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, body: &RailB
         lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]);
         lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]);
     }
-    lanes.omega = take(&scratch.omega, at);
-    lanes.cos = take(&scratch.wrapped.cos, at);
-    lanes.sin = take(&scratch.wrapped.sin, at);
-    lanes.ax = take(&scratch.wrapped.ax, at);
-    lanes.ay = take(&scratch.wrapped.ay, at);
-    lanes.lever = take(&c.lever, at);
-    lanes.inverse_mass = take(&c.inverse_mass, at);
-    lanes.inverse_inertia = take(&c.inverse_inertia, at);
+    load_links(model, scratch, at, lanes);
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use super::{RunIn, Window};
 use crate::elements::contour_forces::Lead;
 use crate::elements::friction;
 use crate::elements::tooth_contact::{Column, LANES, Lanes, take};
+use crate::geometry::Vec2;
 use crate::integrate::Isa;
 use crate::model::{ChainModel, Model};
 use crate::state::ContactMemory;
@@ -335,11 +336,12 @@ impl Scratch {
         (self.joint_x.own()[j], self.joint_y.own()[j], self.joint_torque.own()[j])
     }
 
-    /// Of every coordinate: angular acceleration [rad/s2], and torque of the chain on it [N m].
+    /// Angular acceleration of every coordinate [rad/s2].
     pub fn coordinate_alpha(&self) -> &[f64] {
         &self.coordinate_alpha
     }
 
+    /// Torque of the chain on every coordinate [N m].
     pub fn chain_torque(&self) -> &[f64] {
         &self.chain_torque
     }
@@ -370,9 +372,10 @@ impl Scratch {
         self.rail_windows[k].iter().flat_map(move |w| (w.start..w.end).filter(move |i| own(w, i)))
     }
 
-    /// Of a plate's contact with a rail: where on the axis of its link it lies [m], and the piece of the rail.
-    pub fn on_rail(&self, set: usize, link: usize) -> (f64, usize) {
-        (self.rails.along[set][link], self.rails.piece[set][link] as usize)
+    /// Where a plate touches a rail: place on the axis of its link [m], piece of the rail, normal out of the rail.
+    pub fn on_rail(&self, set: usize, link: usize) -> (f64, usize, Vec2) {
+        let r = &self.rails;
+        (r.along[set][link], r.piece[set][link] as usize, Vec2::new(r.normal_x[set][link], r.normal_y[set][link]))
     }
 
     /// Links that guide `k` is the nearest to of all that are near on its side.

@@ -88,7 +88,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     super::ends::refresh(model, state, scratch);
 }
 
-/// Of the first links of a loop, one of each row [m].
+/// Half the longer pitch of a loop's two rows [m].
 fn longest_lever(model: &Model, chain: usize) -> f64 {
     let first = model.chain.loops[chain].start;
     model.chain.lever[first].max(model.chain.lever[model.chain.next(first)])

@@ -1,0 +1,142 @@
+//! A drive of several chains: what belongs to each, which drives which, and what turns.
+
+use super::{Drive, OuterSpec, PreloadSpec};
+
+impl Drive {
+    /// Number of chains.
+    pub fn chains(&self) -> usize {
+        1 + self.more.len()
+    }
+
+    /// Sprockets of a chain.
+    pub fn sprockets_of(&self, chain: usize) -> std::ops::Range<usize> {
+        let first = self.sprockets.iter().position(|s| s.chain == chain).unwrap_or(0);
+        first..first + self.sprockets.iter().filter(|s| s.chain == chain).count()
+    }
+
+    /// Number of links of every chain.
+    pub fn links_of(&self, chain: usize) -> usize {
+        if chain == 0 { self.links } else { self.more[chain - 1].links }
+    }
+
+    /// The drive of one of its chains: what belongs to others is not there. A shaft that turns another chain before it turns this one with
+    /// its speed.
+    pub fn alone(&self, chain: usize) -> Drive {
+        let mut alone = self.clone();
+        if self.more.is_empty() {
+            return alone;
+        }
+        let own = self.sprockets_of(chain);
+        let first_link: usize = (0..chain).map(|c| self.links_of(c)).sum();
+        let links = first_link..first_link + self.links_of(chain);
+        if chain > 0 {
+            let part = &self.more[chain - 1];
+            (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
+            (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
+                (part.tooth_contact, part.guide_contact, part.tooth_contact);
+            alone.preload = part.preload;
+        }
+        alone.more.clear();
+        alone.chain_names.clear();
+        alone.places = self.places.within(&format!("chains.{}", self.chain_names[chain]));
+        alone.sprockets = self.sprockets[own.clone()].to_vec();
+        let leader = self.leader_of(chain);
+        for (k, s) in alone.sprockets.iter_mut().enumerate() {
+            s.chain = 0;
+            s.outer = match s.outer {
+                OuterSpec::Speed { .. } => s.outer,
+                _ if own.start + k == leader => OuterSpec::Speed { speed_rad_s: self.shaft_speed_rad_s(leader) },
+                outer => outer,
+            };
+        }
+        if let PreloadSpec::Sprocket { moves, .. } = &mut alone.preload {
+            *moves -= own.start;
+        }
+        let kept: Vec<usize> = (0..self.arms.len())
+            .filter(|a| self.rails.iter().any(|r| r.arm == Some(*a) && own.contains(&r.span)))
+            .collect();
+        let arm = |a: usize| kept.iter().position(|k| *k == a).unwrap_or(0);
+        alone.arms = kept.iter().map(|a| self.arms[*a].clone()).collect();
+        if let PreloadSpec::Arm(a) = &mut alone.preload {
+            *a = arm(*a);
+        }
+        alone.guides.retain(|g| own.contains(&g.span));
+        alone.guides.iter_mut().for_each(|g| g.span -= own.start);
+        alone.rails.retain(|r| own.contains(&r.span));
+        for r in &mut alone.rails {
+            (r.span, r.arm) = (r.span - own.start, r.arm.map(arm));
+        }
+        let e = &mut alone.effects;
+        e.gap_errors.retain(|g| own.contains(&g.sprocket));
+        e.gap_errors.iter_mut().for_each(|g| g.sprocket -= own.start);
+        e.gap_waves.retain(|w| own.contains(&w.sprocket));
+        e.gap_waves.iter_mut().for_each(|w| w.sprocket -= own.start);
+        e.pitch_errors.retain(|p| links.contains(&p.link));
+        e.pitch_errors.iter_mut().for_each(|p| p.link -= links.start);
+        e.tight_joints.retain(|t| links.contains(&t.joint));
+        e.tight_joints.iter_mut().for_each(|t| t.joint -= links.start);
+        alone.sensors.clear();
+        alone
+    }
+
+    /// The sprocket that drives a chain: with the prescribed speed, or on a shaft that a chain before it turns.
+    pub fn leader_of(&self, chain: usize) -> usize {
+        let own = self.sprockets_of(chain);
+        let turned_before = |k: &usize| {
+            let shaft = self.sprockets[*k].shaft;
+            shaft.is_some() && self.sprockets[..own.start].iter().any(|s| s.shaft == shaft)
+        };
+        let prescribed = |k: &usize| matches!(self.sprockets[*k].outer, OuterSpec::Speed { .. });
+        own.clone().find(prescribed).or_else(|| own.clone().find(turned_before)).unwrap_or(own.start)
+    }
+
+    /// Nominal speed of a sprocket in the sense in which its chain moves forwards [rad/s].
+    fn shaft_speed_rad_s(&self, sprocket: usize) -> f64 {
+        let s = &self.sprockets[sprocket];
+        if let OuterSpec::Speed { speed_rad_s } = s.outer {
+            return speed_rad_s;
+        }
+        let leader = self.leader_of(s.chain);
+        if sprocket != leader {
+            let (from, to) = (&self.sprockets[leader], s);
+            return self.shaft_speed_rad_s(leader) * f64::from(from.teeth) / f64::from(to.teeth);
+        }
+        // Turned by a chain before this one, in the sense of the sprocket on that chain.
+        let other = self.sprockets.iter().position(|o| o.chain < s.chain && o.shaft == s.shaft && s.shaft.is_some());
+        other.map_or(0.0, |o| self.shaft_speed_rad_s(o) * self.sprockets[o].wrap.sign() * s.wrap.sign())
+    }
+
+    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms. Paths in the file.
+    pub fn coordinate_paths(&self) -> Vec<String> {
+        let mut paths: Vec<String> = Vec::new();
+        for s in &self.sprockets {
+            let path = s
+                .shaft
+                .filter(|_| !self.more.is_empty())
+                .map_or(format!("sprockets.{}", s.name), |k| format!("shafts.{}", self.shafts[k].name));
+            if !paths.contains(&path) {
+                paths.push(path);
+            }
+        }
+        // Arms in the order of the chains whose rails they carry.
+        for chain in 0..self.chains() {
+            let own = self.alone(chain).arms;
+            paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
+        }
+        paths
+    }
+
+    /// Sprockets and what else turns, by their paths, each with its row among [`Drive::coordinate_paths`].
+    pub fn turning(&self) -> Vec<(String, usize)> {
+        let paths = self.coordinate_paths();
+        let row = |path: &String| paths.iter().position(|p| p == path);
+        let on_shaft = self.sprockets.iter().filter_map(|s| {
+            let path = format!("sprockets.{}", s.name);
+            let shaft = s.shaft.map(|k| format!("shafts.{}", self.shafts[k].name));
+            let found = row(&path).or_else(|| row(&shaft?))?;
+            Some((path, found))
+        });
+        let own = paths.iter().enumerate().filter(|(_, p)| !p.starts_with("sprockets."));
+        on_shaft.chain(own.map(|(row, path)| (path.clone(), row))).collect()
+    }
+}

@@ -1,0 +1,395 @@
+//! Checks of a drive that need more than one value. Every mistake of a file is found in one pass, and points at its place.
+
+use super::reader::Places;
+use super::sensors::SensorReads;
+use super::{ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
+use crate::diag::{Diag, Report};
+use crate::elements::contact_law::ContactLaw;
+use crate::geometry::guide::GuideSide;
+use crate::geometry::rail::Rail;
+use crate::geometry::route::Wrap;
+
+/// What is wrong with a drive.
+struct Mistakes<'a> {
+    places: &'a Places,
+    found: Vec<Diag>,
+}
+
+impl<'a> Mistakes<'a> {
+    fn of(drive: &'a Drive) -> Mistakes<'a> {
+        Mistakes { places: &drive.places, found: Vec::new() }
+    }
+
+    fn add(&mut self, path: &str, title: String, help: &str) {
+        self.found.push(self.places.error(path, title, Some(help.to_string())));
+    }
+
+    fn report(self) -> Result<(), Report> {
+        if self.found.is_empty() { Ok(()) } else { Err(self.places.report(self.found)) }
+    }
+}
+
+impl Drive {
+    /// Checks of how several chains hang together.
+    pub(super) fn check_chains(&self) -> Result<(), Report> {
+        if self.more.is_empty() {
+            return Ok(());
+        }
+        let mut mistakes = Mistakes::of(self);
+        for chain in 0..self.chains() {
+            self.check_place(chain, &mut mistakes);
+        }
+        self.check_numbers(&mut mistakes);
+        self.check_shafts(&mut mistakes);
+        mistakes.report()
+    }
+
+    /// How a chain of several is driven, tightened and guided.
+    fn check_place(&self, chain: usize, mistakes: &mut Mistakes<'_>) {
+        let name = &self.chain_names[chain];
+        let own = self.sprockets_of(chain);
+        let leader = self.leader_of(chain);
+        let before =
+            |s: &SprocketDrive| s.chain < chain && s.shaft.is_some() && s.shaft == self.sprockets[leader].shaft;
+        let driven =
+            matches!(self.sprockets[leader].outer, OuterSpec::Speed { .. }) || self.sprockets.iter().any(before);
+        if !driven {
+            mistakes.add(
+                &format!("chains.{name}.route"),
+                format!("nothing turns chain `{name}`"),
+                "put one of its sprockets on a `shaft` that a chain before it turns, or give one a speed; chains stand in the \
+                 order in which they drive each other",
+            );
+        }
+        let spec = if chain == 0 { &self.chain } else { &self.more[chain - 1].chain };
+        if !matches!(spec, ChainSpec::Bush(_)) {
+            mistakes.add(
+                &format!("chains.{name}.chain"),
+                "silent and abutment chains run alone yet".into(),
+                "take bush chains where there are several",
+            );
+        }
+        let preload = if chain == 0 { &self.preload } else { &self.more[chain - 1].preload };
+        if let PreloadSpec::Sprocket { moves, .. } = *preload
+            && self.sprockets.iter().filter(|s| s.shaft.is_some() && s.shaft == self.sprockets[moves].shaft).count() > 1
+        {
+            mistakes.add(
+                &format!("chains.{name}.preload.moves"),
+                format!("sprocket `{}` shares its shaft with another chain's", self.sprockets[moves].name),
+                "tighten the chain by a sprocket of its own, or by an arm",
+            );
+        }
+        for r in self.rails.iter().filter(|r| own.contains(&r.span)) {
+            if let Some(arm) = r.arm
+                && self.rails.iter().any(|o| o.arm == Some(arm) && !own.contains(&o.span))
+            {
+                mistakes.add(
+                    &format!("guides.rail.{}.arm", r.name),
+                    format!("arm `{}` carries rails of two chains", self.arms[arm].name),
+                    "give each chain an arm of its own",
+                );
+            }
+        }
+    }
+
+    /// Links, joints and arms that effects and sensors name by their numbers through all chains.
+    fn check_numbers(&self, mistakes: &mut Mistakes<'_>) {
+        let links: usize = (0..self.chains()).map(|c| self.links_of(c)).sum();
+        let help = format!("links and joints are numbered 0 to {} through all chains", links - 1);
+        for e in self.effects.pitch_errors.iter().filter(|e| e.link >= links) {
+            let path = format!("effects.pitch_error.{}.link", e.name);
+            mistakes.add(&path, format!("the chains have no link {}", e.link), &help);
+        }
+        for e in self.effects.tight_joints.iter().filter(|e| e.joint >= links) {
+            let path = format!("effects.tight_joint.{}.joint", e.name);
+            mistakes.add(&path, format!("the chains have no joint {}", e.joint), &help);
+        }
+        for s in &self.sensors {
+            if let SensorReads::Link(link) = s.reads
+                && link >= links
+            {
+                mistakes.add(&format!("{}.link", s.path), format!("the chains have no link {link}"), &help);
+            }
+        }
+        for (a, arm) in self.arms.iter().enumerate() {
+            if !self.rails.iter().any(|r| r.arm == Some(a)) {
+                let path = format!("arms.{}", arm.name);
+                mistakes.add(&path, format!("arm `{}` carries no rail", arm.name), "give a rail this `arm`");
+            }
+        }
+    }
+
+    /// Shafts and what prescribes a speed.
+    fn check_shafts(&self, mistakes: &mut Mistakes<'_>) {
+        let speeds = |of: &dyn Fn(&SprocketDrive) -> bool| {
+            self.sprockets.iter().filter(|s| of(s) && matches!(s.outer, OuterSpec::Speed { .. })).count()
+        };
+        let on_shafts = (0..self.shafts.len()).filter(|k| speeds(&|s| s.shaft == Some(*k)) > 0).count();
+        let drivers = speeds(&|s| s.shaft.is_none()) + on_shafts;
+        if drivers != 1 {
+            mistakes.add(
+                "speeds.constant",
+                format!("{drivers} sprockets and shafts have a prescribed speed"),
+                "give exactly one a `[speeds.constant.NAME]`",
+            );
+        }
+        for (k, shaft) in self.shafts.iter().enumerate() {
+            let mut on = self.sprockets.iter().filter(|s| s.shaft == Some(k));
+            let Some(first) = on.next() else {
+                mistakes.add(
+                    &format!("shafts.{}", shaft.name),
+                    format!("no sprocket sits on shaft `{}`", shaft.name),
+                    "give one this `shaft`",
+                );
+                continue;
+            };
+            for s in on {
+                if (s.x_m, s.y_m) != (first.x_m, first.y_m) {
+                    mistakes.add(
+                        &format!("sprockets.{}.x_mm", s.name),
+                        format!("sprockets `{}` and `{}` sit on one shaft and not at one place", first.name, s.name),
+                        "give both the same `x_mm` and `y_mm`",
+                    );
+                }
+                if s.chain == first.chain {
+                    mistakes.add(
+                        &format!("sprockets.{}.shaft", s.name),
+                        format!("sprockets `{}` and `{}` of one chain sit on one shaft", first.name, s.name),
+                        "a chain that meets one shaft twice is not there yet",
+                    );
+                }
+            }
+        }
+    }
+
+    /// Checks that need more than one value.
+    pub(super) fn check(&self) -> Result<(), Report> {
+        let mut mistakes = Mistakes::of(self);
+        self.check_links(&mut mistakes);
+        self.check_sides(&mut mistakes);
+        self.check_faults(&mut mistakes);
+        self.check_rails(&mut mistakes);
+        self.check_guides(&mut mistakes);
+        mistakes.report()
+    }
+
+    /// Links and plates of the chain.
+    fn check_links(&self, mistakes: &mut Mistakes<'_>) {
+        let chain = self.chain.path();
+        if !self.links.is_multiple_of(2) {
+            mistakes.add(
+                &format!("{chain}.links"),
+                format!("`{chain}.links` = {} is odd", self.links),
+                "the two kinds of links alternate: take an even number",
+            );
+        }
+        let round = match self.chain {
+            ChainSpec::Bush(c) => Some((c.pin_diameter_m, c.bush_diameter_m, c.plate_height_m)),
+            ChainSpec::Abutment(c) => Some((c.pin_diameter_m, c.bush_diameter_m, c.plate_height_m)),
+            ChainSpec::Silent(_) => None,
+        };
+        let rows = match self.chain {
+            ChainSpec::Bush(c) => [c.inner.pitch_m, c.outer.pitch_m],
+            ChainSpec::Abutment(c) => c.pitches_m,
+            ChainSpec::Silent(c) => [c.even.pin_pitch_m, c.odd.pin_pitch_m],
+        };
+        let key = if matches!(self.chain, ChainSpec::Silent(_)) { "pin_pitch_mm" } else { "pitch_mm" };
+        let nominal_m = self.chain.pitch_m();
+        for (row, pitch_m) in ["inner", "outer"].iter().zip(rows) {
+            if pitch_m.is_some_and(|p| (p / nominal_m - 1.0).abs() > LARGEST_PITCH_ERROR) {
+                let range = [1.0 - LARGEST_PITCH_ERROR, 1.0 + LARGEST_PITCH_ERROR].map(|share| share * nominal_m * 1e3);
+                mistakes.add(
+                    &format!("{chain}.{row}.{key}"),
+                    format!(
+                        "`{chain}.{row}.{key}` = {} mm is far from the sprockets' pitch of {} mm",
+                        pitch_m.unwrap_or(0.0) * 1e3,
+                        nominal_m * 1e3
+                    ),
+                    &format!("teeth bear {:.3} to {:.3} mm", range[0], range[1]),
+                );
+            }
+        }
+        if let Some((pin_m, bush_m, plate_m)) = round {
+            if pin_m >= bush_m {
+                mistakes.add(
+                    &format!("{chain}.pin_diameter_mm"),
+                    "the pin does not fit into the bush".into(),
+                    "make it smaller than `bush_diameter_mm`",
+                );
+            }
+            if bush_m >= plate_m {
+                mistakes.add(
+                    &format!("{chain}.plate_height_mm"),
+                    "the plate is no higher than the bush".into(),
+                    "make it larger than `bush_diameter_mm`",
+                );
+            }
+        }
+    }
+
+    /// Contours that lie on one side of the chain, and their laws.
+    fn check_sides(&self, mistakes: &mut Mistakes<'_>) {
+        if let ChainSpec::Abutment(c) = self.chain {
+            let stretch_m = c.design_tension_n / self.joint.stiffness_n_per_m;
+            if stretch_m > 0.02 * c.pitch_m {
+                mistakes.add(
+                    "chain.smartchain.design_tension_n",
+                    format!("the design tension stretches a link by {:.0} um", stretch_m * 1e6),
+                    "make it smaller or the joints stiffer: at most 2 % of the pitch",
+                );
+            }
+            if self.sprockets.iter().any(|s| s.teeth < c.teeth && s.ring == RingForm::Conjugate) {
+                mistakes.add(
+                    "chain.smartchain.teeth",
+                    format!("the abutments are made for {} teeth, and a sprocket has fewer", c.teeth),
+                    "make them for the sprocket with the fewest teeth",
+                );
+            }
+            if self.guides.iter().any(|g| g.side == GuideSide::Outside) {
+                mistakes.add(
+                    "guides.fixed",
+                    "abutments lie inside the loop, and a guide outside".into(),
+                    "set its `side` to \"inside\"",
+                );
+            }
+        }
+        let contours = match self.chain {
+            ChainSpec::Bush(_) => Vec::new(),
+            ChainSpec::Silent(_) => vec![("sprocket", self.tooth_contact.law)],
+            ChainSpec::Abutment(_) => vec![("ring", self.ring_contact.law), ("guide", self.guide_contact.law)],
+        };
+        for (name, law) in contours {
+            if matches!(law, ContactLaw::HertzLine(_)) {
+                mistakes.add(
+                    &format!("contact.{name}.hertz_line"),
+                    "flanks and abutments have no constant radius for Hertz's law".into(),
+                    "take the linear law, or one with a restitution",
+                );
+            }
+        }
+        if matches!(self.chain, ChainSpec::Silent(_)) && self.guides.iter().any(|g| g.side == GuideSide::Inside) {
+            mistakes.add(
+                "guides.fixed",
+                "a silent chain has its teeth inside the loop, and a guide lies there".into(),
+                "set its `side` to \"outside\"",
+            );
+        }
+        if !matches!(self.chain, ChainSpec::Bush(_)) && self.sprockets.iter().any(|s| s.wrap == Wrap::Outside) {
+            mistakes.add(
+                "sprockets",
+                "this chain has teeth or abutments on one side only, and a sprocket is wrapped outside".into(),
+                "wrap all sprockets inside",
+            );
+        }
+    }
+
+    /// Effects and sensors on single gaps, links and joints.
+    fn check_faults(&self, mistakes: &mut Mistakes<'_>) {
+        for e in &self.effects.gap_errors {
+            let s = &self.sprockets[e.sprocket];
+            if e.gap >= s.teeth || matches!(self.chain, ChainSpec::Silent(_)) {
+                mistakes.add(
+                    &format!("effects.gap_error.{}.gap", s.name),
+                    format!("sprocket `{}` has no gap {} that seats a bush", s.name, e.gap),
+                    &format!("bush and abutment chains: 0 to {}", s.teeth - 1),
+                );
+            }
+        }
+        for w in self.effects.gap_waves.iter().filter(|_| matches!(self.chain, ChainSpec::Silent(_))) {
+            let name = if w.order.is_some() { "tooth_pitch_error" } else { "sprocket_runout" };
+            mistakes.add(
+                &format!("effects.{name}.{}", self.sprockets[w.sprocket].name),
+                "gaps of a silent chain's sprocket do not move so far".into(),
+                "bush and abutment chains take it",
+            );
+        }
+        for s in &self.sensors {
+            if let SensorReads::Link(link) = s.reads
+                && link >= self.links
+            {
+                let help = format!("links are numbered 0 to {}", self.links - 1);
+                mistakes.add(&format!("{}.link", s.path), format!("the chain has no link {link}"), &help);
+            }
+        }
+        for e in self.effects.tight_joints.iter().filter(|e| e.joint >= self.links) {
+            mistakes.add(
+                &format!("effects.tight_joint.{}.joint", e.name),
+                format!("the chain has no joint {}", e.joint),
+                &format!("joints are numbered 0 to {}", self.links - 1),
+            );
+        }
+        for e in self.effects.pitch_errors.iter().filter(|e| e.link >= self.links) {
+            mistakes.add(
+                &format!("effects.pitch_error.{}.link", e.name),
+                format!("the chain has no link {}", e.link),
+                &format!("links are numbered 0 to {}", self.links - 1),
+            );
+        }
+    }
+
+    /// Rails, and the arm that tightens the chain.
+    fn check_rails(&self, mistakes: &mut Mistakes<'_>) {
+        if matches!(self.chain, ChainSpec::Abutment(_)) && !self.rails.is_empty() {
+            mistakes.add(
+                "guides.rail",
+                "abutments do not run on rails yet".into(),
+                "take straight guides (`[guides.fixed.NAME]`), or another chain",
+            );
+        }
+        if matches!(self.chain, ChainSpec::Silent(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {
+            mistakes.add(
+                "guides.rail",
+                "a silent chain has its teeth inside the loop, and a rail lies there".into(),
+                "set its `side` to \"outside\"",
+            );
+        }
+        for r in &self.rails {
+            if let Err(e) = Rail::new(r.side, r.start, r.heading_rad, &r.stretches) {
+                mistakes.add(
+                    &format!("guides.rail.{}.lengths_mm", r.name),
+                    format!("rail `{}` cannot be made: {e}", r.name),
+                    "stretches have a length, and part a large turn in two",
+                );
+            }
+        }
+        if let PreloadSpec::Arm(arm) = self.preload
+            && !self.rails.iter().any(|r| r.arm == Some(arm))
+        {
+            mistakes.add(
+                "preload.moves",
+                format!("arm `{}` carries no rail", self.arms[arm].name),
+                "give a rail this `arm`",
+            );
+        }
+    }
+
+    /// Guides, and what prescribes a speed.
+    fn check_guides(&self, mistakes: &mut Mistakes<'_>) {
+        let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
+        if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {
+            mistakes.add(
+                "effects.guide_compliance",
+                "a yielding guide needs the linear contact law".into(),
+                "take `[contact.guide.linear]`",
+            );
+        }
+        let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();
+        if drivers != 1 {
+            mistakes.add(
+                "speeds.constant",
+                format!("{drivers} sprockets have a prescribed speed"),
+                "give exactly one sprocket a `[speeds.constant.NAME]`",
+            );
+        }
+        let sides = |side| self.guides.iter().filter(move |g| g.side == side);
+        for (i, g) in self.guides.iter().enumerate() {
+            if sides(g.side).take_while(|o| o.name != g.name).any(|o| o.span == g.span) {
+                mistakes.add(
+                    &format!("guides.fixed.{}", g.name),
+                    format!("guide `{}` lies on the same side of the same span as another", self.guides[i].name),
+                    "join the two, or move one to the other side",
+                );
+            }
+        }
+    }
+}
