@@ -1,4 +1,4 @@
-//! Inner and outer links of different pitch: with each pair of links the chain gains and loses half of the difference.
+//! Inner and outer links of different pitch: over each pair of links the chain length varies by half of the difference.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};

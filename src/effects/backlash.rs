@@ -1,4 +1,4 @@
-//! Play: the span or coupling carries nothing over a gap.
+//! Play: the span or coupling carries no force within a gap.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
 use crate::units::UM;

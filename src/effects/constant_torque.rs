@@ -1,4 +1,4 @@
-//! A load that does not ask for the direction: a weight, an offset of the drive.
+//! A load independent of speed and direction, such as a weight or an offset of the drive.
 
 use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! A channel whose zero wanders with time.
+//! A channel whose zero drifts with time.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 

@@ -1,4 +1,4 @@
-//! An encoder whose scale is off centre: its angle swings once a revolution, or n times, fixed in angle.
+//! An eccentric encoder scale: its angle error repeats once, or n times, per revolution.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 use crate::units::DEG;

@@ -1,4 +1,4 @@
-//! A body that is two: a part of its inertia sits behind a spring, and the sensors with it.
+//! A body split in two: a part of its inertia, with the sensors, sits behind a spring.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! A channel whose scale is off.
+//! A channel with a wrong gain.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 

@@ -1,4 +1,4 @@
-//! One tooth gap that stands further out than the others of its sprocket, or is worn deeper.
+//! One tooth gap that lies further out than the others of its sprocket, or is worn deeper.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;

@@ -1,4 +1,4 @@
-//! A guide that yields: its contact in series with its mounting.
+//! A compliant guide: its contact acts in series with its mounting.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

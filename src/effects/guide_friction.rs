@@ -1,4 +1,4 @@
-//! Friction of the chain on a guide beyond the declared one.
+//! Friction of the chain on a guide in addition to the declared friction.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

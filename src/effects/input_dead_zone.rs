@@ -1,4 +1,4 @@
-//! A drive that answers only from a threshold on.
+//! A drive that responds only above a threshold.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::within;

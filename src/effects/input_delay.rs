@@ -1,4 +1,4 @@
-//! A drive that answers later, and in the same form.
+//! A drive that responds with a pure delay.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 
@@ -24,7 +24,7 @@ pub const ROW: Effect = Effect {
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, _held: bool) {
     let steps = p[0] / step_s;
     super::latency::shifted(u, steps, 0.0);
-    // Before the record begins the input stood at its first value and the start.
+    // Before the record begins, the input is its first value plus the start parameter.
     let late = u.len().min(libm::ceil(steps) as usize);
     u[..late].iter_mut().for_each(|u| *u += p[1]);
 }

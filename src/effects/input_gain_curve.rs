@@ -1,4 +1,4 @@
-//! A drive whose gain grows or falls with its signal.
+//! A drive whose gain increases or decreases with its signal.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! A drive that follows its signal with a first-order lag: a motor's current, a valve.
+//! A drive that follows its signal with a first-order lag, such as a motor current or a valve.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 
@@ -25,8 +25,8 @@ fn pass(p: &[f64], u: &mut [f64], step_s: f64, held: bool) {
     if held { means(u, p[0], step_s, p[1]) } else { super::low_pass::filtered(u, p[0], step_s, p[1]) }
 }
 
-/// Means of the lagged input over every step, where the input stays at a value for a step: what is left of a lag that is short
-/// against the step is its impulse. It starts at the first value and `beyond`.
+/// Mean of the lagged input over every step, for an input that is constant during a step: a lag that is short against
+/// the step is felt only through its impulse. The lag starts at the first value plus `beyond`.
 fn means(u: &mut [f64], time_s: f64, step_s: f64, beyond: f64) {
     if time_s <= 0.0 || u.is_empty() {
         return;

@@ -1,4 +1,4 @@
-//! A drive that pushes at zero signal.
+//! A drive that exerts a force at zero signal.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

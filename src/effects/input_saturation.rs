@@ -1,4 +1,4 @@
-//! A drive that gives no more than so much.
+//! A drive with limited output.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 
@@ -19,7 +19,7 @@ pub const ROW: Effect = Effect {
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64, _held: bool) {
-    // From 1e8 on nothing that is sampled in doubles comes near it.
+    // Above 1e8 no sampled value comes near the limit.
     if p[0] < 1e8 {
         u.iter_mut().for_each(|u| *u = p[0] * libm::tanh(*u / p[0]));
     }

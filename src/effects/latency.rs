@@ -1,4 +1,4 @@
-//! A sensor that shows the truth later.
+//! A sensor with a pure delay.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
@@ -23,20 +23,21 @@ pub const ROW: Effect = Effect {
 
 fn pass(p: &[f64], trace: &mut Trace) {
     let steps = p[0] / trace.step_s;
-    // What it shows first lies beyond what the slope says by its start.
+    // The initial output differs by the start parameter from the extrapolation by slope.
     let slope = past_slope(trace, steps) - if steps > 0.0 { p[1] / steps } else { 0.0 };
     shifted(trace.values, steps, slope);
 }
 
-/// By how much a series grew a step in the `steps` before it begins: as on average in as many afterwards. A speed that is zero then
-/// is taken to have stood.
+/// Change of a series per step in the `steps` before its start, assumed equal to its mean change in as many steps after
+/// it. A speed that starts at zero is assumed to have been zero before.
 pub fn past_slope(trace: &Trace, steps: f64) -> f64 {
     let series = &trace.values;
     let n = (libm::ceil(steps).max(1.0) as usize).min(series.len().saturating_sub(1));
     if n == 0 || trace.derivative > 0 && series[0] == 0.0 { 0.0 } else { (series[n] - series[0]) / n as f64 }
 }
 
-/// The series later by `steps` (not whole): straight lines between its values, and before its start one that grows by `slope` a step.
+/// Delays a series by `steps` (not an integer): linear between its values; before its start it changes by `slope` a
+/// step.
 pub fn shifted(series: &mut [f64], steps: f64, slope: f64) {
     if steps == 0.0 {
         return;

@@ -1,4 +1,4 @@
-//! A sensor that follows with a first-order lag: an analogue filter behind it.
+//! A sensor that follows with a first-order lag, such as an analogue filter.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
@@ -21,7 +21,7 @@ pub const ROW: Effect = Effect {
     links: None,
 };
 
-/// What a lag shows at its start beyond what it follows, SI.
+/// Initial output of a lag minus its input, SI.
 pub const START: Parameter = Parameter::new("start", 1.0, -1e12, 1e12, Kind::Start).default(0.0);
 
 fn pass(p: &[f64], trace: &mut Trace) {
@@ -29,7 +29,7 @@ fn pass(p: &[f64], trace: &mut Trace) {
     filtered(trace.values, p[0], trace.step_s, p[1] - p[0] * slope);
 }
 
-/// First-order lag T y' + y = u, exact for u in straight lines between its values; at the start y is u and `beyond`.
+/// First-order lag T y' + y = u, exact for u linear between its values. Initially y is u plus `beyond`.
 pub fn filtered(series: &mut [f64], time_s: f64, step_s: f64, beyond: f64) {
     if time_s <= 0.0 || series.is_empty() {
         return;

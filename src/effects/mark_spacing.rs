@@ -1,4 +1,4 @@
-//! Marks of a pulse pickup that are not evenly spaced: every interval is off by a share that stays the same at every speed.
+//! Unevenly spaced marks of a pulse pickup: every interval has a relative error that is the same at every speed.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! Marks of different strength: each pulse comes later by a time of its own, the same at every speed.
+//! Marks of different strength: each pulse is delayed by its own time, the same at every speed.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

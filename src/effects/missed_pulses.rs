@@ -1,4 +1,4 @@
-//! Pulses that the recorder missed, or counted twice: intervals of twice or half the length of their neighbours.
+//! Pulses that the recorder missed or counted twice: intervals of twice or half the length of their neighbours.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics};
 

@@ -1,11 +1,12 @@
-//! The catalogue of effects: what a real drive may have and a declared one lacks.
+//! The catalogue of effects: deviations that a real drive may have and the declared one lacks.
 //!
-//! One file an effect: its row says name, equation, unit and range of every parameter, source and signature (order, speed law,
-//! channels), and its function is the physics, written once and used by `--set`, by a drive file and by `identify` alike. In a
-//! drive file an effect is a table `[effects.NAME.TARGET]`; the path of a parameter, `effects.NAME.TARGET.KEY`, is its name
+//! One file per effect. Its row gives name, equation, unit and range of every parameter, source and signature (order,
+//! speed law, channels). Its function is the physics, used by `--set`, by a drive file and by `identify`. In a drive
+//! file an effect is a table `[effects.NAME.TARGET]`; the path of a parameter, `effects.NAME.TARGET.KEY`, is its name
 //! everywhere. A parameter at its `off` value changes no bit of a run.
 //!
-//! Signs: a body's force is positive along its coordinate, a span's stretch positive in tension. All values are SI.
+//! Signs: a force on a body is positive along its coordinate, the stretch of a span is positive in tension. All values
+//! are SI.
 
 pub mod alternate_pitch;
 pub mod backlash;
@@ -53,7 +54,7 @@ pub mod unbalance;
 pub mod viscous_friction;
 pub mod wear_elongation;
 
-/// What an effect is put on.
+/// Kind of target of an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum On {
     /// A rotor, slider or sprocket that moves freely.
@@ -70,15 +71,15 @@ pub enum On {
     Guide,
     /// A measured input of a body.
     Input,
-    /// A sensor of any kind but pulse pickups.
+    /// A sensor of any kind except pulse pickups.
     Sensor,
-    /// A sensor that reads an angle or a speed of a body that turns.
+    /// A sensor that reads the angle or speed of a rotating body.
     AngleSensor,
     Pickup,
 }
 
 impl On {
-    /// How a user calls it.
+    /// Name of the target for users.
     pub fn label(self) -> &'static str {
         match self {
             On::Body => "a free body",
@@ -96,7 +97,7 @@ impl On {
     }
 }
 
-/// Where the cause sits: what the channel pattern and the speed law tell apart.
+/// Location of the cause, which the channel pattern and the speed law distinguish.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     Load,
@@ -122,11 +123,11 @@ impl Part {
     }
 }
 
-/// What a starting value is a multiple of; found from the declared model and the records.
+/// Scale of a starting value, found from the declared model and the records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
     One,
-    /// Of the body: mean size of what accelerates it [N, N m].
+    /// Of the body: typical magnitude of the force or torque that accelerates it [N, N m].
     Force,
     /// Root mean square speed of the body [m/s, rad/s].
     Speed,
@@ -134,50 +135,50 @@ pub enum Scale {
     ForcePerSpeed2,
     /// Root mean square stretch of the span [m, rad].
     Stretch,
-    /// Its stiffness.
+    /// Stiffness of the span.
     Stiffness,
     /// Stiffness over stretch.
     StiffnessPerStretch,
-    /// Stiffness over the fastest angular frequency that the samples show.
+    /// Stiffness over the highest angular frequency that the samples resolve.
     StiffnessTime,
-    /// Its tension, over its stretch the stiffness.
+    /// Tension of the span; divided by the stretch it gives the stiffness.
     Tension,
     /// Of the body.
     Inertia,
     /// Standard deviation of the channel.
     Signal,
-    /// That, over the length of a record.
+    /// Standard deviation of the channel over the length of a record.
     SignalPerTime,
     /// Of the input.
     Input,
-    /// One over that.
+    /// Reciprocal of `Input`.
     PerInput,
-    /// Between two samples [s].
+    /// Time between two samples [s].
     SampleTime,
-    /// Middle angular frequency of the samples [rad/s].
+    /// Medium angular frequency of the samples [rad/s].
     Rate,
     /// 10 um.
     Micrometre10,
 }
 
-/// One number of an effect.
+/// One parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// In the drive file, with its unit.
     pub key: &'static str,
-    /// The same for a body that slides, where the unit is another one.
+    /// The same for a sliding body, whose unit differs.
     pub sliding_key: &'static str,
     /// The key's unit in SI.
     pub unit: f64,
     /// In the key's unit.
     pub low: f64,
     pub high: f64,
-    /// In the key's unit; where the effect is not there.
+    /// Value that switches the effect off, in the key's unit.
     pub off: f64,
-    /// Taken where the key is not given; None: it must be.
+    /// Value if the key is not given; None: the key is required.
     pub default: Option<f64>,
     pub scale: Scale,
-    /// Starting values, multiples of the scale.
+    /// Starting values as multiples of the scale.
     pub starts: &'static [f64],
     pub kind: Kind,
 }
@@ -185,38 +186,39 @@ pub struct Parameter {
 /// How a parameter is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// How strong the effect is: linear for small values.
+    /// Strength of the effect: linear for small values.
     Amplitude,
-    /// Its form: a speed, a time, a frequency; positive, searched by its logarithm.
+    /// Shape of the effect, such as a speed, time or frequency: positive, searched by its logarithm.
     Shape,
-    /// An angle that every record has for itself, unless the sensor keeps an index [rad].
+    /// An angle that differs in every record, unless the sensor has an index mark [rad].
     Phase,
-    /// A whole number: an order, a link, a tooth. Not fitted: every value of `starts` is a hypothesis of its own.
+    /// An integer: an order, a link, a tooth. Not fitted: every value of `starts` is a separate hypothesis.
     Whole,
-    /// Which link, joint or gap: as [`Kind::Whole`]; seen from outside, where the drive stands when a record starts.
+    /// Index of a link, joint or gap. As [`Kind::Whole`]; in a record it only shifts the position at which the drive
+    /// starts.
     Index,
-    /// One value for every mark of a pulse pickup but the first, written `key` with `#` the number.
+    /// One value for every mark of a pulse pickup except the first. In `key`, `#` stands for the number.
     PerMark,
-    /// What it remembers when a part of a record starts; every part has its own, found with it.
+    /// Internal state at the start of a record segment; fitted for every segment.
     Start,
-    /// Fitted never: what the sensor's data sheet says.
+    /// Never fitted: given by the sensor's data sheet.
     Given,
 }
 
 impl Kind {
-    /// A whole number: no fit moves it.
+    /// Whether it is an integer, which no fit changes.
     pub fn is_whole(self) -> bool {
         matches!(self, Kind::Whole | Kind::Index)
     }
 
-    /// How strong the effect is.
+    /// Whether it is the strength of the effect.
     pub fn is_amplitude(self) -> bool {
         matches!(self, Kind::Amplitude | Kind::PerMark)
     }
 }
 
 impl Parameter {
-    /// A parameter called the same on bodies that turn and that slide.
+    /// A parameter with the same key for rotating and sliding bodies.
     pub const fn new(key: &'static str, unit: f64, low: f64, high: f64, kind: Kind) -> Parameter {
         Parameter {
             key,
@@ -254,7 +256,7 @@ impl Parameter {
     }
 }
 
-/// A body at an instant.
+/// State of a body at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyAt {
     /// Angle or position [rad, m].
@@ -263,7 +265,7 @@ pub struct BodyAt {
     pub v: f64,
 }
 
-/// A span at an instant.
+/// State of a span at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpanAt {
     pub stretch: f64,
@@ -274,7 +276,7 @@ pub struct SpanAt {
     pub force: f64,
 }
 
-/// Where the chain stands as a span sees it.
+/// Position of the chain relative to a span.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChainAt {
     /// Links that have passed the driver since the start.
@@ -285,24 +287,24 @@ pub struct ChainAt {
     pub to: f64,
 }
 
-/// What a sensor would show, at every node of the integration.
+/// Output of a sensor at every node of the integration.
 #[derive(Debug)]
 pub struct Trace<'a> {
     pub step_s: f64,
     pub values: &'a mut Vec<f64>,
-    /// Of the body that is read [rad, m].
+    /// Angle or position of the body that is read [rad, m].
     pub angles: &'a [f64],
-    /// 0 for an angle, 1 for a speed: how an error in angle enters.
+    /// 0 for an angle, 1 for a speed: determines how an angle error enters.
     pub derivative: u8,
 }
 
-/// Force on a body [N, N m] by an effect's numbers.
+/// Force on a body [N, N m] from the effect's parameters.
 pub type BodyLaw = fn(&[f64], BodyAt) -> f64;
-/// Factor of a prescribed speed, less one, by angle.
+/// Factor of a prescribed speed minus one, as a function of angle.
 pub type MotionLaw = fn(&[f64], f64) -> f64;
-/// Torque on a sprocket by the chain's place and the sprocket's speed [N m].
+/// Torque on a sprocket from the chain's position and the sprocket's speed [N m].
 pub type ChainTorqueLaw = fn(&[f64], ChainAt, f64) -> f64;
-/// Place of a mark beyond its even one [gaps], and delay of its pulse [s].
+/// Offset of a mark from its even spacing [gaps], and delay of its pulse [s].
 pub type MarkLaw = fn(&[f64], usize) -> (f64, f64);
 
 /// The law of an effect.
@@ -310,33 +312,34 @@ pub type MarkLaw = fn(&[f64], usize) -> (f64, f64);
 pub enum Physics {
     /// Force on a body [N, N m].
     BodyForce(BodyLaw),
-    /// Lengthening of a span's path at a sprocket by the sprocket's angle, and its slope [m, m/rad].
+    /// Lengthening of a span's path at a sprocket as a function of the sprocket's angle, and its slope [m, m/rad].
     SpanLength(fn(&[f64], u32, f64) -> (f64, f64)),
-    /// Lengthening of a span by the chain's travel, and its slope [m, m/link].
+    /// Lengthening of a span as a function of the chain's travel, and its slope [m, m/link].
     ChainLength(fn(&[f64], ChainAt) -> (f64, f64)),
-    /// Torque on a sprocket by the chain's travel; the arguments are those of the span that ends there [N m].
+    /// Torque on a sprocket as a function of the chain's travel; the arguments are those of the span that ends there [N
+    /// m].
     ChainTorque(ChainTorqueLaw),
-    /// Force of a span beyond the declared one [N, N m].
+    /// Additional force of a span [N, N m].
     SpanForce(fn(&[f64], SpanAt) -> f64),
-    /// Torque on the bodies at both ends, by tension and speed [N m].
+    /// Torque on the bodies at both ends, from tension and speed [N m].
     SpanLoss(fn(&[f64], f64, f64) -> f64),
-    /// A second body behind a spring: on the declared one as it is, or with what the sensors read.
+    /// A second body behind a spring: attached to the declared body, or taking the sensors with it.
     SecondBody {
         sensors_move: bool,
     },
-    /// A prescribed speed's factor by angle.
+    /// Factor of a prescribed speed as a function of angle.
     Motion(MotionLaw),
-    /// What becomes of an input, given at equal steps [s]; the last argument: it stays at each value for a step, and the result
-    /// is its mean over every step.
+    /// Transforms an input that is given at equal steps [s]. If the last argument is true, the input is constant during
+    /// each step and the result is its mean over every step.
     Input(fn(&[f64], &mut [f64], f64, bool)),
     Signal(fn(&[f64], &mut Trace)),
-    /// Angle of a mark beyond its even place [gaps], and delay of its pulse [s].
+    /// Offset of a mark from its even spacing [gaps], and delay of its pulse [s].
     Marks(MarkLaw),
     /// Time read by the recorder per true time, minus one.
     Clock(fn(&[f64]) -> f64),
-    /// Intervals that hold two pulses; found when the record is read.
+    /// Intervals that contain two pulses; detected when the record is read.
     Intake,
-    /// Only where every link is a body.
+    /// Only for drives with link bodies.
     LinksOnly,
 }
 
@@ -348,16 +351,16 @@ pub struct Effect {
     pub on: On,
     pub equation: &'static str,
     pub source: &'static str,
-    /// Orders of its shaft at which it shows, or the other mark it leaves.
+    /// Orders of its shaft at which it appears, or its other signature.
     pub order: &'static str,
-    /// How its size, taken as a force, goes with speed.
+    /// How its magnitude, as a force, depends on speed.
     pub speed_law: &'static str,
     pub channels: &'static str,
     pub parameters: &'static [Parameter],
-    /// Takes energy and never gives any.
+    /// Whether it only dissipates energy.
     pub dissipative: bool,
     pub physics: Physics,
-    /// Where drives whose links are bodies take it, if they do.
+    /// Kind of target in drives with link bodies, if they support it.
     pub links: Option<On>,
 }
 
@@ -373,7 +376,7 @@ impl PartialEq for Effect {
     }
 }
 
-/// The catalogue. Those of sensors stand in the order in which a signal passes them.
+/// The catalogue. Effects on sensors are in the order in which a signal passes them.
 pub const EFFECTS: [&Effect; 45] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
@@ -422,7 +425,7 @@ pub const EFFECTS: [&Effect; 45] = [
     &time_base::ROW,
 ];
 
-/// What effects of one kind have in common, whatever their law: friction is friction.
+/// Family of effects with the same cause and different laws; friction is one family.
 pub fn family(effect: &'static Effect) -> &'static str {
     match effect.name {
         "coulomb_friction" | "stribeck_friction" => "friction",
@@ -436,12 +439,12 @@ pub fn family(effect: &'static Effect) -> &'static str {
     }
 }
 
-/// The row called `name`.
+/// The row with this `name`.
 pub fn named(name: &str) -> Option<&'static Effect> {
     EFFECTS.iter().find(|e| e.name == name).copied()
 }
 
-/// Friction's sign without its jump: v / sqrt(v^2 + width^2), an odd function from -1 to 1. Its steepest slope is that of
+/// Smooth sign for friction: v / sqrt(v^2 + width^2), an odd function from -1 to 1. Its maximum slope equals that of
 /// tanh(v / width), which took a fifth of a search's time.
 pub fn soft_sign(v: f64, width: f64) -> f64 {
     v / libm::sqrt(v * v + width * width)

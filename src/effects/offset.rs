@@ -1,4 +1,4 @@
-//! A channel whose zero is off.
+//! A channel with a zero offset.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 

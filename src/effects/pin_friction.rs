@@ -1,4 +1,4 @@
-//! Friction of the pins in their bushes where the chain bends onto and off a sprocket.
+//! Friction of the pins in their bushes as the chain articulates onto and off a sprocket.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
 use crate::units::UM;

@@ -1,4 +1,4 @@
-//! One link that is longer or shorter than the others; the span that holds it is longer by as much.
+//! One link that is longer or shorter than the others; the span that contains it changes by the same length.
 
 use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
@@ -30,7 +30,7 @@ fn length(p: &[f64], at: ChainAt) -> (f64, f64) {
     (-p[1] * inside, p[1] * slope)
 }
 
-/// 1 from 0 to `width`, 0 outside, over one link at both ends; and its slope.
+/// 1 from 0 to `width`, 0 outside, smoothed over one link at both ends; and its slope.
 pub fn smooth_box(x: f64, width: f64, links: f64) -> (f64, f64) {
     let edge = |d: f64| match d {
         d if d <= -0.5 => (0.0, 0.0),

@@ -1,4 +1,4 @@
-//! Chordal action that the declared model lacks: the pitch line rises and falls once a tooth.
+//! Chordal action that the declared model lacks: the pitch line rises and falls once per tooth.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};

@@ -1,4 +1,4 @@
-//! Drag in proportion to the square of speed: a fan, a flywheel in air.
+//! Drag proportional to the square of speed: a fan, a flywheel in air.
 
 use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! A channel that knows only steps.
+//! A channel with finite resolution.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Trace};
 

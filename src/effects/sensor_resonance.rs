@@ -1,4 +1,4 @@
-//! A sensor that rings: its own mass on its mounting.
+//! A sensor with a resonance: its own mass on its mounting.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
@@ -25,7 +25,7 @@ fn pass(p: &[f64], trace: &mut Trace) {
     let omega = 2.0 * std::f64::consts::PI / p[0];
     let zeta = 0.1;
     if omega * trace.step_s > 20.0 {
-        // Far above what the samples show: nothing is left of it.
+        // Far above the sampled range: the effect vanishes.
         return;
     }
     let parts = libm::ceil(trace.step_s * omega / 0.5).max(1.0);

@@ -1,4 +1,4 @@
-//! A sensor that cannot tell forwards from backwards: a pulse counter.
+//! A sensor that does not show the direction of motion, such as a pulse counter.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
 

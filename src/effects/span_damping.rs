@@ -1,4 +1,4 @@
-//! Damping of a span or coupling beyond the declared one.
+//! Damping of a span or coupling in addition to the declared one.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
 

@@ -1,4 +1,4 @@
-//! A span or coupling whose stiffness grows, or falls, with its stretch.
+//! A span or coupling whose stiffness increases or decreases with its stretch.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
 

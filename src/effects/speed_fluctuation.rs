@@ -1,4 +1,4 @@
-//! A prescribed speed that swings once or n times a revolution: firing orders, a joint's angle.
+//! A prescribed speed that fluctuates once or n times a revolution, by firing orders or a universal joint.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;

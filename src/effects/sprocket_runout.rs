@@ -1,4 +1,5 @@
-//! A sprocket whose pitch circle runs out of true by `amplitude`: the path of every span at it is longer by e sin(theta + phase).
+//! A sprocket with radial runout `amplitude` of its pitch circle: the path of every span at it is longer by e sin(theta
+//! + phase).
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};

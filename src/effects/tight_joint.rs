@@ -1,4 +1,4 @@
-//! One joint that turns against a friction torque of its own: it costs work only where the chain bends.
+//! One joint with additional friction torque; it dissipates energy only where the chain articulates.
 
 use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
 

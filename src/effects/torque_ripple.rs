@@ -1,4 +1,4 @@
-//! A torque that comes back every revolution, or n times in it: cam lobes, cogging, a weight off the axis.
+//! A torque that repeats every revolution, or n times in it: cam lobes, cogging, an eccentric weight.
 
 use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;

@@ -1,4 +1,4 @@
-//! A second inertia on a spring at a body, which the declared model lacks; sensors stay on the declared body.
+//! A second inertia on a spring at a body, which the declared model lacks; sensors remain on the declared body.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! Inertia that changes over a turn or mass off the axis: a torque in proportion to the square of speed.
+//! Inertia that varies over a revolution, or an eccentric mass: a torque proportional to the square of speed.
 
 use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;

@@ -1,4 +1,4 @@
-//! Friction in proportion to speed.
+//! Friction proportional to speed.
 
 use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
 

@@ -1,4 +1,4 @@
-//! Every link longer by the same: wear of pins and bushes.
+//! Uniform elongation of all links by wear of pins and bushes.
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;

@@ -1,9 +1,10 @@
-//! What is believed of a search: the set that stands, the grounds of every effect in it, and its rivals.
+//! Acceptance of search results: the accepted set of effects, the evidence for each effect, and its rivals.
 //!
-//! An effect stays when its score is worth it, when the error on what judges falls by a twentieth (that of its channel, for an
-//! effect on a sensor) or loses half of what was above the noise, and surely, when it explains more than a sham, when its size is
-//! three standard errors from nothing and one everywhere, and when no force of another form does better in its place. A set that
-//! leaves most of what is above the noise is a lead, no finding. A rival is what takes its place as well.
+//! An effect is accepted when all of these hold: its score gain is large enough; the held-out error (that of its own
+//! channel, for an effect on a sensor) significantly falls by a twentieth or loses half of its part above the noise; it
+//! explains more than a sham; its size is three standard errors from zero and the same in all records; and no force of
+//! another form fits better in its place. A set that leaves most of the error above the noise is only a lead and is not
+//! reported as a finding. A rival is another effect that fits as well in the same place.
 
 use super::candidates::Hypothesis;
 use super::crossed::{Pair, pair};
@@ -29,58 +30,62 @@ pub struct Rival {
     pub judge_ratio: [f64; 3],
 }
 
-/// What was found.
+/// Result of the acceptance.
 pub struct Found<'a> {
     pub declared: Model<'a>,
     pub best: Model<'a>,
-    /// For every effect of the best model: what cannot be told from it.
+    /// For every effect of the best model: the effects that the records cannot distinguish from it.
     pub rivals: Vec<Vec<Rival>>,
     pub trials: Vec<Trial>,
     pub reasons: Vec<(String, String)>,
-    /// For every effect of the best model: what made it accepted.
+    /// For every effect of the best model: the evidence on which it was accepted.
     pub grounds: Vec<Ground>,
     pub detectable: Vec<Detectable>,
     pub alike: Vec<Alike>,
     pub cut_short: bool,
 }
 
-/// Why an effect was accepted.
+/// Evidence for an accepted effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ground {
     pub identity: String,
-    /// Error on what judges with it to that without it.
+    /// Held-out error with the effect, relative to that without it, and its interval.
     pub judge_ratio: [f64; 3],
-    /// Records that were left out of the fit in turn and judged it, where those that judge do not show it.
+    /// Records that were left out of the fit in turn and used as held-out data, where the regular held-out data do not
+    /// show the effect.
     pub left_out: Vec<String>,
-    /// What that leaves of it.
+    /// Remaining error with the effect.
     pub left: Left,
-    /// Score without it minus score with it.
+    /// Score without the effect minus score with it.
     pub score: f64,
-    /// Share of the cost taken, and the same of the median and best sham.
+    /// Share of the cost that the effect removes; `sham` is the same for its shams.
     pub gain: f64,
     pub sham: f64,
 }
 
-/// Two sets whose scores differ by less are rivals; twice the natural logarithm of a likelihood ratio of 150.
+/// Two sets are rivals if their scores differ by less than this: twice the natural logarithm of a likelihood ratio of
+/// 150.
 const CLEAR: f64 = 10.0;
-/// An effect that leaves more than this of the error on what judges is not named: it is smaller than a third of what is left.
+/// An effect that leaves more than this fraction of the held-out error is not named: its contribution is less than a
+/// third of the remaining error.
 const WORTH_A_NAME: f64 = 0.95;
-/// What leaves more than this of the squared error above the noise floor explains too little to be the cause of it: near the floor,
-/// and far from it. Of 230 blind cases whose cause the catalogue has, those that were named left 48 % at most near the floor, and 10 %
-/// far from it; where it does not have the cause, 3 to 53 %. A stricter rule would take names from machines with several causes.
+/// A set that leaves more than this fraction of the squared error above the noise floor does not explain it: near the
+/// floor, and far from it. In 230 blind cases whose cause is in the catalogue, the named effects left at most 48 % near
+/// the floor and 10 % far from it; where the catalogue lacks the cause, 3 to 53 %. A stricter limit would reject
+/// effects of machines with several causes.
 const MOST: f64 = 2.0 / 3.0;
 const MOST_FAR: f64 = 0.4;
-/// Close to the noise floor an effect is worth a name that takes half of what is above it, if that is a hundredth of the error
-/// and of its square at least.
+/// Close to the noise floor an effect is also named if it removes half of the error above the floor, provided that this
+/// is at least a hundredth of the error and of its square.
 const HALF: f64 = 0.5;
 const LITTLE: f64 = 0.01;
-/// An effect explains three times as much as a sham, or leaves at most this share of what a sham leaves.
+/// An effect must explain three times as much as a sham, or leave at most this fraction of what the sham leaves.
 const SHAM: f64 = 0.8;
-/// Shams an accepted effect is held against.
+/// Number of shams with which each effect is compared.
 const SHAMS: usize = 40;
 
-/// The set to be judged: of every size the best whose effects all stand, and a larger one only if it leaves clearly less of the
-/// error. Many samples make small differences certain; they do not make them worth a name.
+/// Selects the set to be examined: of every size the best set whose effects are all accepted; a larger set only if it
+/// leaves clearly less error. With many samples even small differences are significant, but they do not justify a name.
 fn smallest_that_stands<'a>(
     declared: &Model<'a>,
     all: &[Model<'a>],
@@ -107,14 +112,15 @@ fn smallest_that_stands<'a>(
     best.clone()
 }
 
-/// Whether what judges bears out that a set is better than another without some of its effects, whose score is worse by `gain`.
+/// Whether the held-out data confirm that a set is better than the same set without some effects, whose score is worse
+/// by `gain`.
 fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &Data, threads: usize) -> bool {
     if gain < WORTH {
         return false;
     }
     let judged = pair(with, without, effects, own, threads);
-    // What judges tells the drive's numbers nothing: its likelihood counts in full, but for the numbers that its records and parts
-    // have of their own.
+    // The held-out data do not determine the drive's parameters, so their likelihood counts in full, minus a penalty
+    // for the parameters that belong to the held-out records and segments alone.
     let samples = effective_samples(&judged.with.judge);
     let price = own_numbers(with, effects, own) as f64 * libm::log(samples.iter().sum::<f64>().max(2.0));
     let predicted = deviance(&judged.without.judge, &samples) - deviance(&judged.with.judge, &samples) - price;
@@ -123,7 +129,7 @@ fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &
     gain + predicted >= WORTH && left.is_worth_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
 }
 
-/// Numbers of these effects that parts which only judge find for themselves: phases, and what was before they begin.
+/// Number of these effects' parameters that held-out segments fit for themselves: phases, and states at their start.
 fn own_numbers(model: &Model, effects: &[usize], own: &Data) -> usize {
     let fits = |r: usize| model.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
     let mut records: Vec<usize> = own.segments.iter().map(|s| s.record).filter(|r| !fits(*r)).collect();
@@ -137,13 +143,14 @@ fn own_numbers(model: &Model, effects: &[usize], own: &Data) -> usize {
     effects.iter().map(of).sum()
 }
 
-/// What a set leaves of another's error on what judges.
+/// Error that remains with a set, relative to that of another set, on the held-out data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Left {
-    /// Of all channels, or of the one that gains most where an effect on a sensor is in question, which no other channel can see.
+    /// Ratio of the errors: of all channels; for an effect on a sensor, which no other channel shows, of the channel
+    /// that gains most.
     pub error: f64,
-    /// Of the squared error above the noise floor, all channels by their noise; None where that is next to nothing, and for a
-    /// drive with links, whose floor is no noise alone.
+    /// Ratio of the squared errors above the noise floor, all channels scaled by their noise. None if that part is
+    /// negligible, and for a drive with link bodies, whose floor contains more than noise.
     pub above_floor: Option<f64>,
 }
 
@@ -162,7 +169,7 @@ fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
     });
     let above = |r: &Residuals| -> f64 {
         let of = |(c, channel): (usize, &crate::measurement::segments::Channel)| {
-            // No channel is known better than to a millionth of what is left of it.
+            // The floor of a channel is at least a millionth of its remaining error.
             let noise = channel.noise.max(1e-6 * b.rms(c).1).max(1e-300);
             ((r.rms(c).1 / noise).powi(2) - 1.0).max(0.0)
         };
@@ -174,7 +181,7 @@ fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
     Left { error, above_floor }
 }
 
-/// Whether every effect of a set improves on the set without it, as far as that one was fitted.
+/// Whether every effect of a set improves on the set without it, if that smaller set was fitted.
 fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: usize) -> bool {
     (0..model.effects.len()).all(|e| {
         let mut rest: Vec<String> = model.identity();
@@ -186,7 +193,8 @@ fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: 
     })
 }
 
-/// With forms a thirtieth as wide: as good as a jump or a step, where that is what they round off.
+/// The hypothesis with shape parameters a thirtieth as wide, which then approximate a jump or step that they would
+/// round off.
 fn sharper(h: &Hypothesis) -> Hypothesis {
     let mut sharp = h.clone();
     for (value, row) in sharp.values.iter_mut().zip(&h.rows) {
@@ -197,7 +205,7 @@ fn sharper(h: &Hypothesis) -> Hypothesis {
     sharp
 }
 
-/// Judges what a search saw.
+/// Decides which of the search results to accept.
 pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) -> Found<'a> {
     context.say("holding what was found against what it has not seen");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } = searched;
@@ -215,7 +223,7 @@ pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) 
     Found { declared, best, rivals, trials, reasons, grounds, detectable, alike, cut_short }
 }
 
-/// Takes away loads in whose place a form without a name leaves clearly less: what they stand for has another law.
+/// Removes loads for which an unnamed form fits clearly better in their place: the true load follows another law.
 fn of_known_form<'a>(
     declared: &Model<'a>,
     (best, grounds): (Model<'a>, Vec<Ground>),
@@ -242,7 +250,7 @@ fn of_known_form<'a>(
     (best, grounds)
 }
 
-/// The form that leaves clearly less than a set's load when it stands in its place.
+/// The form that leaves clearly less error than the set when it replaces the set's load.
 fn better_form<'a>(
     declared: &Model<'a>,
     best: &Model<'a>,
@@ -267,10 +275,10 @@ fn better_form<'a>(
     best_form.map(|(_, form)| form.effect.equation)
 }
 
-/// Why what stands is no finding: most of the error stays, so that something else is behind it, of which the set may be a
-/// shadow.
+/// Reason why an accepted set is only a lead: most of the error remains, so that another cause is likely, of which the
+/// set may be a side effect.
 fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Option<String> {
-    // Where all are on sensors, one channel may be explained and others not.
+    // If all effects are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let effects: Vec<usize> = (0..best.effects.len()).collect();
     let left = left_of(on_sensors, &best.problem, &pair(best, declared, &effects, own, threads))
@@ -282,10 +290,10 @@ fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Op
     })
 }
 
-/// Sets that are looked at closely, one after the other, until one holds as it is.
+/// Number of sets that are examined closely, one after the other, until one is accepted unchanged.
 const CLOSE_LOOKS: usize = 4;
 
-/// The first set that stands and loses nothing in a closer look; if none of some does, what is left of the first.
+/// The first accepted set that loses no effect in a close examination; if there is none, what remains of the first set.
 fn first_that_holds<'a>(
     declared: &Model<'a>,
     all: &[Model<'a>],
@@ -322,7 +330,8 @@ fn first_that_holds<'a>(
     left
 }
 
-/// Takes away what does not stand, one at a time, the weakest first; the grounds of what stays.
+/// Removes effects that fail, one at a time, the weakest first. Returns the remaining set with the evidence for each
+/// effect.
 fn pruned<'a>(
     declared: &Model<'a>,
     mut best: Model<'a>,
@@ -354,7 +363,7 @@ fn pruned<'a>(
     }
 }
 
-/// What speaks for an effect of a set: the set with it against the set without.
+/// Evidence for one effect: the set with it compared with the set without it.
 fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Data, threads: usize) -> Ground {
     let (gain, sham) = shams(best, less, which, threads);
     let judged = pair(best, less, &[which], own, threads);
@@ -370,7 +379,7 @@ fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Dat
     }
 }
 
-/// What speaks against it, if anything does.
+/// Reason against an effect, if there is one.
 fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
     let [ratio, low, high] = ground.judge_ratio;
     let (gain, sham) = (ground.gain, ground.sham);
@@ -392,7 +401,7 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
     }
 }
 
-/// Says of every trial what became of it.
+/// Records the final outcome of every trial.
 fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
     let best_score = score(best, effective);
     let accepted: Vec<String> = best.effects.iter().map(Hypothesis::identity).collect();
@@ -401,7 +410,7 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
         id.push(t.identity.clone());
         id.sort();
         let Some(m) = all.iter().find(|m| m.identity() == id) else { continue };
-        // Whatever was said of it on the way beside others.
+        // An accepted effect overrides whatever was recorded for it in combination with others.
         if accepted.contains(&t.identity) && t.beside.iter().all(|b| accepted.contains(b)) {
             t.why = "accepted".into();
         }
@@ -424,18 +433,18 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
     }
 }
 
-/// Gain of an effect over the model without it, by screening, and the median gain of its shams.
+/// Gain of an effect over the model without it, from screening, and the median gain of its shams.
 fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64) {
     let h = &best.effects[which];
     let base = Base::new(&less.problem, &less.fit);
-    // Squares of all channels by the weights of the smaller model: units do not matter.
+    // Squares of all channels, weighted as in the smaller model, so that units cancel.
     let squares = |m: &Model| -> f64 {
         let of = m.left.iter().zip(&less.problem.weights);
         of.map(|(parts, w)| parts.iter().flatten().map(|x| x * x / (w * w)).sum::<f64>()).sum()
     };
     let gain = 1.0 - squares(best) / squares(less).max(1e-300);
     if h.phase().is_some() {
-        // A wave with a free phase explains as much when it is shifted: no sham.
+        // A wave with a free phase explains as much when it is shifted, so that it has no sham.
         return (gain, 0.0);
     }
     let p = promise(&less.problem, &base, &less.fit, h);
@@ -448,7 +457,7 @@ fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64)
     (gain, crate::measurement::facts::median(&mut gains))
 }
 
-/// How many standard errors an effect's amplitude is from nothing, the largest of them; what has none is as sure as can be.
+/// Largest distance of an effect's amplitudes from zero, in standard errors; infinite if the effect has no amplitude.
 fn sigmas(model: &Model, which: usize) -> f64 {
     let amplitude = |g: &usize| {
         let key = model.problem.machine.slots[model.problem.globals[*g].slot].path.rsplit('.').next();
@@ -460,7 +469,7 @@ fn sigmas(model: &Model, which: usize) -> f64 {
     if globals.is_empty() { f64::INFINITY } else { globals.iter().map(size).fold(0.0, f64::max) }
 }
 
-/// An amplitude that stands at a bound of what it can be.
+/// Message for an amplitude that lies at a bound of its range.
 fn at_bound(model: &Model, which: usize) -> Option<String> {
     for g in globals_of(model, which) {
         let global = &model.problem.globals[g];
@@ -474,7 +483,7 @@ fn at_bound(model: &Model, which: usize) -> Option<String> {
     None
 }
 
-/// Replaces every effect of the best model by every other one that was looked at beside the rest, and keeps what is as good.
+/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well.
 fn rivals<'a>(
     declared: &Model<'a>,
     best: &Model<'a>,
@@ -493,8 +502,8 @@ fn rivals<'a>(
         let mut mine: Vec<Rival> = Vec::new();
         context.say("looking for rivals");
         let less = without_effect(declared, best, which, own, context.threads);
-        // Those that were fitted somewhere on the way, and those that looked alike from the beginning, as they were and with
-        // sharper forms: however little that explained as it was.
+        // Alternatives are the hypotheses that were fitted at any stage, and those whose columns looked alike from the
+        // start, in their own form and with sharper shapes, even if they explained little in their own form.
         let taken = |other: &str| best.effects.iter().any(|b| b.identity() == other);
         let twin = |h: &&Hypothesis| {
             let other = h.identity();
@@ -516,7 +525,7 @@ fn rivals<'a>(
                 return None;
             }
             let p = promise(&less.problem, &base, &less.fit, tried[i]);
-            // What explains far less as a small addition is no rival.
+            // A hypothesis that explains far less as a small addition is not a rival.
             if !p.columns.is_empty() && p.gain < 0.25 * own_gain {
                 return None;
             }

@@ -1,4 +1,4 @@
-//! What may be missing: every effect at every place it can be, with starting values of the right size.
+//! Candidate hypotheses: every effect at every possible place, with starting values of a suitable size.
 
 use super::fit::cost_at;
 use super::plant::has_place;
@@ -12,32 +12,33 @@ use crate::measurement::CandidateSpec;
 use crate::measurement::segments::Data;
 use crate::units::within;
 
-/// One hypothesis: an effect at its place with its forms and whole numbers chosen.
+/// One hypothesis: an effect at one place, with chosen starting shapes and integers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hypothesis {
     pub effect: &'static Effect,
     pub name: String,
     pub target: Target,
-    /// Starting values of all parameters, SI; amplitudes at one scale.
+    /// Starting values of all parameters, SI; amplitudes equal their scale.
     pub values: Vec<f64>,
     /// Rows of the parameters.
     pub rows: Vec<&'static Parameter>,
     /// Scale of every parameter, SI.
     pub scales: Vec<f64>,
-    /// On a drive with links.
+    /// Whether the drive has link bodies.
     pub on_links: bool,
-    /// Numbers of its own that every part has: what it remembers at the start, how a body that it adds starts. Between pulses,
-    /// where parts are many and short, such a body starts with the one it hangs on.
+    /// Number of parameters that each segment has for this effect: its internal state at the start, and the initial
+    /// state of an added body. For pulse data, whose segments are many and short, an added body starts in the state of
+    /// the body it is attached to.
     pub own_locals: usize,
 }
 
 impl Hypothesis {
-    /// The path of the effect: what two hypotheses of the same cause share.
+    /// The path of the effect. Two hypotheses of the same cause share it.
     pub fn path(&self) -> String {
         format!("effects.{}.{}", self.effect.name, self.name)
     }
 
-    /// The path, and what distinguishes harmonics: whole numbers.
+    /// The path with the integer parameters, which distinguish harmonics.
     pub fn identity(&self) -> String {
         let mut id = self.path();
         for (row, value) in self.rows.iter().zip(&self.values) {
@@ -48,7 +49,7 @@ impl Hypothesis {
         id
     }
 
-    /// Indices of its amplitudes.
+    /// Indices of the amplitude parameters.
     pub fn amplitudes(&self) -> Vec<usize> {
         (0..self.rows.len()).filter(|i| self.rows[*i].kind.is_amplitude()).collect()
     }
@@ -57,9 +58,9 @@ impl Hypothesis {
         self.rows.iter().position(|r| r.kind == Kind::Phase)
     }
 
-    /// Numbers that a fit of it has more, for so many records and parts of them.
+    /// Number of additional parameters in a fit, for the given number of records and segments.
     pub fn freedom(&self, records: usize, parts: usize) -> usize {
-        // On links: where every record finds it.
+        // With link bodies each record also determines the place of the effect.
         let places = if self.on_links && has_place(self.effect) { records } else { 0 };
         let numbers: usize = self
             .rows
@@ -74,7 +75,7 @@ impl Hypothesis {
     }
 }
 
-/// Sizes that the declared model and the records give.
+/// Typical sizes of quantities in the declared model and the records.
 #[derive(Clone, Debug)]
 pub struct Sizes {
     force: Vec<f64>,
@@ -93,7 +94,7 @@ fn rms(values: &[f64]) -> f64 {
 }
 
 impl Sizes {
-    /// Runs the fitted model once and looks.
+    /// Runs the fitted model once and reads the sizes from it.
     pub fn of(problem: &Problem, point: &Point) -> Sizes {
         let m = &problem.machine;
         let data = problem.data;
@@ -142,7 +143,7 @@ impl Sizes {
                     length_s = length_s.max(total);
                     let (Some(first), Some(last)) = (known.first(), known.last()) else { continue };
                     for b in 0..n {
-                        // A body that an effect adds starts with the one it hangs on, and tells no more.
+                        // A body that an effect adds starts in the state of its host, so that it adds no information.
                         let Some(v) = s.start.v.get(b).copied() else { continue };
                         speed[b] = speed[b].max(v);
                         let slope = v * (1.0 - libm::exp(first - last)).abs() / total;
@@ -162,7 +163,7 @@ impl Sizes {
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
     }
 
-    /// A drive with links tells its sizes by its runs; only signals ask.
+    /// Sizes for a drive with link bodies, whose runs give most sizes; only effects on signals need these.
     fn of_links(problem: &Problem) -> Sizes {
         let (m, data) = (&problem.machine, problem.data);
         let mut signal = vec![1.0; m.sensors.len()];
@@ -181,7 +182,7 @@ impl Sizes {
         Sizes { force: one, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
     }
 
-    /// Size of what accelerates a body [N, N m].
+    /// Typical force or torque on a body [N, N m].
     pub fn force(&self, body: usize) -> f64 {
         self.force.get(body).copied().filter(|f| *f > 0.0).unwrap_or(1e-3)
     }
@@ -191,7 +192,7 @@ impl Sizes {
         self.speed.get(body).copied().filter(|v| *v > 0.0).unwrap_or(1e-3)
     }
 
-    /// Size of a parameter for its target, SI.
+    /// Scale of a parameter for its target, SI.
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {
             Target::Body(b) => b,
@@ -230,7 +231,7 @@ impl Sizes {
             Scale::PerInput => 1.0 / input,
             Scale::SampleTime => self.sample_s,
             Scale::Rate => self.rate,
-            // Links: large enough to stand out of what does not repeat.
+            // With link bodies: large enough to exceed the non-repeating part.
             Scale::Micrometre10 => {
                 if m.linked.is_some() {
                     30e-6
@@ -242,7 +243,7 @@ impl Sizes {
     }
 }
 
-/// A middle angular frequency: a fifth of the highest that the samples can show [rad/s].
+/// A medium angular frequency: a fifth of the highest that the samples resolve [rad/s].
 fn rate(problem: &Problem) -> f64 {
     let step = problem
         .data
@@ -256,10 +257,10 @@ fn rate(problem: &Problem) -> f64 {
     std::f64::consts::PI / step / 5.0
 }
 
-/// Most hypotheses of one effect at one place.
+/// Maximum number of hypotheses of one effect at one place.
 const MOST_FORMS: usize = 24;
 
-/// All hypotheses for a machine; what is left out goes into `reasons`.
+/// All hypotheses for a machine. Effects that are left out go into `reasons` with the reason.
 pub fn all(
     m: &Machine,
     data: &Data,
@@ -286,13 +287,13 @@ pub fn all(
             if matches!(target, Target::Sensor(_)) && channel.is_none() {
                 continue;
             }
-            // Declared, with its number free: nothing to look for.
+            // The effect is declared and its parameter is free: no hypothesis is needed.
             let declared = m.placed.iter().any(|p| {
                 p.effect == effect
                     && p.target == target
                     && (p.slots.iter().any(|s| fitted.contains(s)) || p.path == path)
             });
-            // The same number under another name, and it is free already.
+            // The same parameter under another name, which is already free.
             let twin = match (effect.name, target) {
                 ("span_stiffness", Target::Spring(s)) => Some(m.springs[s].stiffness),
                 ("span_damping", Target::Spring(s)) => Some(m.springs[s].damping),
@@ -357,12 +358,12 @@ pub fn all(
                 let starts: Vec<f64> = match p.kind {
                     Kind::Amplitude => p.starts.iter().map(|s| s * scale).collect(),
                     Kind::PerMark => vec![p.starts[0] * scale],
-                    // Inside of what the effect can be, whatever the records look like.
+                    // Within the range of the effect, independent of the records.
                     Kind::Shape => {
                         p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
                     }
                     Kind::Whole => p.starts.to_vec(),
-                    // Neighbours differ, those two further do not.
+                    // Indices 0 and 1 differ; indices that are further apart only repeat these cases.
                     Kind::Index if m.linked.is_some() => vec![0.0, 1.0],
                     Kind::Index => p.starts.to_vec(),
                     Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
@@ -371,7 +372,7 @@ pub fn all(
             }
             forms.truncate(MOST_FORMS);
             for values in forms {
-                // On links a starting value is the size at which its answer is looked at.
+                // With link bodies the response is evaluated at the starting value, so that this is the scale.
                 let scales = match m.linked.is_some() && !is_signal(effect) {
                     true => values.iter().map(|v| v.abs()).collect(),
                     false => scales.clone(),
@@ -404,16 +405,16 @@ pub fn all(
     found
 }
 
-/// How far a form may go from its start: in both directions by this factor.
+/// Factor by which a shape parameter may change from its start in both directions.
 const FORM_RANGE: f64 = 12.0;
 
-/// Where a seed makes runs leave so many times the cost that hardly any of it does, it stops the machine, or makes it run away, and
-/// tells a fit nothing of where to go: the numbers beside it have not given way yet.
+/// A seed that raises the cost by more than this factor stops the machine or makes it run away. It then gives the fit
+/// no direction, because the other parameters have not yet adapted.
 const RUNS_AWAY: f64 = 10.0;
 const SHORTENED: [f64; 3] = [0.5, 0.2, 0.05];
 const HARDLY_ANY: f64 = 1e-3;
 
-/// As [`with`], but with a smaller size where the seed's makes the machine stop or run away.
+/// As [`with`], but with a smaller amplitude if the seed's value stops the machine or makes it run away.
 pub fn begun<'a>(
     problem: &Problem<'a>,
     point: &Point,
@@ -443,7 +444,7 @@ pub fn begun<'a>(
     SHORTENED.iter().map(|share| sized(*share)).find(|start| cost(start) < without).unwrap_or(hardly)
 }
 
-/// A problem with a hypothesis built in: its numbers free, starting at the seed's.
+/// The problem with a hypothesis added. Its parameters are free and start at the seed's values.
 pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &Seed) -> (Problem<'a>, Point) {
     let (values, phases) = (&seed.values, &seed.phases);
     let mut next = problem.clone();
@@ -453,7 +454,7 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
             locals[at] = *travel;
         }
     }
-    // A second harmonic of an effect that is there needs a name of its own.
+    // A second harmonic of an effect that is already present needs a name of its own.
     let mut name = h.name.clone();
     while next.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
         name.push('+');

@@ -1,5 +1,5 @@
-//! Effects that the records which judge do not show, because nothing there turns back or comes to its limit: they are held against
-//! the records that fit, each of which is left out in turn and predicted from the others.
+//! Cross-validation for effects that the held-out data do not show, for example because nothing there reverses or
+//! reaches a limit. Each record that was fitted is left out in turn and predicted from the others.
 
 use super::fit::{Options, fit};
 use super::judge::{self, Residuals, fit_judging};
@@ -7,21 +7,21 @@ use super::model::{Model, globals_of, placed_path};
 use super::problem::{Point, Problem};
 use crate::measurement::segments::Data;
 
-/// Residuals with an effect and without it on what judges the two.
+/// Held-out residuals with an effect and without it.
 #[derive(Clone, Debug)]
 pub struct Pair {
     pub with: Residuals,
     pub without: Residuals,
-    /// Records that were left out in turn, where those that judge do not show the effect.
+    /// Records that were left out in turn, if the regular held-out data do not show the effect.
     pub left_out: Vec<usize>,
 }
 
-/// A difference below this share of a channel's noise is none.
+/// A difference below this fraction of a channel's noise counts as zero.
 const UNSEEN: f64 = 0.01;
-/// Errors on what judges that differ by less than this share may come of an effect that does not show there.
+/// Held-out errors that differ by less than this fraction may belong to an effect that the held-out data do not show.
 const ALIKE: f64 = 0.05;
 
-/// What judges a model against the same without some of its effects (their places in it).
+/// Held-out residuals of a model and of the same model without some of its effects, given by their indices.
 pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, threads: usize) -> Pair {
     let usual = Pair { with: with.residuals().clone(), without: without.residuals().clone(), left_out: Vec::new() };
     let ratio = judge::mean_error(&with.residuals().judge) / judge::mean_error(&without.residuals().judge).max(1e-300);
@@ -37,7 +37,7 @@ pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, thread
     fitting.dedup();
     let shown = |r: &usize| idle.iter().any(|off| fitting_shows(with, off, *r));
     let left_out: Vec<usize> = fitting.iter().copied().filter(shown).collect();
-    // Where one record alone shows it, the others cannot tell its size, if it has one.
+    // If only one record shows the effect, the other records cannot determine its size, provided that it has one.
     let sized = effects.iter().any(|e| !globals_of(with, *e).is_empty());
     if fitting.len() < 2 || left_out.len() < if sized { 2 } else { 1 } {
         return usual;
@@ -57,7 +57,7 @@ pub fn pair(with: &Model, without: &Model, effects: &[usize], own: &Data, thread
     crossed
 }
 
-/// The model without an effect, all numbers held; None where no value of its own takes it away.
+/// The model without an effect, all parameters kept; None if no value of its own parameters switches it off.
 fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
     let path = placed_path(model, effect);
     let (mut problem, mut point) = (model.problem.clone(), model.fit.point.clone());
@@ -81,13 +81,13 @@ fn off<'a>(model: &Model<'a>, effect: usize) -> Option<(Problem<'a>, Point)> {
     (!slots.is_empty()).then_some((problem, point))
 }
 
-/// Whether two series of a channel's readings differ by what a channel can show.
+/// Whether two series of channel readings differ by more than the channel resolves.
 fn differ(problem: &Problem, a: &[Vec<f64>], b: &[Vec<f64>]) -> bool {
     let noises = problem.data.channels.iter().map(|c| UNSEEN * c.noise.max(1e-300));
     a.iter().zip(b).zip(noises).any(|((a, b), least)| a.iter().zip(b).any(|(a, b)| (a - b).abs() > least))
 }
 
-/// Whether a part's readings change with an effect taken away, from the same start.
+/// Whether a segment's readings change when an effect is removed, from the same initial state.
 fn shows(model: (&Problem, &Point), off: (&Problem, &Point), part: usize, fitting: bool) -> bool {
     let of = |(problem, point): (&Problem, &Point)| problem.model(part, &point.globals, &point.locals[part], fitting);
     match (of(model), of(off)) {
@@ -96,7 +96,8 @@ fn shows(model: (&Problem, &Point), off: (&Problem, &Point), part: usize, fittin
     }
 }
 
-/// The same for what judges: tails of parts that fit, and parts of their own, from the starts that were found with it.
+/// The same for held-out data: ends of fitted segments, and separate segments, from the initial states found with the
+/// effect.
 fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data, threads: usize) -> bool {
     let segments = &model.problem.data.segments;
     let mut tails = (0..segments.len()).filter(|k| (1..segments[*k].len()).contains(&segments[*k].judge_from));
@@ -104,7 +105,7 @@ fn judging_shows(model: &Model, (problem, point): &(Problem, Point), own: &Data,
         return true;
     }
     let Some((held, at)) = fit_judging(&model.problem, &model.fit, own, threads) else { return false };
-    // The same starts and numbers of records, and the machine without the effect.
+    // The same initial states and record parameters, and the machine without the effect.
     let mut without = held.clone();
     for placed in &problem.machine.placed {
         for slot in &placed.slots {
@@ -125,7 +126,7 @@ fn fitting_shows(model: &Model, (problem, point): &(Problem, Point), record: usi
     own.any(|k| shows((&model.problem, &model.fit.point), (problem, point), k, true))
 }
 
-/// Residuals of a record's parts, channel by channel, after a fit to the other records.
+/// Residuals of a record's segments, channel by channel, after a fit to the other records.
 fn predicted(model: &Model, record: usize, threads: usize) -> Vec<Vec<Vec<f64>>> {
     let data = model.problem.data;
     let kept: Vec<usize> = (0..data.segments.len()).filter(|k| data.segments[*k].record != record).collect();

@@ -1,6 +1,7 @@
-//! What a model leaves, looked at by itself before anything is named: which turns of which body it repeats with and how that grows
-//! with speed, which state it follows, and which force on which body would make it. It proposes and proves nothing: every line is
-//! the share of a channel's squared error that one simple form takes, fitted to what it is measured on.
+//! Analysis of the residuals before any effect is named: with which orders of which body they repeat and how these grow
+//! with speed, which state they follow, and which force on which body would produce them. The result is a suggestion
+//! and no proof: every line is the share of a channel's squared error that one simple form removes, fitted to the same
+//! data on which it is measured.
 
 use super::fit::{Fit, parallel};
 use super::model::Model;
@@ -12,7 +13,7 @@ use crate::machine::simulate::Samples;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// What repeats with the turns of a body.
+/// A component that repeats with the revolutions of a body.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OrderLine {
     /// `order 2 of motor`, `chain loop 1 of crank`.
@@ -20,13 +21,13 @@ pub struct OrderLine {
     pub body: String,
     /// Periods per revolution of the body.
     pub order: f64,
-    /// Part of the squared error.
+    /// Share of the squared error.
     pub share: f64,
-    /// Its amplitude goes with this power of speed, where records at other speeds tell.
+    /// Exponent p in amplitude ~ speed^p, if records at different speeds determine it.
     pub speed_exponent: Option<f64>,
 }
 
-/// What follows a state of a body.
+/// A component that follows a state of a body.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StateLine {
     pub body: String,
@@ -34,8 +35,8 @@ pub struct StateLine {
     pub share: f64,
 }
 
-/// Amplitudes by periods per revolution of a body, the mean over parts, in the channel's unit: of every narrow range of orders
-/// the largest.
+/// Amplitudes over order (periods per revolution of a body), the mean over segments, in the channel's unit. Each narrow
+/// range of orders is represented by its largest amplitude.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OrderSpectrum {
     pub body: String,
@@ -43,17 +44,18 @@ pub struct OrderSpectrum {
     pub amplitudes: Vec<f64>,
 }
 
-/// The cumulated periodogram of what is left (Bartlett 1955): white noise stays within `band` of the diagonal in 95 of 100 cases.
+/// Cumulated periodogram of the residuals (Bartlett 1955): white noise stays within `band` of the diagonal in 95 of 100
+/// cases.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Periodogram {
-    /// Share of the power at frequencies up to i + 1 of as many equal parts of half the sampling rate.
+    /// Share of the power below frequency band i + 1, where the bands divide half the sampling rate equally.
     pub cumulated: Vec<f64>,
     pub band: f64,
     /// Largest distance from the diagonal.
     pub farthest: f64,
 }
 
-/// What is left of a channel.
+/// Residual analysis of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelLeft {
     pub channel: String,
@@ -63,7 +65,7 @@ pub struct ChannelLeft {
     pub periodogram: Periodogram,
     #[serde(skip)]
     pub by_order: Vec<OrderSpectrum>,
-    /// Part of the squared error that is above the noise floor.
+    /// Share of the squared error above the noise floor.
     pub above_floor: f64,
     pub orders: Vec<OrderLine>,
     pub states: Vec<StateLine>,
@@ -72,32 +74,32 @@ pub struct ChannelLeft {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Diagnosis {
     pub channels: Vec<ChannelLeft>,
-    /// As a force on a body: how much of the error a small force of this form would take, all channels together.
+    /// Forces on bodies: share of the total error that a small force of each form would remove, all channels together.
     pub forces: Vec<StateLine>,
 }
 
-/// Orders of a turn that are looked at, beside its teeth and the chain's loop.
+/// Highest order examined, besides tooth and chain-loop orders.
 const ORDERS: u32 = 6;
-/// Lines that are told of each kind.
+/// Maximum number of reported lines of each kind.
 const TOLD: usize = 3;
-/// Less than this share is not told.
+/// A smaller share is not reported.
 const LITTLE: f64 = 0.03;
-/// A line holds so many times what it would take of noise.
+/// A line is significant if its share exceeds this multiple of the share expected from noise.
 const CHANCE: f64 = 4.0;
 
-/// A state of a body at the samples of a part.
+/// Position and speed of a body at the samples of a segment.
 struct Moves {
     q: Vec<f64>,
     v: Vec<f64>,
 }
 
-/// Residuals of a part, channel by channel, and how every body moves there.
+/// Residuals of a segment, channel by channel, and the motion of every body in it.
 struct Part {
     residuals: Vec<Vec<f64>>,
     moves: Vec<Moves>,
 }
 
-/// Looks at what a model leaves of what it was fitted to.
+/// Analyses the residuals of a model on the data to which it was fitted.
 pub fn diagnose(model: &Model, threads: usize) -> Diagnosis {
     let problem = &model.problem;
     let m = &problem.machine;
@@ -116,7 +118,7 @@ pub fn diagnose(model: &Model, threads: usize) -> Diagnosis {
     Diagnosis { channels, forces }
 }
 
-/// None: the model does not follow this part.
+/// Returns None if the model cannot simulate this segment.
 fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part> {
     let s = &problem.data.segments[k];
     let n = s.judge_from;
@@ -139,7 +141,8 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
             Some(Part { residuals, moves })
         }
         Samples::Pulses { .. } => {
-            // A pulse is a share of a turn of the body with the marks; the others are not known there.
+            // A pulse is a fraction of a revolution of the body with the marks. The motion of the other bodies is
+            // unknown there.
             let (on, marks) = problem.channels.iter().find_map(|c| match problem.machine.sensors[*c].reads {
                 Reads::Pulses { body, marks } => Some((body, marks)),
                 _ => None,
@@ -160,7 +163,7 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
     }
 }
 
-/// Zero where a pulse was missed.
+/// Replaces the value of a missed pulse by zero.
 fn known(v: f64) -> f64 {
     if v.is_finite() { v } else { 0.0 }
 }
@@ -220,7 +223,7 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
     orders.sort_by(|a: &OrderLine, b| b.share.total_cmp(&a.share));
     orders.truncate(TOLD);
     states.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
-    // At one speed all its powers are one.
+    // At a single speed all powers of it fit equally.
     states.dedup_by(|a, b| a.body == b.body && (a.share - b.share).abs() < 1e-3 * b.share);
     states.truncate(TOLD);
     let channel = &problem.data.channels[c];
@@ -253,8 +256,8 @@ fn sign(v: f64) -> f64 {
     if v == 0.0 { 0.0 } else { v.signum() }
 }
 
-/// What a wave of this order takes of a channel's squares in a part, its amplitude, and the mean speed; None where the part is too
-/// short or its samples too far apart to tell.
+/// Share of the squares that a wave of this order removes from a channel in a segment, its amplitude, and the mean
+/// speed. None if the segment is too short or its sampling too coarse.
 fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, f64)> {
     let (q, r) = (&p.moves[body].q, &p.residuals[channel]);
     let n = r.len();
@@ -283,11 +286,11 @@ fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, 
     Some((a * cr + b * sr, libm::hypot(a, b), speed))
 }
 
-/// Orders that are looked at for a spectrum, and lines that are drawn of it.
+/// Orders that are computed for a spectrum, and lines that are drawn.
 const LOOKED: usize = 2000;
 const DRAWN: usize = 200;
 
-/// Orders and amplitudes times `shown`; None where the body does not turn often enough.
+/// Orders, and amplitudes times `shown`. None if the body does not turn often enough.
 fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
     let turns = |p: &Part| p.moves[body].q.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / TAU;
     let (longest, samples) =
@@ -295,7 +298,7 @@ fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(
     if longest < 6.0 || samples < 64 {
         return None;
     }
-    // Lines half as far apart as records of this length tell, as far as there are no more than are looked at.
+    // Orders at half the resolution limit of records of this length, up to the maximum count.
     let last = 0.45 * samples as f64 / longest;
     let count = ((2.0 * longest * last) as usize).clamp(DRAWN, LOOKED);
     let (mut orders, mut amplitudes) = (Vec::new(), Vec::new());
@@ -314,17 +317,17 @@ fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(
     Some((orders, amplitudes))
 }
 
-/// Samples of a block, and bands of the cumulated periodogram.
+/// Samples per block, and bands of the cumulated periodogram.
 const BLOCK: usize = 256;
 const BANDS: usize = 64;
 
-/// Of blocks of at most 256 samples, the mean of each taken away.
+/// Periodogram from blocks of at most 256 samples, each with its mean removed.
 fn periodogram(parts: &[Vec<f64>]) -> Periodogram {
     let (mut power, mut counts) = ([0.0; BANDS], [0_usize; BANDS]);
     for block in parts.iter().flat_map(|p| p.chunks(BLOCK)).filter(|b| b.len() >= 2 * BANDS) {
         let (n, mean) = (block.len(), block.iter().sum::<f64>() / block.len() as f64);
         let half = (n - 1) / 2;
-        // Turning by one angle again and again loses some 1e-13 over a block.
+        // Repeated rotation by one angle loses some 1e-13 over a block.
         for k in 1..=half {
             let (sin, cos) = crate::units::sin_cos(TAU * k as f64 / n as f64);
             let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
@@ -350,14 +353,14 @@ fn periodogram(parts: &[Vec<f64>]) -> Periodogram {
             sum
         })
         .collect();
-    // Where white noise would be: bands at the ends hold fewer ordinates.
+    // Expectation for white noise: the bands at the ends hold fewer ordinates.
     let diagonal = |i: usize| counts[..=i].iter().sum::<usize>() as f64 / ordinates as f64;
     let farthest = cumulated.iter().enumerate().map(|(i, c)| (c - diagonal(i)).abs()).fold(0.0, f64::max);
     // 95 % point of Kolmogorov and Smirnov.
     Periodogram { cumulated, band: 1.36 / libm::sqrt(ordinates as f64), farthest }
 }
 
-/// Slope of the logarithm of amplitude over that of speed, where speeds differ by a third at least.
+/// Slope of the logarithm of amplitude over that of speed; None unless speeds differ by at least a third.
 fn exponent(found: &[(f64, f64, f64)]) -> Option<f64> {
     let points: Vec<(f64, f64)> =
         found.iter().filter(|f| f.1 > 0.0 && f.2 > 0.0).map(|f| (libm::log(f.2), libm::log(f.1))).collect();

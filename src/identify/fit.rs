@@ -1,53 +1,56 @@
-//! Bounded least squares for many parts with numbers of their own: Levenberg-Marquardt on the Schur complement.
+//! Bounded least squares for many segments with local parameters: Levenberg-Marquardt on the Schur complement.
 //!
 //! ```text
 //! minimise sum over parts |r_k(g, l_k)|^2 + sum over priors ((g - g_0) / s)^2
 //! ```
-//! For every part the Jacobian by forward differences, columns by globals and locals; locals are eliminated part by part, so
-//! that a thousand parts cost a thousand small systems. A number at its bound that would leave it is held there for the step.
-//! Damping after Nielsen (1999). The order of all sums is fixed, so that any number of threads gives the same bits.
+//! The Jacobian of every segment comes from forward differences, with columns for globals and locals. Locals are
+//! eliminated segment by segment, so that a thousand segments cost a thousand small systems. A parameter at a bound
+//! that would leave its range is fixed for the step. Damping after Nielsen (1999). The order of all sums is fixed, so
+//! that any number of threads gives the same bits.
 
 use super::problem::{Local, Point, Problem};
 use crate::units::within;
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// How a fit ended.
+/// Result of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
     pub point: Point,
-    /// Sum of squares with priors.
+    /// Sum of squares including priors.
     pub cost: f64,
     pub converged: bool,
-    /// Covariance of the globals as the fit sees them, for unit variance of the residuals.
+    /// Covariance of the scaled globals, for unit variance of the residuals.
     pub covariance: DMatrix<f64>,
-    /// Residuals of every part at the end.
+    /// Final residuals of every segment.
     pub residuals: Vec<Vec<f64>>,
-    /// Derivatives of a part's residuals by the globals with the locals projected out.
+    /// Derivatives of a segment's residuals with respect to the globals, with the locals projected out.
     pub jacobians: Vec<DMatrix<f64>>,
 }
 
-/// A fit has converged when a step lowers the cost by less than this share.
+/// A fit has converged when a step lowers the cost by less than this fraction.
 const CONVERGED: f64 = 2e-6;
-/// A step that lowers the cost by more than this share of what was promised is followed by a rank-one update of the Jacobian
-/// (Broyden 1965) instead of a new one, so often in a row: a run instead of one for every number.
+/// After a step that lowers the cost by more than this fraction of the predicted decrease, the Jacobian gets a rank-one
+/// update (Broyden 1965) instead of new differences, at most so many times in a row. This costs one run instead of one
+/// for every parameter.
 const GOOD_GAIN: f64 = 0.3;
 const MOST_UPDATES: usize = 4;
-/// So many times the iterations asked for, while a fit still comes down.
+/// Factor on the iteration limit while the cost still falls.
 const STILL_FALLING: usize = 3;
-/// At the end of its iterations a fit that has lost no more than this share of its cost in the last two has converged too.
+/// At the iteration limit a fit has also converged if the last two iterations lowered its cost by no more than this
+/// fraction.
 const STANDS: f64 = 1e-4;
-/// Most steps for a drive with links, whose model is close to linear in what is looked for.
+/// Maximum number of steps for a drive with link bodies, whose model is nearly linear in the unknowns.
 const LINKED_ITERATIONS: usize = 8;
 
-/// Residuals and derivatives of one part.
+/// Residuals and derivatives of one segment.
 struct Part {
     residuals: Vec<f64>,
-    /// Columns: the globals that concern it, then its locals.
+    /// Columns: the globals that affect the segment, then its locals.
     columns: Vec<Vec<f64>>,
 }
 
-/// Runs `job` for 0 .. n on all cores and returns the results in their order.
+/// Runs `job` for 0 .. n on up to `threads` threads and returns the results in order.
 pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     if threads <= 1 || n < 2 {
         return (0..n).map(job).collect();
@@ -82,12 +85,12 @@ pub struct Options {
     pub threads: usize,
 }
 
-/// Whether the last five iterations have taken a tenth of the cost or more.
+/// Whether the last five iterations lowered the cost by a tenth or more.
 fn falls(costs: &[f64]) -> bool {
     costs.len() > 5 && costs[costs.len() - 1] < 0.9 * costs[costs.len() - 6]
 }
 
-/// Fits from `start`.
+/// Fits all parameters, starting from `start`.
 pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let segments = &problem.data.segments;
     let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
@@ -99,10 +102,10 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let residuals = evaluated(problem, &point, &parts, options);
     let mut cost = total(problem, &point, &residuals);
     let mut jacobian = linearised(problem, &point, &parts, residuals, options);
-    // How many rank-one updates the Jacobian has had since it was differenced.
+    // Number of rank-one updates since the Jacobian was last differenced.
     let mut updates = 0;
     let (converges, most) = match problem.plant {
-        // What does not repeat hides smaller steps.
+        // The non-repeating part hides smaller steps.
         Some(_) => (1e-4, options.iterations.min(LINKED_ITERATIONS)),
         None => (CONVERGED, options.iterations),
     };
@@ -146,7 +149,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             lambda = (lambda * (1.0 - x * x * x).max(1.0 / 3.0)).max(1e-12);
             grow = 2.0;
             if !good {
-                // A small step of an estimated Jacobian is no end: the fresh one has a try.
+                // A small step with an updated Jacobian does not end the fit: a freshly differenced one is tried first.
                 if small && updates == 0 {
                     converged = true;
                     break;
@@ -157,7 +160,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
             jacobian = linearised(problem, &point, &parts, residuals, options);
             updates = 0;
-            // An estimate that did not hold is no step.
+            // A step rejected because of an updated Jacobian does not count.
             taken -= 1;
         } else {
             if step.predicted < converges * cost {
@@ -172,7 +175,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             }
         }
     }
-    // Numbers that samples hardly tell wander on where the cost stands still.
+    // Poorly determined parameters may drift on although the cost no longer changes.
     let stands = |two_ago: &f64| two_ago - cost < STANDS * cost;
     converged |= taken >= most && taken > 2 && costs.iter().nth_back(1).is_some_and(stands);
     if updates > 0 {
@@ -182,7 +185,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     finish(problem, point, cost, converged, &parts, jacobian)
 }
 
-/// Clamps everything into its bounds.
+/// Clamps all parameters to their bounds.
 fn keep_inside(problem: &Problem, point: &mut Point) {
     for (x, g) in point.globals.iter_mut().zip(&problem.globals) {
         let (low, high) = g.law.bounds();
@@ -203,12 +206,12 @@ pub(super) fn priors(problem: &Problem, point: &Point) -> f64 {
     of.filter_map(|(g, x)| g.prior.map(|(mean, s)| ((x - mean) / s) * ((x - mean) / s))).sum()
 }
 
-/// Residuals of all parts.
+/// Residuals of all segments.
 fn evaluated(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Vec<f64>> {
     parallel(parts.len(), options.threads, |i| problem.residuals(parts[i], &point.globals, &point.locals[parts[i]]))
 }
 
-/// What a fit that starts here comes down from.
+/// Cost at the start of a fit from this point.
 pub fn cost_at(problem: &Problem, point: &Point, threads: usize) -> f64 {
     let segments = &problem.data.segments;
     let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
@@ -221,7 +224,7 @@ fn total(problem: &Problem, point: &Point, residuals: &[Vec<f64>]) -> f64 {
     residuals.iter().map(|r| dot(r, r)).sum::<f64>() + priors(problem, point)
 }
 
-/// Broyden's rank-one update of every part's Jacobian after a step from `before` to `after`, where the residuals are these.
+/// Broyden's rank-one update of every segment's Jacobian after a step from `before` to `after`, with the new residuals.
 fn update(
     problem: &Problem,
     parts: &[usize],
@@ -234,7 +237,7 @@ fn update(
         let globals = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k));
         let mut step: Vec<f64> = globals.map(|g| after.globals[g] - before.globals[g]).collect();
         step.extend(after.locals[*k].iter().zip(&before.locals[*k]).map(|(a, b)| a - b));
-        // In units in which every column changes the residuals alike.
+        // Scales the parameters so that every column changes the residuals equally.
         let sizes: Vec<f64> = part.columns.iter().map(|c| dot(c, c)).collect();
         let length: f64 = step.iter().zip(&sizes).map(|(s, size)| s * s * size).sum();
         if length > 0.0 {
@@ -259,7 +262,7 @@ fn linearised(
     residuals: Vec<Vec<f64>>,
     options: Options,
 ) -> Vec<Part> {
-    // Parts and their columns as one list of jobs: few long parts keep all cores busy as many short ones do.
+    // Segments and columns form one list of jobs, so that a few long segments use all cores as well as many short ones.
     let mut jobs: Vec<(usize, usize)> = Vec::new();
     for (i, k) in parts.iter().enumerate() {
         let concerned = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k)).count();
@@ -270,7 +273,7 @@ fn linearised(
         let k = parts[i];
         let concerned: Vec<usize> = (0..problem.globals.len()).filter(|g| problem.concerns(*g, k)).collect();
         let (mut globals, mut locals) = (point.globals.clone(), point.locals[k].clone());
-        // Towards the inside of the bounds.
+        // Steps towards the interior of the bounds.
         let nudged = |x: f64, d: f64, bounds: (f64, f64)| {
             if x + d > bounds.1 { x - d } else { x + d }
         };
@@ -304,7 +307,7 @@ fn linearised(
 struct Step {
     globals: DVector<f64>,
     locals: Vec<DVector<f64>>,
-    /// By which the cost would fall if the model were linear.
+    /// Decrease of the cost that a linear model predicts.
     predicted: f64,
 }
 
@@ -312,7 +315,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Blocks of the normal equations of one part: locals by locals, locals by globals, and the gradient of the locals.
+/// Blocks of the normal equations of one segment: locals by locals, locals by globals, and the gradient of the locals.
 struct Blocks {
     ll: DMatrix<f64>,
     lg: DMatrix<f64>,
@@ -358,7 +361,7 @@ fn solve(problem: &Problem, point: &Point, parts: &[usize], jacobian: &[Part], l
             b[i] += (x - mean) / (s * s);
         }
     }
-    // Held at a bound: the gradient points outwards.
+    // Fixed at a bound: the gradient points outwards.
     let mut held: Vec<bool> = (0..n)
         .map(|i| {
             let (low, high) = problem.globals[i].law.bounds();
@@ -394,8 +397,8 @@ fn damped(m: &DMatrix<f64>, lambda: f64) -> DMatrix<f64> {
     m
 }
 
-/// A product whose sums run in one order on every processor, as those of `tr_mul` do: the library's `*` of two large matrices takes
-/// kernels that fuse multiplications and additions where the processor can.
+/// Matrix product with the same summation order on every processor, as in `tr_mul`. The library's `*` for two large
+/// matrices uses kernels with fused multiply-add where the processor supports it.
 fn product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let mut out = DMatrix::zeros(a.nrows(), b.ncols());
     for (k, column) in b.column_iter().enumerate() {
@@ -443,7 +446,7 @@ fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, blocks: &[Blocks], lambda: f64
     }
 }
 
-/// Covariance, and Jacobians of the globals with locals projected out.
+/// Computes the covariance, and the Jacobians of the globals with the locals projected out.
 fn finish(problem: &Problem, point: Point, cost: f64, converged: bool, parts: &[usize], jacobian: Vec<Part>) -> Fit {
     let n = problem.globals.len();
     let mut information = DMatrix::<f64>::zeros(n, n);
@@ -473,7 +476,7 @@ fn finish(problem: &Problem, point: Point, cost: f64, converged: bool, parts: &[
     Fit { point, cost, converged, covariance, residuals, jacobians }
 }
 
-/// Orthonormal columns that span the given ones (modified Gram-Schmidt; what depends on others is left out).
+/// Orthonormal columns that span the given ones (modified Gram-Schmidt; linearly dependent columns are left out).
 pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for column in columns {
@@ -490,7 +493,7 @@ pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     basis
 }
 
-/// A column with its part along the basis taken away.
+/// The column minus its projection onto the basis.
 pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut rest = column.to_vec();
     for b in basis {
@@ -504,7 +507,7 @@ pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// The same bits on every processor: these were found on one with AVX-512.
+    /// The result has the same bits on every processor; the expected ones were computed with AVX-512.
     #[test]
     fn products_sum_in_one_order() {
         let value = |i: usize| libm::sin(i as f64 * 0.7) * libm::exp(libm::cos(i as f64 * 1.3));

@@ -1,21 +1,21 @@
-//! Scores: residuals of a fit on what it was fitted to, and on what it was not.
+//! Residuals and scores of a fit on the data it was fitted to, and on held-out data.
 
 use super::fit::{Fit, Options, fit};
 use super::problem::{Point, Problem};
 use super::stats;
 use crate::measurement::segments::{Data, Segment};
 
-/// Residuals in the unit in which channels are compared (not weighted), channel by channel and part by part.
+/// Unweighted residuals in the unit in which channels are compared, channel by channel and segment by segment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Residuals {
     pub fit: Vec<Vec<Vec<f64>>>,
     pub judge: Vec<Vec<Vec<f64>>>,
-    /// Record of every part.
+    /// Record of every segment.
     pub fit_record: Vec<usize>,
     pub judge_record: Vec<usize>,
 }
 
-/// The parts that only judge, as data that fits: their own numbers have to be found.
+/// The held-out segments, marked as fitting data so that their local parameters can be fitted.
 pub fn judging(data: &Data) -> Data {
     let mut own = data.clone();
     own.segments.retain(|s| s.judge_from == 0);
@@ -25,7 +25,8 @@ pub fn judging(data: &Data) -> Data {
     own
 }
 
-/// Fits the own numbers (starts, phases of their records) of the parts that judge, the drive's numbers held.
+/// Fits the local parameters (initial states, phases of their records) of the held-out segments; the drive's parameters
+/// are fixed.
 pub fn fit_judging<'a>(
     problem: &Problem<'a>,
     found: &Fit,
@@ -42,7 +43,7 @@ pub fn fit_judging<'a>(
     for (g, x) in problem.globals.iter().zip(&found.point.globals) {
         match g.record {
             Some(r) if own.segments.iter().any(|s| s.record == r) => {
-                // A record that fits too has told its numbers already.
+                // A record that was also fitted has already determined its parameters.
                 let fits = problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
                 if fits {
                     held.held.push((Some(r), g.slot, g.law.value(*x)));
@@ -80,7 +81,7 @@ pub fn fit_judging<'a>(
     Some((held, best.point))
 }
 
-/// Residuals of what a fit was fitted to, channel by channel and part by part, as the fit left them.
+/// Unweighted residuals of the fitted data, channel by channel and segment by segment.
 pub fn fitting(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
     let of = |c: usize| {
         let fits = problem.data.segments.iter().zip(&found.residuals).filter(|(s, _)| s.judge_from > 0);
@@ -93,24 +94,24 @@ pub fn fitting(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
     (0..problem.channels.len()).map(of).collect()
 }
 
-/// Geometric mean over channels of the root mean square: units do not matter for ratios of it.
+/// Geometric mean over channels of the root mean square. Units cancel in ratios of it.
 pub fn mean_error(channels: &[Vec<Vec<f64>>]) -> f64 {
     let sum: f64 = channels.iter().map(|parts| libm::log(stats::rms(parts).max(1e-300))).sum();
     libm::exp(sum / channels.len().max(1) as f64)
 }
 
-/// Effective samples of every channel.
+/// Effective number of samples of every channel.
 pub fn effective(channels: &[Vec<Vec<f64>>]) -> Vec<f64> {
     channels.iter().map(|p| stats::effective(p)).collect()
 }
 
-/// Twice the negative logarithm of the likelihood of all channels, each with a variance of its own, for so many effective
-/// samples a channel.
+/// Twice the negative log-likelihood of all channels, each with its own variance, for the given effective number of
+/// samples.
 pub fn deviance(channels: &[Vec<Vec<f64>>], effective: &[f64]) -> f64 {
     channels.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
 }
 
-/// Residuals of everything.
+/// Residuals of fitted and held-out data.
 pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Residuals {
     let n = problem.channels.len();
     let mut out = Residuals { fit: vec![Vec::new(); n], judge: vec![Vec::new(); n], ..Residuals::default() };
@@ -142,7 +143,7 @@ pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> 
     out
 }
 
-/// What the model shows in the parts that only judge, after their own numbers were found.
+/// Model output in the held-out segments, after a fit of their local parameters.
 fn own_models(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
     let Some((held, point)) = fit_judging(problem, found, own, threads) else { return Vec::new() };
     let model = |(k, s): (usize, &Segment)| {
@@ -152,7 +153,7 @@ fn own_models(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec
     own.segments.iter().enumerate().map(model).collect()
 }
 
-/// Residuals of the parts that only judge, channel by channel and part by part.
+/// Residuals of the held-out segments, channel by channel and segment by segment.
 pub fn own_residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
     let models = own_models(problem, found, own, threads);
     let parts = |c: usize| {
@@ -162,25 +163,25 @@ pub fn own_residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize)
     (0..problem.channels.len()).map(parts).collect()
 }
 
-/// Model less measured where both are known.
+/// Model minus measurement where both are known.
 fn differences(measured: &[f64], model: Option<&Vec<f64>>, samples: std::ops::Range<usize>) -> Vec<f64> {
     let of = |i: usize| model.and_then(|m| m.get(i)).map_or(f64::NAN, |m| m - measured[i]);
     (samples.start..samples.end.min(measured.len())).map(of).filter(|r| r.is_finite()).collect()
 }
 
-/// A model that ran away explains nothing.
+/// Output of a model that ran away: large values, so that it explains nothing.
 fn lost(channels: usize, samples: usize) -> Vec<Vec<f64>> {
     vec![vec![1e6; samples]; channels]
 }
 
 impl Residuals {
-    /// Root mean square of a channel on what fits, and on what judges.
+    /// Root mean square of a channel on fitted data, and on held-out data.
     pub fn rms(&self, channel: usize) -> (f64, f64) {
         (stats::rms(&self.fit[channel]), stats::rms(&self.judge[channel]))
     }
 
-    /// Ratio of the error on what judges to another's for the channel that gains most: an effect that one of many sensors sees is
-    /// worth as much as one that all see.
+    /// Ratio of the held-out errors for the channel that gains most. An effect that only one of many sensors shows thus
+    /// counts as much as one that all show.
     pub fn best_ratio(&self, before: &Residuals) -> f64 {
         let of = |c: usize| stats::rms(&self.judge[c]) / stats::rms(&before.judge[c]).max(1e-300);
         let judged = (0..self.judge.len()).filter(|c| before.judge[*c].iter().any(|p| !p.is_empty()));
@@ -188,7 +189,8 @@ impl Residuals {
         if best.is_finite() { best } else { 1.0 }
     }
 
-    /// Ratio of the error on what judges to another's, all channels together (each by the other's size), with its interval.
+    /// Ratio of the held-out errors of all channels together (each scaled by the other model's error), with its
+    /// interval.
     pub fn judge_ratio(&self, before: &Residuals) -> [f64; 3] {
         let scaled = |r: &Residuals| -> Vec<Vec<f64>> {
             let mut all = Vec::new();

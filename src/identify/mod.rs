@@ -1,7 +1,8 @@
-//! Closing the loop: measured records against a drive, until the difference has a name or is shown to have none.
+//! Identification: compares measured records with a drive until the difference is named, or shown to have no name in
+//! the catalogue.
 //!
-//! facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals -> what is left
-//! -> report. The loop goes over the catalogue of effects and holds no physics of its own.
+//! Sequence: facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals
+//! -> residual analysis -> report. The loop runs over the catalogue of effects and contains no physics of its own.
 
 pub mod accept;
 pub mod candidates;
@@ -29,7 +30,7 @@ use report::{Report, Verdict};
 use search::Context;
 use std::sync::atomic::Ordering;
 
-/// Everything, from data to report; `Err` says why the declared model cannot be run at all.
+/// Runs the whole identification. `Err` says why the declared model cannot be simulated at all.
 pub fn identify(
     measurement: &Measurement,
     machine: &Machine,

@@ -1,4 +1,5 @@
-//! A set of effects in a drive, fitted: what a search compares, with what it leaves of what fits and of what judges.
+//! A fitted set of effects in a drive, with its residuals on fitted and on held-out data. The search compares these
+//! models.
 
 use super::candidates::{self, Hypothesis};
 use super::fit::{Fit, Options, fit, priors};
@@ -11,38 +12,38 @@ use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use std::sync::OnceLock;
 
-/// A set of effects, fitted.
+/// A fitted set of effects.
 #[derive(Clone, Debug)]
 pub struct Model<'a> {
     pub problem: Problem<'a>,
     pub fit: Fit,
     pub effects: Vec<Hypothesis>,
-    /// What it leaves of what it was fitted to, channel by channel and part by part.
+    /// Residuals on the fitted data, channel by channel and segment by segment.
     pub left: Vec<Vec<Vec<f64>>>,
-    /// Parts that only judge, and on how many threads they are run when they are asked for.
+    /// Held-out segments. They are run on `threads` threads when their residuals are first needed.
     own: &'a Data,
     pub threads: usize,
     judged: OnceLock<Residuals>,
 }
 
 impl<'a> Model<'a> {
-    /// `own` are the parts that only judge.
+    /// `own` are the held-out segments.
     pub fn new(problem: Problem<'a>, fit: Fit, effects: Vec<Hypothesis>, own: &'a Data, threads: usize) -> Model<'a> {
         let left = judge::fitting(&problem, &fit);
         Model { problem, fit, effects, left, own, threads, judged: OnceLock::new() }
     }
 
-    /// Residuals of everything: those that judge are found when they are asked for first.
+    /// All residuals; those of held-out data are computed on first use.
     pub fn residuals(&self) -> &Residuals {
         self.judged.get_or_init(|| judge::residuals(&self.problem, &self.fit, self.own, self.threads))
     }
 
-    /// Error of the first channel on what judges, where it was asked for.
+    /// Held-out error of the first channel, if it was computed.
     pub fn known_judge_error(&self) -> Option<f64> {
         self.judged.get().map(|r| r.rms(0).1)
     }
 
-    /// Numbers that its effects have more, with those of every record and part that fits.
+    /// Number of additional parameters of its effects, including those of every fitted record and segment.
     pub fn freedom(&self) -> usize {
         let fits: Vec<usize> =
             self.problem.data.segments.iter().filter(|s| s.judge_from > 0).map(|s| s.record).collect();
@@ -53,7 +54,7 @@ impl<'a> Model<'a> {
         self.effects.iter().map(|h| h.freedom(records, parts)).sum()
     }
 
-    /// Of every channel that part of what is left on what fits that is not white noise (root mean square).
+    /// Root mean square of the coloured (not white) part of the residuals, for every channel.
     pub fn coloured(&self) -> Vec<f64> {
         let of = |parts: &Vec<Vec<f64>>| {
             let mut noises: Vec<f64> = parts.iter().map(|p| facts::noise(p)).collect();
@@ -63,7 +64,8 @@ impl<'a> Model<'a> {
         self.left.iter().map(of).collect()
     }
 
-    /// A drive with links of which one effect is known, and no more is left than what it does not repeat itself.
+    /// Whether a drive with link bodies has at least one effect and its remaining error is no larger than its
+    /// non-repeating part.
     pub fn is_exhausted(&self) -> bool {
         if self.problem.plant.is_none() || self.effects.is_empty() {
             return false;
@@ -72,14 +74,14 @@ impl<'a> Model<'a> {
         self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
     }
 
-    /// What is left on what fits is little more than noise.
+    /// Whether the remaining error on fitted data is little more than noise.
     pub fn is_near_the_floor(&self) -> bool {
         let channels = self.problem.data.channels.iter().enumerate();
         channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
     }
 
-    /// Deviance on what fits, with its priors: what fits of the same numbers are compared by. Their costs are not alike, as every fit
-    /// weighs channels by what it leaves of them.
+    /// Deviance on the fitted data, with priors. It compares fits of the same parameters, because their costs are not
+    /// comparable: every fit weights channels by their own residuals.
     pub fn misfit(&self) -> f64 {
         let samples: Vec<f64> = self.left.iter().map(|p| p.iter().map(Vec::len).sum::<usize>() as f64).collect();
         judge::deviance(&self.left, &samples) + priors(&self.problem, &self.fit.point)
@@ -92,13 +94,13 @@ impl<'a> Model<'a> {
     }
 }
 
-/// So many times the noise is near it.
+/// Up to this multiple of the noise a model counts as near the floor.
 const NEAR: f64 = 1.5;
 
-/// How often a fit of a drive with links starts again from records that were moved a little.
+/// Maximum number of times that a fit of a drive with link bodies restarts from slightly shifted records.
 const REALIGNED: usize = 3;
 
-/// Fits, weighs channels by what is left of them, and fits again.
+/// Fits, weights the channels by their residuals, and fits again.
 pub fn fitted<'a>(
     mut problem: Problem<'a>,
     start: &Point,
@@ -126,20 +128,20 @@ pub fn fitted<'a>(
     Model::new(problem, found, effects, own, threads)
 }
 
-/// Score of a model: deviance on what fits and what each number costs. Smaller is better.
+/// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
 pub fn score(model: &Model, effective: &[f64]) -> f64 {
     let n: f64 = effective.iter().sum();
     judge::deviance(&model.left, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
 }
 
-/// A model with one hypothesis more, fitted.
+/// The model with one more hypothesis, fitted.
 pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
     let (problem, start) = candidates::begun(&model.problem, &model.fit.point, h, seed, threads);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
     fitted(problem, &start, own, effects, threads, 40)
 }
 
-/// A model without one of its effects, fitted again from the others' numbers.
+/// The model without one of its effects, fitted again from the remaining parameters.
 pub fn without_effect<'a>(
     declared: &Model<'a>,
     model: &Model<'a>,
@@ -151,7 +153,7 @@ pub fn without_effect<'a>(
     rebuilt(declared, model, &rest, None, own, threads)
 }
 
-/// A model with some of another's effects, and perhaps one more, fitted from their numbers.
+/// A model with some of another's effects, and optionally one more, fitted from their parameters.
 pub fn rebuilt<'a>(
     declared: &Model<'a>,
     model: &Model<'a>,
@@ -211,7 +213,7 @@ pub fn rebuilt<'a>(
     fitted(problem, &point, own, effects, threads, 40)
 }
 
-/// Path under which an effect stands in the machine: those of its kind that the drive declares at its place stand before it.
+/// Path of an effect in the machine. Declared effects of the same kind at the same place come first.
 pub fn placed_path(model: &Model, which: usize) -> String {
     let h = &model.effects[which];
     let base = h.path();
@@ -230,7 +232,7 @@ pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Variance of the residuals as they are weighted, and by how much correlation makes standard errors larger.
+/// Variance of the weighted residuals, times the factor by which correlation increases it.
 pub fn inflation(model: &Model) -> f64 {
     let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
     let n: usize = parts.iter().map(Vec::len).sum();
@@ -239,7 +241,7 @@ pub fn inflation(model: &Model) -> f64 {
     variance * n as f64 / stats::effective(&parts)
 }
 
-/// Standard error of a global as the fit sees it.
+/// Standard error of a scaled global.
 pub fn standard_error(model: &Model, global: usize) -> f64 {
     libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
 }

@@ -1,10 +1,11 @@
-//! A drive with links as the loop sees it: what its sensors show when it runs steadily, and repeats itself.
+//! Model of a drive with link bodies for identification: its sensor readings in steady, periodic operation.
 //!
-//! A drive that turns at a constant speed repeats itself after a whole number of pitches: two, where nothing but inner and outer
-//! links differ; a loop of the chain with one odd link; a turn of a sprocket with one odd tooth. What a sensor shows is folded
-//! on that period: the mean over periods is what the model says, and what differs from period to period is what it cannot
-//! say, because the strands of a fast chain move chaotically: two runs whose preload differs by 1e-5 N have nothing but this mean
-//! in common after 0.2 s at 3000 rpm. Where in the period a record starts is one number, its travel in pitches.
+//! A drive at constant speed repeats itself after a whole number of pitches: two, if only inner and outer links differ;
+//! one loop of the chain with one odd link; one revolution of a sprocket with one odd tooth. Sensor readings are folded
+//! on that period. The mean over periods is the model output; the variation from period to period cannot be predicted,
+//! because the spans of a fast chain move chaotically: two runs whose preload differs by 1e-5 N have only this mean in
+//! common after 0.2 s at 3000 rpm. The position in the period at which a record starts is one parameter, its travel in
+//! pitches.
 
 use crate::drive::Drive;
 use crate::effects::{Effect, On, Physics};
@@ -16,37 +17,37 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// After the drive's own run-in [s]: what its start still rings.
+/// Settling time after the drive's own run-in [s], for transients of its start.
 const SETTLE_S: f64 = 0.06;
-/// Shortest time that is folded, and the longest [s].
+/// Shortest and longest duration that is folded [s].
 const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
-/// Folding goes on until the mean is this much surer than a channel's noise.
+/// Folding continues until the standard error of the mean is below this fraction of a channel's noise.
 const SURE: f64 = 0.15;
-/// Readings that every two pitches have at least, and the time between two [s].
+/// Minimum number of readings per two pitches, and the time between two [s].
 const LEAST_BINS: usize = 64;
 const BIN_S: f64 = 5e-6;
-/// Readings of a long period, as far as two pitches keep theirs: hundreds of runs are kept in memory.
+/// Maximum number of readings of a long period, to limit memory over hundreds of runs; two pitches keep their minimum.
 const MOST_BINS: usize = 1 << 16;
 
-/// What a run says: a period of every sensor.
+/// Result of a run: one period of every sensor.
 #[derive(Clone, Debug)]
 pub struct Waves {
     pub pitches: f64,
     pub pitches_per_s: f64,
-    /// One series of bins over a period for every sensor, SI; angles less their mean turning.
+    /// One series of bins over a period for every sensor, SI; angles minus their mean rotation.
     pub means: Vec<Vec<f64>>,
-    /// Root mean square of what does not repeat.
+    /// Root mean square of the non-repeating part.
     pub unrepeated: Vec<f64>,
 }
 
-/// Runs of one drive; equal ones are run once.
+/// Runs of one drive; results are cached.
 #[derive(Debug)]
 pub struct Plant {
     name: String,
     text: String,
     machine: Machine,
-    /// Of every sensor: noise of its channel, SI of the sensor's reading; 0: nobody looks.
+    /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
     noise: Vec<f64>,
     known: Mutex<HashMap<String, Arc<Result<Waves, String>>>>,
 }
@@ -67,7 +68,7 @@ impl Plant {
         }
     }
 
-    /// Overrides that make the file's drive this machine with these numbers.
+    /// Overrides that turn the file's drive into this machine with these values.
     pub fn overrides(&self, m: &Machine, values: &[f64]) -> Vec<String> {
         let mut all = Vec::new();
         let own = m.slots.iter().zip(values).zip(&self.machine.slots).zip(&self.machine.values);
@@ -90,7 +91,7 @@ impl Plant {
         self.machine.placed.iter().any(|p| path.starts_with(&p.path))
     }
 
-    /// What the drive's sensors show with these numbers.
+    /// Sensor readings of the drive with these values.
     pub fn waves(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<Waves, String>> {
         let overrides = self.overrides(m, values);
         let key = overrides.join("\n");
@@ -126,12 +127,12 @@ impl Plant {
                 _ => None,
             })
             .collect();
-        // A whole number for every two pitches, on which waves are folded as well.
+        // The number of bins is an integer for every two pitches, because waves are also folded on these.
         let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;
         let mut fold = Fold::new(drive.sensors.len(), bins);
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
-            // Two readings beyond the end, for the cubic.
+            // Two readings beyond the end, for the cubic interpolation.
             tracer.go_on_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
             fold.take(&tracer, &turning, period_s, wanted);
             let sure = (0..drive.sensors.len()).all(|s| {
@@ -151,7 +152,7 @@ impl Plant {
         })
     }
 
-    /// What channels show at the samples of a task: the weighted mean of runs with the numbers of `corners`.
+    /// Channel readings at the samples of a task: the weighted mean of runs with the values of `corners`.
     pub fn samples(
         &self,
         (m, values): (&Machine, &[f64]),
@@ -205,7 +206,7 @@ impl Plant {
         if !altered {
             return t_s.iter().map(|t| gain * at(t / (1.0 + clock))).collect();
         }
-        // Effects on the signal work on even nodes, finer than the samples.
+        // Signal effects need evenly spaced nodes, finer than the samples.
         let h = 0.25 * step_s;
         let last = t_s.last().copied().unwrap_or(0.0) / (1.0 + clock);
         let nodes = libm::ceil(last / h) as usize + 3;
@@ -216,7 +217,7 @@ impl Plant {
     }
 }
 
-/// Mean speed of a sprocket: that of the chain over its teeth [rad/s].
+/// Mean speed of a sprocket: chain speed divided by its teeth [rad/s].
 pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     let driver = m.bodies.iter().find_map(|b| match b.motion {
         Motion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
@@ -227,7 +228,7 @@ pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
 }
 
 impl Waves {
-    /// The mean over all pairs of links: what a drive does whose links and teeth are alike.
+    /// The mean over all pairs of links: the response of a drive whose links and teeth are all alike.
     fn folded(&self) -> Waves {
         let pairs = (self.pitches / 2.0) as usize;
         let fold = |wave: &Vec<f64>| -> Vec<f64> {
@@ -252,7 +253,7 @@ impl Waves {
         }
     }
 
-    /// Mean of a sensor at a place of the period [pitches]: cubic through four bins.
+    /// Mean of a sensor at a position in the period [pitches]: cubic through four bins.
     pub fn at(&self, sensor: usize, pitches: f64) -> f64 {
         let wave = &self.means[sensor];
         let n = wave.len();
@@ -278,7 +279,7 @@ impl Fold {
         Fold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
     }
 
-    /// Takes the periods up to `until` that are new.
+    /// Adds the new periods up to `until`.
     fn take(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
         for period in self.periods..until {
             for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
@@ -310,12 +311,12 @@ impl Fold {
     }
 }
 
-/// A number as TOML reads it back to the same bits.
+/// Formats a number so that TOML reads back the same bits.
 fn written(x: f64) -> String {
     if x == libm::trunc(x) && x.abs() < 1e9 { format!("{}", x as i64) } else { format!("{x:?}") }
 }
 
-/// Whether an effect's law has a place on the loop that a record's travel finds.
+/// Whether an effect is at a place on the loop, which a record's travel determines.
 pub fn has_place(effect: &Effect) -> bool {
     matches!(effect.links, Some(On::Chain | On::Sprocket))
 }

@@ -1,9 +1,9 @@
-//! What is fitted: a machine, the parts of the records, the numbers that are free, and the residuals.
+//! The fitting problem: a machine, the segments of the records, the free parameters, and the residuals.
 //!
-//! Free numbers are of two kinds. Global ones belong to the drive, to all records or to one each (phases, numbers that a user
-//! declares `per = "record"`). Local ones belong to one part of a record: where it starts, and numbers `per = "part"`.
-//! Residuals are (model - measured) / weight of the channel; those of different parts do not share local numbers, so that the
-//! fit solves for them part by part.
+//! Free parameters are of two kinds. Global ones belong to the drive, for all records or one each (phases, and
+//! parameters that a user declares `per = "record"`). Local ones belong to one segment of a record: its initial state,
+//! and parameters `per = "part"`. Residuals are (model - measured) / weight of the channel. Segments do not share local
+//! parameters, so that the fit eliminates them segment by segment.
 
 use super::plant::Plant;
 use crate::machine::simulate::{RunError, Samples, Start, run};
@@ -12,23 +12,23 @@ use crate::measurement::segments::{Data, Segment};
 use crate::units::within;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A number that is free for all records, or for one.
+/// A parameter that is free for all records, or for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Global {
     pub slot: usize,
     /// None: for all records.
     pub record: Option<usize>,
     pub law: Law,
-    /// Value and standard deviation from the nameplate, as the fit sees the number.
+    /// Nameplate value and standard deviation, in scaled form.
     pub prior: Option<(f64, f64)>,
 }
 
-/// A number that every part has for itself.
+/// A parameter that every segment has for itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Local {
-    /// Where a drive with links stands in its period [pitches].
+    /// Position of a drive with link bodies in its period [pitches].
     Travel,
-    /// Angle and speed at the start; of a body that an effect adds, those beyond the body it hangs on.
+    /// Initial angle and speed; for a body that an effect adds, relative to its host.
     Angle {
         body: usize,
         scale: f64,
@@ -43,7 +43,7 @@ pub enum Local {
     },
 }
 
-/// How a number is seen by the fit: x = value / scale, or ln(value / scale).
+/// Scaling of a parameter for the fit: x = value / scale, or ln(value / scale).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     pub scale: f64,
@@ -73,41 +73,41 @@ impl Law {
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
     pub machine: Machine,
-    /// Runs drives with links.
+    /// Runs drives with link bodies.
     pub plant: Option<&'a Plant>,
     pub data: &'a Data,
     pub channels: Vec<usize>,
-    /// One for every channel: residuals are divided by it.
+    /// One for every channel; residuals are divided by it.
     pub weights: Vec<f64>,
     pub globals: Vec<Global>,
     pub locals: Vec<Local>,
-    /// Numbers that are no longer free: record (None: all), slot and value. They count more than what records set.
+    /// Fixed parameters: record (None: all), slot and value. They override values that records set.
     pub held: Vec<(Option<usize>, usize, f64)>,
-    /// Of a drive with links only what every pair of links does: to find where a record stands.
+    /// For a drive with link bodies: average over all pairs of links, to find the position of a record.
     pub folded: bool,
-    /// Steps for one sample beyond which a model counts as too stiff.
+    /// Steps per sample beyond which a model counts as too stiff.
     pub most_steps: f64,
     /// Model runs so far.
     pub runs: &'a AtomicU64,
 }
 
-/// Where a fit stands: what it sees of the globals, and of every part's locals.
+/// Parameters of a fit: scaled globals, and the locals of every segment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     pub globals: Vec<f64>,
     pub locals: Vec<Vec<f64>>,
 }
 
-/// Size of a step for differences, as the fit sees a number.
+/// Difference step of a scaled parameter.
 const DIFFERENCE: f64 = 1e-6;
-/// Steps in which the place of a record is looked for [pitches].
+/// Step in the search for a record's position [pitches].
 pub const FINE_PITCHES: f64 = 0.005;
 const FINEST_PITCHES: f64 = 0.1 * FINE_PITCHES;
 /// Residual of a sample that a model did not reach.
 const LOST: f64 = 1e6;
 
 impl<'a> Problem<'a> {
-    /// The start of all free numbers: the drive's own.
+    /// Start values of all free parameters: the drive's own.
     pub fn start(&self) -> Point {
         Point {
             globals: self.globals.iter().map(|g| g.law.seen(self.file_value(g))).collect(),
@@ -115,7 +115,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Where a free number starts: as its record sets it, or as the machine has it.
+    /// Start value of a free parameter: from its record, or else from the machine.
     fn file_value(&self, g: &Global) -> f64 {
         let set = g.record.and_then(|r| self.data.set[r].iter().find(|(slot, _)| *slot == g.slot));
         set.map_or(self.machine.values[g.slot], |(_, value)| *value)
@@ -133,12 +133,12 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// Globals that move this part.
+    /// Whether a global affects this segment.
     pub fn concerns(&self, global: usize, segment: usize) -> bool {
         self.globals[global].record.is_none_or(|r| r == self.data.segments[segment].record)
     }
 
-    /// The machine's numbers, and the start, for a part.
+    /// Parameter values and initial state for a segment.
     pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, Start) {
         let s = &self.data.segments[segment];
         let mut values = self.machine.values.clone();
@@ -153,7 +153,8 @@ impl<'a> Problem<'a> {
                 values[g.slot] = g.law.value(*x);
             }
         }
-        // Bodies that effects add stand after the declared ones, and start as the body they hang on and what they have beyond it.
+        // Bodies that effects add follow the declared ones. They start in the state of their host plus their own
+        // offset.
         let mut start = s.start.clone();
         let declared = start.q.len();
         let (mut turned, mut moving) = (Vec::new(), Vec::new());
@@ -181,7 +182,7 @@ impl<'a> Problem<'a> {
         (values, start)
     }
 
-    /// What the model shows in a part, channel by channel. With `fitting`, only as far as the part fits.
+    /// Model output in a segment, channel by channel. With `fitting`, only over its fitting samples.
     pub fn model(
         &self,
         segment: usize,
@@ -209,7 +210,7 @@ impl<'a> Problem<'a> {
         run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
     }
 
-    /// The machine with sensors of unit gain on bodies beside its own, as the only channels.
+    /// The problem with additional sensors of unit gain, which become its only channels.
     pub fn with_sensors(&self, reads: &[Reads]) -> Problem<'a> {
         let mut shown = self.clone();
         let gain = shown.machine.values.len();
@@ -224,7 +225,7 @@ impl<'a> Problem<'a> {
         shown
     }
 
-    /// The least and the largest speed of a body in all parts that fit; where pulses are measured, of those that start them.
+    /// Minimum and maximum speed of a body in all fitted segments; for pulse data, of their initial speeds.
     pub fn speeds_of(&self, point: &Point, body: usize) -> (f64, f64) {
         let shown = self.with_sensors(&[Reads::Speed(body)]);
         let fits = |k: &usize| self.data.segments[*k].judge_from > 0;
@@ -241,8 +242,8 @@ impl<'a> Problem<'a> {
         all.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)))
     }
 
-    /// Of every channel, what a drive with links does not repeat from period to period (root mean square over what fits): no model
-    /// of it can say that.
+    /// For every channel, the non-repeating part of a drive with link bodies (root mean square over fitted data), which
+    /// no model can predict.
     pub fn unrepeated(&self, point: &Point) -> Vec<f64> {
         let mut squares = vec![0.0; self.channels.len()];
         let Some(plant) = self.plant else { return squares };
@@ -261,7 +262,7 @@ impl<'a> Problem<'a> {
         squares.into_iter().map(libm::sqrt).collect()
     }
 
-    /// Residuals of what fits of a part, the channels one after the other; what is missing is zero.
+    /// Residuals of a segment's fitting samples, channel after channel; missing samples give zero.
     pub fn residuals(&self, segment: usize, globals: &[f64], locals: &[f64]) -> Vec<f64> {
         let s = &self.data.segments[segment];
         let n = s.judge_from;
@@ -281,17 +282,17 @@ impl<'a> Problem<'a> {
         out
     }
 
-    /// A step for differences of a global, as the fit sees it. What the links do is known up to what does not repeat, so that
-    /// their differences are taken over a large step.
+    /// Difference step of a scaled global. The response of the links is known only up to its non-repeating part, so
+    /// that their step is large.
     pub fn difference(&self, global: usize, x: f64) -> f64 {
         match self.spacing(global) {
-            // Within a cell of its grid the model is linear.
+            // Within a grid cell the model is linear.
             Some(spacing) => 0.01 * spacing,
             None => DIFFERENCE * x.abs().max(1.0),
         }
     }
 
-    /// Distance of the grid on which links are run for this number, as the fit sees it; None: it does not concern the links.
+    /// Grid spacing of runs with link bodies for this scaled global; None if it does not affect the links.
     fn spacing(&self, global: usize) -> Option<f64> {
         self.plant?;
         let g = &self.globals[global];
@@ -301,9 +302,9 @@ impl<'a> Problem<'a> {
         (!by_signal && !gain).then_some(if placed.is_some() && !g.law.logarithm { 0.5 } else { 0.05 })
     }
 
-    /// Numbers for which links are run, with weights that add up to one: a corner of the cell of the grid in which `globals` lie,
-    /// and its neighbours. Between them the model is linear, so that a fit is smooth although what does not repeat is different
-    /// in every run, and runs few drives.
+    /// Parameter sets for which links are simulated, with weights that add up to one: a corner of the grid cell that
+    /// contains `globals`, and its neighbours. The model interpolates linearly between them. A fit is then smooth
+    /// although the non-repeating part differs in every run, and few runs are needed.
     fn corners(&self, segment: usize, globals: &[f64], values: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut corner = values.to_vec();
         let mut steps = Vec::new();
@@ -326,13 +327,13 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// The globals moved to the nearest places of their grids, so that links are run once.
+    /// The globals rounded to their grids, so that links are simulated once.
     pub fn snapped(&self, globals: &[f64]) -> Vec<f64> {
         let snap = |(i, x): (usize, &f64)| self.spacing(i).map_or(*x, |s| libm::round(x / s) * s);
         globals.iter().enumerate().map(snap).collect()
     }
 
-    /// The same for a local number.
+    /// Difference step of a local parameter.
     pub fn local_difference(&self, local: usize, x: f64) -> f64 {
         match self.locals[local] {
             Local::Travel => 2e-3,
@@ -340,8 +341,9 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Finds where in its period every part of a drive with links starts, and its angles with it: first within two pitches, what
-    /// every pair of links does, in steps that no impact of a tooth slips through; then which pair of links it is, and where exactly.
+    /// Finds the position in the period, and the angles, at which every segment of a drive with link bodies starts:
+    /// first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
+    /// the pair of links, and the exact position.
     pub fn find_travels(&self, point: &mut Point, threads: usize) {
         if self.plant.is_none() {
             return;
@@ -358,7 +360,8 @@ impl<'a> Problem<'a> {
         });
     }
 
-    /// The best of some places of a part, steps of `step` pitches apart: its cost, and the locals there with their angles.
+    /// The best of several positions of a segment, `step` pitches apart: its cost, and the locals there with their
+    /// angles.
     fn best_place(
         &self,
         part: usize,
@@ -383,8 +386,8 @@ impl<'a> Problem<'a> {
         best
     }
 
-    /// Looks at every other pair of links that a part may stand at, and a little ahead and behind, further than a slope can tell
-    /// where impacts are sharp; whether something was found.
+    /// Tries every other pair of links at which a segment may start, and positions slightly ahead and behind, further
+    /// than a gradient reaches where impacts are sharp. Returns whether a better position was found.
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
         let pairs = (self.machine.repeats() / 2).max(1) as i32;
         let found = super::fit::parallel(self.data.segments.len(), threads, |k| {
@@ -404,8 +407,8 @@ impl<'a> Problem<'a> {
         better
     }
 
-    /// The locals of a part with all motion turned round, for sensors that do not tell forwards from backwards: those given, or
-    /// those that the records show. None where nothing is free to turn.
+    /// The locals of a segment with all motion reversed, for sensors that do not show the direction: from the given
+    /// locals, or from the records. None if nothing is free to reverse.
     pub fn turned(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
         let s = &self.data.segments[segment];
         let moves = |l: &Local| matches!(l, Local::Speed { .. } | Local::Angle { .. });
@@ -417,7 +420,7 @@ impl<'a> Problem<'a> {
         Some(own.map(|((l, x), shown)| if moves(l) { -shown } else { *x }).collect())
     }
 
-    /// Turns the starts of all parts round that fit better so.
+    /// Reverses the initial motion of all segments that fit better that way.
     pub fn turn_starts(&self, point: &mut Point, threads: usize) {
         let cost =
             |k: usize, locals: &[f64]| -> f64 { self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum() };
@@ -437,7 +440,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Cost of a part after its angles were set by the means of their residuals.
+    /// Cost of a segment after its angles were corrected by the means of their residuals.
     pub fn cost_with_angles(&self, segment: usize, globals: &[f64], locals: &mut [f64]) -> f64 {
         let mut residuals = self.residuals(segment, globals, locals);
         let n = residuals.len() / self.channels.len().max(1);
@@ -458,7 +461,7 @@ impl<'a> Problem<'a> {
         residuals.iter().map(|r| r * r).sum()
     }
 
-    /// Local numbers of parts: starts of the bodies that move freely, as far as something tells them.
+    /// Local parameters of segments: initial states of freely moving bodies, as far as the data determine them.
     pub fn default_locals(machine: &Machine, data: &Data) -> Vec<Local> {
         let mut locals = Vec::new();
         if machine.linked.is_some() {
@@ -494,7 +497,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// How large speed or angle of a body are, as far as its channels show; 1 where they do not.
+/// Typical speed or angle of a body in its channels; 1 if no channel shows it.
 fn channel_scale(machine: &Machine, data: &Data, body: usize, speed: bool) -> f64 {
     let mut scale: f64 = 0.0;
     for (c, channel) in data.channels.iter().enumerate() {
@@ -511,7 +514,7 @@ fn channel_scale(machine: &Machine, data: &Data, body: usize, speed: bool) -> f6
     if scale > 0.0 { scale } else { 1.0 }
 }
 
-/// Standard deviation of a channel over all parts.
+/// Standard deviation of a channel over all segments.
 pub fn spread(data: &Data, channel: usize) -> f64 {
     let values = || data.segments.iter().flat_map(|s| s.measured[channel].iter()).filter(|v| v.is_finite());
     let n = values().count().max(1) as f64;

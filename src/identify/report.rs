@@ -1,4 +1,5 @@
-//! What is said in the end: outcome, effects with their errors, what was tried and why it lost, error before and after.
+//! Final report: outcome, effects with their errors, the tried hypotheses and why they were rejected, errors before and
+//! after.
 
 use super::accept::{Found, Rival};
 use super::diagnosis::Diagnosis;
@@ -16,7 +17,7 @@ use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
 use serde::Serialize;
 
-/// How it ended.
+/// Outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -25,21 +26,21 @@ pub enum Verdict {
     None,
 }
 
-/// A fitted number.
+/// A fitted parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Number {
     pub path: String,
-    /// For one record only.
+    /// Set if the value holds for one record only.
     pub record: Option<String>,
-    /// In the unit of the path's last word.
+    /// In the unit of the key, the last part of the path.
     pub value: f64,
     pub standard_error: f64,
-    /// Of the drive file.
+    /// Value in the drive file.
     pub nameplate: Option<f64>,
     /// Difference from the nameplate in standard deviations of the nameplate, where they are given.
     pub nameplate_z: Option<f64>,
     pub at_bound: bool,
-    /// False: a phase that nothing in what was fitted tells; a record that only judges finds its own.
+    /// False: a phase that the fitted data do not determine; a held-out record fits its own.
     pub determined: bool,
 }
 
@@ -52,23 +53,25 @@ pub struct NamedEffect {
     pub parameters: Vec<Number>,
     /// Of the first amplitude, in its unit.
     pub standard_error: f64,
-    /// What cannot be told from it.
+    /// Effects that the records cannot distinguish from it.
     pub rivals: Vec<Rival>,
-    /// All rivals have the same kind of cause at the same place.
+    /// All rivals are of the same family of effects at the same place.
     pub only_its_law_is_open: bool,
-    /// Rivals by the count of teeth and links: all their orders are this effect's, whatever the shape over the loop says.
+    /// Rivals by tooth and link counts: all their orders are also orders of this effect, whatever its shape over the
+    /// loop suggests.
     pub by_order: Vec<String>,
     pub judge_ratio: [f64; 3],
-    /// Its size in the halves of every record that fits, over that in all.
+    /// Its size in the halves of every fitted record, relative to its overall size.
     pub sizes: Vec<Size>,
-    /// Records that were left out of the fit in turn and judged this effect, where those that judge do not show it.
+    /// Records that were left out of the fit in turn and used as held-out data, where the regular held-out data do not
+    /// show this effect.
     pub judged_by_leaving_out: Vec<String>,
     pub score: f64,
     pub gain: f64,
     pub sham_gain: f64,
 }
 
-/// Error of a channel in a record, or in all of them.
+/// Error of a channel in one record or in all records.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelError {
     pub channel: String,
@@ -82,46 +85,47 @@ pub struct ChannelError {
     pub held_out_interval: Option<[f64; 2]>,
 }
 
-/// Floor of a channel, and whether the best model reaches it.
+/// Noise floor of a channel, and whether the best model reaches it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Floor {
     pub channel: String,
     pub unit: String,
     pub noise_floor: f64,
-    /// With links: what the drive itself does not repeat from period to period (root mean square); part of the floor.
+    /// With link bodies: non-repeating part of the drive's motion (root mean square); part of the floor.
     pub unrepeated: f64,
     pub times_floor: f64,
     pub white: bool,
     /// Correlation of neighbouring residuals.
     pub lag1: f64,
-    /// No larger than floors are, and white, or coloured by no more than what the drive does not repeat.
+    /// The error is within the limit for the floor, and the residuals are white, or their coloured part is within the
+    /// non-repeating part.
     pub reached: bool,
 }
 
-/// How the numbers found hold on a record of which nothing was used.
+/// Error of the fitted model on a record that was neither fitted nor held out for judging.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Transfer {
     pub record: String,
     pub channel: String,
     pub unit: String,
     pub error: f64,
-    /// Of the declared model.
+    /// Error of the declared model.
     pub error_before: f64,
-    /// Standard deviation of what was measured there.
+    /// Standard deviation of the measurement in this record.
     pub signal: f64,
-    /// More than twice the error on what judges: another plant, or another state of it.
+    /// More than twice the held-out error: another machine, or another state of it.
     pub refused: bool,
 }
 
-/// A piece of the error budget.
+/// An item of the error budget.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Share {
     pub of: String,
-    /// Part of the declared model's squared error on what fits, all channels alike [percent].
+    /// Share of the declared model's squared error on fitted data, all channels weighted equally [percent].
     pub percent: f64,
 }
 
-/// Series of a part of a record, to be drawn.
+/// Time series of a record segment for a plot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
     pub record: String,
@@ -131,7 +135,7 @@ pub struct Curve {
     pub measured: Vec<f64>,
     pub before: Vec<f64>,
     pub after: Vec<f64>,
-    /// From this index on it judges.
+    /// First held-out index.
     pub judge_from: usize,
 }
 
@@ -148,7 +152,7 @@ pub struct Report {
     pub explained: bool,
     pub next_experiment: Vec<String>,
     pub unnamed: Option<Unnamed>,
-    /// What the declared model leaves; and what is left with the effects.
+    /// Residuals of the declared model, and of the model with the effects.
     pub diagnosis: Diagnosis,
     pub diagnosis_after: Option<Diagnosis>,
     pub numbers_before: Vec<Number>,
@@ -163,10 +167,10 @@ pub struct Report {
     pub warnings: Vec<String>,
     pub converged: bool,
     pub interrupted: bool,
-    /// Stopped by the budget before the search was through.
+    /// The budget ended before the search was complete.
     pub budget_spent: bool,
     pub model_runs: u64,
-    /// XXH3 of the samples that judge, and of the drive.
+    /// XXH3 of the held-out samples, and of the drive.
     pub held_out_hash: String,
     pub drive_hash: String,
     #[serde(skip)]
@@ -254,7 +258,7 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
         .collect()
 }
 
-/// Within so many times the floor, and white: explained.
+/// Within this multiple of the floor, and white, the error counts as explained.
 const EXPLAINED: f64 = 1.5;
 
 fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
@@ -266,7 +270,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         .filter(|g| best.problem.machine.slots[best.problem.globals[*g].slot].path.starts_with(&prefix));
     let mut parameters = numbers(best, data, globals, &[]);
     let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
-    // Whole numbers are part of the name, and of the drive file.
+    // Integer parameters belong to the name, and to the drive file.
     let keys = best.problem.machine.keys(h.effect, h.target);
     for ((key, row), value) in keys.iter().zip(&h.values) {
         if row.kind.is_whole() {
@@ -323,7 +327,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
     }
 }
 
-/// What was found, put together; how the search ended is the caller's to say.
+/// Assembles the report. The caller adds how the search ended.
 pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     let best = &found.best;
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
@@ -388,7 +392,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     }
 }
 
-/// The samples that judge, sealed.
+/// Hash of the held-out samples.
 fn held_out_hash(data: &Data) -> String {
     let mut all: Vec<f64> = Vec::new();
     for s in &data.segments {
@@ -399,7 +403,7 @@ fn held_out_hash(data: &Data) -> String {
     format!("{:016x}", twox_hash::XxHash3_64::oneshot(bytemuck::cast_slice(&all)))
 }
 
-/// Error on records that neither fitted nor judged: only their starts are found.
+/// Error on records that were neither fitted nor held out for judging; only their initial states are fitted.
 fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
     if data.transfer.is_empty() {
         return Vec::new();
@@ -436,7 +440,7 @@ fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
     all
 }
 
-/// What each effect takes of the declared model's squared error, in the order in which they were accepted; and what is left.
+/// Share of the declared model's squared error that each effect removes, in the order of acceptance, and the remainder.
 fn budget(found: &Found) -> Vec<Share> {
     let total = |r: &Residuals| -> f64 {
         let n = r.fit.len().max(1) as f64;
@@ -476,10 +480,10 @@ fn budget(found: &Found) -> Vec<Share> {
     shares
 }
 
-/// Most parts that are drawn.
+/// Maximum number of segments that are plotted.
 const MOST_CURVES: usize = 12;
 
-/// Measured, before and after, for the parts that judge first.
+/// Measured curve, and model before and after, held-out segments first.
 fn curves(found: &Found, data: &Data) -> Vec<Curve> {
     let mut order: Vec<usize> = (0..data.segments.len()).collect();
     order.sort_by_key(|k| (data.segments[*k].judge_from == data.segments[*k].len(), *k));

@@ -1,8 +1,10 @@
-//! Screening: what a hypothesis would explain if it were small and linear, before any fit.
+//! Screening: the share of the error that a hypothesis would explain if it were small and linear, computed before any
+//! fit.
 //!
-//! A hypothesis moves the residuals by columns d_i (one for every amplitude; two for an amplitude with a phase, in every
-//! record). With the directions of all free numbers projected out, the cost falls by |P e|^2, P the projector on the columns:
-//! exact for amplitudes that enter linearly (variable projection, Golub and Pereyra 1973).
+//! A hypothesis changes the residuals along columns d_i (one for every amplitude; two for an amplitude with a phase, in
+//! every record). After projecting out the directions of all free parameters, the cost falls by |P e|^2, P the
+//! projector on the columns. This is exact for amplitudes that enter linearly (variable projection, Golub and Pereyra
+//! 1973).
 
 use super::candidates::Hypothesis;
 use super::fit::{Fit, orthonormal, without};
@@ -11,41 +13,41 @@ use crate::effects::Kind;
 use crate::units::within;
 use nalgebra::{DMatrix, DVector};
 
-/// What a hypothesis promises.
+/// Screening result of a hypothesis.
 #[derive(Clone, Debug)]
 pub struct Promise {
-    /// Share of the cost that it would take away.
+    /// Share of the cost that it would remove.
     pub gain: f64,
     pub seed: Seed,
-    /// Its columns, residuals of all parts one after the other, free numbers projected out.
+    /// Its columns: residuals of all segments one after the other, with the free parameters projected out.
     pub columns: Vec<Vec<f64>>,
-    /// It changes nothing in these records.
+    /// Whether it changes nothing in these records.
     pub idle: bool,
 }
 
-/// What a fit of a hypothesis starts from.
+/// Start of a fit of a hypothesis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seed {
-    /// Of all its parameters, SI.
+    /// All its parameters, SI.
     pub values: Vec<f64>,
-    /// By record.
+    /// One for each record.
     pub phases: Vec<f64>,
-    /// By part, of a drive with links [pitches]; empty: they stay.
+    /// One for each segment of a drive with link bodies [pitches]; empty: unchanged.
     pub travels: Vec<f64>,
 }
 
-/// Residuals and directions of the free numbers at a fit, in one piece.
+/// Residuals of a fit and the directions of its free parameters, for all segments together.
 pub struct Base {
     pub residual: Vec<f64>,
-    /// As they are.
+    /// Residuals before projection.
     raw: Vec<f64>,
     pub basis: Vec<Vec<f64>>,
-    /// Parts that fit: index and where their residuals start.
+    /// Fitted segments: index, and offset of their residuals.
     parts: Vec<(usize, usize)>,
     local_bases: Vec<Vec<Vec<f64>>>,
 }
 
-/// Amplitude of a probe, as a share of the starting amplitude.
+/// Amplitude of a probe, as a fraction of the starting amplitude.
 const PROBE: f64 = 1e-3;
 
 impl Base {
@@ -75,7 +77,7 @@ impl Base {
         base
     }
 
-    /// A column with the directions of all free numbers taken away.
+    /// The column with the directions of all free parameters projected out.
     fn projected(&self, column: &[f64]) -> Vec<f64> {
         let mut out = Vec::with_capacity(column.len());
         for (i, (_, from)) in self.parts.iter().enumerate() {
@@ -85,12 +87,12 @@ impl Base {
         without(&out, &self.basis)
     }
 
-    /// Sum of squares that is left to be explained.
+    /// Sum of squares that remains to be explained.
     pub fn cost(&self) -> f64 {
         self.residual.iter().map(|r| r * r).sum()
     }
 
-    /// Share of the cost that columns would take away.
+    /// Share of the cost that these columns would remove.
     pub fn gain(&self, columns: &[Vec<f64>]) -> f64 {
         let basis = orthonormal(columns);
         let taken: f64 = basis
@@ -103,7 +105,8 @@ impl Base {
         taken / self.cost().max(1e-300)
     }
 
-    /// Columns of a sham: the same, shifted in time within every part by so many thousandths of it.
+    /// Columns of a sham: the same columns, cyclically shifted in time within every segment by `thousandths` of its
+    /// length.
     pub fn shifted(&self, columns: &[Vec<f64>], thousandths: usize) -> Vec<Vec<f64>> {
         columns
             .iter()
@@ -121,7 +124,7 @@ impl Base {
     }
 }
 
-/// Directions of a part's own numbers.
+/// Directions of a segment's local parameters.
 fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
     let locals = &point.locals[part];
     let base = problem.residuals(part, &point.globals, locals);
@@ -137,7 +140,8 @@ fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
     orthonormal(&columns)
 }
 
-/// Residuals of all fitting parts with a hypothesis at given values and no number free, minus those without.
+/// Residuals of all fitted segments with a hypothesis at the given values, minus those without it; all other parameters
+/// fixed.
 fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: &[f64]) -> Vec<f64> {
     let mut with = problem.clone();
     let mut name = h.name.clone();
@@ -153,7 +157,7 @@ fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: 
     out
 }
 
-/// What a hypothesis promises at this fit.
+/// Screens a hypothesis at this fit.
 pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Promise {
     let records = problem.data.records.len();
     let mut probe = h.values.clone();
@@ -173,7 +177,7 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
         return promise_of_links(problem, base, fit, h).unwrap_or(none);
     }
     let mut columns = Vec::new();
-    // What each column stands for: amplitude, record of its phase, cosine or sine.
+    // Meaning of each column: amplitude, record of its phase, cosine or sine.
     let mut meaning = Vec::new();
     for i in amplitudes {
         let size = PROBE * h.values[i];
@@ -230,7 +234,7 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     for (i, row) in h.rows.iter().enumerate() {
         let (low, high) = (row.low * row.unit, row.high * row.unit);
         if row.kind.is_amplitude() && (values[i] < low || values[i] > high) {
-            // Its sign is wrong, or it is larger than can be: small is where a fit starts.
+            // The sign is wrong or the value exceeds its range: the fit starts from a small value.
             gain *= if values[i] < low { 0.05 } else { 0.5 };
             values[i] = within(0.1 * h.values[i], low, high);
         }
@@ -238,11 +242,12 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
     Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
 }
 
-/// Multiples of a form's starting value that are tried.
+/// Multiples of a shape's starting value that are tried.
 const TRIED: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
-/// What a hypothesis promises that is not linear where it is small (a limit, a preload, a resonance): the best of some values of
-/// its first form, by the direction in which it moves what is left. None where it has no form, or changes nothing.
+/// Screens a hypothesis that is not linear at small values (a limit, a preload, a resonance): tries several values of
+/// its first amplitude or shape and projects the residuals on the resulting change. None if it has no such parameter,
+/// or changes nothing.
 fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Option<Promise> {
     let form = h.rows.iter().position(|r| matches!(r.kind, Kind::Amplitude | Kind::Shape))?;
     let row = h.rows[form];
@@ -265,7 +270,7 @@ fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Op
     best
 }
 
-/// Whether an effect on a sensor changes nothing either when all parts start the other way round.
+/// Whether an effect on a sensor also changes nothing when all segments start with reversed motion.
 fn idle_when_turned(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> bool {
     if !crate::drive::sensors::is_signal(h.effect) {
         return true;
@@ -279,15 +284,15 @@ fn idle_when_turned(problem: &Problem, base: &Base, point: &Point, h: &Hypothesi
     })
 }
 
-/// What a hypothesis about links, joints, teeth or guides promises: its amplitude, and for every part the place on the loop
-/// where it fits best, by one run for each operating point.
+/// Screens a hypothesis on links, joints, teeth or guides: its amplitude, and for every segment the best place on the
+/// loop, from one run for each operating point.
 fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Option<Promise> {
     let amplitude = *h.amplitudes().first()?;
     let mut with = problem.clone();
     (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
     let places = if super::plant::has_place(h.effect) { (with.machine.repeats() / 2).max(1) } else { 1 };
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
-    // By part and place: along the residual, and squared.
+    // For every segment and place: product with the residual, and square.
     let mut sizes: Vec<Vec<(f64, f64)>> = Vec::new();
     let globals = problem.snapped(&fit.point.globals);
     let alone: Vec<Vec<f64>> =
@@ -313,7 +318,7 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
     }
     let row = h.rows[amplitude];
     let (low, high) = (row.low * row.unit / h.values[amplitude], row.high * row.unit / h.values[amplitude]);
-    // Share of the cost that factor x takes at place p of a part: -(2 x along + x^2 size).
+    // Share of the cost that factor x removes at place p of a segment: -(2 x along + x^2 size).
     let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
     let mut best: Option<(f64, f64, Vec<u32>)> = None;
     for sign in [1.0, -1.0] {
@@ -338,8 +343,8 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
     }
     let (_, sign, chosen) = best?;
     let sign = if sign < 0.0 { -1.0 } else { 1.0 };
-    // It may also make the drive run a little ahead or behind, more than a slope can tell where impacts are sharp: the declared
-    // drive is moved along, so that what is compared is what the effect alone does.
+    // The effect may also shift the drive slightly forwards or backwards, further than a gradient reaches where impacts
+    // are sharp. The declared drive is shifted too, so that the comparison contains the effect alone.
     let mut travels: Vec<f64> = fit.point.locals.iter().map(|l| l[travel]).collect();
     let (mut whole, mut rests) = (Vec::with_capacity(base.residual.len()), Vec::with_capacity(base.residual.len()));
     for (at, place) in chosen.iter().enumerate() {
@@ -382,7 +387,7 @@ fn dot_and_size(rest: &[f64], change: &[f64]) -> (f64, f64) {
     rest.iter().zip(change).fold((0.0, 0.0), |(along, size), (r, c)| (along + r * c, size + c * c))
 }
 
-/// Place of the largest.
+/// Index of the largest value.
 fn largest(all: &[(f64, f64)], of: impl Fn((f64, f64)) -> f64) -> u32 {
     let mut best = 0;
     for i in 1..all.len() {
@@ -393,7 +398,7 @@ fn largest(all: &[(f64, f64)], of: impl Fn((f64, f64)) -> f64) -> u32 {
     best as u32
 }
 
-/// The x with columns x = right in the sense of least squares.
+/// The least-squares solution of columns x = right.
 fn least_squares(columns: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
     let n = columns.len();
     let sizes: Vec<f64> = columns.iter().map(|c| libm::sqrt(c.iter().map(|x| x * x).sum::<f64>())).collect();

@@ -1,8 +1,8 @@
-//! The search: baseline, hypotheses, pairs, acceptance, rivals.
+//! The search: baseline, hypotheses, combinations of effects.
 //!
-//! A beam of sets of effects grows by one effect a round. Greedy search is not enough: on the coupled drives three rivals are
-//! within noise of each other in the first round, and only what follows tells them apart. What fits decides who is looked at,
-//! what judges decides who is believed.
+//! A beam of effect sets grows by one effect per round. Greedy search is not enough: on the coupled drives three rivals
+//! are within noise of each other in the first round, and only later rounds separate them. Fitted data select which
+//! sets are examined, held-out data decide which are accepted.
 
 use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, Options, fit, parallel};
@@ -23,17 +23,17 @@ use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-/// How much a search may take.
+/// Limits of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budget {
     pub runs: Option<u64>,
     pub seconds: Option<f64>,
 }
 
-/// What goes on, for a progress bar.
+/// Reports progress, for a progress bar.
 pub type Progress<'a> = &'a (dyn Fn(&str, u64) + Sync);
 
-/// Everything a search needs beside data and machine.
+/// Everything that a search needs besides data and machine.
 pub struct Context<'a> {
     pub threads: usize,
     pub budget: Budget,
@@ -41,12 +41,12 @@ pub struct Context<'a> {
     pub stop: &'a AtomicBool,
     pub progress: Progress<'a>,
     pub runs: &'a AtomicU64,
-    /// Runs the drive where it has links.
+    /// Simulates the drive if it has link bodies.
     pub plant: Option<&'a Plant>,
 }
 
 impl Context<'_> {
-    /// Interrupted, or out of budget.
+    /// Whether the search must end: interrupted, or out of budget.
     pub fn ends(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
             || self.budget.runs.is_some_and(|n| self.runs.load(Ordering::Relaxed) >= n)
@@ -58,53 +58,53 @@ impl Context<'_> {
     }
 }
 
-/// What became of a hypothesis.
+/// Outcome of a hypothesis.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Trial {
     pub identity: String,
-    /// Effects that were in the model already.
+    /// Effects that were already in the model.
     pub beside: Vec<String>,
-    /// Share of the cost that screening promised.
+    /// Share of the cost that screening predicted.
     pub promised: f64,
     pub rms_fit: Option<f64>,
-    /// Of those that were held against what judges.
+    /// Only for those that were compared on held-out data.
     pub rms_judge: Option<f64>,
-    /// Score beyond the model without it; negative is better.
+    /// Score relative to the model without it; negative is better.
     pub score: Option<f64>,
     pub why: String,
 }
 
-/// What a search saw.
+/// Result of a search.
 pub struct Searched<'a> {
     pub declared: Model<'a>,
-    /// All sets that were fitted, the best score first.
+    /// All fitted sets, the best score first.
     pub all: Vec<Model<'a>>,
     /// Effective samples of every channel, the same for all sets.
     pub effective: Vec<f64>,
     pub trials: Vec<Trial>,
-    /// What was not looked at, and why.
+    /// Effects that were not examined, and why.
     pub reasons: Vec<(String, String)>,
     pub detectable: Vec<Detectable>,
     pub alike: Vec<Alike>,
-    /// What the declared model could be given, every form.
+    /// All hypotheses for the declared model, in every form.
     pub hypotheses: Vec<Hypothesis>,
     pub cut_short: bool,
 }
 
-/// Sets that are gone on with after each round: the more effects stand, the less is open.
+/// Sets kept after each round; later rounds keep fewer.
 const BEAM: [usize; 3] = [6, 3, 2];
-/// A set whose score is worse than the best by more is not gone on with.
+/// A set whose score is worse than the best by more than this is dropped.
 const HOPE: f64 = 60.0;
 /// Hypotheses that are fitted in a round for each set.
 const FITTED: usize = 6;
-/// The same for drives with links, whose runs take a second each; and most effects.
+/// The same for drives with link bodies, whose runs take a second each, and their maximum number of effects.
 const LINKED_BEAM: usize = 2;
 const LINKED_FITTED: usize = 4;
 const LINKED_EFFECTS: usize = 2;
-/// Most effects.
+/// Maximum number of effects.
 pub const MOST_EFFECTS: usize = 4;
-/// An effect whose score is worth less is not looked at further: positive evidence after Kass and Raftery 1995, no more. What
-/// judges, shams and standard errors have to believe it as well, and they are stricter.
+/// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
+/// Held-out data, shams and standard errors are stricter conditions that it must also meet.
 pub const WORTH: f64 = 3.0;
 /// The declared model with its free numbers.
 pub fn declared<'a>(
@@ -155,7 +155,7 @@ pub fn declared<'a>(
     };
     if problem.plant.is_none() {
         let start = problem.start();
-        // What the measurement gives a range may go as far as that.
+        // Ranges from the measurement may be used to their ends.
         let mut most = FILE_STIFFER * needed(&problem, &start);
         for spec in &measurement.fit {
             let own = (0..problem.globals.len()).filter(|g| machine.slots[problem.globals[*g].slot].path == spec.path);
@@ -173,20 +173,21 @@ pub fn declared<'a>(
     problem
 }
 
-/// A positive number is looked for within this factor of the file's, unless the measurement says in which range: without an end a
-/// damping that little tells of goes so far that every run takes hundreds of steps a sample.
+/// A positive parameter is searched within this factor of the file's value, unless the measurement gives a range.
+/// Without a limit, a poorly determined damping grows until every run takes hundreds of steps a sample.
 const WIDEST: f64 = 1000.0;
 
-/// A step for a number that is zero so far, inside its bounds.
+/// Scale of a parameter whose value is zero, from its bounds.
 fn scale_of_zero(low: f64, high: f64) -> f64 {
     let width = (high - low).abs();
     if width < 1e3 { (0.01 * width).max(1e-9) } else { 1.0 }
 }
 
-/// Fits whose deviances differ by less are the same.
+/// Fits whose deviances differ by less are equal.
 const SAME: f64 = 1e-3;
 
-/// The baseline: from the drive's own numbers, and from some around them, so that no far minimum is missed.
+/// The baseline fit: started from the drive's own parameters and from values around them, so that it does not miss a
+/// better minimum.
 pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> Model<'a> {
     let mut start = problem.start();
     problem.find_travels(&mut start, context.threads);
@@ -194,7 +195,7 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
     let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
-        // A drive with links costs too much to be started anew, and is close to its numbers.
+        // A drive with link bodies is too costly to restart, and its parameters are close to the true ones.
         if context.ends() || problem.globals.is_empty() || problem.plant.is_some() {
             break;
         }
@@ -211,7 +212,7 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
     best
 }
 
-/// The whole search.
+/// Runs the whole search.
 pub fn search<'a>(
     measurement: &Measurement,
     problem: Problem<'a>,
@@ -223,7 +224,7 @@ pub fn search<'a>(
     if declared.problem.plant.is_none() {
         set_most_steps(&mut declared.problem, &declared.fit.point);
     }
-    // What could be seen, and what could not be told apart, at the declared model; what is seen there is where the search begins.
+    // Detectable sizes and indistinguishable pairs are those at the declared model, where the search also begins.
     let base = Base::new(&declared.problem, &declared.fit);
     let first = looked(measurement, &declared, &base, context);
     let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.promises);
@@ -233,7 +234,7 @@ pub fn search<'a>(
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
     let mut beam: Vec<Model<'a>> = vec![declared.clone()];
-    // What was fitted: from sets near the file's numbers, and from sets far from them.
+    // Sets that were fitted: starting near the file's parameters, and far from them.
     let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
     let file = declared.problem.start();
     let mut all: Vec<Model<'a>> = vec![declared.clone()];
@@ -276,7 +277,7 @@ pub fn search<'a>(
         if next.is_empty() {
             break;
         }
-        // Effective samples by the best of them, the same for all.
+        // Effective samples from the model with the smallest error, the same for all.
         all.extend(next.iter().cloned());
         let effective = best_effective(&all);
         next.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
@@ -312,20 +313,20 @@ pub fn search<'a>(
     Searched { declared, all, effective, trials, reasons, detectable, alike, hypotheses, cut_short }
 }
 
-/// A free number that fits only e to this from its file may hide what is missing.
+/// A free parameter that moved by e to this power from its file value may hide a missing effect.
 const FAR: f64 = 0.7;
 
-/// Whether a free number of the declared model, whose numbers are these in the file, is far from there.
+/// Whether a free parameter of the declared model is far from its value in the file.
 fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
     let logarithms = (0..file.globals.len()).filter(|g| declared.globals[*g].law.logarithm);
     let far = logarithms.map(|g| (file.globals[g] - at.globals[g]).abs()).fold(0.0, f64::max);
     declared.plant.is_none() && far >= FAR
 }
 
-/// So far from the file a number is hard to believe, where its plate or drawing does not say how well it is known: a factor of 5.
+/// Without a stated uncertainty, a parameter this far from its file value is implausible: a factor of 5.
 const HARD_TO_BELIEVE: f64 = 1.6;
 
-/// What is to be said of declared numbers that the fit with all that was found has carried far from their file.
+/// Warnings about declared parameters that the final fit has moved far from their file values.
 pub fn far_numbers(declared: &Model, best: &Model) -> Vec<String> {
     let file = declared.problem.start();
     let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
@@ -341,11 +342,11 @@ pub fn far_numbers(declared: &Model, best: &Model) -> Vec<String> {
     far.map(told).collect()
 }
 
-/// Sets at the head of all that are fitted once more from the file's numbers.
+/// Number of best sets that are fitted again from the file's parameters.
 const AGAIN: usize = 2;
 
-/// A set of effects fitted from the file's numbers, where it stands far from them: what was still missing when it left them is in
-/// it now.
+/// Fits a set of effects again from the file's parameters, if it is far from them: the effects that were missing when
+/// the parameters moved away are now in the set.
 fn from_the_file<'a>(declared: &Model<'a>, model: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
     let file = declared.problem.start();
     if !is_far(&declared.problem, &file, &model.fit.point) || context.ends() {
@@ -356,14 +357,14 @@ fn from_the_file<'a>(declared: &Model<'a>, model: &Model<'a>, own: &'a Data, con
     Some(fitted(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
 }
 
-/// The declared model with the numbers of its file, where the fit has carried one far from it: what is missing has a second try
-/// from there.
+/// The declared model with the parameters of its file, if the fit has moved one far away. The search for effects is
+/// repeated from there.
 fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
     let start = declared.problem.start();
     if !is_far(&declared.problem, &start, &declared.fit.point) || context.ends() {
         return None;
     }
-    // Without free numbers the machine's own hold, and only the parts' starts are fitted.
+    // With the parameters fixed at the file's values, only the initial states of the segments are fitted.
     let mut held = declared.problem.clone();
     held.globals.clear();
     let options = Options { iterations: 20, threads: context.threads };
@@ -373,13 +374,13 @@ fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> 
     Some(Model::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
-/// Short stretches in one: from the shortest by the longer ones to whole records.
+/// Number of shortest stretches that are joined, per level; the last level is whole records.
 const TOGETHER: [usize; 2] = [1, 4];
-/// Hypotheses that are fitted to short stretches, and those of them that are then fitted to the whole records.
+/// Hypotheses that are fitted to short stretches, and how many of them are then fitted to whole records.
 const SHORT_FITTED: usize = 6;
 const SHORT_KEPT: usize = 3;
 
-/// Models with one effect that was found in short stretches of the records, fitted to all of them from there.
+/// Models with one effect that was found in short stretches of the records and then fitted to whole records.
 fn from_stretches<'a>(
     measurement: &Measurement,
     declared: &Model<'a>,
@@ -420,14 +421,14 @@ fn from_stretches<'a>(
     });
     fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
     fits.truncate(SHORT_KEPT);
-    // So many of the shortest are as long as a part.
+    // Number of shortest stretches per segment.
     let per_part = (levels[0].0.segments.len() / whole.data.segments.len().max(1)).max(1) as u64;
     context.runs.fetch_add(runs.load(Ordering::Relaxed) / per_part, Ordering::Relaxed);
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
     parallel(fits.len(), context.threads, |at| {
         let (i, problem, found) = &fits[at];
         let (h, seed) = (&hypotheses[*i], &promises[*i].seed);
-        // All have the declared numbers first, and then those of the effect.
+        // The declared parameters come first, then those of the effect.
         let mut short = (problem.clone(), found.point.clone(), &levels[0].1);
         for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
             let (with, mut start) = candidates::with(problem, &problem.start(), h, seed);
@@ -443,14 +444,15 @@ fn from_stretches<'a>(
     })
 }
 
-/// With so many steps a sample a spring swings faster than samples tell, and a damper is done between two of them: what is
-/// stiffer than this, and takes so many times the steps of the file's numbers, is not looked for.
+/// Limits of stiffness in steps per sample. At the first value a spring oscillates faster than the samples resolve, and
+/// a damper settles between two samples. Stiffer models are searched only up to this multiple of the steps that the
+/// file's parameters need.
 const STIFF: f64 = 40.0;
 const FILE_STIFFER: f64 = 16.0;
-/// What is added may take so many times the steps of what was fitted.
+/// An added effect may need this multiple of the steps of the fitted model.
 const STIFFER: f64 = 4.0;
 
-/// Steps for a sample that runs with these numbers need, at least one.
+/// Steps per sample that a run needs with these parameters, at least one.
 fn needed(problem: &Problem, point: &Point) -> f64 {
     let of = |(k, s): (usize, &Segment)| {
         let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
@@ -459,19 +461,19 @@ fn needed(problem: &Problem, point: &Point) -> f64 {
     problem.data.segments.iter().enumerate().map(of).fold(1.0, f64::max)
 }
 
-/// Whether a fit has come to where runs would take more steps than they may.
+/// Whether a fit is near the limit of steps per sample.
 pub fn is_at_most_steps(declared: &Model) -> bool {
     declared.problem.plant.is_none()
         && needed(&declared.problem, &declared.fit.point) > 0.9 * declared.problem.most_steps
 }
 
-/// What is added may be stiffer than what was declared, but not by so much that a search takes days.
+/// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.
 fn set_most_steps(problem: &mut Problem, fitted: &Point) {
     let most = STIFFER * needed(problem, &problem.start()).max(needed(problem, fitted));
     problem.most_steps = within(most, 16.0, problem.most_steps);
 }
 
-/// What a model could be given, and what each would take of its error.
+/// Hypotheses for a model, with their screening results.
 struct Looked {
     hypotheses: Vec<Hypothesis>,
     promises: Vec<Promise>,
@@ -496,7 +498,7 @@ fn best_effective(models: &[Model]) -> Vec<f64> {
     models.iter().min_by(|a, b| error(a).total_cmp(&error(b))).map_or_else(Vec::new, |m| judge::effective(&m.left))
 }
 
-/// Writes down a fit; of several, other forms or from other numbers, the best.
+/// Records a fit. Of several fits with the same effects, only the best is kept.
 fn tell(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: Option<f64>, rms_fit: f64) {
     let old = trials.iter_mut().find(|t| t.identity == identity && t.beside == beside);
     let before = old.as_ref().and_then(|t| t.rms_fit);
@@ -512,7 +514,7 @@ fn tell(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: 
     }
 }
 
-/// A model with one effect more, in every way that is worth a fit.
+/// The model with one more effect, in every form that justifies a fit.
 fn grow<'a>(
     looked: Looked,
     model: &Model<'a>,
@@ -528,7 +530,7 @@ fn grow<'a>(
             reasons.push(r);
         }
     }
-    // The best form of every identity; those that cannot be screened are always fitted.
+    // The best form of every identity; hypotheses that cannot be screened are always fitted.
     let mut order: Vec<usize> = (0..hypotheses.len()).collect();
     order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
     let most = promises.iter().map(|p| p.gain).fold(0.0, f64::max);
@@ -588,7 +590,7 @@ fn grow<'a>(
         }
         let h = &hypotheses[jobs[job]];
         let p = &promises[jobs[job]];
-        // What could not be screened starts from a form of its own, not from what is left.
+        // Without a screening result the fit starts from the hypothesis' own values.
         let (base, point) = (&model.problem, &model.fit.point);
         let (problem, mut start) = match p.columns.is_empty() {
             true => candidates::with(base, point, h, &p.seed),

@@ -1,11 +1,11 @@
-//! Numbers about residuals: how many of them count, whether they are white, how sure a ratio is.
+//! Statistics of residuals: effective sample size, whiteness, bootstrap intervals.
 
-/// Correlation of neighbours within parts, pooled.
+/// Correlation of neighbours within segments, pooled.
 pub fn neighbour_correlation(parts: &[Vec<f64>]) -> f64 {
     correlation(parts, 1)
 }
 
-/// Correlation of values `lag` apart within parts, pooled.
+/// Correlation of values `lag` apart within segments, pooled.
 pub fn correlation(parts: &[Vec<f64>], lag: usize) -> f64 {
     let n: usize = parts.iter().map(Vec::len).sum();
     let mean = parts.iter().flatten().sum::<f64>() / n.max(1) as f64;
@@ -18,8 +18,8 @@ pub fn correlation(parts: &[Vec<f64>], lag: usize) -> f64 {
     if square > 0.0 && pairs > 0 { (product / pairs as f64) / (square / n as f64) } else { 0.0 }
 }
 
-/// How many independent values as many correlated ones are worth, after Bayley and Hammersley 1946 with all lags until the
-/// correlation dies out; at least one in fifty.
+/// Effective number of independent samples, after Bayley and Hammersley 1946 with all lags until the correlation has
+/// decayed; at least one in fifty.
 pub fn effective(parts: &[Vec<f64>]) -> f64 {
     let n: usize = parts.iter().map(Vec::len).sum();
     let longest = parts.iter().map(Vec::len).max().unwrap_or(0);
@@ -34,14 +34,14 @@ pub fn effective(parts: &[Vec<f64>]) -> f64 {
     (n as f64 / sum).max(n as f64 / 50.0).min(n as f64)
 }
 
-/// Root mean square over parts.
+/// Root mean square over segments.
 pub fn rms(parts: &[Vec<f64>]) -> f64 {
     let n: usize = parts.iter().map(Vec::len).sum();
     libm::sqrt(parts.iter().flatten().map(|r| r * r).sum::<f64>() / n.max(1) as f64)
 }
 
-/// Ljung and Box 1978 over 10 lags against the 99.9 % point of chi-squared; and correlations too small to matter pass too, since
-/// with enough samples nothing is white.
+/// Ljung and Box 1978 over 10 lags against the 99.9 % point of chi-squared. Negligible correlations pass too, because
+/// with enough samples no series is exactly white.
 pub fn white(parts: &[Vec<f64>]) -> bool {
     let n: usize = parts.iter().map(Vec::len).sum();
     let (mut q, mut largest) = (0.0, 0.0_f64);
@@ -55,7 +55,7 @@ pub fn white(parts: &[Vec<f64>]) -> bool {
     q < 29.588 || largest < 0.1
 }
 
-/// A small generator of its own, so that the same input gives the same report: xorshift64*, Vigna 2016.
+/// Own pseudorandom generator, so that the same input gives the same report: xorshift64*, Vigna 2016.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(u64);
 
@@ -71,7 +71,7 @@ impl Random {
         self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
     }
 
-    /// A whole number below `n`.
+    /// An integer below `n`.
     pub fn below(&mut self, n: usize) -> usize {
         ((self.draw() >> 11) as f64 / (1_u64 << 53) as f64 * n as f64) as usize
     }
@@ -82,12 +82,12 @@ const DRAWS: usize = 1000;
 /// Shortest block [samples].
 const BLOCK: usize = 15;
 
-/// Ratio of two root mean squares over the same samples, with its 2.5 and 97.5 % points by block bootstrap (blocks drawn for
-/// both alike).
+/// Ratio of two root mean squares over the same samples, with its 2.5 and 97.5 % points by block bootstrap (the same
+/// blocks are drawn for both).
 pub fn ratio(after: &[Vec<f64>], before: &[Vec<f64>]) -> [f64; 3] {
     let longest = before.iter().map(Vec::len).max().unwrap_or(1);
     let mut block = BLOCK;
-    // As long as neighbours still tell of each other.
+    // Blocks are long enough that neighbouring blocks are nearly uncorrelated.
     while block < longest / 8 && correlation(before, block) > 0.2 {
         block += block / 2;
     }

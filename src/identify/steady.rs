@@ -1,12 +1,12 @@
-//! Whether an effect has the same size wherever it is looked at (Green et al.: let a constant number differ from window to
-//! window). A cause of its own has one size; what stands in for something else takes the size that each record wants of it.
+//! Whether an effect has the same size in all parts of the records (Green et al.: let a constant parameter differ from
+//! window to window). A real cause has one size; a substitute for another cause takes a different size in each record.
 
 use super::model::{Model, globals_of, inflation};
 use crate::effects::Kind;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-/// The size of an effect in a stretch of a record, over its size in all of them.
+/// The size of an effect in half a record, relative to its overall size.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Size {
     pub record: String,
@@ -16,20 +16,20 @@ pub struct Size {
     pub standard_error: f64,
 }
 
-/// Sizes that spread by less than this are one size: a law that is a little off has as much.
+/// Sizes that spread by less than this are equal: a slightly wrong law has the same spread.
 const SPREAD: f64 = 0.3;
 /// Standard normal deviate of 99 %.
 const SURE: f64 = 2.326;
 
-/// Whether sizes differ by more than their standard errors and by more than a law that is a little off: chi-squared of their
-/// spread beyond its 99 % point (Wilson and Hilferty 1931), and a standard deviation of 30 %, to which a half that hardly tells its
-/// size counts little.
+/// Whether sizes differ by more than their standard errors and by more than a slightly wrong law explains: chi-squared
+/// of their spread is beyond its 99 % point (Wilson and Hilferty 1931), and their standard deviation exceeds 30 %. A
+/// half that hardly determines the size has little weight in this deviation.
 pub fn differ(sizes: &[Size]) -> bool {
     let free = sizes.len() as f64 - 1.0;
     if free < 1.0 || sizes.iter().any(|s| !s.relative.is_finite() || s.standard_error.is_nan()) {
         return false;
     }
-    // Sum of squares about the mean and of weights, for errors made larger by so much.
+    // Weighted sum of squares about the mean, and sum of weights, with `more` added to the variances.
     let about_mean = |more: f64| {
         let weight = |s: &Size| 1.0 / (s.standard_error * s.standard_error + more).max(1e-12);
         let weights: f64 = sizes.iter().map(weight).sum();
@@ -56,8 +56,8 @@ pub fn told(sizes: &[Size]) -> String {
     text
 }
 
-/// Sizes of an effect in the halves of the records that fit, all other numbers free with them, by the model's slopes where it was
-/// fitted; empty where it has no size, or one that is looked for by its logarithm.
+/// Sizes of an effect in the halves of the fitted records, estimated together with all other parameters from the
+/// Jacobian at the fit. Empty if the effect has no size, or one that is searched by its logarithm.
 pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
     let (problem, fit) = (&model.problem, &model.fit);
     let n = problem.globals.len();
@@ -91,7 +91,7 @@ pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
         for (i, residual) in r.iter().enumerate() {
             let half = 1 + u32::from(i % samples.max(1) >= samples / 2);
             let group = groups.iter().position(|g| *g == (record, half)).unwrap_or(0);
-            // The size's own column stands where the last ones begin.
+            // The columns of the size in each group follow the other columns.
             let column = |c: usize| if c < size { c } else { c - 1 };
             let mut row: Vec<(usize, f64)> = (0..n).filter(|c| *c != size).map(|c| (column(c), j[(i, c)])).collect();
             row.push((n - 1 + group, j[(i, size)]));

@@ -1,5 +1,5 @@
-//! Structure before data: which orders fall together by the count of teeth and links, how small an effect could be seen, and
-//! which effects these records cannot tell apart.
+//! Analysis of the structure: orders that coincide by the counts of teeth and links, the detectable size of each
+//! effect, and effects that these records cannot distinguish.
 
 use super::candidates::Hypothesis;
 use super::screen::{Base, Promise};
@@ -7,18 +7,18 @@ use crate::effects::Effect;
 use crate::machine::{Machine, Target, gcd};
 use serde::Serialize;
 
-/// Two periods of a chain drive that fall together.
+/// Two coinciding periods of a chain drive.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Collision {
-    /// What comes back.
+    /// The period concerned.
     pub of: String,
-    /// As a multiple of this.
+    /// It equals a multiple of this.
     pub with: String,
     pub harmonic: u32,
     pub says: String,
 }
 
-/// What could be seen of a hypothesis.
+/// Detection limit of a hypothesis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Detectable {
     pub effect: String,
@@ -35,7 +35,7 @@ pub struct Alike {
     pub angle_deg: f64,
 }
 
-/// Collisions of orders by teeth z and links N: exact, from whole numbers.
+/// Collisions of orders by teeth z and links N: exact, from integers.
 pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collision> {
     let mut found = Vec::new();
     for (name, z) in toothed {
@@ -93,8 +93,8 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
     found
 }
 
-/// Effects whose every order is one of this effect's, because teeth divide links: a tooth or runout always meets the same links,
-/// and one link the same tooth. Paths.
+/// Paths of effects all of whose orders are also orders of this effect, because the tooth count divides the link count:
+/// a tooth or runout always meets the same links, and one link the same tooth.
 pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     const ON_SPROCKETS: [&str; 2] = ["sprocket_runout", "gap_error"];
     const ON_LINKS: [&str; 2] = ["pitch_error", "tight_joint"];
@@ -107,7 +107,7 @@ pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     };
     match target {
         Target::Body(b) if ON_SPROCKETS.contains(&effect.name) && divides(b) => {
-            // One of them stands for both: the first.
+            // Both would mean the same: only the first is returned.
             places(ON_LINKS).map(|(path, _)| path).take(1).collect()
         }
         Target::Chain if ON_LINKS.contains(&effect.name) => {
@@ -118,18 +118,18 @@ pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     }
 }
 
-/// Teeth and links of a lumped machine.
+/// Teeth and links of a machine.
 pub fn counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
     (m.toothed(), m.chain.as_ref().map(|c| c.links))
 }
 
-/// How small every hypothesis could be seen, once for each effect and place.
+/// Detection limit of every hypothesis, once for each effect and place.
 pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Detectable> {
     let sigma = libm::sqrt(base.cost() / base.residual.len().max(1) as f64);
     let mut found: Vec<Detectable> = Vec::new();
     for (h, p) in hypotheses.iter().zip(promises) {
         let (Some(first), Some(column)) = (h.amplitudes().first().copied(), p.columns.first()) else { continue };
-        // One that is not linear where it is small has no slope.
+        // A hypothesis that is not linear at small values has no slope.
         if h.rows[first].off != 0.0 {
             continue;
         }
@@ -146,7 +146,7 @@ pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises:
     found
 }
 
-/// Pairs whose columns point nearly the same way, within 15 degrees.
+/// Pairs whose columns are nearly parallel, within 15 degrees.
 pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
     let bases: Vec<(usize, Vec<Vec<f64>>)> = promises
         .iter()
@@ -164,7 +164,7 @@ pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
             if a.len() != b.len() {
                 continue;
             }
-            // The smallest share of a direction of one that the other one holds.
+            // The smallest share of a unit vector of one subspace that lies in the other.
             let mut least: f64 = 1.0;
             for x in a {
                 let held: f64 = b
@@ -186,7 +186,7 @@ pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
     found
 }
 
-/// An experiment that would tell two effects apart.
+/// An experiment that would distinguish two effects.
 pub fn experiment(a: &str, b: &str) -> String {
     let name = |path: &str| path.split('.').nth(1).unwrap_or(path).split(' ').next().unwrap_or(path).to_string();
     let (a, b) = (name(a), name(b));

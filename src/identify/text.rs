@@ -1,11 +1,11 @@
-//! The report as text, and the drive file with what was found.
+//! The report as text, and the drive file updated with the result.
 
 use super::diagnosis::Diagnosis;
 use super::report::{Number, Report, Verdict};
 use crate::machine::Machine;
 use std::fmt::Write;
 
-/// Four digits that count.
+/// Four significant digits.
 fn short(x: f64) -> String {
     let size = x.abs();
     if x == 0.0 || !x.is_finite() {
@@ -22,7 +22,7 @@ fn optional(x: Option<f64>) -> String {
     x.map_or("-".to_string(), short)
 }
 
-/// One screen.
+/// The report as text for a terminal.
 pub fn text(r: &Report) -> String {
     let mut t = String::new();
     write_all(&mut t, r);
@@ -100,7 +100,7 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
             (Some(b), Some(a)) if b > 0.0 => format!("{:.3}", a / b),
             _ => "-".into(),
         };
-        // A record that only fits has no held-out samples: what it is fitted to is told instead, and said so.
+        // A record that is only fitted has no held-out samples: its fit error is shown instead and marked.
         let only_fits = b.held_out.is_none();
         let (before, after) = if only_fits { (b.fit, a.fit) } else { (b.held_out, a.held_out) };
         let interval = if only_fits { "(fitted)".to_string() } else { interval };
@@ -216,7 +216,7 @@ fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
-/// What is left by itself; channels of which there is nothing to say are left out.
+/// Writes the residual analysis; channels without any line are left out.
 fn diagnosis(t: &mut String, d: &Diagnosis, title: &str) -> std::fmt::Result {
     let mut lines: Vec<String> = Vec::new();
     for c in &d.channels {
@@ -292,7 +292,7 @@ fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
     writeln!(t, "\n{} model runs", r.model_runs)
 }
 
-/// The drive file with fitted numbers and effects written in; comments stay. `Err`: what could not be placed.
+/// The drive file with fitted parameters and effects written in; comments are kept. `Err`: what could not be placed.
 pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
     let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
     let mut inserts: Vec<(usize, String)> = Vec::new();

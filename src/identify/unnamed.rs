@@ -1,5 +1,5 @@
-//! What is left without a name: the residual force at the body where it is simplest, as a curve and as the shortest formula
-//! that holds on records it has not seen. It never gets a physical name.
+//! Unexplained remainder: the residual force on the body where it is simplest, as a curve and as the shortest formula
+//! that also holds on held-out records. It never gets a physical name.
 
 use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
@@ -17,17 +17,17 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unnamed {
     pub body: String,
-    /// In SI, q and v being angle or position and speed of the body.
+    /// In SI; q and v are angle or position and speed of the body.
     pub formula: String,
     pub terms: Vec<(String, f64)>,
-    /// Error on what judges with it, over that without.
+    /// Held-out error with it, relative to that without it.
     pub judge_ratio: [f64; 3],
-    /// Speeds between which the records let it be known [rad/s or m/s].
+    /// Speed range in which the records determine it [rad/s or m/s].
     pub from_speed: f64,
     pub to_speed: f64,
 }
 
-/// Library of terms: how it is written, and what it is.
+/// Library of terms: notation and function.
 const LIBRARY: [(&str, BodyLaw); 12] = [
     ("1", |p, _| p[0]),
     ("v", |p, at| p[0] * at.v),
@@ -45,7 +45,7 @@ const LIBRARY: [(&str, BodyLaw); 12] = [
 
 const SIZE: Parameter = Parameter::new("size", 1.0, -1e12, 1e12, Kind::Amplitude).starts(Scale::Force, &[0.1]);
 
-/// The library as effects, so that they are fitted like those with a name.
+/// The library as effects, so that its terms are fitted like named effects.
 fn effect(index: usize) -> &'static Effect {
     static ROWS: std::sync::OnceLock<Vec<Effect>> = std::sync::OnceLock::new();
     let rows = ROWS.get_or_init(|| {
@@ -71,10 +71,10 @@ fn effect(index: usize) -> &'static Effect {
     &rows[index]
 }
 
-/// Most terms of a formula.
+/// Maximum number of terms of a formula.
 const MOST_TERMS: usize = 3;
 
-/// The shortest formula for what is left, if one holds.
+/// The shortest formula for the remainder, if one holds.
 pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Option<Unnamed> {
     let m = &best.problem.machine;
     let mut found: Option<(Model<'a>, usize, Vec<usize>)> = None;
@@ -121,8 +121,9 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
     })
 }
 
-/// Forms in a body's speed that could stand in the place of an effect's load, each as large as it at the body's usual speed; none
-/// where the effect is no load by speed, and never its own law (one that is rounded off otherwise is the same friction).
+/// Terms in a body's speed that could replace an effect's load, each of the same size at the body's usual speed. Empty
+/// if the effect is not a load that depends on speed. The effect's own law is left out, also in another smoothing of
+/// the same friction.
 pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
     let h = &model.effects[which];
     let (Target::Body(body), Physics::BodyForce(law)) = (h.target, h.effect.physics) else { return Vec::new() };
@@ -151,14 +152,14 @@ pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
         .collect()
 }
 
-/// Forms of the library that go by speed alone.
+/// Terms of the library that depend on speed alone.
 const IN_SPEED: [&str; 4] = ["v", "v |v|", "v^3", "sign(v)"];
 
-/// Effects that are such a form themselves.
+/// Effects whose law is one of these terms.
 const OWN_FORM: [(&str, &str); 3] =
     [("viscous_friction", "v"), ("quadratic_drag", "v |v|"), ("coulomb_friction", "sign(v)")];
 
-/// How much of what a model leaves a small force of every form on every free body would take.
+/// Share of a model's remaining error that a small force of every term on every free body would remove.
 pub fn forces(model: &Model, threads: usize) -> Vec<StateLine> {
     let m = &model.problem.machine;
     let free = (0..m.bodies.len())

@@ -1,22 +1,22 @@
-//! Short stretches of the records, each with a start of its own (multiple shooting, Bock 1981). Where a model that lacks something
-//! runs away from a long record, as one that falls into another gap of a cogging torque does, what it lacks still shows in
-//! stretches too short for that. The angles at which they start are the measured speeds summed up, so that what follows angles
-//! keeps its phase from stretch to stretch.
+//! Short stretches of the records, each with an initial state of its own (multiple shooting, Bock 1981). A model that
+//! lacks an effect may run away from a long record, for example into another gap of a cogging torque. Stretches too
+//! short for that still show the effect. Their initial angles are the integrated measured speeds, so that effects that
+//! follow angles keep their phase from stretch to stretch.
 
 use super::problem::{Local, Point, Problem};
 use crate::machine::simulate::Samples;
 use crate::machine::{InputKind, Machine, Motion, Reads};
 use crate::measurement::segments::{Data, Segment, first_guess};
 
-/// Stretches of a part, as long as each has so many samples.
+/// Stretches per segment, provided that each has at least `SHORTEST` samples.
 const STRETCHES: usize = 16;
 const SHORTEST: usize = 24;
 
-/// Where a stretch begins: part and sample.
+/// Start of a stretch: segment and sample.
 pub type Begin = (usize, usize);
 
-/// The parts that fit as stretches, `together` of the shortest in one, and where each begins; None where the channels do not tell
-/// how all bodies move.
+/// Splits the fitted segments into stretches of `together` shortest ones, and returns where each begins. None if the
+/// channels do not determine the motion of all bodies.
 pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
     let (m, data) = (&problem.machine, problem.data);
     if problem.plant.is_some() || problem.locals.iter().any(|l| matches!(l, Local::Slot { .. })) {
@@ -50,8 +50,8 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
     Some((Data { segments: stretches, ..data.clone() }, begins))
 }
 
-/// The problem on stretches: where springs hold bodies together of which none is held or measured by its angle, the first
-/// keeps the angle that its speed adds up to, and the others lie to it as they will.
+/// The problem on stretches. In a group of bodies joined by springs without a fixed body or a measured angle, the first
+/// body with a measured speed keeps its integrated angle; the angles of the others are free.
 pub fn problem<'a>(whole: &Problem<'a>, data: &'a Data) -> Problem<'a> {
     let m = &whole.machine;
     let reads = |what: Reads| whole.channels.iter().any(|c| m.sensors[*c].reads == what);
@@ -76,7 +76,7 @@ pub fn problem<'a>(whole: &Problem<'a>, data: &'a Data) -> Problem<'a> {
     problem
 }
 
-/// Locals of longer stretches, or of whole parts, where they begin: those of the short ones that begin there.
+/// Locals of longer stretches or whole segments, taken from the short stretches that begin at the same sample.
 pub fn joined(
     longer: (&Problem, &Point, &[Begin]),
     (short, found, begins): (&Problem, &Point, &[Begin]),
@@ -99,13 +99,13 @@ pub fn joined(
     locals
 }
 
-/// The machine's numbers in a part, as its record sets them.
+/// The machine's parameter values in a segment, with those of its record.
 fn whole_values(problem: &Problem, k: usize) -> Vec<f64> {
     let start = problem.start();
     problem.numbers(k, &start.globals, &start.locals[k]).0
 }
 
-/// Angle or position of every body at the samples of a part, from what is measured; None where nothing tells one.
+/// Angle or position of every body at the samples of a segment, from measurements; None if one cannot be determined.
 fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<f64>>> {
     let mut known: Vec<Option<Vec<f64>>> = vec![None; m.bodies.len()];
     let summed = |speed: &mut dyn FnMut(usize) -> f64| -> Vec<f64> {
@@ -120,7 +120,7 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &Segment, t_s: &[f64]
         };
         (0..t_s.len()).map(step).collect()
     };
-    // Missing readings are those before them.
+    // Missing readings repeat the previous one.
     let filled = |c: usize, gain: f64| {
         let mut last = s.measured[c].iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
         let fill = |x: &f64| {

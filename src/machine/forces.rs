@@ -1,24 +1,24 @@
-//! What acts on the bodies of a lumped machine: its numbers made ready, forces at an instant, and how fast they let it swing.
+//! Prepares a lumped machine for simulation and computes the forces on its bodies and its fastest rates.
 
 use super::{Body, Machine, Motion, Placed, Target};
 use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MotionLaw, Physics, SpanAt};
 use std::f64::consts::PI;
 
-/// A machine with its numbers, made ready to run.
+/// A machine with its parameter values, prepared for simulation.
 pub(super) struct Ready<'a> {
     pub(super) m: &'a Machine,
     pub(super) values: &'a [f64],
     pub(super) inertia: Vec<f64>,
     /// Stiffness and damping of every spring.
     pub(super) springs: Vec<(f64, f64)>,
-    /// Effects on bodies, springs: kept apart by what they act on.
+    /// Effects on bodies and springs, separated by target.
     pub(super) on_body: Vec<(usize, BodyLaw, Vec<f64>)>,
     pub(super) on_spring: Vec<Vec<OnSpring>>,
     pub(super) motion: Vec<(usize, MotionLaw, Vec<f64>)>,
     pub(super) chain_torque: Vec<(ChainTorqueLaw, Vec<f64>)>,
     pub(super) leader_teeth: f64,
     pub(super) most_steps: f64,
-    /// The body that stands for each: a second body of no inertia is the one it hangs on.
+    /// The body that represents each body: for an added body without inertia, its host.
     pub(super) stands_for: Vec<usize>,
 }
 
@@ -29,7 +29,7 @@ pub(super) enum OnSpring {
     Loss { law: fn(&[f64], f64, f64) -> f64, p: Vec<f64> },
 }
 
-/// What acts at a node, filled by `Ready::forces`.
+/// Forces and tensions at one instant, filled by `Ready::forces`.
 #[derive(Default)]
 pub(super) struct Acting {
     pub(super) force: Vec<f64>,
@@ -96,7 +96,7 @@ impl<'a> Ready<'a> {
         ChainAt { travel: q[leader] * self.leader_teeth / (2.0 * PI), links, from, to }
     }
 
-    /// Forces on all bodies from everything but inputs.
+    /// Forces on all bodies, without inputs.
     pub(super) fn forces(&self, q: &[f64], v: &[f64], out: &mut Acting) {
         out.force.clear();
         out.force.resize(q.len(), 0.0);
@@ -107,7 +107,7 @@ impl<'a> Ready<'a> {
         }
         for (s, spring) in self.m.springs.iter().enumerate() {
             let (mut stretch, mut rate) = (0.0, 0.0);
-            // Slopes of the length by the bodies' coordinates, beyond the gains.
+            // Derivatives of the length with respect to the bodies' coordinates, in addition to the gains.
             out.slopes.clear();
             for e in &spring.ends {
                 let gain = f64::from(e.sign) * self.values[e.gain];
@@ -153,7 +153,7 @@ impl<'a> Ready<'a> {
                 if spring.links.is_some() {
                     let at = self.chain_at(s, q);
                     for e in &spring.ends {
-                        // Both ends feel the joint bend; each half of it here.
+                        // The joint bends at both ends of the span; each end takes half.
                         force[e.body] += 0.5 * law(p, at, v[e.body]);
                     }
                 }
@@ -162,10 +162,10 @@ impl<'a> Ready<'a> {
         }
     }
 
-    /// Highest order at which an effect comes back by angle.
+    /// Highest order of an effect that depends on angle.
     pub(super) fn highest_order(&self) -> Option<f64> {
         let mut highest: Option<f64> = None;
-        // What is off needs no steps.
+        // Effects that are off need no steps.
         let on = |p: &Placed| {
             let rows = p.effect.parameters.iter().zip(&p.slots);
             rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
@@ -189,7 +189,7 @@ impl<'a> Ready<'a> {
         highest
     }
 
-    /// Fastest angular frequency, and the largest slope of a force over speed by inertia [rad/s, 1/s].
+    /// Highest angular frequency, and highest slope of a force over speed divided by inertia [rad/s, 1/s].
     pub(super) fn rates(&self, speed: &[f64], turns: bool) -> (f64, f64) {
         let mut omega2 = vec![0.0_f64; self.m.bodies.len()];
         let mut rate = vec![0.0_f64; self.m.bodies.len()];
@@ -213,14 +213,14 @@ impl<'a> Ready<'a> {
             let d = 1e-6 * top;
             let slope =
                 |v: f64| (law(p, BodyAt { q: 0.0, v: v + d }) - law(p, BodyAt { q: 0.0, v: v - d })).abs() / (2.0 * d);
-            // What turns past marks never comes to rest.
+            // A body that turns past marks never comes to rest.
             let least = if turns { 0.3 * top } else { 0.0 };
             rate[*body] +=
                 [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[*body];
         }
         let free = |i: usize| self.m.bodies[i].motion == Motion::Free;
         let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);
-        // Two bodies on one spring swing by at most the sum of both squares.
+        // Two bodies on one spring: the squared frequency is at most the sum of both squares.
         (libm::sqrt(2.0 * most(&omega2)), 2.0 * most(&rate))
     }
 }
@@ -228,9 +228,9 @@ impl<'a> Ready<'a> {
 fn inertia(body: &Body, values: &[f64]) -> f64 {
     let whole = values[body.inertia];
     match body.minus {
-        // What is left of a body that was split: never nothing.
+        // Remainder of a body that was split: never zero.
         Some(far) => (whole - values[far]).max(1e-3 * whole),
-        // A second body of no inertia feels no force; it must not divide by zero.
+        // An added body without inertia feels no force; this avoids a division by zero.
         None => whole.max(1e-300),
     }
 }

@@ -1,5 +1,5 @@
-//! A drive with links as measured records see it: shafts, sensors, numbers and places for effects. What moves is left to the
-//! simulation of its links.
+//! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
+//! Its motion is left to the simulation of the links.
 
 use super::{Body, Linked, Loop, Machine, Motion, Placed, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
@@ -7,8 +7,8 @@ use crate::drive::{Drive, OuterSpec};
 use crate::effects::{Effect, Kind, On, Parameter};
 use crate::units::RPM;
 
-/// Whether drives with links have this number of an effect. Where a sprocket or the chain stands when a record starts is
-/// found as the record's travel, so that laws of the links have no phase of their own.
+/// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
+/// start of a record is found as the record's travel, so that effects on links have no phase of their own.
 pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
 }
@@ -24,7 +24,7 @@ fn lcm(a: u32, b: u32) -> u32 {
 }
 
 impl Machine {
-    /// Of a drive with links.
+    /// The machine of a drive with link bodies.
     pub fn of_links(drive: &Drive) -> Machine {
         let mut m = Machine {
             name: drive.name.clone(),
@@ -93,7 +93,7 @@ impl Machine {
         m
     }
 
-    /// Pitches after which a drive with links repeats itself, with all effects that were put on it.
+    /// Period in pitches of a drive with link bodies, including all effects placed on it.
     pub fn repeats(&self) -> u32 {
         let declared = self.linked.as_ref().map_or(2, |l| l.repeats);
         self.placed.iter().fold(declared, |all, p| match p.target {
@@ -122,7 +122,7 @@ impl Machine {
     }
 }
 
-/// Every number of the file, by its path, in the unit of its key.
+/// Adds every number of the file by its path, in the unit of its key.
 fn numbers_of_the_file(m: &mut Machine, text: &str) {
     fn walk(prefix: &str, value: &toml::Value, m: &mut Machine) {
         let mut leaf = |number: f64| {
@@ -159,7 +159,7 @@ fn declared(places: &crate::drive::reader::Places) -> Vec<String> {
     all
 }
 
-/// Pitches after which the drive repeats itself: two, unless something in it differs from its neighbours.
+/// Period of the drive in pitches: two, unless one of its parts differs from its neighbours.
 fn repeats(drive: &Drive) -> u32 {
     let e = &drive.effects;
     let links = drive.links as u32;

@@ -1,12 +1,12 @@
-//! The lumped fidelity of a drive: rotors and sliders, spans and couplings as springs, loads with laws in speed, inputs and
-//! sensors; the same effects as a drive whose links are bodies.
+//! Lumped model of a drive: rotors and sliders, spans and couplings as springs, loads that depend on speed, inputs and
+//! sensors. It has the same effects as a drive with link bodies.
 //!
 //! ```text
 //! J_i q_i'' = sum of inputs, loads and effects - sum over springs (dl/dq_i) F
 //! l = g_a q_a - g_b q_b + effects' lengths      F = k l + c l' + effects' forces
 //! ```
-//! g is the radius of a span's end, 1 for a coupling. Every number is a slot of one list, found by its path in the file, so
-//! that a fit changes a machine by writing into a list.
+//! g is the radius at a span's end, or 1 for a coupling. Every parameter is a slot of one list, found by its path in
+//! the file, so that a fit changes a machine by writing into a list.
 
 mod forces;
 mod links;
@@ -35,35 +35,35 @@ pub struct Machine {
     pub springs: Vec<Spring>,
     pub inputs: Vec<Input>,
     pub sensors: Vec<Sensor>,
-    /// Loads and effects; those of sensors in the order of the catalogue.
+    /// Loads and effects; effects on sensors are in the order of the catalogue.
     pub placed: Vec<Placed>,
     pub chain: Option<Loop>,
-    /// Where every link is a body: what the lumped form does not hold.
+    /// For a drive with link bodies: data that the lumped form does not contain.
     pub linked: Option<Linked>,
     pub places: Places,
 }
 
-/// A number of the file.
+/// A parameter of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slot {
     pub path: String,
-    /// The unit of its name in SI.
+    /// SI value of the unit in its name.
     pub unit: f64,
     /// In the unit of its name.
     pub low: f64,
     pub high: f64,
 }
 
-/// What moves in one coordinate.
+/// A body with one coordinate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     pub name: String,
     pub path: String,
-    /// Along a line, not round an axis.
+    /// Moves along a line instead of round an axis.
     pub slides: bool,
     /// Slot of its inertia or mass.
     pub inertia: usize,
-    /// Slot of what a second body has taken of it.
+    /// Slot of the inertia that an added second body has taken from it.
     pub minus: Option<usize>,
     pub teeth: Option<u32>,
     pub motion: Motion,
@@ -93,16 +93,16 @@ pub struct Spring {
     pub name: String,
     pub path: String,
     pub ends: Vec<End>,
-    /// Slots of stiffness and damping; of a tuned spring those of eigenfrequency and damping ratio.
+    /// Slots of stiffness and damping; for a tuned spring, of eigenfrequency and damping ratio.
     pub stiffness: usize,
     pub damping: usize,
-    /// Slot of the inertia with which a spring is tuned: k = J w^2, c = 2 zeta J w.
+    /// Slot of the inertia for which a spring is tuned: k = J w^2, c = 2 zeta J w.
     pub tuned: Option<usize>,
     /// Links at its ends, counted along the loop, for effects of single links.
     pub links: Option<(f64, f64)>,
 }
 
-/// What a measured column does to a body.
+/// How a measured column acts on a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Input {
     pub name: String,
@@ -121,7 +121,7 @@ pub enum InputKind {
     Angle,
 }
 
-/// What a sensor reads.
+/// Quantity that a sensor reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
     Angle(usize),
@@ -134,9 +134,9 @@ pub enum Reads {
     },
     /// Force of this spring.
     Tension(usize),
-    /// What must act on this prescribed body from outside.
+    /// External force or torque that drives this prescribed body.
     Reaction(usize),
-    /// With links: tension of the span that leaves this body, of this link, and force on this guide.
+    /// With link bodies: tension of the span that leaves this body, tension of this link, and force on this guide.
     Span(usize),
     Link(usize),
     Guide(usize),
@@ -147,9 +147,9 @@ pub struct Sensor {
     pub name: String,
     pub path: String,
     pub reads: Reads,
-    /// Slot of the gain: value shown per SI unit.
+    /// Slot of the gain: displayed value per SI unit.
     pub gain: usize,
-    /// Its own unit, where it has one; else SI.
+    /// Its own unit, if it has one; otherwise SI.
     pub unit: Option<String>,
 }
 
@@ -159,7 +159,7 @@ pub struct Placed {
     pub effect: &'static Effect,
     pub path: String,
     pub target: Target,
-    /// Of its parameters, in their order.
+    /// Slots of its parameters, in their order.
     pub slots: Vec<usize>,
 }
 
@@ -173,32 +173,33 @@ pub enum Target {
     Guide(usize),
 }
 
-/// The chain as counted: what orders come from.
+/// Link count of the chain loop, which determines orders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
     pub links: u32,
-    /// Body whose teeth count the links that pass.
+    /// Body whose teeth count the passing links.
     pub leader: usize,
 }
 
-/// What a drive with links has beside its shafts, as far as measured records ask for it.
+/// Data of a drive with link bodies besides its shafts, as far as measured records need them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linked {
     pub guides: Vec<String>,
-    /// Pitches after which the declared drive repeats itself.
+    /// Period of the declared drive in pitches.
     pub repeats: u32,
     /// Paths of effects that the drive file declares.
     pub declared: Vec<String>,
 }
 
-/// Whether a drive file says `fidelity = "lumped"`, however TOML writes it. Of a file with mistakes what can be read of it counts.
+/// Whether a drive file has `fidelity = "lumped"`, in any TOML notation. In a file with errors, the readable part is
+/// used.
 pub fn is_lumped(text: &str) -> bool {
     let (root, _mistakes) = toml::de::DeTable::parse_recoverable(text);
     root.get_ref().get("fidelity").and_then(|value| value.get_ref().as_str()) == Some("lumped")
 }
 
 impl Machine {
-    /// Reads and checks a machine. All mistakes come back at once.
+    /// Reads and checks a machine. Returns all errors at once.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
         let reader = Reader::new(name, text, overrides);
         let root = reader.parse(text)?;
@@ -209,7 +210,7 @@ impl Machine {
         Ok(Machine { name: stem.to_string(), text: text.to_string(), places, ..machine })
     }
 
-    /// Without anything in it.
+    /// A machine without content.
     fn empty(title: String) -> Machine {
         Machine {
             name: String::new(),
@@ -238,7 +239,7 @@ impl Machine {
         value / self.slots[slot].unit
     }
 
-    /// Bodies with teeth, in their order: name and teeth.
+    /// Name and tooth count of the bodies with teeth, in order.
     pub fn toothed(&self) -> Vec<(String, u32)> {
         self.bodies.iter().filter_map(|b| b.teeth.map(|z| (b.name.clone(), z))).collect()
     }
@@ -252,7 +253,7 @@ impl Machine {
         }
     }
 
-    /// The body that a sensor reads, if it is one.
+    /// The body that a sensor reads, if any.
     pub fn body_of(&self, sensor: usize) -> Option<usize> {
         match self.sensors[sensor].reads {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),

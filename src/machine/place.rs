@@ -1,10 +1,10 @@
-//! Putting effects on a machine: where each may go, the keys of its numbers, what it adds.
+//! Placing effects on a machine: possible targets, keys of the parameters, and added parts.
 
 use super::{Body, End, InputKind, Machine, Motion, Placed, Reads, Slot, Spring, Target, links};
 use crate::effects::{EFFECTS, Effect, Kind, On, Parameter, Physics};
 
 impl Machine {
-    /// Everything that an effect may be put on, with its name.
+    /// All possible targets of an effect, with their names.
     pub fn targets(&self, effect: &Effect) -> Vec<(String, Target)> {
         if let Some(linked) = &self.linked {
             return self.targets_on_links(linked, effect);
@@ -12,7 +12,7 @@ impl Machine {
         if matches!(effect.physics, Physics::LinksOnly) {
             return Vec::new();
         }
-        // What effects have added carries no effects of its own.
+        // Parts that were added by effects carry no effects of their own.
         let by_angle = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
         let declared = |path: &str| !path.starts_with("effects.");
         let bodies = |fits: &dyn Fn(&Body) -> bool| {
@@ -26,7 +26,7 @@ impl Machine {
         let sprung = |i: usize| self.springs.iter().any(|s| s.ends.iter().any(|e| e.body == i));
         match effect.on {
             On::Body => bodies(&|b| b.motion == Motion::Free && !(b.slides && by_angle)),
-            // A measured speed holds its own fluctuation.
+            // A measured speed already contains its fluctuation.
             On::Prescribed => bodies(&|b| matches!(b.motion, Motion::Constant(_)) && !b.slides),
             On::Sprocket => {
                 let all = self.bodies.iter().enumerate();
@@ -63,7 +63,7 @@ impl Machine {
         }
     }
 
-    /// Keys of an effect's numbers on this target, with their rows.
+    /// Keys of an effect's parameters on this target, with their rows.
     pub fn keys(&self, effect: &'static Effect, target: Target) -> Vec<(String, &'static Parameter)> {
         let slides = match target {
             Target::Body(b) => self.bodies.get(b).is_some_and(|b| b.slides),
@@ -90,7 +90,7 @@ impl Machine {
         keys
     }
 
-    /// A machine with one effect more, its slots at `values` (SI).
+    /// The machine with one more effect, its slots at `values` (SI).
     pub fn with(&self, effect: &'static Effect, name: &str, target: Target, values: &[f64]) -> (Machine, Vec<usize>) {
         let mut m = self.clone();
         let path = format!("effects.{}.{name}", effect.name);
@@ -108,7 +108,7 @@ impl Machine {
         (m, slots)
     }
 
-    /// Puts an effect whose slots exist at its place; signals pass effects in the order of the catalogue.
+    /// Places an effect whose slots exist; signals pass the effects in the order of the catalogue.
     pub(super) fn put(&mut self, effect: &'static Effect, path: String, target: Target, slots: Vec<usize>) {
         if let (Physics::SecondBody { sensors_move }, Target::Body(near)) = (effect.physics, target) {
             self.second_body(near, &path, &slots, sensors_move);
@@ -118,7 +118,7 @@ impl Machine {
         self.placed.sort_by_key(|p| rank(p.effect));
     }
 
-    /// A body behind a spring at the body `near`.
+    /// Adds a body that a spring connects to the body `near`.
     fn second_body(&mut self, near: usize, path: &str, slots: &[usize], sensors_move: bool) {
         let [inertia, stiffness, damping] = *slots else { return };
         let far = self.bodies.len();

@@ -1,5 +1,5 @@
-//! A pulse pickup on a lumped machine. Pulses come where the cubic between two nodes (values and slopes) crosses a mark; its
-//! error is of the order of the scheme.
+//! A pulse pickup on a lumped machine. A pulse occurs where the cubic between two nodes (values and slopes) crosses a
+//! mark; its error is of the order of the integration scheme.
 
 use super::forces::Ready;
 use super::simulate::{RunError, Start, Work, clock, rk4};
@@ -7,7 +7,7 @@ use super::{Motion, Reads, Target};
 use crate::effects::{MarkLaw, Physics};
 use std::f64::consts::PI;
 
-/// A run that counts pulses; values are the natural logarithms of the intervals.
+/// Runs the machine and counts pulses. Values are the natural logarithms of the intervals.
 pub(super) fn pulses(
     ready: &Ready,
     start: &Start,
@@ -30,7 +30,7 @@ pub(super) fn pulses(
             _ => None,
         })
         .collect();
-    // Place and delay of every mark.
+    // Position and delay of every mark.
     let table: Vec<(f64, f64)> = (0..marks)
         .map(|mark| laws.iter().map(|(law, p)| law(p, mark)).fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d)))
         .collect();
@@ -58,7 +58,7 @@ pub(super) fn pulses(
             }
         }
     };
-    // Nearly at rest: the next pulse is far beyond any that was measured.
+    // Nearly at rest: the next pulse would come far later than any measured one.
     let patience = 4.0 * longest_s.max(interval_s) + 2.0 * h;
     while out.len() < intervals {
         let (qa, va) = (q[body], v[body]);
@@ -100,7 +100,7 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
     };
     let (mut low, mut high) = (0.0, 1.0);
     let mut x = if qb > qa { ((target - qa) / (qb - qa)).clamp(0.0, 1.0) } else { 0.5 };
-    // Newton within a bracket; quadratic, so few rounds end at rounding.
+    // Newton's method within a bracket; its quadratic convergence reaches rounding in a few iterations.
     for _ in 0..30 {
         let error = value(x) - target;
         if error > 0.0 {
@@ -118,7 +118,7 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
     x * h
 }
 
-/// As large as what the motion bears: a turn where nothing comes back by angle, else ten steps for a wave of the highest order.
+/// Largest suitable step: a revolution if no effect depends on angle, else ten steps for a wave of the highest order.
 pub(super) fn step_s(ready: &Ready, start: &Start, interval_s: f64, marks: usize) -> f64 {
     let turn_s = interval_s * marks as f64;
     let coarse = match ready.highest_order() {

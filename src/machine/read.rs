@@ -5,10 +5,10 @@ use crate::drive::reader::Table;
 use crate::effects::{EFFECTS, Effect, On, named};
 use crate::units::{MM, RPM};
 
-/// Most marks whose spacing is fitted one by one.
+/// Maximum number of marks whose spacing is fitted individually.
 pub const MOST_MARKS: usize = 60;
 
-/// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
+/// Reads everything. The reader collects the errors; the returned values are then invalid.
 pub(super) fn machine(root: &Table<'_>) -> Machine {
     let mut m = Machine::empty(root.text("title").unwrap_or_default());
     root.choice("fidelity", &[("lumped", ())]);
@@ -30,7 +30,7 @@ pub(super) fn machine(root: &Table<'_>) -> Machine {
     m
 }
 
-/// Adds a slot that the file may give; without a default it must.
+/// Adds a slot that the file may give, or must give if there is no default.
 fn slot(m: &mut Machine, t: &Table<'_>, key: &str, unit: f64, range: (f64, f64), default: Option<f64>) -> usize {
     let value = match default {
         Some(default) => t.number(key, unit, range.0..=range.1).unwrap_or(default * unit),
@@ -187,7 +187,7 @@ fn chain(root: &Table<'_>, m: &mut Machine) {
     t.finish();
 }
 
-/// Kinds of sensors: key, what it reads, SI unit.
+/// Kinds of sensors: key, quantity, SI unit.
 pub const SENSOR_KINDS: [(&str, &str, &str); 8] = [
     ("encoder", "angle of a rotor", "rad"),
     ("displacement", "position of a slider", "m"),
@@ -288,7 +288,7 @@ fn effects(root: &Table<'_>, m: &mut Machine) {
     table.finish();
 }
 
-/// Reads an effect's numbers and puts it into the machine.
+/// Reads an effect's parameters and adds it to the machine.
 fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target) {
     let keys = m.keys(effect, target);
     let slots = keys
@@ -305,10 +305,10 @@ fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target
 }
 
 impl Machine {
-    /// What `name` means for an effect.
+    /// Resolves the target `name` of an effect.
     pub fn target(&self, effect: &Effect, name: &str) -> Result<Target, String> {
         let known = self.targets(effect);
-        // A second one of the same kind at the same place: its name has a plus more.
+        // Trailing plus signs distinguish effects of the same kind at the same place.
         let name = name.trim_end_matches('+');
         if effect.on == On::Chain {
             return known.first().map(|(_, t)| *t).ok_or_else(|| "this machine has no `[chain]`".to_string());

@@ -1,7 +1,7 @@
-//! Running a lumped machine: classical Runge-Kutta of fourth order at a fixed step, sensors read at every node.
+//! Running a lumped machine: classical fourth-order Runge-Kutta at a fixed step, with sensors read at every node.
 //!
-//! The step divides the time between two samples; it is the largest that resolves the fastest oscillation by 30 steps and keeps
-//! every friction slope stable, found from the machine's numbers before the run.
+//! The step divides the time between two samples. It is the largest one that resolves the fastest oscillation by 30
+//! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run.
 
 use super::forces::{Acting, Ready};
 use super::pulses::{self, pulses};
@@ -9,33 +9,33 @@ use super::{InputKind, Machine, Motion, Reads, Target};
 use crate::effects::{Physics, Trace};
 use std::f64::consts::PI;
 
-/// What is asked of a run.
+/// Requested output of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Samples {
-    /// Values at these times, which start at 0 and grow [s]; `step_s` is their (mean) distance.
+    /// Values at these times, which start at 0 and increase [s]; `step_s` is their (mean) spacing.
     Times { t_s: Vec<f64>, step_s: f64, even: bool },
-    /// So many intervals between pulses, from mark `first` on; the shortest and the longest that was measured [s].
+    /// A number of intervals between pulses, from mark `first` on; shortest and longest measured interval [s].
     Pulses { intervals: usize, first: usize, interval_s: f64, longest_s: f64 },
 }
 
-/// One stretch of time to be run.
+/// One time range to be simulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     pub samples: Samples,
     /// One series for every input of the machine, at the times of the samples.
     pub inputs: Vec<Vec<f64>>,
-    /// Inputs stay at a value until the next one; else straight lines.
+    /// Inputs stay constant until the next value; otherwise they are interpolated linearly.
     pub hold: bool,
 }
 
-/// Why a run broke off.
+/// Why a run stopped.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RunError {
-    /// Not finite at this time [s].
+    /// Values were not finite at this time [s].
     Diverged { t_s: f64 },
     /// The next pulse never came.
     NoPulse { t_s: f64, pulses: usize },
-    /// It would take so many steps for one sample.
+    /// Number of steps per sample that the run would need.
     Stiff { steps: f64 },
 }
 
@@ -53,19 +53,20 @@ impl std::fmt::Display for RunError {
     }
 }
 
-/// Most steps for one sample, unless a caller wants fewer.
+/// Maximum number of steps per sample, unless the caller sets a lower limit.
 pub const MOST_STEPS: f64 = 300.0;
 
-/// Start of a run: angle or position and speed of every body.
+/// Initial state of a run: angle or position and speed of every body.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Start {
     pub q: Vec<f64>,
     pub v: Vec<f64>,
-    /// Of a drive with links: pitches since its period began.
+    /// For a drive with link bodies: pitches since its period began.
     pub travel: f64,
 }
 
-/// Runs a machine and returns one series for every channel (index of a sensor), at the samples; pulses: ln of the intervals.
+/// Runs a machine and returns one series for every channel (index of a sensor), at the samples; for pulses, ln of the
+/// intervals.
 pub fn run(
     m: &Machine,
     values: &[f64],
@@ -83,7 +84,7 @@ pub fn run(
     }
 }
 
-/// Steps that a sample of this task, or the shortest interval between pulses, needs with these numbers.
+/// Steps that a sample of this task, or the shortest interval between pulses, needs with these values.
 pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> f64 {
     let ready = Ready::new(m, values, MOST_STEPS);
     match &task.samples {
@@ -98,7 +99,7 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> 
     }
 }
 
-/// Largest speeds that are known before a run: at the start, and those that are prescribed.
+/// Largest speeds that are known before a run: initial speeds, and prescribed ones.
 fn top_speeds(m: &Machine, task: &Task, start: &Start) -> Vec<f64> {
     let mut top: Vec<f64> = start.v.iter().map(|v| v.abs().max(1e-3)).collect();
     for (input, series) in m.inputs.iter().zip(&task.inputs).filter(|(i, _)| i.kind == InputKind::Speed) {
@@ -107,7 +108,7 @@ fn top_speeds(m: &Machine, task: &Task, start: &Start) -> Vec<f64> {
     top
 }
 
-/// Steps that a sample needs: 30 for the fastest oscillation, a stable one for friction, ten for a wave of the highest order.
+/// Steps per sample: 30 for the fastest oscillation, a stable number for friction, ten for a wave of the highest order.
 fn steps(ready: &Ready, step_s: f64, top: &[f64]) -> f64 {
     let (omega, rate) = ready.rates(top, false);
     let fastest = top.iter().copied().fold(0.0, f64::max);
@@ -115,10 +116,10 @@ fn steps(ready: &Ready, step_s: f64, top: &[f64]) -> f64 {
     (step_s * omega / 0.2).max(step_s * rate / 2.0).max(10.0 * step_s * waves).max(1.0)
 }
 
-/// Sets prescribed speeds and forces of inputs at a stage (0, 1/2, 1), the coordinates given.
+/// Sets prescribed speeds and input forces at a stage (0, 1/2, 1), for the given coordinates.
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
-/// One step of the classical scheme; `at` gives forces of inputs and prescribed speeds at a stage (0, 1/2, 1).
+/// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
 pub(super) fn rk4(ready: &Ready, q: &mut [f64], v: &mut [f64], h: f64, work: &mut Work, at: Stage) {
     let n = q.len();
     let free = &work.free;
@@ -166,7 +167,7 @@ pub(super) struct Work {
     dv: Vec<f64>,
     input: Vec<f64>,
     acting: Acting,
-    /// At the start of the step: force of each body, tension of each spring, speed.
+    /// At the start of the step: force on each body, tension of each spring, speed.
     at_node: Vec<f64>,
     tension_at_node: Vec<f64>,
     v_at_node: Vec<f64>,
@@ -268,7 +269,7 @@ fn sampled(
                 Reads::Tension(s) => (work.tension_at_node[s], 0),
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
-                // Only where every link is a body.
+                // Only for drives with link bodies.
                 Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
@@ -303,7 +304,7 @@ fn sampled(
         .collect())
 }
 
-/// What the recorder's clock does to time.
+/// Relative error of the recorder's clock.
 pub fn clock(m: &Machine, values: &[f64]) -> f64 {
     let mut clock = 0.0;
     for p in &m.placed {
@@ -336,7 +337,7 @@ pub fn through_sensor(
     values
 }
 
-/// Inputs at the nodes of the integration, after their effects.
+/// Inputs at the integration nodes, after their effects.
 fn inputs_at_nodes(
     ready: &Ready,
     task: &Task,
@@ -390,7 +391,7 @@ fn derivative(series: &[f64], h: f64) -> Vec<f64> {
         .collect()
 }
 
-/// The series at a place between its values: cubic through four of them.
+/// Interpolates the series between its values: cubic through four of them.
 pub fn between(series: &[f64], at: f64) -> f64 {
     let n = series.len();
     let last = n.saturating_sub(1) as f64;
