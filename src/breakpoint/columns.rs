@@ -1,4 +1,5 @@
-//! Whole columns of a step against a bound, a block of lanes at a time: whether any link or joint can fulfil a comparison.
+//! Compares whole columns of a step with a bound, one block of lanes at a time, to find whether any link or joint can
+//! fulfil it.
 
 use super::Operator;
 use super::quantities::{Quantity, Scope, What};
@@ -7,24 +8,25 @@ use crate::elements::tooth_contact::{Column, LANES, blocks};
 use crate::integrate::Look;
 use crate::model::ChainModel;
 
-/// Rounding of what is compared in another form, such as a square: as a share of the bound, and of forces [N].
+/// Rounding of quantities that are compared in another form, such as a square: relative to the bound, and for forces
+/// [N].
 const ROUNDING: f64 = 1e-9;
 const FORCE_ROUNDING_N: f64 = 1e-8;
-/// Of `1 - cos` of an angle: how far (cos, sin) may be from a unit vector.
+/// Tolerance of `1 - cos` of an angle, for (cos, sin) that is not exactly a unit vector.
 const COSINE_BLUR: f64 = 1e-6;
 
-/// Values that fulfil a comparison, made wider by what is uncertain: on one side of a bound.
+/// Range of values on one side of a bound that fulfil a comparison, widened by their uncertainty.
 #[derive(Clone, Copy)]
 pub(super) struct Band {
     /// 1: at or above; -1: at or below.
     sign: f64,
     threshold: f64,
-    /// Bits of a value that are compared: without the sign where its size is meant.
+    /// Bits of a value that are compared: without the sign bit if the absolute value is meant.
     bits: u64,
 }
 
 impl Band {
-    /// None: too few or too many values fulfil it for a look at all of them to pay.
+    /// None for equality and inequality: too few or too many values fulfil them for a search over columns to pay.
     pub(super) fn new(operator: Operator, bound: f64, absolute: bool, blur: f64) -> Option<Band> {
         let sign = match operator {
             Operator::Above | Operator::AtLeast => 1.0,
@@ -35,23 +37,24 @@ impl Band {
         Some(Band { sign, threshold, bits: if absolute { u64::MAX >> 1 } else { u64::MAX } })
     }
 
-    /// For the squares of what is never negative.
+    /// The band for the squares of non-negative values.
     fn squared(self) -> Band {
         let bound = self.sign * self.threshold;
         let threshold = if bound > 0.0 { self.sign * bound * bound } else { 0.0 };
-        // Nothing is below a negative bound.
+        // No such value is below a negative bound.
         let threshold = if bound < 0.0 && self.sign < 0.0 { f64::INFINITY } else { threshold };
         Band { threshold, ..self }
     }
 
-    /// For [`rising`] of angles.
+    /// The band for [`rising`] of angles.
     fn risen(self) -> Band {
         let bound = self.sign * self.threshold;
         let at = if bound.abs() > std::f64::consts::PI { f64::INFINITY } else { 1.0 - libm::cos(bound) };
         Band { threshold: self.sign * libm::copysign(at, bound) - COSINE_BLUR, ..self }
     }
 
-    /// Counts in `found`, lane by lane, in block `b` of the chains: sums of ones vectorise where a reduction to one bit does not.
+    /// Counts matches lane by lane in `found`, in block `b` of the chains. Sums of ones vectorise; a reduction to one
+    /// bit does not.
     #[inline(always)]
     fn count_links(self, values: &Column, b: usize, chain: &ChainModel, found: &mut Column) {
         match chain.gaps(b * LANES) {
@@ -73,17 +76,17 @@ impl Band {
         }
     }
 
-    /// A value as the threshold is meant.
+    /// The value with the sign of the threshold, and as an absolute value if that is meant.
     pub(super) fn of(self, value: f64) -> f64 {
         self.sign * f64::from_bits(value.to_bits() & self.bits)
     }
 
-    /// Whether values may be in the band, of which the largest on its side is `most`.
+    /// Whether values can be in the band if `most` is the largest one in its direction.
     pub(super) fn is_reached_by(self, most: f64) -> bool {
         most >= self.threshold
     }
 
-    /// Where `counts` is 1.
+    /// Counts lanes where `counts` is 1.
     #[inline(always)]
     fn count(self, values: &Column, counts: &Column, found: &mut Column) {
         for i in 0..LANES {
@@ -93,7 +96,7 @@ impl Band {
     }
 }
 
-/// Rises with the angle of a unit vector from -2 to 2 while that goes from -pi to pi: cheaper than the angle.
+/// A function of a unit vector that increases from -2 to 2 as its angle goes from -pi to pi; cheaper than the angle.
 #[inline(always)]
 fn rising(cos: f64, sin: f64) -> f64 {
     if sin < 0.0 { cos - 1.0 } else { 1.0 - cos }
@@ -112,7 +115,7 @@ impl Look for Reach<'_> {
 }
 
 impl StepValues<'_> {
-    /// How often, lane by lane, a quantity of any link or joint is in a band; None: not looked at as a column.
+    /// Number of links or joints in each lane whose quantity is in a band; None: the quantity has no column.
     #[inline(always)]
     fn reaches(&self, quantity: &Quantity, band: Band) -> Option<Column> {
         let mut found = [0.0; LANES];
@@ -146,7 +149,7 @@ impl StepValues<'_> {
         blocks(column, self.model.chain.padded / LANES)
     }
 
-    /// [`StepValues::reaches`] of links.
+    /// [`StepValues::reaches`] for links.
     #[inline(always)]
     fn links_reach(&self, what: What, band: Band, found: &mut Column) -> Option<()> {
         let (l, s, half) = (&self.state.links, self.scratch, 0.5 * self.model.step_s);
@@ -213,7 +216,7 @@ impl StepValues<'_> {
     }
 }
 
-/// How far quantities may be off that are compared in another form [N].
+/// Uncertainty of quantities that are compared in another form [N].
 pub(super) fn rounding(quantity: &Quantity) -> f64 {
     match (quantity.scope, quantity.what) {
         (Scope::Link, What::Tension) | (Scope::Joint, What::Force) => FORCE_ROUNDING_N,

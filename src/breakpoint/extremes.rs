@@ -1,5 +1,5 @@
-//! Comparisons that the extremes of a step settle: what a step notes on the way costs little, and says of most steps that nothing
-//! in them fulfils an expression.
+//! Comparisons that the extremes of a step can decide. The step notes its extremes at little cost. For most steps they
+//! show that nothing fulfils an expression.
 
 use super::columns::Band;
 use super::quantities::{Quantity, Scope, What};
@@ -7,7 +7,7 @@ use super::{Compare, Expr, Number, Operator, energy_number};
 use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch};
 use crate::recording::frame::Energy;
 
-/// A quantity of any contact, link or joint, its size where that is meant, against a constant.
+/// A quantity of any contact, link or joint, or its absolute value, compared with a constant.
 pub(super) struct Compared<'a> {
     pub(super) quantity: &'a Quantity,
     pub(super) absolute: bool,
@@ -16,7 +16,7 @@ pub(super) struct Compared<'a> {
 }
 
 impl<'a> Compared<'a> {
-    /// None: names, one link, joint or sprocket, or two quantities.
+    /// None for names, for one given link, joint or sprocket, and for two quantities.
     pub(super) fn of(compare: &'a Compare) -> Option<Compared<'a>> {
         let Compare::Numbers { left, operator, right } = compare else { return None };
         match (left, right) {
@@ -30,7 +30,7 @@ impl<'a> Compared<'a> {
         }
     }
 
-    /// Of which extreme it tells whether it can be fulfilled.
+    /// The extreme that decides whether the comparison can be fulfilled.
     pub(super) fn extreme(&self, parts: Parts) -> Option<Extreme> {
         let sign = match self.operator {
             Operator::Above | Operator::AtLeast => 1.0,
@@ -54,11 +54,11 @@ impl<'a> Compared<'a> {
     }
 }
 
-/// A comparison that an extreme can show to be fulfilled by nothing.
+/// A comparison that an extreme can rule out.
 pub(super) struct Quick {
     extreme: Extreme,
     band: Band,
-    /// Of what the extreme counts.
+    /// SI value of the extreme's unit.
     unit: f64,
 }
 
@@ -70,7 +70,7 @@ impl Quick {
         Some(Quick { extreme, band, unit })
     }
 
-    /// Those of which an expression needs every one.
+    /// Comparisons that must all hold for the expression to hold.
     pub(super) fn needed_by(expr: &Expr, parts: Parts, step_s: f64) -> Vec<Quick> {
         match expr {
             Expr::All(of) => of.iter().flat_map(|e| Quick::needed_by(e, parts, step_s)).collect(),
@@ -97,7 +97,7 @@ pub(super) struct QuickEnergy {
 }
 
 impl QuickEnergy {
-    /// Those of which an expression needs every one.
+    /// Comparisons that must all hold for the expression to hold.
     pub(super) fn needed_by(expr: &Expr) -> Vec<QuickEnergy> {
         match expr {
             Expr::All(of) => of.iter().flat_map(QuickEnergy::needed_by).collect(),
@@ -124,17 +124,17 @@ impl QuickEnergy {
     }
 }
 
-/// How uncertain an energy is, or a share of the work [J, -].
+/// Uncertainty of an energy [J], or of a share of the work [-].
 pub(super) fn energy_blur(what: What, (energy, blur_j): &(Energy, f64)) -> f64 {
     match what {
-        // A share of next to nothing may be anything.
+        // Relative to a negligible work any value is possible.
         What::Error if energy.work_in_j.abs() < 2.0 * blur_j => f64::INFINITY,
         What::Error => 2.0 * blur_j * (1.0 + energy.error_j.abs() / energy.work_in_j.abs()) / energy.work_in_j.abs(),
         _ => *blur_j,
     }
 }
 
-/// Those that an expression asks for.
+/// Collects the extremes that an expression needs.
 pub(super) fn of_expression(expr: &Expr, parts: Parts, found: &mut Vec<Extreme>) {
     match expr {
         Expr::Any(of) | Expr::All(of) => of.iter().for_each(|e| of_expression(e, parts, found)),

@@ -1,4 +1,5 @@
-//! The energy ledger of a step from its own columns, for breakpoints: that of a frame, summed in another order.
+//! The energy ledger of a step from its own columns, for breakpoints. It equals that of a frame, but is summed in
+//! another order.
 
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::coordinate::Motion;
@@ -11,30 +12,34 @@ use crate::recording::frame::Energy;
 use crate::state::State;
 use std::ops::Range;
 
-/// Rounding of sums in another order, as a share of what is summed.
+/// Rounding of sums in another order, relative to what is summed.
 const ROUNDING: f64 = 1e-10;
 
-/// Steps after which running sums are made anew: their rounding stays far below [`ROUNDING`].
+/// Steps after which running sums are computed anew, so that their rounding stays far below [`ROUNDING`].
 const FRESH_STEPS: u64 = 256;
 
-/// The ledger of a run that is looked at step by step.
+/// The energy ledger of a run that is examined at every step.
 pub struct Ledger {
     /// Masses and inertias of the links that move.
     mass: Vec<f64>,
     inertia: Vec<f64>,
-    /// Per block, 1 in lanes of links, 0 between and behind them: there a ghost of a first link may stand.
+    /// For each block, 1 in lanes of links and 0 in lanes between and after them, which may hold a copy of a first
+    /// link.
     own: Vec<Column>,
-    /// With energy of what depths are squared in, where it is the same for all that they touch [N/m].
+    /// With half the contact stiffness, if it is the same for all partners: squared depths times it give the energy
+    /// [N/m].
     parts: Vec<(Part, Option<f64>)>,
-    /// Lost in joints and contacts before the step to be looked at next [J]; which that is, and when it was last summed whole.
+    /// Losses in joints and contacts before the next step [J], the number of that step, and the step of the last
+    /// complete summation.
     lost_j: f64,
     next: Option<u64>,
     summed: u64,
-    /// What the last look found.
+    /// Result of the last evaluation.
     now: (Energy, f64),
 }
 
-/// Over all links, joints and contacts, lane by lane: added up by a loop that sees the last sum too, they vectorise only in twos.
+/// Sums over all links, joints and contacts, lane by lane. In one loop with the final sum they would vectorise only in
+/// pairs.
 struct Sums {
     /// Of the links [J].
     twice_kinetic_j: Column,
@@ -59,7 +64,7 @@ impl Look for OfStep<'_> {
 impl Ledger {
     pub fn new(model: &Model) -> Ledger {
         let c = &model.chain;
-        // Held links have no inverse mass.
+        // Fixed links have zero inverse mass.
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
         let with_stiffness = |part: Part| match one_law(model, part) {
             Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
@@ -79,8 +84,8 @@ impl Ledger {
         }
     }
 
-    /// Energies of the node since `origin`, losses in one of their classes, what is elastic in joints and contacts in another, and
-    /// how uncertain they are [J]; None where a contact law needs more than a depth.
+    /// Energies at the node since `origin` and their uncertainty [J]. All losses are in one class, all elastic energy
+    /// of joints and contacts in another. None if the energy of a contact law needs more than its depth.
     pub fn look(
         &mut self,
         (model, state, scratch): (&Model, &State, &Scratch),
@@ -93,7 +98,7 @@ impl Ledger {
             self.summed = state.step;
         }
         let (elastic_j, step_j) = (total(&sums.elastic_j), total(&sums.lost_j));
-        // At the node half of the step's losses are still to come.
+        // At the node only half of the step's losses have occurred.
         let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
@@ -170,7 +175,8 @@ impl Ledger {
         twice
     }
 
-    /// Squares of the stretch of the joints of a loop, beyond the clearance where there is one [m2], and the power lost in them [W].
+    /// Squared elongations of the joints of a loop, beyond the clearance if there is one [m2], and the power dissipated
+    /// in them [W].
     #[inline(always)]
     fn joints(&self, joint: &LinkJoint, loop_blocks: Range<usize>, scratch: &Scratch) -> (Column, Column) {
         let count = self.mass.len() / LANES;
@@ -207,7 +213,7 @@ impl Ledger {
         (stretch2, power_w)
     }
 
-    /// Adds what is elastic in the contacts of a part and what they lose over this step [J].
+    /// Adds the elastic energy in a group of contacts and their losses over this step [J].
     #[inline(always)]
     fn add_contacts(
         &self,
@@ -259,7 +265,7 @@ impl Ledger {
         Some(())
     }
 
-    /// Lost in joints and contacts before this step [J].
+    /// Losses in joints and contacts before this step [J].
     #[cold]
     #[inline(never)]
     fn lost_before(&self, model: &Model, state: &State) -> f64 {
@@ -275,7 +281,7 @@ impl Ledger {
     }
 }
 
-/// Where laws differ from body to body; None where one of them needs more than a depth.
+/// Elastic energy if contact laws differ between bodies; None if one of them needs more than a depth.
 #[cold]
 #[inline(never)]
 fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, depths: &Column) -> Option<f64> {
@@ -287,7 +293,8 @@ fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, dept
     Some(sum_j)
 }
 
-/// The contact law of a part, where all bodies that it can touch have the same one; effects may give a guide a law of its own.
+/// The contact law of a group, if all its possible partners have the same one; effects may give a guide a law of its
+/// own.
 fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
     let all: Vec<ContactLaw> = match part {
         Part::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),
@@ -299,7 +306,7 @@ fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
     all.iter().all(|other| *other == first).then_some(first)
 }
 
-/// In pairs.
+/// Sum in pairs.
 fn total(s: &Column) -> f64 {
     ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 }

@@ -1,9 +1,9 @@
-//! Breakpoints: expressions over the quantities of a frame and the impacts of a step, looked at in every step.
+//! Breakpoints: expressions over the quantities of a frame and the impacts of a step, evaluated in every step.
 //!
-//! A hit is a contact (a link, or a joint) that fulfils the expression and did not in the step before; an impact that fulfils
-//! it; or, where the expression asks about neither, the step in which it becomes true. Hits are those of a scan over frames of all
-//! steps: both read the columns that the step has worked with. Energies alone are summed in another order than those of frames, and a
-//! frame is taken where rounding could decide.
+//! A hit is a contact, link or joint that fulfils the expression and did not do so in the step before; or an impact
+//! that fulfils it; or, if the expression refers to none of these, the step in which it becomes true. Hits are the same
+//! as in a scan over frames of all steps, because both read the columns of the step. Only energies are summed in
+//! another order than in frames; where rounding could decide, a frame is taken.
 
 mod columns;
 mod extremes;
@@ -16,12 +16,12 @@ use crate::diag::Report;
 use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
 
-/// What a drive calls its bodies, and how many links it has.
+/// Names of the drive's bodies, and its numbers of links.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Names {
     /// Paths as in the header of a recording.
     pub bodies: Vec<String>,
-    /// Sprockets, shafts and arms by their paths, and the row of each in `rotors`.
+    /// Paths of sprockets, shafts and arms, and their rows in `rotors`.
     pub turning: Vec<(String, usize)>,
     /// Links of every chain.
     pub chains: Vec<usize>,
@@ -49,7 +49,7 @@ pub enum Compare {
         operator: Operator,
         right: Number,
     },
-    /// Whether the body, feature or segment is one of a set, or none.
+    /// Whether the body, feature or segment is a member of a set, or is not.
     Name {
         quantity: &'static Quantity,
         set: Vec<u32>,
@@ -79,17 +79,17 @@ pub enum Operator {
     Unequal,
 }
 
-/// What `contact`, `impact`, `link` and `joint` without an index stand for.
+/// The rows to which `contact`, `impact`, `link` and `joint` without an index refer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bound<'a> {
-    /// Row of the contacts, or lane of a part.
+    /// Row of the contacts, or lane of a contact group.
     pub contact: Option<usize>,
     pub impact: Option<&'a Impact>,
     pub link: Option<usize>,
     pub joint: Option<usize>,
 }
 
-/// What fulfils an expression.
+/// An object that fulfils an expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Subject {
     Drive,
@@ -98,21 +98,21 @@ pub enum Subject {
     Joint(u32),
 }
 
-/// A place where the run stops.
+/// An event at which the run stops.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hit {
     pub step: u64,
     pub t_s: f64,
     pub subject: Subject,
-    /// Of an impact.
+    /// For expressions about impacts.
     pub impact: Option<Impact>,
 }
 
-/// Where values come from. None: not known here.
+/// Source of values. None: the value is not known here.
 pub trait Values {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64>;
     fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32>;
-    /// How uncertain one of them is.
+    /// Uncertainty of a value.
     fn blur(&self, _quantity: &Quantity) -> f64 {
         0.0
     }
@@ -124,25 +124,25 @@ pub struct Breakpoint {
     pub text: String,
     pub expr: Expr,
     pub uses: Uses,
-    /// Numbers of links of the chains that it asks about.
+    /// Link counts of the chains that it refers to.
     chains: Vec<usize>,
 }
 
-/// What an expression asks about.
+/// Properties of an expression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Uses {
     pub contact: bool,
     pub impact: bool,
-    /// Peak, rise time or impulse: known two tooth periods after the touch.
+    /// Peak, rise time or impulse: known two tooth periods after first contact.
     pub impact_over: bool,
     /// Link or joint without an index.
     pub any_link: bool,
     pub any_joint: bool,
-    /// Anything but impacts.
+    /// Anything except impacts.
     pub frame: bool,
     pub energy: bool,
     pub segments: bool,
-    /// Anything that changes while the same parts touch the same teeth.
+    /// Anything that changes while the contact partners stay the same.
     pub varying: bool,
 }
 
@@ -162,7 +162,8 @@ impl Breakpoint {
         Ok(Breakpoint { text: text.to_string(), expr, uses, chains: names.chains.clone() })
     }
 
-    /// Everything in a frame that fulfils the expression, sorted. Expressions about impacts: see [`Breakpoint::impact_holds`].
+    /// Everything in a frame that fulfils the expression, sorted. For expressions about impacts see
+    /// [`Breakpoint::impact_holds`].
     pub fn holding(&self, frame: &Frame) -> Vec<Subject> {
         let mut found = Vec::new();
         let c = &frame.contacts;
@@ -194,7 +195,7 @@ impl Breakpoint {
         OfFrame { frame, chains: &self.chains }
     }
 
-    /// For some joint, where the expression asks about any.
+    /// Whether it holds; for any joint, if the expression refers to any joint.
     fn holds_for(&self, frame: &Frame, bound: Bound<'_>) -> bool {
         if !self.uses.any_joint {
             return truth(&self.expr, &self.of(frame), &bound) == Some(true);
@@ -245,7 +246,7 @@ fn note(expr: &Expr, uses: &mut Uses) {
     }
 }
 
-/// Whether an expression is true; None where the values leave it open.
+/// Whether an expression is true; None if the values do not decide it.
 pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<bool> {
     match expr {
         Expr::Not(inner) => truth(inner, values, bound).map(|t| !t),
@@ -300,7 +301,7 @@ fn number(number: &Number, values: &impl Values, bound: &Bound<'_>) -> Option<f6
 }
 
 impl Operator {
-    /// With its sides exchanged.
+    /// The operator for exchanged sides.
     fn mirrored(self) -> Operator {
         match self {
             Operator::Above => Operator::Below,
@@ -323,7 +324,7 @@ impl Operator {
     }
 }
 
-/// Values of impacts: the same wherever the others come from.
+/// Values of impacts, which are the same for every source of values.
 fn impact_number(what: What, impact: &Impact) -> f64 {
     match what {
         What::ApproachSpeed => impact.approach_speed_m_s,
@@ -345,7 +346,7 @@ fn impact_name(what: What, impact: &Impact) -> Option<u32> {
     }
 }
 
-/// A frame of links that belong to chains of these lengths.
+/// A frame, with the number of links of every chain.
 struct OfFrame<'a> {
     frame: &'a Frame,
     chains: &'a [usize],
@@ -399,7 +400,7 @@ impl Values for OfFrame<'_> {
 
 fn energy_number(what: What, e: &Energy) -> f64 {
     match what {
-        // Nothing put in yet: nothing to be a share of.
+        // No work input yet, so that there is no reference.
         What::Error if e.work_in_j == 0.0 => 0.0,
         What::Error => e.error_j / e.work_in_j.abs(),
         What::ErrorJ => e.error_j,
@@ -429,15 +430,15 @@ fn contact_number(frame: &Frame, what: What, row: usize) -> Option<f64> {
     column.get(row).copied()
 }
 
-/// Pull along a link, mean of the forces in its front and its rear joint.
+/// Tension of a link: mean of the forces in its front and rear joint along it.
 fn tension_n(angle_rad: f64, front_n: (f64, f64), rear_n: (f64, f64)) -> f64 {
     let (s, c) = libm::sincos(angle_rad);
-    // The link feels the opposite of the force in its front joint.
+    // The force on the link is opposite to the force in its front joint.
     -0.5 * ((front_n.0 * c + front_n.1 * s) + (rear_n.0 * c + rear_n.1 * s))
 }
 
 impl OfFrame<'_> {
-    /// The joint behind a link.
+    /// The rear joint of a link.
     fn rear_joint(&self, link: usize) -> usize {
         let mut first = 0;
         for n in self.chains {

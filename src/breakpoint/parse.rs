@@ -1,4 +1,4 @@
-//! Reads a break expression.
+//! Parser of break expressions.
 //!
 //! ```text
 //! or  = and { ("or" | "||") and }        and = not { ("and" | "&&") not }        not = ["not" | "!"] ("(" or ")" | comparison)
@@ -13,11 +13,11 @@ use crate::diag::{Diag, Place, Report, Source, nearest};
 use crate::recording::frame::{Feature, Segment};
 use std::ops::Range;
 
-/// Longest expression [bytes], and deepest nesting of brackets.
+/// Longest expression [bytes], and deepest nesting of parentheses.
 const LONGEST: usize = 4096;
 const DEEPEST: usize = 64;
 
-/// One side of a comparison, before the other is known.
+/// One side of a comparison, before the other side is known.
 enum Side {
     /// Value in SI; None: written without a unit.
     Literal(f64, Option<Dimension>),
@@ -42,12 +42,12 @@ pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
         parser.whole()
     };
     parsed.map_err(|diag| {
-        // A caret needs something to stand under.
+        // The caret needs a character to point at.
         Report::new(vec![Source { name: "--break".into(), text: format!("{text} ") }], vec![diag])
     })
 }
 
-/// A mistake of the expression as a whole.
+/// An error of the expression as a whole.
 pub fn refused(text: &str, title: &str, help: &str) -> Report {
     let place = Place { source: 0, span: 0..text.len() };
     let diag = Diag { title: title.to_string(), place, help: Some(help.to_string()) };
@@ -197,7 +197,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A name that a body, a feature or a segment has.
+    /// A comparison with the name of a body, a feature or a segment.
     fn name(
         &self,
         number: Number,
@@ -291,7 +291,7 @@ impl Parser<'_> {
         while end < bytes.len() {
             let exponent = end > 0 && matches!(bytes[end - 1], b'e' | b'E');
             let sign = matches!(bytes[end], b'-' | b'+') && (end == 0 || exponent);
-            // An `e` belongs to the number where digits follow.
+            // An `e` belongs to the number if digits follow.
             let power = matches!(bytes[end], b'e' | b'E')
                 && bytes.get(end + 1).is_some_and(|b| b.is_ascii_digit() || matches!(b, b'-' | b'+'));
             if !(bytes[end].is_ascii_digit() || bytes[end] == b'.' || sign || power) {
@@ -316,7 +316,7 @@ impl Parser<'_> {
         }
         let word = self.word_here();
         let next = self.text.get(word.clone()).unwrap_or_default().to_string();
-        // What goes on with a dot is another quantity.
+        // A word followed by a dot or a bracket is another quantity.
         let is_quantity = self.text.get(word.end..).is_some_and(|rest| rest.starts_with(['.', '[']));
         if next.starts_with(|c: char| c.is_alphabetic()) && !["and", "or"].contains(&next.as_str()) && !is_quantity {
             let help = nearest(&next, UNITS.iter().map(|(name, ..)| *name)).map(|u| format!("did you mean `{u}`?"));
@@ -458,7 +458,7 @@ impl Parser<'_> {
         whole
     }
 
-    /// The word or sign that stands here, or the end.
+    /// The word or sign at this position, or the end.
     fn word_here(&self) -> Range<usize> {
         let rest = &self.text[self.at..];
         let skipped = rest.len() - rest.trim_start().len();

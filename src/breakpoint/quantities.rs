@@ -1,6 +1,6 @@
-//! What a break expression can ask about: one row per quantity, with its dimension and what it is.
+//! Quantities of break expressions: one row per quantity, with its dimension and meaning.
 
-/// What kind of number a quantity is, with the units it is written in.
+/// Dimension of a quantity, with its units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
     Length,
@@ -68,15 +68,16 @@ impl Dimension {
         }
     }
 
-    /// Units to write it in.
+    /// Its units as a list.
     pub fn units(self) -> String {
         let own = UNITS.iter().filter(|(name, dimension, _)| *dimension == self && name.is_ascii());
         own.map(|(name, ..)| *name).collect::<Vec<_>>().join(", ")
     }
 }
 
-/// What a quantity belongs to. A quantity of a contact, an impact, a link or a joint without an index means any of them; within
-/// one expression always the same one, and `link` with `contact` or `impact` is the link that touches.
+/// Object that a quantity belongs to. A quantity of a contact, an impact, a link or a joint without an index refers to
+/// any of them; within one expression always to the same one. With `contact` or `impact`, `link` is the link in
+/// contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
     Contact,
@@ -104,7 +105,7 @@ impl Scope {
     }
 }
 
-/// Which value.
+/// Kind of value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
     Penetration,
@@ -160,7 +161,7 @@ const fn row(scope: Scope, name: &'static str, what: What, dimension: Dimension,
     Quantity { scope, name, what, dimension, meaning }
 }
 
-/// All of them.
+/// All quantities.
 pub const QUANTITIES: [Quantity; 51] = [
     row(
         Scope::Contact,

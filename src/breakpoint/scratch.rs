@@ -1,4 +1,4 @@
-//! Values of a step's own columns, for breakpoints: what the step has computed anyway.
+//! Values for breakpoints from the columns of a step, which the step has computed anyway.
 
 use super::columns::{Band, Reach, rounding};
 use super::extremes::{self, Compared, Quick, QuickEnergy};
@@ -12,38 +12,38 @@ use crate::recording::capture::Camera;
 use crate::recording::frame::{Energy, Impact};
 use crate::state::State;
 
-/// A breakpoint and what fulfilled it a step ago.
+/// A breakpoint and the objects that fulfilled it in the previous step.
 pub struct BreakWatch {
     pub breakpoint: Breakpoint,
-    /// True: what fulfils the expression at the first look is no hit, so that a run goes on where it has stopped.
+    /// True: objects that fulfil the expression in the first step are no hits, so that a stopped run can continue.
     pub goes_on: bool,
     parts: Vec<Part>,
     set: Parts,
     held: Vec<Subject>,
     now: Vec<Subject>,
-    /// Who touched which tooth a step ago.
+    /// Signature of the contacts and their teeth in the previous step.
     signature: Option<(f64, u64)>,
     ledger: Ledger,
-    /// Any of these that cannot be settles the whole: in a few instructions.
+    /// Necessary comparisons that are cheap to test. One that is impossible decides the whole expression.
     quick: Vec<Quick>,
     quick_energies: Vec<QuickEnergy>,
 }
 
-/// Values after the evaluation of a step. A contact is part x links + lane.
+/// Values after the evaluation of a step. The index of a contact is group x links + lane.
 pub(super) struct StepValues<'a> {
     pub(super) model: &'a Model,
     pub(super) state: &'a State,
     pub(super) scratch: &'a Scratch,
-    /// Those that the expression may concern.
+    /// Contact groups that the expression may refer to.
     pub(super) parts: &'a [Part],
     set: Parts,
-    /// And how uncertain they are [J]; where the expression asks for them.
+    /// Energies and their uncertainty [J], if the expression needs them.
     energy: Option<&'a (Energy, f64)>,
 }
 
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
-        // Parts that can touch nothing the expression asks for are never looked at.
+        // Contact groups that cannot fulfil the expression are never examined.
         let may_concern = |p: &Part| may_concern(&breakpoint.expr, *p, model);
         let parts: Vec<Part> = Part::of(model).into_iter().filter(may_concern).collect();
         let set = parts.iter().copied().collect();
@@ -63,7 +63,7 @@ impl BreakWatch {
         }
     }
 
-    /// What a step has to keep for this.
+    /// Data that a step has to keep for this breakpoint.
     pub fn wants(&self) -> Wanted {
         let uses = self.breakpoint.uses;
         let mut wanted = Wanted { segments: uses.segments, ..Wanted::default() };
@@ -74,8 +74,8 @@ impl BreakWatch {
         wanted
     }
 
-    /// Looks at the step that has just been evaluated: adds to `hits` what fulfils the expression and did not a step ago. What
-    /// fulfils it when the watch begins is a hit too, unless the run goes on.
+    /// Evaluates the breakpoint after a step: adds to `hits` the objects that fulfil the expression and did not in the
+    /// previous step. Objects that fulfil it at the start of the run are hits too, unless the run continues another.
     pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch, camera: &mut Camera, hits: &mut Vec<Hit>) {
         if self.breakpoint.uses.impact {
             return;
@@ -102,7 +102,7 @@ impl BreakWatch {
             self.signature = signature;
         }
         self.now.clear();
-        // What is one number is told by itself.
+        // An expression without contacts and without unindexed links or joints is evaluated directly.
         let one = !(uses.contact || uses.any_link || uses.any_joint);
         let known = !(one || values.may_hold(&self.breakpoint.expr)) || values.holding(&self.breakpoint, &mut self.now);
         if !known {
@@ -122,7 +122,7 @@ impl BreakWatch {
         std::mem::swap(&mut self.held, &mut self.now);
     }
 
-    /// Impacts that fulfil the expression.
+    /// Hits of impacts that fulfil the expression.
     pub fn look_at_impacts(
         &mut self,
         impacts: &[Impact],
@@ -144,7 +144,7 @@ impl BreakWatch {
     }
 }
 
-/// Whether a contact of this part can be on the bodies, and with the features, that an expression names.
+/// Whether a contact of this group can involve the bodies and features that an expression names.
 fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
     match expr {
         Expr::Any(parts) => parts.iter().any(|e| may_concern(e, part, model)),
@@ -161,12 +161,12 @@ fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
 }
 
 impl StepValues<'_> {
-    /// At the node [rad/s].
+    /// Speed of a coordinate at the node [rad/s].
     fn coordinate_speed(&self, k: usize) -> f64 {
         self.state.coordinates.omega[k] + 0.5 * self.model.step_s * self.scratch.coordinate_alpha[k]
     }
 
-    /// Changes when another set of lanes touches, or one of them another tooth.
+    /// Changes when the set of lanes in contact changes, or when one of them touches another tooth.
     fn signature(&self) -> Option<(f64, u64)> {
         let mut teeth = self.scratch.partner_changes();
         for part in self.parts {
@@ -180,13 +180,13 @@ impl StepValues<'_> {
         Some((self.scratch.set(self.set)?, teeth))
     }
 
-    /// False only where no contact, link or joint can fulfil the expression: from the extremes of whole columns.
+    /// False only if no contact, link or joint can fulfil the expression, according to the extremes of whole columns.
     fn may_hold(&self, expr: &Expr) -> bool {
         match expr {
             Expr::Any(parts) => parts.iter().any(|p| self.may_hold(p)),
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
             Expr::Compare(compare) => {
-                // Of one link, joint or sprocket, of two quantities, or of names: told one by one.
+                // One link, joint or sprocket, two quantities, or names: evaluated one by one.
                 let Some(compared) = Compared::of(compare) else { return true };
                 let Compared { quantity, absolute, operator, bound } = compared;
                 let Some(band) = Band::new(operator, bound, absolute, rounding(quantity)) else { return true };
@@ -203,7 +203,7 @@ impl StepValues<'_> {
         }
     }
 
-    /// Collects what fulfils the expression; false where that cannot be told.
+    /// Collects the objects that fulfil the expression; false if the step's columns do not decide it.
     fn holding(&self, breakpoint: &Breakpoint, found: &mut Vec<Subject>) -> bool {
         let (expr, uses) = (&breakpoint.expr, breakpoint.uses);
         let (chain, n) = (&self.model.chain, self.model.chain.lanes);

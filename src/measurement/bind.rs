@@ -1,4 +1,4 @@
-//! What a measurement file names, bound to a drive: sensors, units, inputs, numbers. All mistakes come back at once.
+//! Binds the names in a measurement file to a drive: sensors, units, inputs, parameters. Returns all errors at once.
 
 use super::segments::{Channel, DataError};
 use super::units::{Quantity, UNITS, shows, unit};
@@ -6,14 +6,14 @@ use super::{Measurement, RecordSpec, Scope};
 use crate::diag::{Diag, nearest};
 use crate::machine::{InputKind, Machine, Reads};
 
-/// What was bound.
+/// Result of the binding.
 pub(super) struct Bound {
     pub(super) channels: Vec<Channel>,
     /// For every record the slots it sets, SI.
     pub(super) set: Vec<Vec<(usize, f64)>>,
 }
 
-/// Binds everything, or says what cannot be.
+/// Binds everything, or returns all errors.
 pub(super) fn bind(measurement: &Measurement, machine: &Machine) -> Result<Bound, DataError> {
     let mut diags = Vec::new();
     let channels = bind_channels(measurement, machine, &mut diags);

@@ -1,18 +1,18 @@
-//! Libraries that read foreign formats, held where a file makes them panic: what they find is an error like any other.
+//! Contains panics of libraries that read foreign formats: a panic becomes an ordinary error.
 //!
-//! Parquet's decoders (60.1) count on what a file's own metadata says of its pages and index beyond them where it lies. No check from
-//! outside can tell before they have decoded.
+//! Parquet's decoders (60.1) trust a file's metadata about its pages and index out of bounds if it is wrong. This
+//! cannot be checked from outside before they decode.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::Path;
 
 thread_local! {
-    /// Whether a panic of this thread is waited for.
+    /// Whether panics of this thread are currently contained.
     static HELD: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Lets panics that are waited for pass without a word. For the program as a whole, once, at its start.
+/// Suppresses the output of contained panics. To be called once, at program start.
 pub fn hold_quietly() {
     let usual = take_hook();
     set_hook(Box::new(move |info| {
@@ -22,10 +22,10 @@ pub fn hold_quietly() {
     }));
 }
 
-/// Runs what may panic while it reads `path`; a panic is an error that says so.
+/// Runs a function that may panic while it reads `path`; a panic is returned as an error.
 pub(super) fn contained<T>(path: &Path, reads: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     HELD.set(true);
-    // What was read so far is thrown away with the error: nobody sees it half changed.
+    // Partial results are discarded with the error, so that no half-changed state is visible.
     let result = catch_unwind(AssertUnwindSafe(reads));
     HELD.set(false);
     result.unwrap_or_else(|panic| {

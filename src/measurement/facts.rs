@@ -1,8 +1,9 @@
-//! The fact sheet of a record: what its samples are, before any model is believed.
+//! Facts about the samples of a record, computed before any model is used.
 //!
-//! Noise floor: the standard deviation of what no smooth signal explains, from fourth differences
-//! (x_i-2 - 4 x_i-1 + 6 x_i - 4 x_i+1 + x_i+2, variance 70 sigma^2 for white noise), taken as a median over blocks so that
-//! events do not count; from stretches at rest where there are any; never below quantisation, step / sqrt(12).
+//! Noise floor: the standard deviation of the part that is not a smooth signal, from fourth differences (x_i-2 - 4
+//! x_i-1 + 6 x_i - 4 x_i+1 + x_i+2, variance 70 sigma^2 for white noise). It is a median over blocks, so that events
+//! have no influence; it is taken from stretches at rest if there are any; it is never below the quantisation noise,
+//! step / sqrt(12).
 
 use serde::Serialize;
 
@@ -16,32 +17,32 @@ pub struct Facts {
     pub missing: usize,
     pub low: f64,
     pub high: f64,
-    /// Distance of the grid on which all values lie; zero if there is none.
+    /// Spacing of the grid on which all values lie; zero if there is none.
     pub quantisation: f64,
-    /// Share of the samples that stand at the lowest or highest value [percent].
+    /// Share of the samples at the lowest or highest value [percent].
     pub clipped_percent: f64,
-    /// Samples at rest: a stretch in which nothing changes but noise.
+    /// Samples at rest: a stretch in which only noise changes the value.
     pub rest_samples: usize,
-    /// Mean of those.
+    /// Mean of the samples at rest.
     pub rest_mean: Option<f64>,
     pub noise: f64,
     pub below_zero: bool,
 }
 
-/// Facts of how a record is sampled.
+/// Facts about the sampling of a record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Clock {
     pub record: String,
     pub samples: usize,
     pub rate_hz: f64,
-    /// Standard deviation of the distance of samples, as a share of its mean [percent].
+    /// Standard deviation of the sample spacing relative to its mean [percent].
     pub jitter_percent: f64,
-    /// Distances of more than 1.5 times the median.
+    /// Number of spacings of more than 1.5 times the median.
     pub gaps: usize,
     pub length_s: f64,
 }
 
-/// Median; sorts.
+/// Median; sorts the values.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let (lower, upper) = values.split_at(values.len() / 2);
@@ -52,7 +53,7 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// Distance of the grid on which all values lie, or zero.
+/// Spacing of the grid on which all values lie, or zero.
 pub fn quantisation(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -60,7 +61,7 @@ pub fn quantisation(values: &[f64]) -> f64 {
     let [first, .., last] = sorted.as_slice() else { return 0.0 };
     let span = last - first;
     let step = sorted.array_windows().map(|[a, b]| b - a).filter(|d| *d > 1e-9 * span).fold(f64::MAX, f64::min);
-    // Printed values are rounded, so distances are whole multiples only to a few percent of a step.
+    // Printed values are rounded, so that spacings are integer multiples only to a few percent of a step.
     let off = |v: f64| {
         let steps = (v - first) / step;
         (steps - libm::round(steps)).abs()
@@ -82,7 +83,7 @@ pub fn noise(values: &[f64]) -> f64 {
     libm::sqrt(median(&mut means))
 }
 
-/// The longest stretch from the start in which the value stays within a few steps: at rest.
+/// Initial stretch at rest, in which the value stays within a few steps: its length and mean.
 fn rest(values: &[f64], band: f64) -> (usize, Option<f64>) {
     let Some(first) = values.iter().copied().find(|v| v.is_finite()) else { return (0, None) };
     let n = values.iter().take_while(|v| (**v - first).abs() <= band).count();
@@ -99,7 +100,7 @@ pub fn of(record: &str, channel: &str, unit: &str, values: &[f64], declared_nois
     let high = finite.iter().copied().fold(f64::MIN, f64::max);
     let step = quantisation(&finite);
     let edge = finite.iter().filter(|v| **v == low || **v == high).count();
-    // A value or two at each end is no clipping.
+    // A few values at each end are not clipping.
     let clipped = if edge > 4 + finite.len() / 200 { 100.0 * edge as f64 / finite.len() as f64 } else { 0.0 };
     let (rest_samples, rest_mean) = rest(values, (6.0 * step).max(1e-3 * (high - low)));
     let noise = noise(values).max(step / libm::sqrt(12.0));
@@ -116,12 +117,12 @@ pub fn of(record: &str, channel: &str, unit: &str, values: &[f64], declared_nois
         rest_samples,
         rest_mean,
         noise: declared_noise.unwrap_or(noise),
-        // Beyond what a zero that is off explains.
+        // Further below zero than a zero offset explains.
         below_zero: low < rest_mean.unwrap_or(0.0).min(0.0) - (6.0 * noise).max(0.02 * (high - low)),
     }
 }
 
-/// Facts of the times of samples [s].
+/// Facts about the times of samples [s].
 pub fn clock(record: &str, t_s: &[f64]) -> Clock {
     let mut steps: Vec<f64> = t_s.array_windows().map(|[a, b]| b - a).collect();
     let n = steps.len().max(1) as f64;

@@ -1,9 +1,10 @@
-//! Measured records: what the measurement file says, the columns it names, and what follows from them.
+//! Measured records: the measurement file, the columns it names, and the data derived from them.
 //!
-//! MEASUREMENT.toml names a drive, the files with their columns, the records in them with their operating points, which of
-//! them fit and which judge, and the numbers of the drive that may be fitted. Everything is checked before a model is run.
+//! MEASUREMENT.toml names a drive, the files with their columns, the records in them with their operating points, their
+//! use for fitting or judging, and the parameters of the drive that may be fitted. Everything is checked before a model
+//! is run.
 
-// These rooms read what strangers write, so every index is looked at.
+// These modules read untrusted files, so that every index is checked.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
 mod bind;
@@ -24,7 +25,7 @@ pub struct Measurement {
     pub name: String,
     pub text: String,
     pub title: String,
-    /// As written: a file beside this one, or a bundled drive.
+    /// As written: a file next to this one, or a bundled drive.
     pub drive: String,
     pub files: Vec<FileSpec>,
     pub channels: Vec<ChannelSpec>,
@@ -42,7 +43,7 @@ pub struct FileSpec {
     pub layout: columns::Layout,
 }
 
-/// A measured quantity that the model is held against.
+/// A measured quantity with which the model is compared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelSpec {
     pub name: String,
@@ -50,12 +51,12 @@ pub struct ChannelSpec {
     pub sensor: String,
     pub column: String,
     pub unit: String,
-    /// Standard deviation of its noise where it is known, in its unit.
+    /// Standard deviation of its noise if it is known, in its unit.
     pub noise: Option<f64>,
     pub values: PulseValues,
 }
 
-/// What the column of a pulse pickup holds.
+/// Contents of a pulse pickup's column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PulseValues {
     Intervals,
@@ -70,24 +71,24 @@ pub struct InputSpec {
     pub input: String,
     pub column: String,
     pub unit: String,
-    /// Stays at a value until the next one.
+    /// Each value holds until the next one.
     pub hold: bool,
 }
 
-/// What a record is for.
+/// Use of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
     Fit,
     Judge,
-    /// Neither: how well the numbers found elsewhere hold here is told apart.
+    /// Neither: the fitted model is also tested on this record, and the result is reported separately.
     Transfer,
 }
 
-/// Where the parts of a record that are compared come from.
+/// How a record is split into segments.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Split {
     Whole,
-    /// Pulses: stretches in which a body runs down freely: intervals grow from turn to turn.
+    /// Pulses: stretches in which a body coasts, so that intervals grow from revolution to revolution.
     Coasting {
         at_least: usize,
     },
@@ -101,14 +102,14 @@ pub struct RecordSpec {
     /// First and last row, counted from 1.
     pub from_row: usize,
     pub to_row: Option<usize>,
-    /// Rows from here on judge, what is before fits.
+    /// Rows from here on judge, earlier rows fit.
     pub judge_from_row: Option<usize>,
-    /// The last share of the parts judges.
+    /// The last share of the segments judges.
     pub judge_share: Option<f64>,
     pub rate_hz: Option<f64>,
     pub time: Option<(String, String)>,
     pub split: Split,
-    /// Starts at rest at zero, or as the fit finds.
+    /// Whether it starts at rest at zero; otherwise the initial state is fitted.
     pub at_rest: bool,
     /// Other columns for channels and inputs in this record.
     pub columns: Vec<(String, String)>,
@@ -116,19 +117,19 @@ pub struct RecordSpec {
     pub set: Vec<(String, f64)>,
 }
 
-/// A number of the drive that may be fitted.
+/// A parameter of the drive that may be fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitSpec {
     pub path: String,
-    /// How well the drive's value is known: standard deviation as a share of it.
+    /// Uncertainty of the drive's value: standard deviation relative to it.
     pub spread: Option<f64>,
     pub low: Option<f64>,
     pub high: Option<f64>,
-    /// Every record, or every part of one, has its own value.
+    /// Whether every record or every segment has its own value.
     pub scope: Scope,
 }
 
-/// How far a fitted number reaches.
+/// Scope of a fitted parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
     All,
@@ -136,7 +137,7 @@ pub enum Scope {
     Part,
 }
 
-/// Which effects are looked for.
+/// Effects that are searched for.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CandidateSpec {
     pub only: Vec<String>,
@@ -144,7 +145,7 @@ pub struct CandidateSpec {
 }
 
 impl Measurement {
-    /// Reads and checks a measurement file. All mistakes come back at once.
+    /// Reads and checks a measurement file. Returns all errors at once.
     pub fn parse(name: &str, text: &str) -> Result<Measurement, Report> {
         let reader = Reader::new(name, text, &[]);
         let root = reader.parse(text)?;

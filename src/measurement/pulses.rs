@@ -1,4 +1,4 @@
-//! Records of a pulse pickup: pulses that were missed, stretches in which a body runs down, the mark each begins with.
+//! Records of a pulse pickup: missed pulses, stretches in which a body coasts, and the mark with which each begins.
 
 use super::columns::Columns;
 use super::facts;
@@ -10,26 +10,26 @@ use crate::machine::simulate::{Samples, Start, Task};
 use crate::machine::{Machine, Reads, Sensor};
 use std::f64::consts::PI;
 
-/// How many times shorter and longer than the usual one an interval may be: the shortest sets the step of the model, the longest
-/// how long it waits for a pulse.
+/// Maximum ratio of the usual interval to the shortest one, and of the longest one to the usual. The shortest sets the
+/// step of the model, the longest how long it waits for a pulse.
 const MOST_BELOW_USUAL: f64 = 1e5;
 const MOST_ABOVE_USUAL: f64 = 1e8;
 
-/// Intervals with pulses that were missed put back as unknown ones: ln of the interval, or NaN; and how many there were.
+/// Inserts missed pulses as unknown intervals: ln of the interval, or NaN; times; and the number of missed pulses.
 fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
     let mut values = Vec::with_capacity(intervals.len());
     let mut times = Vec::with_capacity(intervals.len());
     let mut missed = 0;
     let mut t = 0.0;
     for (i, dt) in intervals.iter().enumerate() {
-        // Neighbours on both sides, of which most are whole.
+        // Neighbours on both sides, most of which are not affected.
         let low = i.saturating_sub(3);
         let near = intervals.iter().enumerate().take(i + 4).skip(low);
         let mut near: Vec<f64> = near.filter(|(k, _)| *k != i).map(|(_, dt)| *dt).collect();
         let usual = facts::median(&mut near);
         let times_longer = dt / usual;
         let whole = libm::round(times_longer);
-        // Beside a pause the neighbours are no measure.
+        // Next to a pause the neighbours are no reference.
         if (2.0..=4.0).contains(&whole) && (times_longer - whole).abs() < 0.15 * whole {
             #[expect(clippy::cast_possible_truncation, reason = "2, 3 or 4")]
             let parts = whole as usize;
@@ -47,20 +47,20 @@ fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
     (values, times, missed)
 }
 
-/// Stretches in which the flywheel slows down: the mean of the two turns ahead is longer than that of the two turns behind. Two
-/// turns at each end are left out: they may mix with what drives.
+/// Stretches in which the flywheel slows down: the mean interval of the next two revolutions is longer than that of the
+/// last two. Two revolutions at each end are left out, because they may overlap with driven motion.
 fn coasting(ln_dt: &[f64], marks: usize, at_least: usize) -> Vec<(usize, usize)> {
     let turns = 2 * marks;
     let mean = |a: usize, b: usize| {
         let part = ln_dt.get(a..b)?;
         let known = || part.iter().filter(|v| v.is_finite());
         let n = known().count();
-        // Half of them tell enough.
+        // Half of the values are enough.
         if 2 * n >= part.len() { Some(known().sum::<f64>() / n as f64) } else { None }
     };
     let slows = |i: usize| {
         let (behind, ahead) = (mean(i - turns, i), mean(i, i + turns));
-        // Two turns never take twice as long as the two before: that is a pause.
+        // Within two revolutions the intervals never double by coasting: that is a pause.
         matches!((behind, ahead), (Some(a), Some(b)) if b > a && b < a + std::f64::consts::LN_2)
     };
     let mut parts = Vec::new();
@@ -146,7 +146,7 @@ pub(super) fn pulse_segments(
     #[expect(clippy::cast_possible_truncation, reason = "at most the number of parts, of which a share is taken")]
     let judged = record.judge_share.map_or(0, |share| libm::round(share * n_parts as f64) as usize);
     for (k, (a, b)) in parts.into_iter().enumerate() {
-        // Speed and slowest step from what is known nearby.
+        // Initial speed and slowest step from the known intervals of the stretch.
         let (Some(part), Some(start_s)) = (ln_dt.get(a..b), times.get(a)) else { continue };
         let known: Vec<f64> = part.iter().copied().filter(|v| v.is_finite()).collect();
         let Some(first) = known.first() else { continue };

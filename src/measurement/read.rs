@@ -57,7 +57,7 @@ fn text(t: &Table<'_>, key: &str, example: &str) -> String {
     })
 }
 
-/// A number of things, rows for example.
+/// A count, for example of rows.
 fn count(t: &Table<'_>, key: &str, range: std::ops::RangeInclusive<i64>) -> Option<usize> {
     t.integer(key, range).and_then(|n| usize::try_from(n).ok())
 }

@@ -1,4 +1,5 @@
-//! From files to the parts of records that a model is run over: rows, times, starts, who fits and who judges.
+//! Splits measured files into the record segments that a model simulates: rows, times, initial states, fitting and
+//! judging samples.
 
 use super::bind::{Bound, bind};
 use super::columns::{Columns, Memory, Wanted, read};
@@ -11,7 +12,7 @@ use crate::machine::simulate::{Samples, Start, Task};
 use crate::machine::{InputKind, Machine, Reads};
 use std::path::Path;
 
-/// A stretch of a record that is run in one go.
+/// A stretch of a record that is simulated in one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
     /// Index of its record.
@@ -21,9 +22,9 @@ pub struct Segment {
     pub measured: Vec<Vec<f64>>,
     /// Samples before this one fit, the others judge.
     pub judge_from: usize,
-    /// A first guess of the start.
+    /// An initial estimate of the start state.
     pub start: Start,
-    /// Starts at rest at zero: there is nothing to find.
+    /// Whether it starts at rest at zero, so that the initial state is not fitted.
     pub at_rest: bool,
     /// Start of the segment in its record [s].
     pub start_s: f64,
@@ -34,7 +35,7 @@ impl Segment {
         self.measured.first().map_or(0, Vec::len)
     }
 
-    /// The task of what fits alone.
+    /// The task with only the fitting samples.
     pub fn fitting_task(&self) -> Task {
         let mut task = self.task.clone();
         if self.judge_from > 0 {
@@ -57,29 +58,29 @@ pub struct Channel {
     pub name: String,
     pub sensor_path: String,
     pub sensor: usize,
-    /// Unit of results: the column's; values times `shown` are in it.
+    /// Unit of results: that of the column. Values times `shown` are in it.
     pub unit: String,
     pub shown: f64,
-    /// Standard deviation of its noise, as the model is compared (SI, or ln).
+    /// Standard deviation of its noise in the form in which the model is compared (SI, or ln).
     pub noise: f64,
-    /// Residuals are differences of logarithms: relative errors.
+    /// Whether residuals are differences of logarithms, that is, relative errors.
     pub relative: bool,
     pub quantisation: f64,
 }
 
-/// All that is known of the records.
+/// All data of the records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Data {
     pub channels: Vec<Channel>,
     pub records: Vec<String>,
     pub segments: Vec<Segment>,
-    /// Parts of records that neither fit nor judge.
+    /// Segments of records that neither fit nor judge.
     pub transfer: Vec<Segment>,
     pub facts: Vec<Facts>,
     pub clocks: Vec<Clock>,
-    /// What the reader should know and what was done about it.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// What the measured files should hold and do not.
+    /// Expected content that the measured files lack.
     pub missing: Vec<String>,
     /// Operating points: for every record the slots it sets, SI.
     pub set: Vec<Vec<(usize, f64)>>,
@@ -88,9 +89,9 @@ pub struct Data {
 /// Why data cannot be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataError {
-    /// Mistakes in the measurement file.
+    /// Errors in the measurement file.
     File(Box<crate::diag::Report>),
-    /// Mistakes in the measured files.
+    /// Errors in the measured files.
     World(String),
 }
 
@@ -103,13 +104,13 @@ impl std::fmt::Display for DataError {
     }
 }
 
-/// Largest size of a measured value: squares and sums of squares of more leave what a float can hold.
+/// Largest magnitude of a measured value, so that squares and their sums do not overflow a float.
 const LARGEST_VALUE: f64 = 1e60;
 /// Shortest record that is accepted [samples].
 const SHORTEST: usize = 16;
 
-/// Reads all files and binds columns to sensors and inputs. `folder`: of the measurement file. Names and units are checked
-/// before a file is opened.
+/// Reads all files and binds columns to sensors and inputs. `folder` is that of the measurement file. Names and units
+/// are checked before a file is opened.
 pub fn load(
     measurement: &Measurement,
     machine: &Machine,
@@ -127,7 +128,7 @@ pub fn load(
     cut(measurement, machine, bound, &tables)
 }
 
-/// Names of the columns that records ask of a file.
+/// Names of the columns that records need from a file.
 fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let records = || measurement.records.iter().filter(|r| r.file == file);
@@ -138,7 +139,7 @@ fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
     names
 }
 
-/// As [`load`], from columns that are read: the names of files, and what is in them.
+/// As [`load`], from columns that are already read: names of files, and their columns.
 pub fn from_tables(
     measurement: &Measurement,
     machine: &Machine,
@@ -147,7 +148,7 @@ pub fn from_tables(
     cut(measurement, machine, bind(measurement, machine)?, tables)
 }
 
-/// Cuts columns into parts.
+/// Splits columns into segments.
 fn cut(
     measurement: &Measurement,
     machine: &Machine,
@@ -234,10 +235,10 @@ pub(super) fn column_of<'a>(
         _ => record.time.as_ref().map(|(_, unit)| unit.as_str()),
     };
     let own_unit = columns.units.get(index).and_then(Option::as_deref);
-    // Turns and radians are both written like this, grams and the earth's pull.
+    // These units are ambiguous: `1/s` stands for revolutions and radians, `g` for grams and gravity.
     let own_unit = own_unit.filter(|u| !matches!(*u, "1/s" | "g"));
     if let (Some(declared), Some(own_unit)) = (declared, own_unit) {
-        // Units that nobody here knows are taken as they are declared.
+        // Unknown units are assumed to be as declared.
         if let (Some((q, size)), Some((own_q, own_size))) = (unit(declared), unit(own_unit))
             && (q != own_q || (size - own_size).abs() > 1e-9 * size)
         {
@@ -259,7 +260,7 @@ pub(super) fn column_of<'a>(
     part
 }
 
-/// Rows of a record: first, and one after the last, from 0.
+/// Rows of a record: first, and one after the last, counted from 0.
 pub(super) fn rows_of(
     measurement: &Measurement,
     record: &RecordSpec,
@@ -286,7 +287,7 @@ pub(super) fn rows_of(
     Some((record.from_row - 1, to))
 }
 
-/// Times of a record from 0, or a mistake.
+/// Times of a record from 0, or an error.
 fn times_of(
     measurement: &Measurement,
     record: &RecordSpec,
@@ -321,7 +322,7 @@ fn times_of(
                 return None;
             }
             let times: Vec<f64> = values.iter().map(|v| (v - first) * factor).collect();
-            // What follows divides by the step and counts steps.
+            // The following steps divide by the step and count steps.
             let step_s = times.last().map_or(0.0, |last| last / times.len() as f64);
             if !step_s.is_normal() {
                 let title = format!(
@@ -420,7 +421,7 @@ fn sampled_segment(
     });
 }
 
-/// What no series may be.
+/// Reports values that no series may have.
 fn check_values(
     measurement: &Measurement,
     record: &RecordSpec,
@@ -447,7 +448,7 @@ fn check_values(
     }
 }
 
-/// Speeds and positions at the start, as far as the channels tell.
+/// Initial speeds and positions, as far as the channels determine them.
 #[expect(
     clippy::indexing_slicing,
     reason = "channels are bound to sensors of this machine, whose bodies and numbers are places in its own lists"
@@ -485,7 +486,7 @@ pub fn first_guess(
             _ => {}
         }
     }
-    // Bodies on the same springs turn along with those that are known.
+    // Bodies on the same springs move along with bodies whose motion is known.
     for _ in 0..n {
         for s in &machine.springs {
             let [a, b] = s.ends.as_slice() else { continue };
@@ -501,7 +502,7 @@ pub fn first_guess(
     start
 }
 
-/// Nobody judges: the last third of what there is does.
+/// If no record judges, the last 30 % of the segments, or of the samples of every segment, are used for judging.
 fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
     let Some(first) = data.segments.first().map(|s| s.record) else {
         let title = "no record fits".to_string();
@@ -534,7 +535,7 @@ fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>)
     }
 }
 
-/// Noise floors of the channels as they are compared: the median over records.
+/// Noise floors of the channels in the form in which they are compared: the median over records.
 fn set_noise(data: &mut Data, measurement: &Measurement) {
     for (c, (spec, channel)) in measurement.channels.iter().zip(&mut data.channels).enumerate() {
         let elsewhere = |name: &str| measurement.records.iter().any(|r| r.name == name && r.usage == Use::Transfer);
@@ -546,7 +547,8 @@ fn set_noise(data: &mut Data, measurement: &Measurement) {
             channel.quantisation = facts::median(&mut steps) / channel.shown;
             continue;
         }
-        // Intervals one turn apart differ by noise and a slow change: second differences over turns, variance 6 sigma^2.
+        // Intervals one revolution apart differ by noise and a slow change: second differences over revolutions,
+        // variance 6 sigma^2.
         let marks = 1 + data
             .segments
             .iter()

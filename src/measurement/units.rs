@@ -4,7 +4,7 @@ use crate::machine::{Machine, Reads};
 use crate::units::{DEG, RPM};
 use std::f64::consts::PI;
 
-/// What a unit measures.
+/// Quantity that a unit measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     Time,
@@ -34,7 +34,7 @@ impl Quantity {
     }
 }
 
-/// Every unit: name, what it measures, its size in SI.
+/// Every unit: name, quantity, size in SI.
 pub const UNITS: [(&str, Quantity, f64); 37] = [
     ("s", Quantity::Time, 1.0),
     ("ms", Quantity::Time, 1e-3),
@@ -75,13 +75,13 @@ pub const UNITS: [(&str, Quantity, f64); 37] = [
     ("kN m", Quantity::Torque, 1e3),
 ];
 
-/// What a unit is, if it is known.
+/// Quantity and size of a unit, if it is known.
 pub fn unit(name: &str) -> Option<(Quantity, f64)> {
     let name = name.replace('²', "^2").replace("1/s", "rad/s").replace("s2", "s^2").replace('µ', "u");
     UNITS.iter().find(|(n, ..)| *n == name).map(|(_, q, f)| (*q, *f))
 }
 
-/// What a sensor shows, where it has no unit of its own.
+/// Quantity and unit of a sensor that has no unit of its own.
 #[expect(
     clippy::indexing_slicing,
     reason = "callers name a sensor of this machine, and it reads a spring of this machine"

@@ -1,9 +1,11 @@
-//! Text files of a test bench, line by line: CSV with commas, semicolons or tabs, decimal points or commas, in UTF-8, UTF-16 or
-//! a code page of western Europe, packed with gzip or not, with a row of units or without, times as numbers or as dates.
+//! Text files from test benches, line by line: CSV with commas, semicolons or tabs, decimal points or commas, in UTF-8,
+//! UTF-16 or a Western European code page, optionally packed with gzip, with or without a row of units, times as
+//! numbers or as dates.
 //!
-//! Only the columns that are asked for are kept. A line is at most [`LONGEST_LINE`] bytes. Rows with quotation marks are taken apart as RFC
-//! 4180 says, so a text may run over several lines. A mark that is never closed, as broken exports leave them, would swallow the rows
-//! behind it: where the next line is a whole row by itself, the mark is taken for a stray one, and told.
+//! Only the requested columns are kept. A line is at most [`LONGEST_LINE`] bytes. Rows with quotation marks are split
+//! according to RFC 4180, so that a text may contain line breaks. A quotation mark that is never closed, as in broken
+//! exports, would swallow the following rows: if the next line is a complete row, the quotation mark is treated as
+//! stray, with a warning.
 
 use super::{Columns, Layout, Memory, Wanted};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
@@ -13,16 +15,16 @@ use std::io::{BufRead, BufReader, Read};
 
 /// Longest line [bytes].
 const LONGEST_LINE: usize = 4 << 20;
-/// Most lines of one row: notes have a few.
+/// Maximum number of lines of one row; text notes have a few.
 const MOST_LINES_OF_A_ROW: usize = 100;
-/// Most columns of a file.
+/// Maximum number of columns of a file.
 const MOST_COLUMNS: usize = 50_000;
-/// Lines come without their ends; this one is put behind them.
+/// Lines are stored without line ends; this one is appended.
 const LINE_END: Terminator = Terminator::Any(b'\n');
-/// Bytes that are looked at to tell the encoding.
+/// Bytes from which the encoding is detected.
 const LOOKED_AT: u64 = 4096;
 
-/// Columns of a text file; an error begins with the line where it is one.
+/// Columns of a text file. Errors begin with the line number if they concern a line.
 pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let (input, encoding) = decoded(input).map_err(|e| format!(" cannot be read: {e}"))?;
     let mut lines = Lines { input: BufReader::with_capacity(1 << 16, input), line: Vec::new(), number: 0 };
@@ -31,7 +33,7 @@ pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &
     }
     let mut table = Table::new(layout, wanted);
     while lines.next()? {
-        // Without a mark in front, a byte above 127 that is no UTF-8 is of the code page that Windows writes in the west.
+        // Without an encoding mark, a line that is not valid UTF-8 is read as Windows-1252.
         let text = std::str::from_utf8(&lines.line).map_or_else(
             |_| {
                 if encoding {
@@ -47,7 +49,8 @@ pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &
     table.finish(memory)
 }
 
-/// The input as UTF-8, where it says what it is: by its mark, or by every second byte being zero. The flag says that it did.
+/// The input as UTF-8, detected from a byte order mark or from every second byte being zero. The flag tells whether it
+/// was detected.
 fn decoded(mut input: impl Read) -> std::io::Result<(impl Read, bool)> {
     let mut first = Vec::new();
     input.by_ref().take(LOOKED_AT).read_to_end(&mut first)?;
@@ -63,11 +66,11 @@ fn decoded(mut input: impl Read) -> std::io::Result<(impl Read, bool)> {
     Ok((reader, marked))
 }
 
-/// Lines without their ends.
+/// Lines without line ends.
 struct Lines<R> {
     input: BufReader<R>,
     line: Vec<u8>,
-    /// From 1.
+    /// Counted from 1.
     number: usize,
 }
 
@@ -92,25 +95,25 @@ impl<R: Read> Lines<R> {
     }
 }
 
-/// What the numbers of a column are.
+/// Type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    /// Nothing was in it so far.
+    /// No value so far.
     Unknown,
     Number,
     /// A date and a time; the column holds seconds since the first.
     Instant(i128),
 }
 
-/// A column that is asked for.
+/// A requested column.
 struct Column {
-    /// In the file.
+    /// Index in the file.
     index: usize,
     kind: Kind,
     marks: Marks,
 }
 
-/// Which marks of decimals were met.
+/// Decimal marks that have occurred.
 #[derive(Clone, Copy, Debug, Default)]
 struct Marks {
     point: bool,
@@ -122,15 +125,15 @@ struct Table<'a> {
     wanted: Wanted<'a>,
     separator: u8,
     splitter: Reader,
-    /// Fields of the row, behind each other, and where each ends.
+    /// Concatenated fields of the row, and the end of each.
     fields: Vec<u8>,
     ends: Vec<usize>,
     columns: Columns,
     kept: Vec<Column>,
     has_names: bool,
-    /// Lines whose last field is quoted and does not end on them, and the number of the first.
+    /// Lines of a row whose last quoted field is still open, and the number of the first.
     open: Option<(String, usize)>,
-    /// Rows of separators alone, behind which there may be others.
+    /// Rows that contain only separators and may be followed by others.
     empty_rows: usize,
     /// Lines with a stray quotation mark.
     stray_quotes: usize,
@@ -154,7 +157,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Takes the next line: a row, or a part of one.
+    /// Processes the next line, which is a row or part of one.
     fn line(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
         let Some((open, first)) = self.open.take() else {
             if line.trim().is_empty() || line.starts_with('#') {
@@ -170,7 +173,7 @@ impl<'a> Table<'a> {
             self.open = Some((line.to_string(), number));
             return Ok(());
         };
-        // A whole row by itself is no part of a text.
+        // A line that is a complete row cannot continue a quoted text.
         if self.has_names && self.split(line, true) && self.ends.len() == self.columns.names.len() {
             self.stray(&open, first, memory)?;
             return self.line(line, number, memory);
@@ -186,7 +189,7 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
-    /// A line whose quotation mark is a stray one.
+    /// Processes a line with a stray quotation mark.
     fn stray(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
         self.split(line, false);
         if line.contains('\n') || self.ends.len() != self.columns.names.len() {
@@ -202,23 +205,23 @@ impl<'a> Table<'a> {
         self.row(number, memory).map_err(|e| format!(":{number}: {e}"))
     }
 
-    /// Takes the row that was split last.
+    /// Processes the row that was split last.
     fn row(&mut self, number: usize, memory: &mut Memory) -> Result<(), String> {
         let whole = self.ends.len();
         let mut width = whole;
-        // A comma at the end of every line makes no column.
+        // A separator at the end of every line does not make a column.
         while width > 0 && self.field(width - 1).is_empty() {
             width -= 1;
         }
         if !self.has_names {
-            // Without names the first row may lack what others have.
+            // Without names the first row may have fewer fields than others.
             self.name_columns(if self.layout.header { width } else { whole })?;
             if self.layout.header {
                 return Ok(());
             }
         }
         if width == 0 {
-            // A sample that was lost, unless nothing comes behind it.
+            // A lost sample, unless it is at the end.
             self.empty_rows += usize::from(self.columns.rows > 0);
             return Ok(());
         }
@@ -243,7 +246,7 @@ impl<'a> Table<'a> {
             let all = (names.get(column.index), values.get_mut(column.index), wrong.get_mut(column.index));
             let (Some(name), Some(values), Some(wrong)) = all else { continue };
             values.resize(values.len() + lost, f64::NAN);
-            // A row may end early.
+            // A row may have missing fields at its end.
             let text = if column.index < width { field(&self.fields, &self.ends, column.index) } else { "" };
             let value = column.number(text, self.separator).unwrap_or_else(|| {
                 let text: String = text.chars().take(40).collect();
@@ -258,7 +261,7 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
-    /// Takes a line apart; false where a quotation mark is not closed on it.
+    /// Splits a line into fields; false if a quotation mark is not closed in it.
     fn split(&mut self, line: &str, quotes: bool) -> bool {
         let mut plain;
         let splitter = if quotes {
@@ -288,7 +291,7 @@ impl<'a> Table<'a> {
         false
     }
 
-    /// A field of the row, without the blanks round it.
+    /// A field of the row, without surrounding blanks.
     fn field(&self, index: usize) -> &str {
         field(&self.fields, &self.ends, index)
     }
@@ -310,7 +313,7 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
-    /// Under the names, before any number: no field of the row is one.
+    /// Whether this is a row of units: below the names, before any number, and without any number.
     fn is_row_of_units(&self, width: usize) -> bool {
         let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
         let mut probe = Column { index: 0, kind: Kind::Unknown, marks: Marks::default() };
@@ -351,7 +354,7 @@ impl<'a> Table<'a> {
 }
 
 impl Column {
-    /// The number in a field: NaN where it is empty, None where it holds something else.
+    /// The number in a field: NaN if it is empty, None if it contains anything else.
     fn number(&mut self, text: &str, separator: u8) -> Option<f64> {
         if matches!(text, "" | "nan" | "NaN" | "NAN" | "NA") {
             return Some(f64::NAN);
@@ -385,9 +388,9 @@ fn field<'a>(fields: &'a [u8], ends: &[usize], index: usize) -> &'a str {
     std::str::from_utf8(bytes).unwrap_or_default().trim()
 }
 
-/// A date and a time by ISO 8601, with or without its zone, in nanoseconds.
+/// A date and a time according to ISO 8601, with or without a time zone, in nanoseconds.
 fn instant_ns(text: &str) -> Option<i128> {
-    // Cheaper than the parser where a field is another text.
+    // Cheaper than the parser for other texts.
     if !text.starts_with(|c: char| c.is_ascii_digit()) || !text.contains(':') {
         return None;
     }
@@ -398,8 +401,8 @@ fn instant_ns(text: &str) -> Option<i128> {
     Some(local.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp().as_nanosecond())
 }
 
-/// What parts the fields of the first line, outside of quotation marks: of names what is there most often; of numbers a comma only
-/// where there is nothing else, as it may be their decimal mark.
+/// The separator of the first line, outside of quotation marks. For names it is the most frequent one. For numbers a
+/// comma is used only if there is no other separator, because it may be the decimal mark.
 fn separator_of(line: &str, names: bool) -> u8 {
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
     let mut quoted = false;
@@ -412,6 +415,6 @@ fn separator_of(line: &str, names: bool) -> u8 {
     if !names && let Some((b, _)) = counts.iter().rev().find(|(_, n)| *n > 0) {
         return *b;
     }
-    // Where two separators are there equally often, the comma loses: a name may hold one.
+    // In a tie the comma loses, because a name may contain one.
     counts.iter().max_by_key(|(_, n)| *n).filter(|(_, n)| *n > 0).map_or(b',', |(b, _)| *b)
 }

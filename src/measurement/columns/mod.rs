@@ -1,5 +1,6 @@
-//! Columns of numbers out of measured files: CSV, Parquet, ASAM MDF and our own recordings (MCAP), told apart by the file's
-//! ending. Only columns that are asked for are read, and they stay within a bound ([`Memory`]) whatever a file says of itself.
+//! Reads columns of numbers from measured files: CSV, Parquet, ASAM MDF and recordings of this program (MCAP),
+//! distinguished by the file extension. Only requested columns are read, within a memory limit ([`Memory`]) that does
+//! not depend on what a file claims.
 
 mod csv;
 mod parquet;
@@ -14,35 +15,35 @@ use crate::recording::reader::{Entry, Flow, Reader};
 use anyhow::{Context, anyhow, ensure};
 use std::path::Path;
 
-/// A file's columns; what is empty or no number is NaN.
+/// A file's columns; empty and non-numeric values are NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Columns {
-    /// Names of all columns that the file has, in its order; the lists below have an entry for each.
+    /// Names of all columns in file order; the lists below have an entry for each.
     pub names: Vec<String>,
-    /// As long as the file has rows where a column was asked for, else empty.
+    /// One value per row for requested columns, empty for others.
     pub values: Vec<Vec<f64>>,
     pub rows: usize,
-    /// Why a column cannot be used, e.g. its first value that is no number, with the line. It becomes a mistake where the
-    /// measurement asks for that column.
+    /// Why a column cannot be used, e.g. its first non-numeric value with its line. This is an error only if the
+    /// measurement requests that column.
     pub wrong: Vec<Option<String>>,
     /// The unit that the file gives a column.
     pub units: Vec<Option<String>>,
     /// Line of the first row in a text file.
     pub first_line: usize,
-    /// What was odd, and what was done about it.
+    /// Irregularities in the file and how they were handled.
     pub warnings: Vec<String>,
-    /// What the file should hold and does not.
+    /// Expected content that the file lacks.
     pub missing: Vec<String>,
 }
 
-/// How a text file is laid out, and which group of an MDF file is read.
+/// Layout of a text file, and the group to be read from an MDF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     pub header: bool,
     /// None: comma, semicolon or tab, by the first line.
     pub separator: Option<u8>,
     pub skip_lines: usize,
-    /// From 0.
+    /// Counted from 0.
     pub group: Option<usize>,
 }
 
@@ -52,7 +53,7 @@ impl Default for Layout {
     }
 }
 
-/// Which columns are asked for.
+/// Requested columns.
 #[derive(Clone, Copy, Debug)]
 pub enum Wanted<'a> {
     All,
@@ -75,11 +76,11 @@ pub struct Memory {
     left: usize,
 }
 
-/// A value is kept several times over while a model is held against it: as it is read, by parts, and as what several models give.
+/// Number of copies of a value during identification: as read, in segments, and as output of several models.
 const COPIES: usize = 10;
 
 impl Memory {
-    /// For a program that may take so many bytes.
+    /// The limit for a program that may use this many bytes in total.
     pub fn of_program(bytes: usize) -> Memory {
         Memory { bytes: bytes / COPIES, left: bytes / COPIES }
     }
@@ -99,7 +100,7 @@ impl Memory {
 }
 
 impl Columns {
-    /// Where all values are numbers.
+    /// Columns in which all values are numbers.
     fn of_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
         Columns {
             wrong: vec![None; names.len()],
@@ -122,21 +123,21 @@ impl Columns {
         self.rows
     }
 
-    /// The values of a column, and their unit where the file tells it.
+    /// Sets the values of a column, and their unit if the file gives it.
     fn put(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
         if let (Some(place), Some(units)) = (self.values.get_mut(index), self.units.get_mut(index)) {
             (*place, *units) = (values, unit);
         }
     }
 
-    /// Why a column cannot be used.
+    /// Records why a column cannot be used.
     fn refuse(&mut self, index: usize, why: String) {
         if let Some(wrong) = self.wrong.get_mut(index) {
             *wrong = Some(why);
         }
     }
 
-    /// Two columns of one name: nobody can ask for either.
+    /// Refuses columns that share a name, because a request for it would be ambiguous.
     fn look_for_twins(&mut self) {
         let mut firsts: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
         let mut twins = Vec::new();
@@ -153,7 +154,7 @@ impl Columns {
     }
 }
 
-/// Reads what is wanted of a file. Errors name it, and the line and column of what cannot be read.
+/// Reads the wanted columns of a file. Errors name the file, and line and column of the unreadable value.
 pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
     let cannot = |e: &dyn std::fmt::Display| format!("cannot read `{shown}`: {e}");
@@ -182,7 +183,7 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
     }
 }
 
-/// Largest piece of an MDF file that is made before its bytes are seen.
+/// Largest block of an MDF file that is allocated before its bytes are read.
 const LARGEST_BLOCK: usize = 64 << 20;
 
 fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
@@ -195,8 +196,8 @@ fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
     parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
 }
 
-/// Channels of one group of an ASAM MDF file, converted to their units; what is marked invalid or is no number is NaN. Where more
-/// than one group holds samples, `group` says which: groups have clocks of their own.
+/// Channels of one group of an ASAM MDF file, converted to their units; invalid and non-numeric values are NaN. If more
+/// than one group contains samples, `group` selects one, because groups have separate clocks.
 pub fn parse_mdf(
     file: &falcon_mdf::Mf4File,
     group: Option<usize>,
@@ -209,7 +210,7 @@ pub fn parse_mdf(
     let Some((first, samples)) = full.first().map(|(number, g)| (*number, g.sample_count)) else {
         return Err("holds no samples".into());
     };
-    // Storage by columns (MDF 4.2) has a group for each channel, and one clock for all.
+    // Column-oriented storage (MDF 4.2) has a group for each channel, and one clock for all.
     let by_columns = full.iter().all(|(_, g)| g.channels.len() == 1 && g.sample_count == samples);
     let wrong = match group {
         Some(group) if full.iter().any(|(number, _)| *number == group) => {
@@ -238,7 +239,7 @@ pub fn parse_mdf(
     columns.rows = rows;
     for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
-        // A channel that cannot be read is a mistake where somebody asks for it.
+        // An unreadable channel is an error only if it is requested.
         match mdf_channel(file, channel, rows) {
             Ok((values, unit)) => columns.put(index, values, (!unit.is_empty()).then_some(unit)),
             Err(why) => columns.refuse(index, format!("`{}` {why}", channel.name)),
@@ -254,7 +255,7 @@ fn mdf_channel(
     channel: &falcon_mdf::Channel,
     rows: usize,
 ) -> Result<(Vec<f64>, String), String> {
-    // Texts and bytes. The library makes what their offsets claim before it has seen that it is there.
+    // Texts and bytes. The library allocates what their offsets claim before it checks that the data exist.
     if channel.channel_type == falcon_mdf::blocks::channel::ChannelType::VariableLength {
         return Err("has values of variable length, no numbers".into());
     }
@@ -280,7 +281,7 @@ fn mdf_channel(
                 }
             }
         }
-        // Storage by columns is read whole.
+        // Column-oriented storage is read as a whole.
         Err(_) => add(&file.signal(channel).map_err(cannot)?, &mut values).map_err(cannot)?,
     }
     if values.len() != rows {
@@ -289,8 +290,8 @@ fn mdf_channel(
     Ok((values, unit))
 }
 
-/// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of its drive
-/// by its path, as it shows, with its gain and what its drive file says that it gets wrong.
+/// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of
+/// its drive by its path, as displayed, with its gain and the errors that its drive file declares.
 fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
     let mut reader = Reader::open(path)?;
     let header = reader.header().clone();
@@ -336,7 +337,7 @@ fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyho
     }
     let mut columns = Columns::of_numbers(names, values);
     columns.missing = reader.missing().to_vec();
-    // Sensors with errors of their own are worked out of others, so all are read.
+    // Sensors with declared errors are computed from other columns, so that all are read.
     for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {
         let _unused = (name, std::mem::take(values));
     }

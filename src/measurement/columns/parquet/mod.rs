@@ -1,4 +1,4 @@
-//! Parquet files: the columns that are asked for, one after the other, a few thousand values at a time.
+//! Parquet files: the requested columns, one after the other, a few thousand values at a time.
 
 mod thrift;
 
@@ -11,7 +11,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::schema::types::ColumnDescriptor;
 use std::path::Path;
 
-/// Values that are read at once.
+/// Values per read.
 const BATCH: usize = 1 << 14;
 
 pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
@@ -46,7 +46,7 @@ pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Resu
     Ok(columns)
 }
 
-/// Why a file cannot be read, and what to do.
+/// Error message for an unreadable file, with a remedy.
 fn wrong(path: &Path, e: &ParquetError) -> String {
     format!(
         "`{}` is no Parquet file that can be read: {e}\nhelp: write it anew in Python: pandas.read_parquet(\"FILE\").to_parquet(\"NEW\", compression=\"snappy\")",
@@ -54,7 +54,7 @@ fn wrong(path: &Path, e: &ParquetError) -> String {
     )
 }
 
-/// Why a column holds no numbers.
+/// Why a column does not contain numbers.
 fn unreadable(about: &ColumnDescriptor) -> Option<&'static str> {
     if about.max_rep_level() > 0 || about.path().parts().len() > 1 {
         return Some("is nested: one value for each row is needed");
@@ -66,8 +66,8 @@ fn unreadable(about: &ColumnDescriptor) -> Option<&'static str> {
     }
 }
 
-/// The whole column as it is stored; what is missing is NaN. Times begin with the first: nanoseconds since 1970 have more digits
-/// than a float.
+/// The whole column as it is stored; missing values are NaN. Times are relative to the first one, because nanoseconds
+/// since 1970 have more digits than a float.
 fn column(
     reader: &SerializedFileReader<std::fs::File>,
     pages: &std::fs::File,
@@ -75,12 +75,12 @@ fn column(
     (rows, is_time): (usize, bool),
     largest_page: u64,
 ) -> Result<Vec<f64>, ParquetError> {
-    // More than that only as they come: the number of rows is what the file states.
+    // Further capacity grows with the data: the number of rows is only the file's claim.
     let mut values = Vec::with_capacity(rows.min(1 << 20));
     let mut first: Option<i64> = None;
     for group in 0..reader.num_row_groups() {
         let group = reader.get_row_group(group)?;
-        // The library takes these for granted.
+        // The library does not check these.
         let about = group.metadata().columns().get(index);
         let placed = about.filter(|c| {
             let begins = c.dictionary_page_offset().is_none_or(|at| at >= 0) && c.data_page_offset() >= 0;
@@ -128,14 +128,14 @@ fn take<T: DataType>(
         }
         let mut present = values.drain(..);
         for row in 0..records {
-            // Without levels every value is there.
+            // Without definition levels every value is present.
             let is_there = levels.get(row).is_none_or(|level| *level > 0);
             into.push(if is_there { present.next().map_or(f64::NAN, &mut number) } else { f64::NAN });
         }
     }
 }
 
-/// Ticks of a column of times in a second.
+/// Ticks per second of a column of times.
 fn ticks_per_second(about: &ColumnDescriptor) -> Option<f64> {
     match (about.logical_type_ref(), about.converted_type()) {
         (Some(LogicalType::Timestamp(time)), _) => Some(match time.unit {
@@ -149,7 +149,7 @@ fn ticks_per_second(about: &ColumnDescriptor) -> Option<f64> {
     }
 }
 
-/// Stored numbers as what they mean.
+/// Converts stored integers to the values that they represent.
 fn in_units(about: &ColumnDescriptor, values: &mut [f64]) {
     let unsigned = matches!(about.logical_type_ref(), Some(LogicalType::Integer(i)) if !i.is_signed);
     let wrap = match about.physical_type() {

@@ -1,28 +1,29 @@
-//! A file's footer and the headers of its columns' pages, looked at before the library decodes them. The library skips a list as
-//! often as the list states, whether its elements are there or not: a list of 2^31 took it a minute. It also reads each field
-//! that it knows as the kind that the format gives it, whatever kind the bytes state: bytes that are text by their own account may hold
-//! such a list for the library. Here every element takes a byte at least, every field of the format is of the format's kind, and a
-//! footer ends where its length says.
-//! Encoding: Thrift's compact protocol, <https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md>; fields:
+//! Checks a file's footer and its page headers before the library decodes them. The library skips as many list elements
+//! as the list claims, whether they exist or not: a list of 2^31 took it a minute. It also reads each field that it
+//! knows as the type that the format gives it, whatever type the bytes state: bytes that claim to be text may hide such
+//! a list. Here every element must take at least one byte, every field of the format must have the format's type, and
+//! the footer must end where its length says.
+//! Encoding: Thrift's compact protocol,
+//! <https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md>; fields:
 //! <https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift>.
 
 use parquet::errors::ParquetError;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
-/// Structures and lists within each other; the format has eight.
+/// Maximum nesting of structures and lists; the format has eight.
 const DEEPEST: u8 = 16;
-/// What ends a file, after the footer's length in four bytes.
+/// Magic bytes at the end of a file, after the footer's length in four bytes.
 const MAGIC: [u8; 4] = *b"PAR1";
 /// Bytes of both.
 const TAIL: u64 = 8;
 
-/// What a field is.
+/// Type of a field.
 #[derive(Clone, Copy)]
 enum Shape {
     Bool,
     Byte,
-    /// A whole number of 16, 32 or 64 bits: the bytes are the same for all three.
+    /// An integer of 16, 32 or 64 bits: the encoding is the same for all three.
     Int,
     Double,
     Binary,
@@ -30,7 +31,7 @@ enum Shape {
     List(&'static Shape),
 }
 
-/// Numbers and shapes of a structure's fields.
+/// Numbers and types of a structure's fields.
 type Fields = &'static [(i64, Shape)];
 
 use Shape::{Binary, Bool, Byte, Double, Int, List, Struct};
@@ -47,13 +48,13 @@ const PAGE_HEADER: Fields = &[
     (DICTIONARY, Struct(&[(VALUES, Int), (2, Int), (3, Bool)])),
     (8, Struct(&[(1, Int), (2, Int), (3, Int), (4, Int), (5, Int), (6, Int), (7, Bool), (8, STATISTICS)])),
 ];
-/// The bytes of the page when it is unpacked, and as it follows its header.
+/// Size of the unpacked page, and of the stored page after its header.
 const UNCOMPRESSED_PAGE_SIZE: i64 = 2;
 const COMPRESSED_PAGE_SIZE: i64 = 3;
-/// The header of a dictionary's page, and how many values it states.
+/// The header of a dictionary page, and the number of values that it states.
 const DICTIONARY: i64 = 7;
 const VALUES: i64 = 1;
-/// Bytes that a dictionary's value takes at least: numbers of 32 bits, or the length of a text.
+/// Minimum size of a dictionary value: a 32-bit number, or the length of a text.
 const LEAST_VALUE: u64 = 4;
 
 const NOTHING: Shape = Struct(&[]);
@@ -145,8 +146,8 @@ const FILE_META_DATA: Fields = &[
     (9, Binary),
 ];
 
-/// Looks at the header of each page that begins in the `length` bytes from `start`. The library asks the system for what a header
-/// states: a page of `largest` bytes at most, and a dictionary that its page can hold.
+/// Checks the header of each page that begins in the `length` bytes from `start`. The library allocates what a header
+/// states: it may state a page of at most `largest` bytes, and a dictionary that fits in its page.
 pub(super) fn check_pages(file: &File, start: u64, length: u64, largest: u64) -> Result<(), ParquetError> {
     let end = start.saturating_add(length);
     let mut header = Thrift::new(file, start, end, "a page header");
@@ -170,7 +171,7 @@ pub(super) fn check_pages(file: &File, start: u64, length: u64, largest: u64) ->
     Ok(())
 }
 
-/// Looks at the footer; what does not end as a Parquet file is left to the library.
+/// Checks the footer. A file without a Parquet ending is left to the library.
 pub(super) fn check_footer(mut file: &File) -> Result<(), ParquetError> {
     let length = file.seek(SeekFrom::End(0))?;
     let Some(tail) = length.checked_sub(TAIL) else { return Ok(()) };
@@ -193,22 +194,22 @@ pub(super) fn check_footer(mut file: &File) -> Result<(), ParquetError> {
 
 struct Thrift<'a> {
     bytes: BufReader<&'a File>,
-    /// Place in the file, and where the part that is read ends.
+    /// Position in the file, and end of the part that is read.
     at: u64,
     end: u64,
-    /// What is read.
+    /// Name of the part that is read.
     part: &'static str,
     page: Page,
-    /// Field of the outermost structure that is read.
+    /// Current field of the outermost structure.
     member: i64,
 }
 
-/// What a page header states.
+/// Sizes that a page header states.
 #[derive(Clone, Copy, Default)]
 struct Page {
     uncompressed: Option<i64>,
     compressed: Option<i64>,
-    /// Values of a dictionary.
+    /// Number of dictionary values.
     dictionary: i64,
 }
 
@@ -235,7 +236,7 @@ impl<'a> Thrift<'a> {
                 0 => self.zigzag()?,
                 delta => field + i64::from(delta),
             };
-            // The library keeps 16 bits of it, which might be those of a field that it knows.
+            // The library keeps the low 16 bits, which might be those of a field that it knows.
             if i16::try_from(field).is_err() {
                 return Err(self.wrong("numbers a field beyond the format's"));
             }
@@ -244,14 +245,14 @@ impl<'a> Thrift<'a> {
             }
             let shape = fields.iter().find(|(number, _)| *number == field).map(|(_, shape)| *shape);
             match (shape, begin & 0xf) {
-                // Booleans: the kind is the value.
+                // Booleans: the type contains the value.
                 (None | Some(Bool), 1 | 2) => {}
                 (Some(Int), 4..=6) => {
                     let value = self.zigzag()?;
                     match (depth, self.member, field) {
                         (0, _, UNCOMPRESSED_PAGE_SIZE) => self.page.uncompressed = Some(value),
                         (0, _, COMPRESSED_PAGE_SIZE) => self.page.compressed = Some(value),
-                        // The last one counts, as for the library.
+                        // The last one counts, as in the library.
                         (1, DICTIONARY, VALUES) => self.page.dictionary = value,
                         _ => {}
                     }
@@ -261,8 +262,8 @@ impl<'a> Thrift<'a> {
         }
     }
 
-    /// Reads a value of a kind, which is that of its shape where it has one; not a boolean, which has no bytes in a structure, and
-    /// one in a list that the library does not read.
+    /// Reads a value whose type must match its shape, if a shape is given. Booleans are refused here: in a structure
+    /// they have no bytes, and in a list the library does not read them.
     fn value(&mut self, shape: Option<Shape>, kind: u8, depth: u8) -> Result<(), ParquetError> {
         match (kind, shape) {
             (3, None | Some(Byte)) => self.skip(1),
@@ -347,7 +348,8 @@ mod tests {
 
     #[test]
     fn lists_are_as_long_as_they_say() {
-        // Field 20, of which the format knows nothing: a list of two and of 2^31 numbers, or of booleans, which take the library no byte.
+        // Field 20 is unknown to the format: a list of two or of 2^31 numbers, or of booleans, which take the library
+        // no byte.
         let list = |kind: u8, count: &[u8]| [&[0x09, 40, 0xf0 | kind][..], count, &[2, 2, 0]].concat();
         let many = [0x80, 0x80, 0x80, 0x80, 0x08];
         assert!(footer(&list(5, &[2])).is_ok());
@@ -359,10 +361,11 @@ mod tests {
 
     #[test]
     fn nothing_hides_behind_another_kind() {
-        // Field 1 is a number; as text of six bytes it would hide a list that the library, which reads the 6 as the number, goes on to find.
+        // Field 1 is a number. As text of six bytes it would hide a list, because the library reads the 6 as the number
+        // and continues.
         assert!(footer(&[0x15, 4, 0]).is_ok());
         assert!(footer(&[0x18, 6, 0x29, 0xf1, 0xff, 0xff, 0xff, 0x07, 0]).is_err());
-        // A union of the format whose member is stated as a boolean, which takes no byte, and what is left behind the end.
+        // A union of the format whose member is stated as a boolean, which takes no byte; and bytes after the end.
         assert!(footer(&[0x79, 0x1c, 0x31, 0x00, 0x00]).is_err());
         assert!(footer(&[0x15, 4, 0, 0]).is_err());
         // Field 65537 is 1 in 16 bits.
