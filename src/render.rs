@@ -67,8 +67,8 @@ pub fn sprocket_svg(sprocket: &Sprocket, profile: &Profile) -> String {
     )
 }
 
-/// A sprocket's ring with its pitch circle, the guide, the path of a joint, and links at every pitch with their abutments; a
-/// second sprocket's lobed ring beside it. Approach frame: the chain arrives along +x on top.
+/// A sprocket's ring with its pitch circle, the guide, the path of a joint, and links at every pitch with their
+/// abutments; beside it a second sprocket's lobed ring. Approach frame: the chain arrives along +x on top.
 pub fn smartchain_svg(abutment: &Abutment, ring: Option<&LobedRing>) -> Result<String, ProfileError> {
     let t = &abutment.transition;
     let (front, rear) = (path_data(&abutment.front.profile()?), path_data(&abutment.rear.profile()?));

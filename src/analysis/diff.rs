@@ -1,25 +1,25 @@
-//! Where two recordings part, in which body, by how much, and how the difference grows.
+//! Compares two recordings: when and in which body they first differ, by how much, and how the difference grows.
 //!
-//! With one step size frames of the same step are compared bit by bit. Otherwise, and where no steps are shared, the second
-//! recording is interpolated to the times of the first (poses by cubic Hermite polynomials through positions and velocities,
-//! everything else linearly), and differences below [`INTERPOLATED_M`] count as none.
+//! If both have the same step size, frames of the same step are compared bit by bit. Otherwise, or if they share no
+//! steps, the second recording is interpolated to the times of the first (poses by cubic Hermite polynomials from
+//! positions and velocities, everything else linearly), and differences below [`INTERPOLATED_M`] are ignored.
 
 use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::{Cursor, Reader};
 use crate::replay::frame_difference;
 use crate::units::wrap_angle;
 
-/// Positions that differ by less are equal, where one recording is interpolated [m]: an impact between two frames that lie 50 us
-/// apart moves a link by up to some 5 um off the polynomial.
+/// Position tolerance if one recording is interpolated [m]: an impact between two frames 50 us apart moves a link by up
+/// to some 5 um off the polynomial.
 const INTERPOLATED_M: f64 = 10e-6;
-/// Rows of the growth table for each power of ten in time.
+/// Rows of the growth table per decade of time.
 const ROWS_PER_DECADE: f64 = 3.0;
 
 /// The difference of two recordings.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Difference {
     pub equal: bool,
-    /// What their headers say: drives, contours, links.
+    /// Differences of their headers: drives, contours, links.
     pub drives: Vec<String>,
     pub frames_compared: u64,
     pub frames_only_in_a: u64,
@@ -29,7 +29,7 @@ pub struct Difference {
     pub growth: Vec<Growth>,
 }
 
-/// The first frame at which they part.
+/// The first frame that differs.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct First {
     pub frame: u64,
@@ -37,9 +37,9 @@ pub struct First {
     pub t_s: f64,
     /// `link 12`, or the path of a sprocket.
     pub body: String,
-    /// By how much it is displaced there [m]; for a sprocket turned [rad].
+    /// Its displacement there [m]; for a sprocket its rotation [rad].
     pub distance: f64,
-    /// First value that differs, with both.
+    /// First value that differs, in both recordings.
     pub what: String,
 }
 
@@ -47,10 +47,10 @@ pub struct First {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Growth {
     pub t_s: f64,
-    /// Largest displacement of any link, and of which [m].
+    /// Largest displacement of any link [m], and that link.
     pub position_m: f64,
     pub link: usize,
-    /// Largest difference of the force in any joint [N], and of the torque of the chain on any sprocket [N m].
+    /// Largest difference of the force in any joint [N], and of the chain torque on any sprocket [N m].
     pub joint_force_n: f64,
     pub chain_torque_nm: f64,
 }
@@ -77,7 +77,7 @@ pub fn diff(a: &mut Reader, b: &mut Reader) -> anyhow::Result<Difference> {
     (a, b) = (a.rewound(), b.rewound());
     (result.interpolated, result.frames_only_in_a, result.frames_only_in_b) = (true, 0, 0);
     by_time(&mut a, &mut b, &header_a, &mut result)?;
-    // Another step is no difference of the drives.
+    // A different step size alone is not a difference of the drives.
     let only_steps = result.drives.iter().all(|l| l.starts_with("step: "));
     result.equal = result.first.is_none() && only_steps && result.frames_compared > 0;
     Ok(result)
@@ -134,7 +134,7 @@ fn by_time(a: &mut Cursor<'_>, b: &mut Cursor<'_>, header: &Header, result: &mut
     Ok(())
 }
 
-/// Poses between two frames; columns whose rows mean the same in both.
+/// Interpolates poses between two frames, and columns whose rows match in both.
 fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     let h = high.t_s - low.t_s;
     let u = if h > 0.0 { (t_s - low.t_s) / h } else { 0.0 };
@@ -202,7 +202,7 @@ fn note(result: &mut Difference, header: &Header, (number, between): (u64, bool)
         } else {
             (contact_body(header, a, b), 0.0)
         };
-        // Between two frames only poses are what they are said to be.
+        // Between two frames only the poses are reliable.
         let what = if between {
             format!("{body} is {:.3} um off where B stands between two of its frames", 1e6 * distance)
         } else {
@@ -212,7 +212,7 @@ fn note(result: &mut Difference, header: &Header, (number, between): (u64, bool)
         result.growth.push(now);
         return;
     };
-    // Evenly over the logarithm of the time since they parted.
+    // Rows are evenly spaced in the logarithm of the time since the first difference.
     let since = |t_s: f64| (t_s - first.t_s).max(1e-9);
     let last = result.growth.last().map_or(first.t_s, |g| g.t_s);
     if since(now.t_s) >= since(last) * libm::pow(10.0, 1.0 / ROWS_PER_DECADE) {
@@ -238,7 +238,7 @@ fn contact_body(header: &Header, a: &Frame, b: &Frame) -> String {
     }
 }
 
-/// What two headers say differently, a line each.
+/// Differences of two headers, one per line.
 fn headers(a: &Header, b: &Header) -> Vec<String> {
     let mut lines = Vec::new();
     if a.step_s != b.step_s {
@@ -277,7 +277,7 @@ fn headers(a: &Header, b: &Header) -> Vec<String> {
     lines
 }
 
-/// Lines between the first and the last that two drive files do not share.
+/// Lines that differ between two drive files, without their common start and end.
 fn texts(a: &str, b: &str) -> Vec<String> {
     let (a, b): (Vec<&str>, Vec<&str>) = (a.lines().collect(), b.lines().collect());
     let head = a.iter().zip(&b).take_while(|(x, y)| x == y).count();

@@ -1,14 +1,14 @@
-//! Why a link does what it does at one instant: its free body, the history of its contacts, and where an approach speed came
-//! from.
+//! Explains the state of a link at one instant: its free body, the history of its contacts, and the origin of an
+//! approach speed.
 //!
-//! The instant is run again from the keyframe before it. Forces are those that the step works with (means over the step for
-//! contacts), so that their sum is mass times the change of velocity over the step, to rounding: what remains is printed. The
-//! moment is taken about the centre of mass.
+//! The instant is simulated again from the keyframe before it. Forces are those that the step uses (for contacts, means
+//! over the step), so that their sum equals mass times the change of velocity over the step, except for rounding; the
+//! remainder is printed. The moment is taken about the centre of mass.
 //!
-//! The closing speed of a bush at the node of its first touch, n the normal out of the tooth, is split without remainder; what it has gained
-//! from there to the touch is told beside it. Let a be the joint
-//! ahead of the bush (the one that is on the sprocket already), r its distance from it along the link between them, which turns
-//! at w; the sprocket turns at W about its axis c:
+//! The closing speed of a bush at the node of its first contact, with n the outward normal of the tooth, is split
+//! without remainder; the speed gained from that node to the contact is listed separately. Let a be the joint ahead of
+//! the bush (already on the sprocket) and r the vector from a to the bush along the link between them, which turns at
+//! w; the sprocket turns at W about its axis c:
 //! ```text
 //! v_close = - n . (v_bush - W x (p - c))
 //!         = - n . (-W x r)                        articulation: a straight span onto a turning sprocket, p W sin(...)
@@ -16,8 +16,8 @@
 //!           - n . (v_a - W x (a - c))             the joint ahead moves on the sprocket: it rocks in its seat or is pulled
 //!           - n . (rest)                          the joint between link and bush stretches: a step in tension
 //! ```
-//! Flanks, abutments and plate ends are part of their link: the joint ahead is its own front one, r goes from there to the point
-//! that touches, and there is no rest. Guides stand still (W = 0).
+//! Flanks, abutments and plate ends are parts of their link: the joint ahead is its own front joint, r goes from there
+//! to the contact point, and there is no rest term. Guides are at rest (W = 0).
 
 use crate::elements::rail_contact::PlatePart;
 use crate::geometry::{Vec2, cross, perp};
@@ -33,14 +33,14 @@ use anyhow::{Context, ensure};
 pub struct Force {
     /// `joint`, `contact normal`, `contact friction`.
     pub kind: &'static str,
-    /// What exerts it, in words.
+    /// Source of the force, in words.
     pub cause: String,
-    /// Where it acts [m].
+    /// Point of action [m].
     pub x_m: f64,
     pub y_m: f64,
     pub fx_n: f64,
     pub fy_n: f64,
-    /// About the centre of mass, with a friction torque of the joint [N m].
+    /// About the centre of mass, including a joint's friction torque [N m].
     pub moment_nm: f64,
 }
 
@@ -56,24 +56,24 @@ pub struct Contact {
     pub tangential_force_n: f64,
     pub age_s: f64,
     pub approach_speed_m_s: f64,
-    /// False: it touched before the keyframe from which the recording was run again.
+    /// False: it was in contact before the keyframe from which the simulation was repeated.
     pub history_is_whole: bool,
-    /// Largest force since first touch, and its time [N, s].
+    /// Largest force since first contact, and its time [N, s].
     pub peak_force_n: f64,
     pub peak_t_s: f64,
-    /// Since first touch: time [s], normal force [N], penetration [m].
+    /// Since first contact: time [s], normal force [N], penetration [m].
     pub history: Vec<[f64; 3]>,
     pub approach: Option<Approach>,
 }
 
-/// Where the closing speed at first touch came from [m/s].
+/// Contributions to the closing speed at first contact [m/s].
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Approach {
     pub t_s: f64,
     /// Sum of the parts, with the velocities of that node.
     pub closing_speed_m_s: f64,
     pub parts: Vec<ApproachPart>,
-    /// Tension of the link then, and its mean over the tooth period before [N].
+    /// Tension of the link at that time, and its mean over the tooth period before [N].
     pub tension_n: f64,
     pub tension_before_n: f64,
 }
@@ -84,7 +84,7 @@ pub struct ApproachPart {
     pub speed_m_s: f64,
 }
 
-/// Everything about one link at one instant.
+/// All data of one link at one instant.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FreeBody {
     pub link: usize,
@@ -99,22 +99,22 @@ pub struct FreeBody {
     pub sum_x_n: f64,
     pub sum_y_n: f64,
     pub sum_moment_nm: f64,
-    /// Change of velocity over the step, per time.
+    /// Change of velocity over the step, divided by the step.
     pub acceleration_x_m_s2: f64,
     pub acceleration_y_m_s2: f64,
     pub angular_acceleration_rad_s2: f64,
-    /// |sum of forces - m a|, and that as a share of the largest force.
+    /// |sum of forces - m a|, and its ratio to the largest force.
     pub remainder_n: f64,
     pub remainder_share: f64,
-    /// The same of moments, as a share of the largest of them, or of the largest force on the lever of a joint.
+    /// The same for moments, relative to the largest moment, or to the largest force times the lever of a joint.
     pub remainder_moment_share: f64,
     pub contacts: Vec<Contact>,
 }
 
-/// Longest history that is kept of a contact [values].
+/// Longest stored history of a contact [values].
 const LONGEST_HISTORY: usize = 400;
 
-/// What a part of a link touches at a node, also where a little gap is left.
+/// Contact partner of a part of a link at a node, also if a small gap remains.
 struct Touch {
     body: usize,
     tooth: u32,
@@ -124,7 +124,7 @@ struct Touch {
     point: Vec2,
 }
 
-/// A lane that belongs to the link, and what has been seen of it.
+/// A contact lane of the link, and its recorded history.
 struct Lane {
     part: Part,
     lane: usize,
@@ -134,7 +134,7 @@ struct Lane {
     approach: Option<Approach>,
 }
 
-/// The free body of `link` at the step nearest to `t_s`.
+/// The free body of `link` at `step`.
 pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<FreeBody> {
     let model = replay.model.clone();
     ensure!(link < model.chain.n_links, "there is no link {link}");
@@ -183,7 +183,7 @@ fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
     lanes
 }
 
-/// Looks at a step that has just been evaluated.
+/// Records a step that has just been evaluated.
 fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &mut [Lane], tensions: &mut Vec<f64>) {
     let tension = tension_n(model, state, scratch, link);
     let t_s = state.step as f64 * model.step_s;
@@ -207,7 +207,7 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
                 tension_before_n: before,
             });
         }
-        // Foreseen until the two overlap at a node, measured there.
+        // The value is a prediction until the two overlap at a node; then it is replaced by the measured one.
         if lane.history.iter().all(|[_, _, depth_m]| *depth_m <= 0.0)
             && let Some(Approach { closing_speed_m_s, parts, .. }) = &mut lane.approach
             && let Some(gained) = parts.last_mut()
@@ -221,7 +221,7 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
     tensions.push(tension);
 }
 
-/// Over the tooth period before.
+/// Mean over the preceding tooth period.
 fn mean_of_period(model: &Model, tensions: &[f64]) -> f64 {
     let period_s = 2.0 * model.chain.lever[0] / model.chain_speed_m_s().abs().max(1e-12);
     let steps = ((period_s / model.step_s) as usize).clamp(1, tensions.len().max(1));
@@ -229,14 +229,14 @@ fn mean_of_period(model: &Model, tensions: &[f64]) -> f64 {
     if last.is_empty() { f64::NAN } else { last.iter().sum::<f64>() / last.len() as f64 }
 }
 
-/// Pull along the link, mean of both joints [N].
+/// Tension of the link, mean of both joints [N].
 fn tension_n(model: &Model, state: &State, scratch: &Scratch, link: usize) -> f64 {
     let (front, rear) = (scratch.joint_force(link), scratch.joint_force(model.chain.previous(link)));
     let l = &state.links;
     -0.5 * ((front.0 + rear.0) * l.cos[link] + (front.1 + rear.1) * l.sin[link])
 }
 
-/// Position and velocity at the node of an end of a link.
+/// Position and velocity of an end of a link, at the node.
 fn end_at(model: &Model, state: &State, scratch: &Scratch, link: usize, front: bool) -> (Vec2, Vec2) {
     let l = &state.links;
     let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
@@ -245,8 +245,8 @@ fn end_at(model: &Model, state: &State, scratch: &Scratch, link: usize, front: b
     (Vec2::new(l.x[link], l.y[link]) + arm, v + perp(arm) * omega)
 }
 
-/// Velocity and angular velocity of a link that the contacts of a step work with: with the accelerations of the step before and
-/// what the joints have changed since.
+/// Velocity and angular velocity of a link as the contacts of a step use them: with the accelerations of the previous
+/// step and the change of the joint accelerations since.
 fn velocity_at(model: &Model, state: &State, scratch: &Scratch, link: usize) -> (Vec2, f64) {
     let (l, half, quarter) = (&state.links, 0.5 * model.step_s, 0.25 * model.step_s);
     let change = |now: &[f64], past: &[f64]| quarter * (now[link] - past[link]);
@@ -263,7 +263,7 @@ fn coordinate_speed(model: &Model, state: &State, k: usize) -> f64 {
     if model.coordinates[k].is_free() { predicted } else { state.coordinates.omega[k] }
 }
 
-/// Closing speed and its parts, at the first touch of a lane.
+/// Closing speed and its parts, at the first contact of a lane.
 fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Option<(f64, Vec<ApproachPart>)> {
     let touch = touch_at(model, state, scratch, lane.part, lane.lane)?;
     let n = touch.normal;
@@ -292,7 +292,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
             part("the joint stretches (step in tension)", v - v_here - surface(p) + surface(here)),
         ]
     } else {
-        // A flank, an abutment or a plate end goes round the joint ahead of its link.
+        // A flank, an abutment or a plate end rotates about the joint ahead of its link.
         let (joint, v_joint) = end_at(model, state, scratch, link, model.chain_speed_m_s() >= 0.0);
         let (r, w) = (touch.point - joint, velocity_at(model, state, scratch, link).1);
         let turns = part("the arriving link turns already (sideways motion of the span)", perp(r) * w);
@@ -312,7 +312,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     Some((closing_m_s, parts))
 }
 
-/// What a lane touches: bushes and plate ends by exact detection, contours as the step found them.
+/// Contact partner of a lane: bushes and plate ends by exact detection, contours as the step found them.
 fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: usize) -> Option<Touch> {
     let (body, tooth) = scratch.partner(model, part, lane)?;
     let l = &state.links;
@@ -464,7 +464,7 @@ fn free_body(
     })
 }
 
-/// At most [`LONGEST_HISTORY`] values, evenly, the last one kept.
+/// At most [`LONGEST_HISTORY`] evenly spaced values, including the last.
 fn thinned(history: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     let stride = history.len().div_ceil(LONGEST_HISTORY).max(1);
     let last = history.len().saturating_sub(1);

@@ -1,4 +1,4 @@
-//! What recordings tell: plain results from Headers, Frames and Impacts.
+//! Analysis of recordings: plain results from Headers, Frames and Impacts.
 
 pub mod diff;
 pub mod explain;

@@ -1,41 +1,43 @@
-//! Which tooth, link or body stands out among all impacts.
+//! Finds the tooth, link or body that stands out among all impacts.
 //!
-//! Impacts of one part of links on one body (front bushes on the driver, say) are alike; how far one lies from their median, in
-//! robust standard deviations (1.4826 x median absolute deviation), is its departure. Impacts that have something else in
-//! common, a tooth gap or a joint of the chain, form groups; a group stands out when the median of its m departures times
-//! sqrt(m) is beyond [`SCORE`] and its difference is no trifle. Of two in the middle the smaller counts: one odd impact among
-//! two accuses nobody. Impacts that the end of the run cuts off, and those of its first two tooth periods, tell nothing.
+//! Impacts of one part of links on one body (front bushes on the driver, say) are comparable. The departure of an
+//! impact is its distance from their median in robust standard deviations (1.4826 x median absolute deviation). Impacts
+//! with another common property, a tooth gap or a joint of the chain, form a group. A group stands out if the median of
+//! its m departures times sqrt(m) exceeds [`SCORE`] and its difference is not negligible. Of two middle values the
+//! smaller one counts, so that one odd impact of two has no effect. Impacts cut off by the end of the run and those of
+//! its first two tooth periods are ignored.
 //!
-//! What is wrong at one tooth or link disturbs those that arrive after it too, and forces also the one before. So among
-//! neighbours that stand out, the cause is the one that arrives first by what is known at first touch (time of arrival, approach
-//! speed); a joint names the link ahead of it. The others, and whatever shares most of its impacts with them, are taken for
-//! consequences, and the search goes on with what is left.
+//! A fault at one tooth or link also disturbs the ones that arrive after it, and in force also the one before. Of
+//! neighbours that stand out, the cause is therefore the one that arrives first, judged by quantities known at first
+//! contact (time of arrival, approach speed); a joint indicates the link ahead of it. The other neighbours, and groups
+//! that share most of their impacts with them, are consequences and are removed before the search continues.
 //!
-//! What is the same for all teeth and links, another seat form or a guide in the way, shows only against another recording: see
-//! [`against`].
+//! A fault that is the same for all teeth and links, such as another seat form or a guide in the way, shows only in
+//! comparison with another recording: see [`against`].
 
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
 
-/// Departure of a group from which on it stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
+/// Departure above which a group stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
 /// 240 groups by four quantities goes beyond 7.
 const SCORE: f64 = 8.0;
-/// Smallest departure that counts, as a share of the median: of forces and speeds.
+/// Smallest departure that counts, relative to the median, for forces and speeds.
 const SHARE: f64 = 0.02;
 /// Smallest difference in time of arrival that counts [s].
 const LATE_S: f64 = 1e-6;
-/// Fewest impacts that make a median to compare with, and a group.
+/// Smallest number of impacts for a reference median, and for a group.
 const FEWEST: usize = 12;
 const FEWEST_IN_GROUP: usize = 2;
-/// Tooth periods that an impact is watched for at least, and that a run takes to settle.
+/// Tooth periods for which an impact must have been observed, and for which a run settles.
 const WATCHED: f64 = 1.9;
 const SETTLED: f64 = 2.0;
-/// Groups arriving after a cause that count as its consequences.
+/// Maximum number of following groups that count as consequences of a cause.
 const CONSEQUENCES: u32 = 8;
-/// Against another recording: a part of a body stands out when its impacts differ by this much in number, force or speed.
+/// In comparison with another recording: ratio in number, force or speed of impacts above which a part of a body stands
+/// out.
 const RATIO: f64 = 1.05;
 
-/// Something that stands out.
+/// A tooth, link or body that stands out.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Suspect {
     /// `tooth`, `link` or `body`.
@@ -44,11 +46,11 @@ pub struct Suspect {
     pub body: String,
     pub tooth: Option<u32>,
     pub link: Option<u32>,
-    /// Quantity of the impacts that it stands out by, its median there and among the others.
+    /// Quantity in which it stands out, its median for this group and for the others.
     pub quantity: &'static str,
     pub median: f64,
     pub others: f64,
-    /// Departure in robust standard deviations, times the root of the number of impacts.
+    /// Departure in robust standard deviations, times the square root of the number of impacts.
     pub score: f64,
     pub impacts: usize,
     /// Time of the first of them [s].
@@ -56,7 +58,7 @@ pub struct Suspect {
     pub text: String,
 }
 
-/// Quantities that groups are compared by: name, words, unit, factor for text.
+/// Quantities in which groups are compared: name, words, unit, factor for text.
 const QUANTITIES: [(&str, &str, &str, f64); 4] = [
     ("peak_force_n", "peak force", "N", 1.0),
     ("approach_speed_m_s", "approach speed", "m/s", 1.0),
@@ -73,9 +75,9 @@ struct Case<'a> {
     departure: [f64; QUANTITIES.len()],
 }
 
-/// A group that stands out, before causes and consequences are told apart.
+/// A group that stands out, before causes and consequences are separated.
 struct Candidate<'a> {
-    /// Tooth gap, or joint.
+    /// Index of tooth gap or joint.
     key: u32,
     is_tooth: bool,
     q: usize,
@@ -83,7 +85,7 @@ struct Candidate<'a> {
     impacts: Vec<&'a Impact>,
 }
 
-/// What stands out, causes first, the furthest first.
+/// Everything that stands out, in descending order of score.
 pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
     let links = header.links.len() as u32;
@@ -95,7 +97,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
         let mut cases = cases(&own, period_s);
         let medians = depart(&mut cases);
         let all: Vec<&Case<'_>> = cases.iter().collect();
-        // A bush is behind the link that sets its place; flanks are their own link's.
+        // A bush is positioned by the link ahead of it; a flank by its own link.
         let bushed = own.iter().any(|i| is_bush(i));
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
@@ -113,7 +115,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
                 candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
             }
         }
-        // Step from one arrival to the next.
+        // Index increment from one arrival to the next.
         let tooth_step = if next_tooth_is_higher(&own, info.teeth) { 1 } else { info.teeth.max(1) - 1 };
         let joint_step = if forwards { links - 1 } else { 1 };
         found.extend(causes(candidates, (tooth_step, info.teeth.max(1)), (joint_step, links)));
@@ -122,7 +124,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
     found
 }
 
-/// Tells causes from consequences.
+/// Separates causes from consequences.
 fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u32)) -> Vec<Suspect> {
     let mut found = Vec::new();
     let touch = |c: &Candidate<'_>| c.q == ARRIVAL || c.q == APPROACH;
@@ -134,7 +136,7 @@ fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u3
         let (is_tooth, (step, n)) = (top.is_tooth, if top.is_tooth { tooth } else { joint });
         let stands_out = |key: u32| candidates.iter().any(|c| c.is_tooth == is_tooth && c.key == key && touch(c));
         let mut key = top.key;
-        // Backwards over its neighbours to the first that arrives; a gap of one is no gap.
+        // Goes back over neighbours that stand out to the first arrival, across gaps of one.
         let before = |key: u32, by: u32| (key + by * (n - step)) % n;
         for _ in 0..CONSEQUENCES {
             match (stands_out(before(key, 1)), stands_out(before(key, 2))) {
@@ -147,7 +149,7 @@ fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u3
         let root = candidates.iter().filter(same).max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score));
         let Some(root) = root.or(Some(top)) else { break };
         found.push(root.suspect.clone());
-        // The one before it feels its force too.
+        // The force also affects the neighbour before it.
         let follows: Vec<u32> = (0..=CONSEQUENCES + 1).map(|by| (before(key, 1) + by * step) % n).collect();
         let mut covered: Vec<(u64, u32)> = Vec::new();
         for c in candidates.iter().filter(|c| c.is_tooth == is_tooth && follows.contains(&c.key)) {
@@ -163,7 +165,7 @@ fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u3
     found
 }
 
-/// Whether the gap after one in order of arrival has the higher number.
+/// Whether the next tooth gap to arrive has the higher number.
 fn next_tooth_is_higher(impacts: &[&Impact], teeth: u32) -> bool {
     let mut sorted: Vec<(u64, u32)> = impacts.iter().map(|i| (i.step, i.tooth)).collect();
     sorted.sort_unstable();
@@ -175,7 +177,7 @@ fn is_bush(i: &Impact) -> bool {
     i.feature == Feature::FrontBush as u32 || i.feature == Feature::RearBush as u32
 }
 
-/// Joint that a bush sits on.
+/// Joint that carries a bush.
 fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
     match i.feature {
         f if f == Feature::FrontBush as u32 => Some(i.link),
@@ -187,7 +189,8 @@ fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
 }
 
 fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
-    // Times of arrival go round with the tooth period: from the middle of those of their own part, where the jump is far away.
+    // Times of arrival are periodic in the tooth period. They are measured from the circular mean of their part, far
+    // from the wrap.
     let mut middles = BTreeMap::new();
     for i in impacts {
         let (s, c) = libm::sincos(2.0 * std::f64::consts::PI * i.t_s / period_s);
@@ -215,7 +218,7 @@ fn period_s(header: &Header) -> f64 {
     pitch_m / header.chain_speed_m_s.abs().max(1e-12)
 }
 
-/// Fills in departures, part by part; returns the medians of each part.
+/// Computes departures for each part; returns the medians of each part.
 fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     let mut medians = BTreeMap::new();
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
@@ -255,7 +258,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
 
-/// Size of what at least half of the values go beyond, on the side on which most of them are.
+/// Magnitude that at least half of the values exceed, on the side of the majority.
 fn lower_median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -316,7 +319,8 @@ fn judged<'a>(
     Some(Candidate { key, is_tooth, q, suspect, impacts: group.iter().map(|c| c.impact).collect() })
 }
 
-/// Parts of bodies whose impacts are others than in another recording: more or fewer, harder or faster. The most different first.
+/// Parts of bodies whose impacts differ from those of another recording, in number, force or speed; the largest
+/// difference first.
 pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
     for info in &header.bodies {
@@ -341,7 +345,7 @@ pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_head
         ];
         for (quantity, words, unit, here, there) in compared {
             let ratio = (here.max(there) + 1e-9) / (here.min(there) + 1e-9);
-            // A few impacts more or fewer are chance; nothing against something is not.
+            // A small difference in number is random; impacts against none are significant.
             let few = quantity == "impacts" && (here - there).abs() < 2.0 * here.max(there).sqrt();
             if ratio.is_nan() || ratio < RATIO || few {
                 continue;

@@ -1,4 +1,4 @@
-//! `pitchline check`: reads a drive, assembles it, says what follows from it.
+//! `pitchline check`: reads and assembles a drive, and prints derived quantities.
 
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
 use crate::elements::link_joint::LinkJoint;
@@ -106,7 +106,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
 }
 
 fn mass_per_length(model: &Model) -> f64 {
-    // Inert lanes have neither mass nor length.
+    // Unused lanes have neither mass nor length.
     model.chain.mass.iter().sum::<f64>() / (2.0 * model.chain.lever.iter().sum::<f64>())
 }
 

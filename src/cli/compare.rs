@@ -14,19 +14,19 @@ use std::time::Instant;
 pub struct CompareArgs {
     /// Drives to compare [default: bush-20-40, silent-20-40, smartchain-20-40]
     drives: Vec<String>,
-    /// The same, separated by commas
+    /// The drives as a comma-separated list
     #[arg(long = "drives", value_name = "NAME,...", value_delimiter = ',', conflicts_with = "drives")]
     named: Vec<String>,
-    /// Speed of the drivers [rpm]; several, separated by commas: what grows with speed. The first is recorded
+    /// Speed of the drivers [rpm]; several, separated by commas, show the dependence on speed. The first is recorded
     #[arg(long, value_name = "RPM,...", value_delimiter = ',', value_parser = above_zero)]
     speed_rpm: Vec<f64>,
     /// Load torque on the driven sprockets [N m]
     #[arg(long, value_name = "NM", value_parser = super::finite, allow_negative_numbers = true)]
     load_nm: Option<f64>,
-    /// Simulated time after assembling that is judged, e.g. 120ms
+    /// Simulated time after assembling that is evaluated, e.g. 120ms
     #[arg(long, default_value = "120ms", value_parser = super::run::duration)]
     duration: f64,
-    /// How much of it is recorded, from its start
+    /// Part of it that is recorded, from its start
     #[arg(long, default_value = "20ms", value_parser = super::run::duration)]
     recorded: f64,
     /// Time between two recorded frames
@@ -35,7 +35,7 @@ pub struct CompareArgs {
     /// Folder for compare.html, compare.mcap and compare.rrd
     #[arg(short, long = "output", value_name = "FOLDER", default_value = "recordings")]
     output: PathBuf,
-    /// Write nothing
+    /// Write no files
     #[arg(long)]
     no_output: bool,
     /// Replace a value of every drive, or of one of them: NAME:PATH=VALUE
@@ -53,7 +53,7 @@ fn above_zero(text: &str) -> Result<f64, String> {
     }
 }
 
-/// All drives, at a speed of their drivers if one is given.
+/// All drives, with their drivers at the given speed if there is one.
 fn drives(args: &CompareArgs, names: &[String], speed_rpm: Option<f64>) -> Result<Vec<Drive>, Failure> {
     let mut drives = Vec::new();
     for name in names {
@@ -94,7 +94,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         return Err(Failure::Input(format!("`--set {s}` names a drive that is not compared: {}", names.join(", "))));
     }
     let first = drives(args, &names, args.speed_rpm.first().copied())?;
-    // Whatever is wrong with another speed is said before anything runs.
+    // Errors at other speeds are reported before anything runs.
     let others: Vec<(f64, Vec<Drive>)> = args
         .speed_rpm
         .iter()
@@ -173,7 +173,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     print_out(&text)
 }
 
-/// Whose fault it is.
+/// Whether the user or the environment caused the error.
 pub(super) fn failure(e: &CompareError) -> Failure {
     match e {
         CompareError::Step { .. } | CompareError::Assembly { error: AssemblyError::RunIn(_), .. } => {
@@ -226,7 +226,7 @@ fn table(summaries: &[&Summary]) -> String {
     text + "\n"
 }
 
-/// Largest force of an engagement, and fastest first touch, over the speed.
+/// Largest contact force and highest approach speed over the speed.
 fn sweep_table(sweep: &[(f64, Vec<Summary>)]) -> String {
     let Some((_, first)) = sweep.first() else { return String::new() };
     let mut text = format!("{:>8}", "rpm");
@@ -244,7 +244,7 @@ fn sweep_table(sweep: &[(f64, Vec<Summary>)]) -> String {
     text + "\n"
 }
 
-/// Writes the merged recording in every format there is.
+/// Writes the merged recording in every available format.
 fn record(runs: &[Run], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let headers: Vec<_> = runs.iter().map(|r| &r.header).collect();
     let (header, parts) = merge::headers("compare", &headers);

@@ -1,4 +1,4 @@
-//! `pitchline diff`: where two recordings part.
+//! `pitchline diff`: where two recordings differ.
 
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::diff::{Difference, diff};
@@ -6,9 +6,9 @@ use std::path::PathBuf;
 
 #[derive(clap::Args, Debug)]
 pub struct DiffArgs {
-    /// One recording (.mcap)
+    /// First recording (.mcap)
     a: PathBuf,
-    /// The other
+    /// Second recording (.mcap)
     b: PathBuf,
     /// Print JSON
     #[arg(long)]

@@ -5,7 +5,7 @@ use crate::drive::{BUNDLED, Drive};
 
 #[derive(clap::Args, Debug)]
 pub struct DrivesArgs {
-    /// Print the file of this drive, to start one's own from
+    /// Print the file of this drive, for example as a start for a new one
     name: Option<String>,
     /// Print JSON
     #[arg(long)]

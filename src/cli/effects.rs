@@ -1,4 +1,4 @@
-//! `pitchline effects` and `pitchline sensors`: what a drive file may have beside its bodies.
+//! `pitchline effects` and `pitchline sensors`: effects and sensors that a drive file may contain.
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::diag::nearest;
@@ -8,7 +8,7 @@ use crate::measurement::units::UNITS;
 
 #[derive(clap::Args, Debug)]
 pub struct EffectsArgs {
-    /// Print all of this one
+    /// Print all details of this effect
     name: Option<String>,
     /// Print JSON
     #[arg(long)]
@@ -22,7 +22,7 @@ pub struct SensorsArgs {
     json: bool,
 }
 
-/// Which drive files take it.
+/// Kinds of drive files that support the effect.
 fn fidelities(e: &Effect) -> &'static str {
     match (matches!(e.physics, Physics::LinksOnly), e.links) {
         (true, _) => "links",
@@ -68,7 +68,7 @@ fn kind(k: Kind) -> &'static str {
     }
 }
 
-/// Where it is put, on either kind of drive.
+/// Targets of the effect, for both kinds of drive.
 fn put_on(e: &Effect) -> String {
     match e.links {
         Some(on) if on != e.on => format!("{}; with links {}", e.on.label(), on.label()),

@@ -1,4 +1,4 @@
-//! `pitchline explain`: the free body of one link at one instant, and why its contacts are what they are.
+//! `pitchline explain`: the free body of one link at one instant, and the origin of its contacts.
 
 use super::run::instant;
 use super::{Answer, Failure, Outcome, answer};
@@ -18,7 +18,7 @@ pub struct ExplainArgs {
     /// The instant, e.g. 12.342ms
     #[arg(long, value_parser = instant, required_unless_present = "impact")]
     at: Option<f64>,
-    /// At the peak of this impact instead: a number of `pitchline impacts`
+    /// At the peak of this impact instead: a number from `pitchline impacts`
     #[arg(long, value_name = "N", conflicts_with_all = ["link", "at"])]
     impact: Option<usize>,
     /// Drawing to write, .svg or .png

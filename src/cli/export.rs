@@ -13,7 +13,7 @@ use std::sync::atomic::Ordering;
 pub struct ExportArgs {
     /// Recording to read, .mcap
     recording: PathBuf,
-    /// Folder that gets a file per table, or one .parquet or .csv file for one table
+    /// Folder for one file per table, or one .parquet or .csv file for a single table
     #[arg(short, long = "output", value_name = "FOLDER_OR_FILE")]
     output: PathBuf,
     #[arg(long, value_name = "TABLE,...", value_delimiter = ',', help = tables_help())]
@@ -47,7 +47,7 @@ pub fn run(args: &ExportArgs) -> Result<Outcome, Failure> {
         export.take(item)?;
         Ok(ControlFlow::Continue(()))
     })?;
-    // What is dropped here removes its unfinished files.
+    // Returning drops the writers, which removes their unfinished files.
     if stop.load(Ordering::Relaxed) {
         return Ok(Outcome::Interrupted);
     }
@@ -65,11 +65,11 @@ pub fn run(args: &ExportArgs) -> Result<Outcome, Failure> {
     answer(&[&reader], found, Outcome::Done)
 }
 
-/// What is to be written, checked before anything is read.
+/// Files to be written, checked before anything is read.
 struct Plan {
     tables: Vec<(Table, PathBuf)>,
     format: Format,
-    /// Made when it is not there.
+    /// Created if it does not exist.
     folder: Option<PathBuf>,
     from_s: f64,
     to_s: f64,
@@ -114,7 +114,7 @@ fn tables_help() -> String {
     format!("Tables to write: {} [default: all]", names.join(", "))
 }
 
-/// Tables by name, in their own order; all when none is named.
+/// Tables by name, in fixed order; all if none is named.
 fn chosen(names: &[String]) -> Result<Vec<Table>, Failure> {
     let known = || TABLES.iter().map(|t| t.name);
     for name in names {
@@ -129,7 +129,7 @@ fn chosen(names: &[String]) -> Result<Vec<Table>, Failure> {
     Ok(TABLES.into_iter().filter(|t| names.is_empty() || names.iter().any(|n| n == t.name)).collect())
 }
 
-/// Extension, and whether a folder is meant: one that is there, or a name without an extension or with a `/` behind it.
+/// Extension, and whether it is a folder: an existing one, or a name without an extension or with a `/` at its end.
 fn kind_of_output(output: &Path) -> (&str, bool) {
     let extension = output.extension().and_then(|e| e.to_str()).unwrap_or_default();
     let ends_in_slash =
@@ -141,7 +141,7 @@ fn check_files(recording: &Path, tables: &[(Table, PathBuf)]) -> Result<(), Fail
     super::check_outputs(tables.iter().map(|(_, path)| path.as_path()), [recording])
 }
 
-/// What a recording consists of, in the order in which it is handed over: the header comes first.
+/// Items of a recording, in the order in which they are passed on; the header comes first.
 enum Item<'a> {
     Header(&'a Header),
     Frame(&'a Frame),
@@ -149,7 +149,7 @@ enum Item<'a> {
     Impact(&'a Impact),
 }
 
-/// Hands over a recording piece by piece until `take` breaks off; the reader knows what it lacks.
+/// Passes on a recording item by item until `take` stops; the reader knows what is missing.
 fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, Failure>) -> Result<Reader, Failure> {
     let mut reader = super::open_recording(path)?;
     let header = reader.header().clone();
@@ -179,13 +179,13 @@ fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, F
     }
 }
 
-/// A recording on its way into its tables.
+/// An export in progress.
 struct Export<'a> {
     plan: &'a Plan,
     header: Header,
-    /// None before the header.
+    /// Empty before the header.
     writers: Vec<TableWriter>,
-    /// Of the recording, and exported ones.
+    /// Frames read, and frames exported.
     frames_seen: u64,
     frames: u64,
     last_s: f64,
@@ -247,14 +247,15 @@ impl Plan {
     }
 }
 
-/// One file of the result.
+/// One output file.
 struct Exported {
     table: &'static str,
     rows: u64,
     output: Output,
 }
 
-/// Finishes all files, then gives them their names: either all are there or, but for a disk that fails in between, none.
+/// Finishes all files, then renames them to their final names: either all exist or, unless a disk fails in between,
+/// none.
 fn publish(mut writers: Vec<TableWriter>) -> Result<Vec<Exported>, Failure> {
     for writer in &mut writers {
         writer.finish()?;

@@ -1,4 +1,4 @@
-//! `pitchline geometry`: the numbers of a profile, and its drawing.
+//! `pitchline geometry`: dimensions of a profile, and its drawing.
 
 use super::geometry_silent::{self, ChainArgs, SilentSprocketRequest, ToothArgs};
 use super::{Failure, Outcome, print_json, print_out};
@@ -28,13 +28,13 @@ pub struct SprocketArgs {
     /// Chain pitch [mm]
     #[arg(long)]
     pitch_mm: f64,
-    /// Roller or bush diameter [mm]; ISO 606 needs it
+    /// Roller or bush diameter [mm]; required for ISO 606
     #[arg(long)]
     roller_mm: Option<f64>,
     /// Minimum or maximum tooth gap form of ISO 606; max if not given
     #[arg(long, value_enum)]
     form: Option<Form>,
-    /// Tip diameter [mm]; if not given, the middle of what ISO 606 allows, for silent chain that of the seated pin line
+    /// Tip diameter [mm]; if not given, the middle of the ISO 606 range, for silent chain that of the seated pin line
     #[arg(long)]
     tip_mm: Option<f64>,
     #[command(flatten)]
@@ -51,7 +51,7 @@ pub struct SprocketArgs {
 enum ToothProfile {
     /// Roller and bush chain
     Iso606,
-    /// Silent chain, face an arc that osculates the involute
+    /// Silent chain, face is an arc that osculates the involute
     SilentArc,
     /// Silent chain, straight face
     SilentLine,

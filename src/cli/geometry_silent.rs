@@ -15,7 +15,7 @@ pub struct ChainArgs {
     /// Chain pitch: distance of the joints of a link [mm]
     #[arg(long)]
     pitch_mm: f64,
-    /// Distance of the virtual eyes about which the contour is built [mm]; the pitch if not given
+    /// Distance of the virtual eyes from which the contour is constructed [mm]; the pitch if not given
     #[arg(long)]
     flank_pitch_mm: Option<f64>,
     #[command(flatten)]
@@ -34,7 +34,7 @@ enum ChainType {
     Silent,
 }
 
-/// Proportions of a silent link; a sprocket is made for its link.
+/// Proportions of a silent link; a sprocket is designed for its link.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct FormArgs {
     /// Silent: angle of both flanks to the normal of the pin line [deg]; 30 if not given
@@ -43,7 +43,7 @@ pub struct FormArgs {
     /// Silent: distance of the outer flank from the eye [mm]; 0.375 of the pitch if not given
     #[arg(long)]
     face_distance_mm: Option<f64>,
-    /// Silent: how far the inner flank stands out beyond the outer one [mm]; -0.0625 of the pitch if not given
+    /// Silent: projection of the inner flank beyond the outer one [mm]; -0.0625 of the pitch if not given
     #[arg(long, allow_negative_numbers = true)]
     inside_projection_mm: Option<f64>,
     /// Silent: radius of the toe arc [mm]; 0.1 of the pitch if not given
@@ -83,7 +83,7 @@ impl FormArgs {
     }
 }
 
-/// Dimensions of a tooth for silent chain that are free.
+/// Free dimensions of a silent chain tooth.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct ToothArgs {
     #[command(flatten)]
@@ -104,7 +104,7 @@ impl ToothArgs {
     }
 }
 
-/// What the sprocket verb hands over when a silent profile is asked for.
+/// Arguments of the sprocket verb for a silent profile.
 pub struct SilentSprocketRequest<'a> {
     pub teeth: u32,
     pub pitch_mm: f64,
@@ -215,7 +215,7 @@ fn link_rows(link: &SilentLinkContour) -> [(&'static str, &'static str, f64, &'s
     ]
 }
 
-/// JSON key, text, value, unit; None does not exist for this face.
+/// JSON key, text, value, unit; None if this face has no such dimension.
 fn sprocket_rows(s: &SilentSprocket) -> [(&'static str, &'static str, Option<f64>, &'static str); 18] {
     let mm = |v: f64| Some(v / MM);
     [

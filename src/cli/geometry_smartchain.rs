@@ -8,28 +8,29 @@ use std::path::PathBuf;
 
 #[derive(clap::Args, Debug)]
 pub struct SmartchainArgs {
-    /// Number of teeth that the abutments are made for, 9 to 150
+    /// Number of teeth for which the abutments are designed, 9 to 150
     #[arg(long)]
     teeth: u32,
     /// Chain pitch [mm]
     #[arg(long)]
     pitch_mm: f64,
-    /// Distance of the abutment's end arc from the joint [mm]; the ring's radius is the pitch radius less this
+    /// Distance of the abutment's end arc from the joint [mm]; the ring's radius is the pitch radius minus this
     #[arg(long)]
     abutment_mm: f64,
     /// Inclination of the link at hand-over [deg]; that of continuous acceleration if not given
     #[arg(long, value_parser = super::finite, conflicts_with = "two_links")]
     inclination_deg: Option<f64>,
-    /// Hand the joint over within two links; what of the next four is not given is that of the least peak of jerk
+    /// Hand the joint over within two links; of the next four options, those not given are chosen for the smallest peak
+    /// of jerk
     #[arg(long)]
     two_links: bool,
-    /// Line of joints above the pitch circle [um]
+    /// Height of the line of joints above the pitch circle [um]
     #[arg(long, value_parser = super::finite, requires = "two_links", allow_negative_numbers = true)]
     rise_um: Option<f64>,
-    /// Angle from the top at which a joint joins the pitch circle [deg]
+    /// Angle from the top at which a joint reaches the pitch circle [deg]
     #[arg(long, value_parser = super::finite, requires = "two_links")]
     handover_deg: Option<f64>,
-    /// Where a joint leaves the line, to the axis, negative before it [mm]
+    /// Position along the chain at which a joint leaves the line, relative to the axis, negative before it [mm]
     #[arg(long, value_parser = super::finite, requires = "two_links", allow_negative_numbers = true)]
     line_end_mm: Option<f64>,
     /// Free part of the first link's inclination: tau^3 (1 - tau)^3 times b0, b1 tau and b2 tau^2 [deg]
@@ -91,7 +92,7 @@ pub fn run(args: &SmartchainArgs) -> Result<Outcome, Failure> {
     }
 }
 
-/// What is asked for.
+/// The requested hand-over.
 fn handover(args: &SmartchainArgs) -> Handover {
     if !args.two_links {
         let given = args.inclination_deg.map(|deg| Inclination::Given(deg * DEG));

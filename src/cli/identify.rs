@@ -1,4 +1,4 @@
-//! `pitchline identify`: measured records against a drive.
+//! `pitchline identify`: compares measured records with a drive.
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::drive::Drive;
@@ -18,24 +18,25 @@ use std::time::Instant;
 
 #[derive(clap::Args, Debug)]
 pub struct IdentifyArgs {
-    /// What was measured, and on which drive
+    /// Measurement file (.toml), which names the measured data and the drive
     measurement: PathBuf,
-    /// Write the drive with what was found (.toml), or measured, before and after on one timeline (.rrd); may be given twice
+    /// Write the drive with the identified effects (.toml), or measured, before and after on one timeline (.rrd); may
+    /// be given twice
     #[arg(short, long = "output", value_name = "FILE")]
     output: Vec<PathBuf>,
-    /// Write a report with pictures
+    /// Write a report with diagrams
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Stop looking after so many model runs (2000) or so much time (90s, 5min); what was found so far is reported
+    /// Stop the search after this many model runs (2000) or this time (90s, 5min); the results so far are reported
     #[arg(long, value_parser = budget)]
     budget: Option<Budget>,
-    /// Threads; the result does not depend on them, but where a budget ends it
+    /// Threads; they do not change the result unless a budget ends the search
     #[arg(long)]
     threads: Option<usize>,
-    /// Only read and check the files, and print the fact sheet
+    /// Only read and check the files, and print facts about the data
     #[arg(long)]
     facts: bool,
-    /// Memory that the measured data may lead to, e.g. 500MB or 4GB
+    /// Memory limit for the measured data, e.g. 500MB or 4GB
     #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = memory)]
     memory: usize,
     /// Print JSON
@@ -88,23 +89,23 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
     }
     let mut text = String::new();
     crate::input::open(path).and_then(|file| file.take(LARGEST + 1).read_to_string(&mut text)).map_err(cannot)?;
-    // What is no file says nothing of its length, and may never end.
+    // Special files do not state their length and may never end.
     if text.len() as u64 > LARGEST {
         return Err(Failure::Input(format!("`{shown}` has more bytes than a {what} has at most: {LARGEST}")));
     }
     Ok(text)
 }
 
-/// What is read before a model is run.
+/// Everything that is read before a model is run.
 struct Input {
     measurement: Measurement,
     machine: Machine,
-    /// The drive, where it has links.
+    /// The drive, if it has link bodies.
     links: Option<Drive>,
     data: Data,
 }
 
-/// Reads measurement, drive and data. All mistakes are found before a model is run.
+/// Reads measurement, drive and data. All errors are found before a model is run.
 fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
     let input = |r: crate::diag::Report| Failure::Input(r.to_string());
     let text = read_text(path, "measurement file")?;
@@ -140,7 +141,7 @@ fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
     Ok(Input { measurement, machine, links, data })
 }
 
-/// Outputs that are an input are not written.
+/// Refuses outputs that are inputs.
 fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), Failure> {
     let folder = args.measurement.parent().map_or_else(PathBuf::new, PathBuf::from);
     let mut inputs = vec![args.measurement.clone(), folder.join(&measurement.drive)];
@@ -217,7 +218,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
         || (report.outcome == Verdict::None && !report.explained)
         || report.numbers_after.iter().any(|n| n.at_bound)
     {
-        // Said, and not sure.
+        // A result was printed, but it is uncertain.
         Outcome::DataLost
     } else {
         Outcome::Done

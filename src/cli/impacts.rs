@@ -13,16 +13,16 @@ pub struct ImpactsArgs {
     /// Order of the list
     #[arg(long, value_enum, default_value = "time")]
     sort: Sort,
-    /// Print only the first N of that order [default: 20; all with --json]
+    /// Print only the first N in this order [default: 20; all with --json]
     #[arg(long, value_name = "N")]
     top: Option<usize>,
     /// Only impacts on this sprocket or guide
     #[arg(long, visible_alias = "body", value_name = "NAME")]
     sprocket: Option<String>,
-    /// Only those of this link
+    /// Only impacts of this link
     #[arg(long, value_name = "N")]
     link: Option<u32>,
-    /// Say what differs from the impacts of this recording, of the same length
+    /// Report differences from the impacts of this recording of the same length
     #[arg(long, value_name = "REC")]
     against: Option<PathBuf>,
     /// Print JSON
@@ -39,7 +39,7 @@ enum Sort {
     Rise,
 }
 
-/// Lines of the table unless told otherwise.
+/// Default number of lines of the table.
 const PRINTED: usize = 20;
 /// Suspects that are printed.
 const SUSPECTS: usize = 5;
@@ -112,7 +112,7 @@ fn read(reader: &mut Reader) -> Result<(Vec<Impact>, Vec<FrameHead>), Failure> {
     Ok((impacts, heads))
 }
 
-/// Impact `number` in the order of time.
+/// The impact with this number in order of time.
 pub(super) fn numbered(reader: &mut Reader, number: usize) -> Result<Impact, Failure> {
     let (impacts, _) = read(reader)?;
     impacts.get(number).copied().ok_or_else(|| {
@@ -125,7 +125,7 @@ pub(super) fn numbered(reader: &mut Reader, number: usize) -> Result<Impact, Fai
     })
 }
 
-/// Number of the first impact that a suspect stands out by.
+/// Number of the first impact of a suspect.
 fn first_of(suspect: &Suspect, all: &[Impact], header: &Header) -> Option<usize> {
     let body = header.bodies.iter().position(|b| b.path == suspect.body)?;
     all.iter().position(|i| i.t_s == suspect.first_s && i.body as usize == body)
@@ -137,7 +137,7 @@ fn suspect_json(suspect: &Suspect, all: &[Impact], header: &Header) -> serde_jso
     value
 }
 
-/// Number of the first frame at or after the touch.
+/// Number of the first frame at or after first contact.
 fn frame_of(impact: &Impact, heads: &[FrameHead]) -> Option<usize> {
     let at = heads.partition_point(|h| h.step < impact.step);
     let is_inside = heads.first().is_some_and(|h| h.step <= impact.step);
@@ -170,7 +170,7 @@ fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recordi
     })
 }
 
-/// The viewer cannot be told a time, but a recording that begins and ends round it can be made.
+/// The viewer cannot be started at a given time; instead the command makes a recording around the impact.
 fn open_in_rerun(number: usize, recording: &Path) -> String {
     format!(
         "pitchline zoom {} --impact {number} -o impact-{number}.rrd && rerun impact-{number}.rrd",
@@ -178,7 +178,7 @@ fn open_in_rerun(number: usize, recording: &Path) -> String {
     )
 }
 
-/// Foxglove's playback bar takes a time of day; recordings begin with 1970.
+/// Foxglove's playback bar takes a time of day; recordings start at 1970.
 fn open_in_foxglove(i: &Impact) -> String {
     let ns = crate::recording::mcap::nanoseconds(i.t_s);
     let (s, ns) = (ns / 1_000_000_000, ns % 1_000_000_000);
@@ -228,7 +228,7 @@ fn text(
         lines.push("what stands out:".into());
         lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));
     }
-    // What stands out first, else the first of the list.
+    // The first suspect's impact, else the first of the list.
     let example = suspects.first().and_then(|s| first_of(s, all, header)).and_then(|n| Some((n, all.get(n)?)));
     if let Some((number, i)) = example.as_ref().or(list.first()) {
         lines.push(format!("open impact {number}: {}", open_in_rerun(*number, recording)));

@@ -1,4 +1,4 @@
-//! `--live`: a run shown in viewers while it computes.
+//! `--live`: shows a run in viewers while it computes.
 
 use super::Failure;
 use super::run::duration;
@@ -11,7 +11,8 @@ use std::time::Duration;
 
 #[derive(clap::Args, Debug)]
 pub struct LiveArgs {
-    /// Show the run while it computes: rerun[=URL], a Rerun viewer that is running, or foxglove[=PORT], a server on this machine for the Foxglove app; may be given several times
+    /// Show the run while it computes: rerun[=URL], a running Rerun viewer, or foxglove[=PORT], a server on this
+    /// machine for the Foxglove app; may be given several times
     #[arg(long = "live", value_name = "VIEWER", value_parser = Viewer::parse)]
     viewers: Vec<Viewer>,
     /// Simulated seconds per second, e.g. 0.01 [default: as fast as it computes]
@@ -22,7 +23,7 @@ pub struct LiveArgs {
     wait_s: f64,
 }
 
-/// A time that somebody waits.
+/// A waiting time.
 fn patience(text: &str) -> Result<f64, String> {
     duration(text).and_then(|t_s| if t_s <= 86_400.0 { Ok(t_s) } else { Err("is at most a day, 86400s".into()) })
 }
@@ -34,7 +35,7 @@ fn speed(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Opens the sinks of all viewers, and the one that keeps the pace. `stop` ends the pacing.
+/// Opens the sinks of all viewers, and the one that limits the pace. `stop` ends the pacing.
 pub fn open(
     args: &LiveArgs,
     header: &Header,
@@ -46,14 +47,14 @@ pub fn open(
     for viewer in &args.viewers {
         viewers.push(live::open(viewer, header, view, wait, |text| eprintln!("{text}"))?);
     }
-    // Last, so that what is drawn is not late by a frame.
+    // Last, so that the displayed frame is not delayed.
     if let Some(speed) = args.speed {
         viewers.push(Box::new(Pace::new(speed, Arc::clone(stop))));
     }
     Ok(viewers)
 }
 
-/// Waits until the viewers have got everything. They have said themselves what went wrong.
+/// Waits until the viewers have received everything. They report their errors themselves.
 pub fn finish(viewers: &mut [Box<dyn Sink>]) {
     for viewer in viewers {
         let _said = viewer.finish();

@@ -1,4 +1,4 @@
-//! `pitchline lump`: a lumped drive out of one with links.
+//! `pitchline lump`: derives a lumped drive from one with link bodies.
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::lumping::{LumpError, lumped_text, lumping};
@@ -11,10 +11,10 @@ pub struct LumpArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Write the file here; else it is printed
+    /// Write the file here; otherwise it is printed
     #[arg(short, long = "output", value_name = "FILE.toml")]
     output: Option<PathBuf>,
-    /// Print what it is made of as JSON
+    /// Print its components as JSON
     #[arg(long)]
     json: bool,
 }

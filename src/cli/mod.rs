@@ -1,6 +1,6 @@
 //! The command line: one file per verb. Results go to stdout, everything else to stderr.
 
-// These rooms read what strangers write, so every index is looked at.
+// These modules read untrusted files, so that every index is checked.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
 mod check;
@@ -45,36 +45,36 @@ enum Verb {
     Run(run::RunArgs),
     /// Open a recording in the Rerun viewer, or in a web browser
     View(view::ViewArgs),
-    /// Compare drives by the impacts on their drivers: bush, silent and abutment chain unless told otherwise
+    /// Compare drives by the impacts on their drivers: by default bush, silent and abutment chain
     Compare(compare::CompareArgs),
-    /// Search the free numbers of an abutment chain's drive, and print the margin to every bound
+    /// Optimise the free parameters of an abutment chain's drive, and print the margin to every bound
     Tune(tune::TuneArgs),
     /// List every impact of a recording, and what stands out among them
     Impacts(impacts::ImpactsArgs),
-    /// Why a link does what it does: every force on it, and where they come from
+    /// Explain the state of a link: every force on it, and their origin
     Explain(explain::ExplainArgs),
-    /// Where two recordings part, in which body, by how much
+    /// Show where two recordings differ, in which body, by how much
     Diff(diff::DiffArgs),
-    /// Record a part of a recording once more, every step of it if wanted
+    /// Record a part of a recording again, every step of it if wanted
     Zoom(zoom::ZoomArgs),
-    /// Run a recording's drive again and compare, or finish a file that was cut off
+    /// Run a recording's drive again and compare, or repair a file that was cut off
     Replay(replay::ReplayArgs),
     /// Draw frames of a recording, as SVG or PNG
     Snapshot(snapshot::SnapshotArgs),
     /// List the bundled drives, or print one
     Drives(drives::DrivesArgs),
-    /// List the effects that a drive may have beyond its ideal, or all of one
+    /// List the effects that a drive may have in addition to its ideal model, or show one in detail
     Effects(effects::EffectsArgs),
     /// List the kinds of sensors and the units of measured columns
     Sensors(effects::SensorsArgs),
-    /// Turn a drive with links into a lumped one: the same shafts, spans as springs
+    /// Derive a lumped drive from one with link bodies: the same shafts, spans as springs
     Lump(lump::LumpArgs),
-    /// Read a drive, assemble it, and say what follows from it
+    /// Read and assemble a drive, and print derived quantities
     Check(check::CheckArgs),
-    /// The numbers of a profile, and its drawing
+    /// Print the dimensions of a profile, and draw it
     #[command(subcommand)]
     Geometry(geometry::GeometryVerb),
-    /// Hold a drive against measured records, and name what it lacks
+    /// Compare a drive with measured records, and name the effects that it lacks
     Identify(identify::IdentifyArgs),
     /// Turn a recording into Parquet or CSV tables
     Export(export::ExportArgs),
@@ -89,9 +89,9 @@ enum Verb {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Done,
-    /// Compared, and not the same.
+    /// Compared, with differences.
     Differs,
-    /// Done, and what was lost was said.
+    /// Done, but with reported losses or uncertainty.
     DataLost,
     /// Stopped by Ctrl-C; files are finished.
     Interrupted,
@@ -111,9 +111,9 @@ impl Outcome {
 /// How a verb failed.
 #[derive(Debug)]
 pub enum Failure {
-    /// The user's mistake.
+    /// An error of the user.
     Input(String),
-    /// The world's: files, disks, a run that broke down.
+    /// An error of the environment: files, disks, a run that broke down.
     World(String),
 }
 
@@ -188,7 +188,7 @@ fn print_out(text: &str) -> Result<Outcome, Failure> {
     }
 }
 
-/// What a verb found in recordings.
+/// Result of a verb that reads recordings.
 enum Answer {
     Json(serde_json::Value),
     Text(String),
@@ -200,8 +200,8 @@ fn say_missing<'a>(what: impl IntoIterator<Item = &'a String>) {
     }
 }
 
-/// Prints an answer behind what reading its recordings has found to be missing, which is also `missing` in JSON. An answer from
-/// less than there should be ends with exit code 3.
+/// Prints an answer, preceded by a list of data missing from its recordings, which is also `missing` in JSON. An answer
+/// from incomplete data ends with exit code 3.
 fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome: Outcome) -> Result<Outcome, Failure> {
     let missing: Vec<&String> = readers.iter().flat_map(|r| r.missing()).collect();
     say_missing(readers.iter().flat_map(|r| r.missing_since_open()));
@@ -215,7 +215,7 @@ fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome
     Ok(if missing.is_empty() || outcome == Outcome::Interrupted { outcome } else { Outcome::DataLost })
 }
 
-/// Adds a field to an object; what is none stays as it is.
+/// Adds a field to a JSON object; other values remain unchanged.
 fn add_field(object: &mut serde_json::Value, key: &str, value: serde_json::Value) {
     if let Some(object) = object.as_object_mut() {
         object.insert(key.into(), value);
@@ -226,7 +226,7 @@ fn print_json(value: &serde_json::Value) -> Result<Outcome, Failure> {
     print_out(&format!("{value:#}\n"))
 }
 
-/// Outputs that are a directory, an input, or one file by two names are refused before anything is computed.
+/// Refuses outputs that are a directory, an input, or one file by two names, before anything is computed.
 fn check_outputs<'a>(
     outputs: impl IntoIterator<Item = &'a Path>,
     inputs: impl IntoIterator<Item = &'a Path> + Clone,
@@ -263,7 +263,7 @@ fn drive_text(drive: &str) -> Result<(String, String), Failure> {
     let mut bytes = Vec::new();
     let read = crate::input::open(path).and_then(|file| file.take(LARGEST_DRIVE + 1).read_to_end(&mut bytes));
     read.map_err(|e| Failure::Input(format!("cannot read drive `{drive}`: {e}")))?;
-    // What is no file says nothing of its length, and may never end.
+    // Special files do not state their length and may never end.
     if bytes.len() as u64 > LARGEST_DRIVE {
         return Err(Failure::Input(format!("`{drive}` has more bytes than a drive file has at most: {LARGEST_DRIVE}")));
     }
@@ -287,7 +287,7 @@ fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, 
     crate::drive::Drive::parse(&name, &text, overrides).map_err(|report| Failure::Input(report.to_string()))
 }
 
-/// How long assembling may take without a word: most drives take a tenth of it.
+/// Time after which assembling prints a note; most drives need a tenth of it.
 const SILENCE: std::time::Duration = std::time::Duration::from_secs(3);
 
 /// Assembles a drive.
@@ -328,7 +328,7 @@ fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<us
     Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
 }
 
-/// Opens a recording, and says what it lacks: one that is not there, or is none, is the user's mistake.
+/// Opens a recording and reports what it lacks. A missing or invalid file is an error of the user.
 fn open_recording(path: &Path) -> Result<crate::recording::reader::Reader, Failure> {
     let reader = crate::recording::reader::Reader::open(path).map_err(|e| Failure::Input(format!("{e:#}")))?;
     say_missing(reader.missing());

@@ -1,11 +1,11 @@
-//! What `run --stats` prints: what looking for contacts cost, pair by pair.
+//! Output of `run --stats`: cost of contact detection for each pair.
 
 use crate::integrate::explicit::CountedPair;
 
 const LEGEND: &str = "  A query is one block of 8 ends in one step. Skipped: blocks whose gaps were known to be too wide for the step, without a query.
   Near: something touches or may within the step. Solved: forces were computed. Hits/8: ends with a force in a solved block. Searches: ends that face another element of the contour than before.";
 
-/// A table with a line for each pair, its share in the time of the run, and what its counts mean.
+/// A table with one line per pair, its share of the run time, and an explanation of its counts.
 pub(super) fn text(pairs: &[CountedPair], wall_s: f64) -> String {
     let mut lines = vec![format!(
         "  {:<12} {:<18} {:>10} {:>10} {:>8} {:>8} {:>10} {:>7} {:>9} {:>9} {:>8}",

@@ -1,4 +1,4 @@
-//! `pitchline replay`: runs a recording's drive again and compares, or finishes a file that was cut off.
+//! `pitchline replay`: runs a recording's drive again and compares, or repairs a file that was cut off.
 
 use super::run::{check_recordings, progress_bar, stop_on_interrupt};
 use super::{Answer, Failure, Outcome, add_field, answer, print_json, print_out};
@@ -15,7 +15,7 @@ pub struct ReplayArgs {
     /// Run the recorded drive again and compare every frame and keyframe, to the bit
     #[arg(long, required_unless_present = "repair")]
     verify: bool,
-    /// Copy what is whole of a file that was cut off or damaged into a finished one
+    /// Copy the intact content of a cut-off or damaged file into a finished one
     #[arg(long, conflicts_with = "verify", requires = "output")]
     repair: bool,
     /// File that --repair writes
@@ -34,7 +34,7 @@ pub fn run(args: &ReplayArgs) -> Result<Outcome, Failure> {
 }
 
 fn verified(args: &ReplayArgs) -> Result<Outcome, Failure> {
-    // What cannot be opened is the user's mistake; what cannot be run again is the recording's.
+    // A file that cannot be opened is an error of the user; one that cannot be replayed is a fault of the recording.
     super::open_recording(&args.recording)?;
     let mut replay = Replay::open(&args.recording)?;
     let last = replay.reader.ends()?.map_or(0, |(_, last)| last.step);
@@ -83,7 +83,7 @@ fn text(path: &Path, verdict: &Verdict) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Copies message by message, past chunks that cannot be read.
+/// Copies message by message and skips chunks that cannot be read.
 fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     check_recordings(&[output.to_path_buf()], &[&args.recording])?;
     let mut reader = super::open_recording(&args.recording)?;

@@ -1,4 +1,4 @@
-//! `pitchline run`: assembles a drive, or goes on from a recording; runs it, stops where it is told to, records it.
+//! `pitchline run`: assembles a drive or continues a recording, runs it, stops at breakpoints, records it.
 
 use super::{Failure, Outcome, assemble, live, load_drive, pair_stats, print_json, print_out};
 use crate::assemble::{Assembly, AssemblyReport, compile_in_place};
@@ -26,13 +26,13 @@ pub struct RunArgs {
     /// Drive file or bundled name (see `pitchline drives`)
     #[arg(required_unless_present = "resume", conflicts_with = "resume")]
     drive: Option<String>,
-    /// Go on from a recording instead: from its end, or from --at; --set then makes a branch of its own
+    /// Continue a recording instead: from its end, or from --at; with --set this makes a new branch
     #[arg(long, value_name = "REC")]
     resume: Option<PathBuf>,
-    /// Where to go on from, e.g. 12.3ms
+    /// Where to continue, e.g. 12.3ms
     #[arg(long, value_name = "T", requires = "resume", conflicts_with = "drive", value_parser = instant)]
     at: Option<f64>,
-    /// Stop where this becomes true, e.g. 'contact.normal_force > 500 N'; may be given several times
+    /// Stop when this becomes true, e.g. 'contact.normal_force > 500 N'; may be given several times
     #[arg(long = "break", value_name = "EXPR")]
     breaks: Vec<String>,
     /// Stop after this many hits [default: 1, or none with --around]
@@ -41,7 +41,7 @@ pub struct RunArgs {
     /// Do not stop: record densely for this long before and after each hit
     #[arg(long, value_name = "T", requires = "breaks", value_parser = duration)]
     around: Option<f64>,
-    /// Time between two frames in there [default: every step]
+    /// Time between two frames in these windows [default: every step]
     #[arg(long, value_name = "T", requires = "around", value_parser = duration)]
     around_every: Option<f64>,
     /// Recording to write, .mcap or .rrd; may be given several times [default: recordings/DRIVE.mcap and .rrd]
@@ -62,7 +62,7 @@ pub struct RunArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Count what looking for contacts costs, pair by pair; takes some time itself
+    /// Measure the cost of contact detection for each pair; this takes some time itself
     #[arg(long)]
     stats: bool,
     #[command(flatten)]
@@ -72,7 +72,7 @@ pub struct RunArgs {
     json: bool,
 }
 
-/// A time with its unit, in seconds; not zero.
+/// A positive time with its unit, in seconds.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
     instant(text).and_then(|t| if t > 0.0 { Ok(t) } else { Err("must be positive".into()) })
 }
@@ -91,13 +91,13 @@ pub(super) fn instant(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Where a run starts.
+/// Start of a run.
 struct Start {
     drive: Drive,
     model: Model,
     state: State,
     header: Header,
-    /// Has looked at the steps before, where there were any.
+    /// Has observed the previous steps, if there are any.
     impacts: ImpactWatch,
     report: Option<AssemblyReport>,
 }
@@ -120,7 +120,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let breaks = breaks(args, breakpoints, &start.model)?;
     let view = ViewOptions { picture_interval_s: args.picture_every };
     let stop = stop_on_interrupt();
-    // Viewers before files, so that no file is made where a viewer is missing; behind them in the list.
+    // Viewers are opened before files, so that a missing viewer leaves no file; in the list they follow the files.
     let mut viewers = live::open(&args.live, &start.header, view, &stop)?;
     let mut sinks = open(&paths, &start.header, view)?;
     sinks.append(&mut viewers);
@@ -143,7 +143,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
             let written: Vec<String> =
                 sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
             let written = written.join(", ");
-            // The others are still finished; the first error is the one that counts.
+            // The others are still finished; the first error is reported.
             for sink in &mut sinks {
                 let _closed = sink.close();
             }
@@ -172,7 +172,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     Ok(if summary.ending == Ending::Interrupted { Outcome::Interrupted } else { Outcome::Done })
 }
 
-/// Set by Ctrl-C, and where nobody can read the result any more.
+/// Set by Ctrl-C, and when nobody can read the result any more.
 pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = stop_on_signal();
     #[cfg(unix)]
@@ -180,17 +180,17 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     stop
 }
 
-/// How long an interrupted program tries to say so.
+/// Time limit for the final message of an interrupted program.
 const LAST_WORD: std::time::Duration = std::time::Duration::from_millis(100);
 
-/// Set by Ctrl-C; a second one ends the program at once, with what it was writing as it is.
+/// Set by Ctrl-C. A second Ctrl-C ends the program at once and leaves its files as they are.
 pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    // Fails only where a handler was set before: then that one stands.
+    // Fails only if a handler was set before, which then remains.
     let _set = ctrlc::set_handler(move || {
         if flag.swap(true, Ordering::Relaxed) {
-            // By another thread: nobody may read stderr, and who interrupts twice shall not wait for that.
+            // On another thread, because nobody may read stderr and a second interrupt must not wait for that.
             let (told, is_told) = std::sync::mpsc::channel();
             std::thread::spawn(move || {
                 let _written = writeln!(
@@ -206,7 +206,8 @@ pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
     stop
 }
 
-/// Ends a long verb, as Ctrl-C does, when nobody can read its result any more: the program that started it has gone.
+/// Ends a long verb, like Ctrl-C, when nobody can read its result any more because the program that started it has
+/// ended.
 #[cfg(unix)]
 fn stop_without_reader(stop: &Arc<AtomicBool>) {
     use rustix::event::{PollFd, PollFlags, poll};
@@ -218,7 +219,7 @@ fn stop_without_reader(stop: &Arc<AtomicBool>) {
     let stop = Arc::clone(stop);
     std::thread::spawn(move || {
         let stdout = std::io::stdout();
-        // Asks for nothing: wakes when the other end is closed, or when a signal comes.
+        // Polls for no event: returns when the other end is closed, or on a signal.
         loop {
             let mut ends = [PollFd::new(&stdout, PollFlags::empty())];
             match poll(&mut ends, None) {
@@ -233,7 +234,7 @@ fn stop_without_reader(stop: &Arc<AtomicBool>) {
     });
 }
 
-/// Finishes all files. Those of a run that ended well replace what was there before; others lie beside it.
+/// Finishes all files. Those of a successful run replace existing files; others are stored next to them.
 pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Output>, Failure> {
     let mut bytes = Vec::new();
     for sink in sinks.iter_mut() {
@@ -267,7 +268,7 @@ fn ledger_at(model: &Model, state: &State) -> Result<Energy, Failure> {
     capture::ledger_at(model, state).map_err(|e| Failure::World(e.to_string()))
 }
 
-/// The drive of a recording, with further overrides that are the user's own.
+/// The drive of a recording, with further overrides by the user.
 fn resumed_drive(recording: &Path, set: &[String]) -> Result<Drive, Failure> {
     let reader = super::open_recording(recording)?;
     let header = reader.header();
@@ -276,7 +277,7 @@ fn resumed_drive(recording: &Path, set: &[String]) -> Result<Drive, Failure> {
     Drive::parse(&header.drive_name, &header.drive_text, &all).map_err(|report| Failure::Input(report.to_string()))
 }
 
-/// Goes on from a recording; changed values of the drive take effect there.
+/// Continues a recording; changed values of the drive take effect from there.
 fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Failure> {
     let mut replay = Replay::open(recording)?;
     let Some((begin, end)) = replay.reader.ends()? else {
@@ -316,7 +317,7 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
         let step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
         state.step = step;
     }
-    // A branch keeps its own accounts.
+    // A branch has an energy ledger of its own.
     state.clear_ledger();
     let note = vec!["assembly = none: goes on from a recorded State of another drive".to_string()];
     let mut header = capture::header_of(&drive, &model, replay.header().static_tension_n, note, 1);
@@ -325,9 +326,9 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     Ok(Start { drive, model, state, header, impacts, report: None })
 }
 
-/// What has another place or other teeth in the second model.
+/// A sprocket with another position or tooth count in the second model.
 fn moved_body(before: &Model, after: &Model) -> Option<String> {
-    // Rounding of another way of summing; far below what a contact feels.
+    // Tolerance for another order of summation; far below any effect on contacts.
     const UNMOVED_M: f64 = 1e-9;
     for (a, b) in before.sprockets.iter().zip(&after.sprockets) {
         if a.geometry.teeth() != b.geometry.teeth() {
@@ -343,7 +344,7 @@ fn moved_body(before: &Model, after: &Model) -> Option<String> {
     (!same_number).then(|| "add or take away a sprocket, a guide or an arm".to_string())
 }
 
-/// Reads the break expressions; all mistakes at once.
+/// Reads the break expressions; returns all errors at once.
 pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<Breakpoint>, Failure> {
     let names = Names {
         bodies: drive
@@ -400,7 +401,7 @@ pub(super) fn whole_steps(t_s: f64, step_s: f64) -> u64 {
 /// Longest window before and after a hit [s].
 const LONGEST_AROUND_S: f64 = 0.1;
 
-/// Where to write, checked before anything is computed.
+/// Output paths, checked before anything is computed.
 fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> {
     if args.no_output {
         return Ok(Vec::new());
@@ -421,7 +422,7 @@ fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> 
     Ok(paths)
 }
 
-/// Recordings that can be written, none of them over an input.
+/// Checks that recordings have a known format and do not overwrite an input.
 pub(super) fn check_recordings(paths: &[PathBuf], inputs: &[&Path]) -> Result<(), Failure> {
     for path in paths {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
@@ -441,10 +442,10 @@ pub(super) fn open(paths: &[PathBuf], header: &Header, view: ViewOptions) -> Res
     Ok(sinks)
 }
 
-/// Hits in the text that is printed; JSON has more.
+/// Hits in the printed text; JSON contains more.
 const HITS_PRINTED: usize = 20;
 
-/// On stderr, and only on a terminal.
+/// Progress bar on stderr, only on a terminal.
 pub(super) fn progress_bar(steps: u64, step_s: f64) -> ProgressBar {
     let bar = ProgressBar::new(steps);
     let template = "{bar:40} {percent:>3} %  {msg}  {elapsed} elapsed, {eta} to go";

@@ -12,13 +12,14 @@ use std::path::{Path, PathBuf};
 pub struct SnapshotArgs {
     /// Recording to draw from, .mcap
     recording: PathBuf,
-    /// What instant: 12.3ms, frame:250, or a film strip such as 12.30ms..12.40ms/6
+    /// The instant: 12.3ms, frame:250, or a film strip such as 12.30ms..12.40ms/6
     #[arg(long, value_name = "T", value_parser = instant)]
     at: At,
-    /// What to look at: a sprocket or guide (driver, sprockets.driver), or a link (37, link:37) [default: the whole drive]
+    /// Centre of the view: a sprocket or guide (driver, sprockets.driver), or a link (37, link:37) [default: the whole
+    /// drive]
     #[arg(long, value_name = "WHAT")]
     around: Option<String>,
-    /// Width of the view [default: what fits; six pitches round a link]
+    /// Width of the view [default: what fits; six pitches around a link]
     #[arg(long, value_name = "W", value_parser = width)]
     width_mm: Option<f64>,
     /// Draw the forces in the joints too
@@ -27,7 +28,7 @@ pub struct SnapshotArgs {
     /// Drawing to write, .svg or .png
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Draw the very step instead of the recorded frame nearest to it: runs the drive again from the keyframe before
+    /// Draw the exact step instead of the nearest recorded frame: simulates again from the keyframe before
     #[arg(long)]
     exact: bool,
     /// Print JSON
@@ -37,12 +38,12 @@ pub struct SnapshotArgs {
 
 /// Pixels of a PNG per user unit of its SVG: a drawing 992 units wide gets 300 dots per inch across 168 mm of paper.
 const PIXELS_PER_UNIT: f64 = 2.0;
-/// Narrowest view [mm]: viewers of SVG keep coordinates in single precision, 240 mm to 1.5e-5 mm, half a pixel here.
+/// Narrowest view [mm]. SVG viewers use single precision: 240 mm to 1.5e-5 mm, half a pixel here.
 const NARROWEST_MM: f64 = 0.05;
-/// Most panels of a film strip: six rows of four.
+/// Maximum number of panels of a film strip: six rows of four.
 const MOST_PANELS: usize = 24;
 
-/// Which frames are asked for.
+/// The requested frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum At {
     /// The frame nearest to this time [s].
@@ -77,7 +78,7 @@ fn width(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What the output's extension says.
+/// Format from the output's extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Svg,
@@ -112,7 +113,7 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
     answer(&[&reader], found, Outcome::Done)
 }
 
-/// Checked before anything is read.
+/// The output format, checked before anything is read.
 fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
     let shown = args.output.display();
     super::check_outputs([args.output.as_path()], [args.recording.as_path()])?;
@@ -123,8 +124,8 @@ fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
     }
 }
 
-/// Header and the frames asked for, in order of time: the recorded ones nearest to the instants, or with `exact` the steps
-/// nearest to them, run again from the keyframe before.
+/// Header and requested frames in order of time: the recorded ones nearest to the instants, or with `exact` the steps
+/// nearest to them, simulated again from the keyframe before.
 fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<Frame>), Failure> {
     let path = reader.path().to_path_buf();
     let path = path.as_path();
@@ -182,7 +183,7 @@ fn exact_frames(path: &Path, at: At, times_s: &[f64]) -> Result<Vec<Frame>, Fail
     Ok(frames)
 }
 
-/// Numbers of the frames asked for, each once. `times_s`: of all frames, ascending.
+/// Numbers of the requested frames, without repetition. `times_s` are those of all frames, ascending.
 fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> {
     let (Some(&first), Some(&last)) = (times_s.first(), times_s.last()) else {
         return Err("holds no frames".into());
@@ -205,7 +206,7 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
             (0..count).map(|k| from_s + (to_s - from_s) * share(k)).collect()
         }
     };
-    // Half a frame beyond its ends the nearest frame is as near as within; a billionth more for rounding.
+    // A time up to half a frame beyond the ends is accepted; the factor allows for rounding.
     let slack_s = 0.5 * interval_s * (1.0 + 1e-9);
     if let Some(t) = wanted_s.iter().find(|t| **t < first - slack_s || **t > last + slack_s) {
         let (t, first, last) = (t * 1e3, first * 1e3, last * 1e3);
@@ -236,7 +237,7 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
     Ok(numbers)
 }
 
-/// Refuses a frame that does not fit its header, so that drawing can rely on it.
+/// Refuses a frame whose columns do not match its header, on which drawing relies.
 fn check_columns(header: &Header, frame: &Frame, path: &Path) -> Result<(), Failure> {
     let (l, j, c) = (&frame.links, &frame.joints, &frame.contacts);
     let n = header.links.len();
@@ -266,7 +267,7 @@ fn resolve(what: &str, header: &Header) -> Result<Around, Failure> {
         return Ok(Around::Link(link));
     }
     let last = |path: &'_ str| path.rsplit('.').next().unwrap_or_default().to_string();
-    // Several recordings in one have bodies of one name: then the whole path is needed.
+    // In merged recordings several bodies may share a name; then the full path is needed.
     let fitting = header.bodies.iter().enumerate().filter(|(_, b)| b.path == what || last(&b.path) == what);
     let found: Vec<usize> = fitting.map(|(k, _)| k).collect();
     match found.as_slice() {

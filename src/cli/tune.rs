@@ -1,4 +1,4 @@
-//! `pitchline tune`: finds the free numbers of an abutment chain's drive for its stiffness, load and speed, with the margin.
+//! `pitchline tune`: optimises the free parameters of an abutment chain's drive for its stiffness, load and speed.
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::compare::CompareError;

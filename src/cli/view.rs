@@ -1,5 +1,5 @@
-//! `pitchline view`: opens a recording. An .rrd goes to the Rerun viewer on this machine, or to the one that this program
-//! carries for web browsers; an .mcap is converted first.
+//! `pitchline view`: opens a recording. An .rrd is shown by the Rerun viewer on this machine, or by the web viewer that
+//! this program contains; an .mcap is converted first.
 
 use super::{Failure, Outcome, print_out};
 use crate::recording::{ViewOptions, create};
@@ -10,17 +10,17 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long the Rerun viewer gets to end by itself.
+/// How long the Rerun viewer has to end by itself.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 #[derive(clap::Args, Debug)]
 pub struct ViewArgs {
     /// Recording, .rrd or .mcap
     recording: PathBuf,
-    /// Show it in a web browser, even where a Rerun viewer is installed
+    /// Show it in a web browser, even if a Rerun viewer is installed
     #[arg(long)]
     web: bool,
-    /// Port of the web viewer on this machine [default: any that is free]
+    /// Port of the web viewer on this machine [default: any free port]
     #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
     port: u16,
     /// Start the web browser
@@ -31,23 +31,23 @@ pub struct ViewArgs {
     output: Option<PathBuf>,
 }
 
-/// What a recording is by its first bytes.
+/// File format of a recording, from its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Rrd,
     Mcap,
 }
 
-/// Who shows it.
+/// Viewer that shows the recording.
 enum Shown {
-    /// The `rerun` program of this name.
+    /// The `rerun` program with this name.
     Native(OsString),
     Web,
 }
 
 pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
     let kind = kind(&args.recording)?;
-    // Whoever has read the address may close the pipe.
+    // Only signals stop it: the reader of the address may close the pipe.
     let stop = super::run::stop_on_signal();
     if let Some(output) = &args.output {
         check_output(&args.recording, kind, output)?;
@@ -84,13 +84,13 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
     }
 }
 
-/// Looks into a file.
+/// Detects the format of a file.
 fn kind(path: &Path) -> Result<Kind, Failure> {
     let shown = path.display();
     if path.is_dir() {
         return Err(Failure::Input(format!("{shown} is a directory, not a recording")));
     }
-    // A pipe may never begin.
+    // A pipe may never deliver data.
     if path.exists() && !path.is_file() {
         return Err(Failure::Input(format!(
             "{shown} is a pipe or a device, not a recording: write it to a file first"
@@ -106,7 +106,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
 }
 
-/// What is asked for with `--output`, checked before anything is read.
+/// Checks the arguments of `--output` before anything is read.
 fn check_output(recording: &Path, kind: Kind, output: &Path) -> Result<(), Failure> {
     let shown = output.display();
     if kind == Kind::Rrd {
@@ -121,7 +121,7 @@ fn check_output(recording: &Path, kind: Kind, output: &Path) -> Result<(), Failu
     Ok(())
 }
 
-/// Finds out who shows it, before anything is converted.
+/// Selects the viewer, before anything is converted.
 fn shown(web: bool) -> Result<Shown, Failure> {
     let has_web = cfg!(feature = "web");
     if web {
@@ -145,7 +145,7 @@ fn without(feature: &str) -> Failure {
     ))
 }
 
-/// The `rerun` program if it can show our recordings here, or why not. PITCHLINE_RERUN names another one.
+/// The `rerun` program if it can show these recordings here, or the reason why not. PITCHLINE_RERUN names another one.
 fn native_viewer() -> Result<OsString, String> {
     let program = std::env::var_os("PITCHLINE_RERUN").unwrap_or_else(|| "rerun".into());
     let shown = program.to_string_lossy().into_owned();
@@ -174,7 +174,7 @@ fn version(text: &str) -> Option<(u32, u32)> {
 
 /// Runs the Rerun viewer until its window is closed.
 fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, Failure> {
-    // A window of its own, and nobody else on the network.
+    // A separate window, accessible only from this machine.
     let mut viewer = Command::new(program)
         .arg(path)
         .args(["--bind", "127.0.0.1", "--port", "auto"])
@@ -186,7 +186,7 @@ fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, F
         let interrupted = stop.load(Ordering::Relaxed);
         match ended {
             Some(_) if interrupted => return Ok(Outcome::Interrupted),
-            // Ctrl-C in a terminal has told it as well: a moment to end by itself.
+            // Ctrl-C in a terminal also reaches the viewer, which gets a moment to end by itself.
             None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > PATIENCE => {
                 let _killed = viewer.kill();
                 let _ended = viewer.wait();
@@ -199,7 +199,7 @@ fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, F
     }
 }
 
-/// Writes an .mcap as .rrd: the rows that the run itself would have written.
+/// Writes an .mcap as .rrd, with the rows that the run itself would have written.
 fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure> {
     if !cfg!(feature = "rerun") {
         return Err(without("rerun"));
@@ -216,7 +216,7 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
     Ok(if damage.is_empty() && reader.missing().is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 
-/// A folder that only this user can read, and that goes when it is dropped.
+/// A folder that only this user can read, removed when dropped.
 struct TemporaryFolder(PathBuf);
 
 impl TemporaryFolder {
@@ -225,7 +225,7 @@ impl TemporaryFolder {
         let mut builder = std::fs::DirBuilder::new();
         #[cfg(unix)]
         std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-        // A name may be taken by a run that was killed.
+        // The name may belong to a run that was killed.
         for attempt in 0..100 {
             let path = base.join(format!("pitchline-view-{}-{attempt}", std::process::id()));
             match builder.create(&path) {

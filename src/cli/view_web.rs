@@ -1,6 +1,7 @@
-//! The Rerun viewer for web browsers, served from this program together with one recording. Only this machine is answered:
-//! the server listens on the loopback address, and asks that the browser means it by that name, so that no web page from
-//! elsewhere can read the recording. Page and recording have one origin, hence need no CORS headers and give no one else leave.
+//! Serves the Rerun web viewer from this program together with one recording. Only this machine has access: the server
+//! listens on the loopback address and requires that the browser addresses it by a loopback name, so that no foreign
+//! web page can read the recording. Page and recording have one origin, so that no CORS headers are needed and no other
+//! origin gets access.
 
 use super::{Failure, Outcome, print_out};
 use crate::local_server::http::{Site, accept};
@@ -13,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::net::TcpListener;
 
-/// Where the recording is, whatever its file is called.
+/// Path of the recording on the server, independent of its file name.
 const RECORDING: &str = "/recording.rrd";
 
 /// Serves the viewer and `recording` until `stop`.
@@ -57,7 +58,7 @@ pub fn serve(recording: &Path, port: u16, open: bool, stop: &AtomicBool) -> Resu
     Ok(Outcome::Interrupted)
 }
 
-/// By the means of the desktop; where there is none the address has been printed.
+/// Starts the desktop's browser. If there is none, the address has already been printed.
 fn start_browser(address: &str) {
     let program = match std::env::consts::OS {
         "macos" => "open",

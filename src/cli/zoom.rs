@@ -1,4 +1,4 @@
-//! `pitchline zoom`: a part of a recording once more, as densely as wanted, with the same steps to the bit.
+//! `pitchline zoom`: records a part of a recording again, as densely as wanted, with bit-identical steps.
 
 use super::run::{check_recordings, duration, finish, instant, open, stop_on_interrupt, whole_steps};
 use super::{Answer, Failure, Outcome, answer};
@@ -15,13 +15,13 @@ pub struct ZoomArgs {
     /// Start of the window, e.g. 12.30ms
     #[arg(long, value_parser = instant, required_unless_present = "impact")]
     from: Option<f64>,
-    /// Its end
+    /// End of the window
     #[arg(long, value_parser = duration, required_unless_present = "impact")]
     to: Option<f64>,
-    /// Around this impact instead: a number of `pitchline impacts`
+    /// Around this impact instead: a number from `pitchline impacts`
     #[arg(long, value_name = "N", conflicts_with_all = ["from", "to"])]
     impact: Option<usize>,
-    /// With --impact: how long before and after
+    /// With --impact: time before and after it
     #[arg(long, value_name = "T", value_parser = duration, default_value = "0.3ms")]
     around: f64,
     /// Steps between two frames, or a time between them, e.g. 2us
@@ -114,7 +114,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     answer(&[&replay.reader], found, if interrupted { Outcome::Interrupted } else { Outcome::Done })
 }
 
-/// Steps, or a time in whole steps.
+/// A number of steps, or a time rounded to whole steps.
 fn every(text: &str, step_s: f64) -> Result<u64, Failure> {
     if let Ok(steps) = text.trim().parse::<u64>()
         && steps > 0

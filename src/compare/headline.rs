@@ -1,21 +1,22 @@
-//! The few numbers a chain is judged by at a glance, all of the driver, in the window of engagement of [`super::WINDOW_T`].
+//! Summary numbers of a chain, all on the driver, in the engagement window [`super::WINDOW_T`].
 //!
-//! * engagement: a link's way onto the driver (a pass of [`crate::engagement`]).
-//! * approach speed: of the fastest first touch of any kind; p50: the largest of the kinds' medians.
+//! * engagement: a link's passage onto the driver (a pass of [`crate::engagement`]).
+//! * approach speed: of the fastest first contact of any kind; p50: the largest of the kinds' medians.
 //! * peak force: the largest normal force of any kind in any step of the window.
 //! * steady force: of the contact that seats the link in the teeth, median over the wrap from the second pitch on.
-//! * rise time: from a tenth to nine tenths of that contact's first build-up.
-//! * impulse: its force integrated from the first touch until it has fallen to half its peak again, or for one tooth period.
-//! * contact sequence: guide, ring, bush, rear abutment of an abutment chain; else the order of kinds that is most common.
+//! * rise time: from a tenth to nine tenths of that contact's first force rise.
+//! * impulse: time integral of its force from first contact until it has fallen to half its peak, or for one tooth
+//!   period.
+//! * contact sequence: guide, ring, bush, rear abutment of an abutment chain; else the most common order of kinds.
 
 use super::{Summary, WINDOW_T, median};
 use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
 use std::collections::BTreeMap;
 
-/// Fastest first touch, as a share of p omega, that still counts as no impact.
+/// Highest approach speed that still counts as impact-free, relative to p omega.
 const NO_IMPACT_SHARE: f64 = 0.03;
 
-/// See the head of this file.
+/// Definitions are at the head of this file.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Headline {
     pub engagements: usize,
@@ -33,7 +34,7 @@ pub struct Headline {
     pub verdict: String,
 }
 
-/// Headline of a run; `wrap_t`: tooth periods on the driver.
+/// Headline of a run. `wrap_t` is the wrap on the driver in tooth periods.
 pub fn headline(summary: &Summary, passes: &[Pass], period_s: f64, wrap_t: f64) -> Headline {
     let (from, to) = WINDOW_T;
     let fastest = |f: &dyn Fn(&super::KindSummary) -> f64| summary.kinds.iter().map(f).fold(0.0, f64::max);
@@ -63,13 +64,13 @@ pub fn headline(summary: &Summary, passes: &[Pass], period_s: f64, wrap_t: f64) 
     }
 }
 
-/// Median force from the second pitch to one before the end of the wrap [N].
+/// Median force from the second pitch to one pitch before the end of the wrap [N].
 fn steady(pass: &Pass, kind: Kind, wrap_t: f64) -> f64 {
     let on_wrap = |bin: &usize| (1.0..wrap_t - 1.0).contains(&Pass::u_of(*bin));
     median((0..pass.force_n.len()).filter(on_wrap).map(|bin| pass.force_n[bin][kind as usize]))
 }
 
-/// [N s]; None where the pass has no touch of the kind.
+/// Impulse [N s]; None if the pass has no contact of the kind.
 fn impulse(pass: &Pass, kind: Kind, period_s: f64) -> Option<f64> {
     let (u, _) = pass.first_touch[kind as usize]?;
     let force = |bin: usize| pass.force_n[bin][kind as usize];

@@ -1,15 +1,16 @@
-//! Several recordings as one: drives one above the other in one scene, frame by frame at the same instant.
+//! Merges several recordings into one: the drives lie one above the other in one scene, frame by frame at the same
+//! instant.
 //!
-//! Links, bodies and columns are put behind each other, indices moved accordingly. All runs have the same step and the same
-//! frames, and their drivers the same speed, so that one time is one crank angle for all.
+//! Links, bodies and columns are concatenated and indices shifted accordingly. All runs have the same step and the same
+//! frames, and their drivers the same speed, so that equal times mean equal crank angles.
 
 use crate::recording::frame::{Event, Frame, Header, Impact};
 use crate::recording::view_geometry::scene_bounds;
 
-/// Room between two drives [m].
+/// Gap between two drives [m].
 const ROOM_M: f64 = 30e-3;
 
-/// How the parts of one run are numbered in the merged recording.
+/// Numbering of one run in the merged recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     name: String,
@@ -17,13 +18,13 @@ pub struct Part {
     /// New index of each body, and of each coordinate.
     bodies: Vec<u32>,
     coordinates: Vec<usize>,
-    /// How far it is moved downwards [m].
+    /// Downward shift [m].
     down_m: f64,
 }
 
-/// The merged header, and how each run goes into it.
+/// The merged header, and the numbering of each run in it.
 pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
-    // Sensors are told apart by run only in the recordings of their own.
+    // Sensors appear only in the runs' own recordings.
     let mut merged = Header { drive_name: name.to_string(), sensors: Vec::new(), ..runs[0].clone() };
     (merged.links, merged.link_outlines, merged.bodies) = (Vec::new(), Vec::new(), Vec::new());
     (merged.overrides, merged.assembly) = (Vec::new(), Vec::new());
@@ -36,7 +37,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
     let mut bottom_m: Option<f64> = None;
     let first_word = |h: &Header| h.drive_name.split(['-', '.']).next().unwrap_or("drive").to_string();
     for (index, header) in runs.iter().enumerate() {
-        // Two drives with one first word are told apart by their number.
+        // Drives with the same first word are distinguished by their number.
         let word = first_word(header);
         let alone = runs.iter().filter(|h| first_word(h) == word).count() == 1;
         let short = if alone { word } else { format!("{word} {}", index + 1) };
@@ -163,7 +164,7 @@ fn add_energy(merged: &mut Frame, frame: &Frame) {
     to.error_j += from.error_j;
 }
 
-/// An event of one run as one of the merged recording.
+/// Converts an event of one run to the merged recording.
 pub fn event(part: &Part, event: &Event) -> Event {
     Event {
         link: event.link + part.first_link,
@@ -173,7 +174,7 @@ pub fn event(part: &Part, event: &Event) -> Event {
     }
 }
 
-/// An impact of one run as one of the merged recording.
+/// Converts an impact of one run to the merged recording.
 pub fn impact(part: &Part, impact: &Impact) -> Impact {
     Impact {
         link: impact.link + part.first_link,

@@ -1,8 +1,8 @@
-//! Several drives side by side: run at one step, watched on the driver, judged by measured impacts, recorded as one.
+//! Compares several drives: runs them at one step, observes the driver, judges the impacts, and records them together.
 //!
-//! All numbers are of engagements on the driver, in tooth periods T of its own (u as in [`crate::engagement`]). First touch is
-//! that of the tooth contact of a chain (bush or trailing flank) and, for an abutment chain, of every kind on its own.
-//! rho v^2 is taken from the tension: what presses links onto a sprocket is T - rho v^2.
+//! All numbers refer to engagements on the driver, in its tooth periods T (u as in [`crate::engagement`]). First
+//! contact is that of the tooth contact of a chain (bush or trailing flank) and, for an abutment chain, of every kind
+//! separately. rho v^2 is subtracted from the tension, because links are pressed onto a sprocket by T - rho v^2.
 
 pub mod headline;
 pub mod merge;
@@ -27,7 +27,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Engagement window [T].
 pub const WINDOW_T: (f64, f64) = (-2.0, 3.0);
 
-/// How long, and what is recorded of it.
+/// Duration of the runs, and the part that is recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
     pub duration_s: f64,
@@ -36,18 +36,19 @@ pub struct Plan {
     pub every_s: f64,
 }
 
-/// One drive's run.
+/// Results of one drive.
 pub struct Run {
     pub name: String,
     pub title: String,
     pub header: Header,
     pub frames: Vec<Frame>,
     pub events: Vec<Event>,
-    /// Of the recorded part, in the order in which they are over.
+    /// Of the recorded part, in the order in which they end.
     pub impacts: Vec<Impact>,
     pub passes: Vec<Pass>,
     pub summary: Summary,
-    /// Of the first sprocket that turns freely; None where there is none, or the run is shorter than two turns of the driver.
+    /// Of the first sprocket that turns freely; None if there is none, or if the run is shorter than two revolutions of
+    /// the driver.
     pub spectrum: Option<Spectrum>,
 }
 
@@ -55,24 +56,25 @@ pub struct Run {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct KindSummary {
     pub kind: Kind,
-    /// Passes in which it touched.
+    /// Passes in which it made contact.
     pub passes: usize,
-    /// u of the first touch, median [T].
+    /// u of first contact, median [T].
     pub first_touch_t: f64,
-    /// Approach speed at first touch [m/s].
+    /// Approach speed at first contact [m/s].
     pub approach_median_m_s: f64,
     pub approach_max_m_s: f64,
-    /// Largest force in the engagement window, over the whole lap, and from two pitches before the end of the wrap on [N].
+    /// Largest force in the engagement window, over the whole lap, and from two pitches before the end of the wrap on
+    /// [N].
     pub peak_window_n: f64,
     pub peak_lap_n: f64,
     pub peak_exit_n: f64,
     /// Mean over the second pitch [N].
     pub second_pitch_n: f64,
-    /// 10 to 90 % of the first build-up, median [T].
+    /// 10 to 90 % of the first force rise, median [T].
     pub rise_t: f64,
 }
 
-/// What a run showed.
+/// Results of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Summary {
     pub drive: String,
@@ -94,22 +96,22 @@ pub struct Summary {
     /// Amplitudes of the driven sprocket's speed at orders z/2 and z of the driver, over its mean.
     pub driven_speed_half_order: Option<f64>,
     pub driven_speed_tooth_order: Option<f64>,
-    /// Fastest touch of every body, all its contacts and the whole way round: what leaves a sprocket and lands again too.
+    /// Impacts on every body over the whole loop, including links that leave a sprocket and land again.
     pub touches: Vec<BodyTouches>,
     /// Share of passes with guide, ring, bush and both abutments in this order; abutment chains only.
     pub sequence: Option<f64>,
-    /// Distance of the seated forces of even and odd links in the first pitch after seating, over their sum.
+    /// Relative difference (even - odd) / (even + odd) of the seating forces in the first pitch after seating.
     pub odd_even_asymmetry: f64,
-    /// u of the first touch in the teeth, even less odd links, medians [T].
+    /// u of first contact with the teeth, even minus odd links, medians [T].
     pub odd_even_first_touch_t: f64,
 }
 
-/// Touches of one body after two tooth periods without any (see [`crate::impacts`]).
+/// First contacts on one body after two tooth periods without contact (see [`crate::impacts`]).
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct BodyTouches {
     pub body: String,
     pub touches: usize,
-    /// The fastest: what of the link it was [m/s], and its peak [N].
+    /// The fastest one: part of the link, approach speed [m/s], and its peak force [N].
     pub part: &'static str,
     pub approach_max_m_s: f64,
     pub peak_there_n: f64,
@@ -154,7 +156,7 @@ impl std::fmt::Display for CompareError {
 
 impl std::error::Error for CompareError {}
 
-/// Assembles and runs all drives, each on a thread of its own, at the smallest of their steps.
+/// Assembles and runs all drives, each on its own thread, at the smallest of their steps.
 pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, CompareError> {
     let assembled = in_parallel(drives.iter().collect(), |drive: &Drive| {
         assemble(drive).map_err(|error| CompareError::Assembly { drive: drive.name.clone(), error })
@@ -168,7 +170,7 @@ pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, 
     })
 }
 
-/// Runs every job on a thread of its own; the first error in their order counts.
+/// Runs every job on its own thread; returns the first error in the order of the jobs.
 fn in_parallel<J: Send, R: Send>(
     jobs: Vec<J>,
     work: impl Fn(J) -> Result<R, CompareError> + Sync,
@@ -268,7 +270,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     summary
 }
 
-/// By body; those at the start of a run are of its start.
+/// Impacts by body, without those of the start of the run.
 fn touches(impacts: &[Impact], header: &Header, from_s: f64) -> Vec<BodyTouches> {
     let of_body = |(k, body): (usize, &BodyInfo)| {
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == k && i.t_s >= from_s).collect();
@@ -303,7 +305,7 @@ fn summarise_kind(kind: Kind, passes: &[Pass], exit_from: f64) -> KindSummary {
     }
 }
 
-/// Median; NaN of nothing.
+/// Median; NaN if there are no values.
 pub fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
@@ -314,7 +316,7 @@ pub fn median(values: impl Iterator<Item = f64>) -> f64 {
     }
 }
 
-/// Share of passes that touch guide, ring, bush and rear abutment in this order.
+/// Share of passes with contacts of guide, ring, bush and rear abutment in this order.
 fn sequence(passes: &[Pass]) -> f64 {
     let order = [Kind::Guide, Kind::RingFront, Kind::Bush, Kind::RingRear];
     let right = |p: &&Pass| {
@@ -324,7 +326,7 @@ fn sequence(passes: &[Pass]) -> f64 {
     passes.iter().filter(right).count() as f64 / passes.len().max(1) as f64
 }
 
-/// Median u of the first touch in the teeth, even less odd links.
+/// Median u of first contact with the teeth, even minus odd links.
 fn odd_even_first_touch(passes: &[Pass]) -> f64 {
     let of = |odd: usize| {
         let tooth = [Kind::Bush, Kind::FlankTrailing];
@@ -343,7 +345,7 @@ fn asymmetry(passes: &[Pass]) -> f64 {
             .filter(|p| p.link % 2 == odd)
             .filter_map(|p| {
                 let kind = tooth.into_iter().find(|k| p.first_touch[*k as usize].is_some())?;
-                // From the same place of the pitch for both, not from each one's own touch.
+                // From the same position in the pitch for both, not from their own first contacts.
                 Some(p.mean(kind, 1.0, 2.0))
             })
             .collect();
@@ -359,7 +361,7 @@ impl Summary {
         self.kinds.iter().find(|k| matches!(k.kind, Kind::Bush | Kind::FlankTrailing))
     }
 
-    /// Fastest first touch of any kind on the driver [m/s].
+    /// Highest approach speed at first contact of any kind on the driver [m/s].
     pub fn fastest_touch_m_s(&self) -> f64 {
         self.kinds.iter().map(|k| k.approach_max_m_s).fold(0.0, f64::max)
     }
@@ -375,17 +377,18 @@ impl Summary {
     }
 }
 
-/// A claim and what was measured.
+/// A claim and the measured result.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Claim {
-    /// About another chain, for contrast: no part of the verdict on the abutment chain.
+    /// Concerns another chain, for contrast; it does not count in the verdict on the abutment chain.
     pub contrast: bool,
     pub claim: String,
     pub measured: String,
     pub holds: bool,
 }
 
-/// Impact-free engagement of every abutment chain among them, held against the other drives; None when there is none.
+/// Impact-free engagement of every abutment chain, contrasted with the other drives; None if there is no abutment
+/// chain.
 pub fn verdict(summaries: &[&Summary]) -> Option<Vec<Claim>> {
     let abutments: Vec<&&Summary> = summaries.iter().filter(|s| s.sequence.is_some()).collect();
     let first = abutments.first()?;

@@ -1,14 +1,14 @@
-//! Order spectrum of a sprocket's speed: amplitudes over multiples of the driver's turns.
+//! Order spectrum of a sprocket's speed: amplitudes over multiples of the driver's rotation frequency.
 
 use std::f64::consts::PI;
 
-/// Means that a turn of the driver is divided into.
+/// Number of means per revolution of the driver.
 const PER_TURN: usize = 512;
 
 /// Distance of two orders.
 const STEP: f64 = 0.25;
 
-/// Speeds as they come, averaged over equal parts of the driver's turns.
+/// Speeds averaged over equal parts of the driver's revolutions.
 #[derive(Clone, Debug, Default)]
 pub struct SpeedLog {
     means: Vec<f64>,
@@ -17,16 +17,16 @@ pub struct SpeedLog {
     part: i64,
 }
 
-/// Amplitudes of a speed, as shares of its mean.
+/// Amplitudes of a speed, relative to its mean.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Spectrum {
-    /// Of the driver.
+    /// Orders of the driver.
     pub orders: Vec<f64>,
     pub shares: Vec<f64>,
 }
 
 impl SpeedLog {
-    /// A speed [rad/s] at an angle of the driver [rad].
+    /// Adds a speed [rad/s] at an angle of the driver [rad].
     pub fn add(&mut self, driver_rad: f64, speed_rad_s: f64) {
         let part = (driver_rad / (2.0 * PI) * PER_TURN as f64).floor() as i64;
         if part != self.part {
@@ -39,9 +39,9 @@ impl SpeedLog {
         self.n += 1.0;
     }
 
-    /// Up to `highest` order, over whole turns under a Hann window; None where there are less than two of them.
+    /// Spectrum up to order `highest`, over whole revolutions with a Hann window; None for less than two revolutions.
     pub fn spectrum(&self, highest: f64) -> Option<Spectrum> {
-        // The first part is cut off.
+        // The first part is incomplete.
         let means = self.means.get(1..)?;
         let turns = means.len() / PER_TURN;
         if turns < 2 {
@@ -58,7 +58,7 @@ impl SpeedLog {
                 let weighted = window(i) * (v - mean);
                 sum = (sum.0 + weighted * c, sum.1 + weighted * s);
             }
-            // A mean over a part of a turn takes a little of the high orders.
+            // Averaging over a part of a revolution reduces high orders slightly; this corrects it.
             let half_part = PI * order / PER_TURN as f64;
             2.0 / means.len() as f64 * libm::hypot(sum.0, sum.1) * half_part / libm::sin(half_part)
         };
@@ -68,7 +68,7 @@ impl SpeedLog {
 }
 
 impl Spectrum {
-    /// Share at the nearest order there is.
+    /// Share at the nearest order.
     pub fn at(&self, order: f64) -> Option<f64> {
         let i = self.orders.iter().position(|o| (o - order).abs() <= 0.5 * STEP)?;
         Some(self.shares[i])

@@ -1,14 +1,14 @@
-//! A search for an abutment chain's free numbers: who carries the load at entry, along the wrap and at exit is decided by the
-//! design tension T*, the root relief and the preload together, and the bounds of impact-free engagement are met in a corner
-//! of that space only. Pattern search on the worst margin: every number up and down by its step, the best kept; the steps
-//! halve when nothing is better. Deterministic.
+//! Optimises an abutment chain's free parameters. The distribution of the load at entry, along the wrap and at exit
+//! depends on the design tension T*, the root relief and the preload together, and the bounds of impact-free engagement
+//! are met only in a corner of that space. Pattern search on the worst margin: every parameter is moved up and down by
+//! its step and the best trial is kept; the steps are halved when no trial is better. Deterministic.
 
 use super::{CompareError, Plan, Summary, run};
 use crate::drive::{ChainSpec, Drive};
 use crate::engagement::Kind;
 use std::sync::atomic::AtomicBool;
 
-/// A number that is searched: its place in the drive file, unit, value and step.
+/// A free parameter: path in the drive file with its unit, value and step.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Free {
     pub path: String,
@@ -16,7 +16,7 @@ pub struct Free {
     pub step: f64,
 }
 
-/// How far a bound is kept: 1 - value / bound, negative when it is broken.
+/// Margin to a bound: 1 - value / bound, negative if violated.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Margin {
     pub name: &'static str,
@@ -26,7 +26,7 @@ pub struct Margin {
     pub margin: f64,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Tuned {
     pub start: Vec<Margin>,
@@ -37,10 +37,10 @@ pub struct Tuned {
 
 /// Passes in one trial.
 const PASSES: f64 = 12.0;
-/// Rounds of the search at most.
+/// Maximum number of rounds.
 const MOST_ROUNDS: usize = 5;
 
-/// The bounds of impact-free engagement and what was measured.
+/// The bounds of impact-free engagement and the measured values.
 pub fn margins(s: &Summary) -> Vec<Margin> {
     let (window, lap) = s.largest_n();
     let pressing = s.tight_tension_n - s.centrifugal_tension_n;
@@ -60,7 +60,7 @@ pub fn margins(s: &Summary) -> Vec<Margin> {
             value: s.sequence.unwrap_or(0.0),
             bound: 0.99,
             unit: "",
-            // Kept or broken; more than kept is no merit.
+            // Met or violated; exceeding the bound has no benefit.
             margin: if s.sequence.unwrap_or(0.0) >= 0.99 { 1.0 } else { -1.0 },
         },
     ]
@@ -68,7 +68,7 @@ pub fn margins(s: &Summary) -> Vec<Margin> {
 
 /// The smallest margin.
 pub fn worst(margins: &[Margin]) -> f64 {
-    // What could not be measured is not kept.
+    // A value that could not be measured counts as violated.
     let known = |m: &Margin| if m.margin.is_nan() { f64::NEG_INFINITY } else { m.margin };
     margins.iter().map(known).fold(f64::INFINITY, f64::min)
 }
@@ -89,7 +89,7 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
         overrides.extend(values.iter().map(|f| format!("{}={}", f.path, f.value)));
         let changed = Drive::parse(&drive.name, &drive.text, &overrides).map_err(CompareError::Drive)?;
         let period_s = (changed.chain.pitch_m() / changed.chain_speed_m_s()).abs();
-        // A pass takes half a turn and some pitches.
+        // A pass takes half a revolution and some pitches.
         let teeth = changed.sprockets.get(changed.driver()).map_or(0.0, |s| f64::from(s.teeth));
         let periods = 2.0 * libm::ceil(0.5 * (0.5 * teeth + 6.0 + PASSES));
         let plan = Plan { duration_s: periods * period_s, recorded_s: 0.0, every_s: 1e-3 };
@@ -109,7 +109,7 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
             }
         }
         runs += moves.len();
-        // A set that cannot be assembled or breaks down is no candidate; only a stop ends the search.
+        // A set that cannot be assembled or breaks down is skipped; only an interruption ends the search.
         let tried = super::in_parallel(moves, |moved: Vec<Free>| match trial(&moved) {
             Ok(margins) => Ok(Some((moved, margins))),
             Err(CompareError::Interrupted) => Err(CompareError::Interrupted),

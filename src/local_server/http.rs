@@ -1,6 +1,6 @@
-//! An HTTP server for a few files and one recording. Whoever asks costs a bounded amount of memory: heads of requests have a
-//! longest length and a longest time, bodies are never read, files are sent piece by piece, and where too many connections are open the
-//! oldest goes.
+//! An HTTP server for a few files and one recording. Each client uses a bounded amount of memory: request heads have a
+//! maximum length and duration, bodies are never read, files are sent in pieces, and if too many connections are open
+//! the oldest is closed.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
 use super::is_named;
@@ -23,31 +23,31 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::task::AbortHandle;
 
-/// Connections at one time; a browser opens six.
+/// Maximum number of connections; a browser opens six.
 const MOST_CONNECTIONS: usize = 32;
-/// Longest head of a request [bytes], most headers in it, and how long it may take.
+/// Longest head of a request [bytes], maximum number of headers, and maximum duration.
 const LONGEST_HEAD: usize = 32 << 10;
 const MOST_HEADERS: usize = 64;
 const HEAD_TIME: Duration = Duration::from_secs(20);
-/// Bytes of a file that are in memory for one connection.
+/// Bytes of a file in memory for one connection.
 const PIECE: u64 = 256 << 10;
 
-/// What is served.
+/// Content to be served.
 pub struct Site {
-    /// The port that the server listens at; requests must name it.
+    /// The port on which the server listens; requests must name it.
     pub port: u16,
-    /// Paths, kinds and contents that stay until the program ends.
+    /// Paths, content types and contents that live until the program ends.
     pub pages: Vec<(&'static str, &'static str, &'static [u8])>,
-    /// A path and the file that it means, opened for every request.
+    /// A path and its file, which is opened for every request.
     pub recording: (&'static str, PathBuf),
 }
 
-/// Answers whoever connects, until it is dropped.
+/// Accepts connections until it is dropped.
 pub async fn accept(listener: TcpListener, site: Arc<Site>) {
     let mut connections: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            // Out of descriptors, as a rule: some will be free again.
+            // Usually out of file descriptors; some will be released.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
@@ -62,7 +62,7 @@ pub async fn accept(listener: TcpListener, site: Arc<Site>) {
     }
 }
 
-/// Answers one connection until either side has had enough.
+/// Serves one connection until either side closes it.
 pub async fn talk<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
     let answers = service_fn(move |request| {
         let response = answer(&request, &site);
@@ -71,7 +71,7 @@ pub async fn talk<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>)
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).title_case_headers(true);
     http.max_buf_size(LONGEST_HEAD).max_headers(MOST_HEADERS);
-    // A browser that goes away is no failure.
+    // A browser that disconnects is not a failure.
     let _ended = http.serve_connection(TokioIo::new(stream), answers).await;
 }
 
@@ -101,7 +101,8 @@ fn empty(status: StatusCode) -> Response<Piecewise> {
     response
 }
 
-/// Never in chunks: the page shows its progress by the length. Never from a cache: the next recording has the same address.
+/// Not chunked, because the page shows its progress by the length. Not cached, because the next recording has the same
+/// address.
 fn found(mime: &'static str, body: Piecewise) -> Response<Piecewise> {
     let length = body.left();
     let mut response = Response::new(body);
@@ -113,7 +114,7 @@ fn found(mime: &'static str, body: Piecewise) -> Response<Piecewise> {
     response
 }
 
-/// What is sent, a piece at a time.
+/// A response body that is sent in pieces.
 enum Piecewise {
     Bytes(&'static [u8]),
     File { file: File, left: u64 },
@@ -141,7 +142,7 @@ impl Body for Piecewise {
             Piecewise::File { file, left } => {
                 let mut piece = Vec::new();
                 match file.take(PIECE.min(*left)).read_to_end(&mut piece) {
-                    // It has become shorter: the connection ends, and the browser knows by the length.
+                    // The file has become shorter: the connection ends, and the browser detects it by the length.
                     Ok(0) => Err(std::io::ErrorKind::UnexpectedEof.into()),
                     Ok(read) => {
                         *left -= read as u64;

@@ -1,30 +1,30 @@
-//! What servers on this machine ask of whoever comes. A web page from anywhere, opened in a browser on this machine, can reach
-//! the loopback address, and so can every user of the machine: the page cannot choose the Host header, which names the server that
-//! it believes to talk to, and neither knows the token in the address that the program prints.
+//! Access checks of servers on this machine. Any web page opened in a browser on this machine, and every user of the
+//! machine, can reach the loopback address. But a page cannot choose the Host header, which names the server that it
+//! addresses, and neither knows the token in the address that the program prints.
 
 #[cfg(feature = "http")]
 pub mod http;
 
-/// Whether a Host header means this server by one of its own names. A page that has pointed a name of its own at the loopback
-/// address (DNS rebinding) brings that name.
+/// Whether a Host header names this server by a loopback name. A page that has pointed its own domain at the loopback
+/// address (DNS rebinding) sends that domain.
 pub fn is_named(host: Option<&str>, port: u16) -> bool {
     let Some(host) = host else { return false };
-    // Browsers leave out the port that HTTP has anyway.
+    // Browsers omit the default port of HTTP.
     let is_port = |rest: &str| rest.strip_prefix(':').map_or(rest.is_empty() && port == 80, |p| p == port.to_string());
     ["127.0.0.1", "localhost", "[::1]"].iter().any(|name| host.strip_prefix(name).is_some_and(is_port))
 }
 
-/// Whether the path of an address holds the token.
+/// Whether the path of an address is the token.
 pub fn has_token(path: &str, token: &str) -> bool {
     same_bytes(path.strip_prefix('/').unwrap_or(path).as_bytes(), token.as_bytes())
 }
 
-/// In a time that does not tell how much of it was right.
+/// Comparison in constant time, which does not reveal how much was right.
 fn same_bytes(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |differences, (a, b)| differences | (a ^ b)) == 0
 }
 
-/// 128 bits that nobody can guess, as text for an address.
+/// A random 128-bit token as text for an address.
 pub fn token() -> anyhow::Result<String> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| anyhow::anyhow!("the system has no random numbers: {e}"))?;

@@ -1,4 +1,4 @@
-//! The report of a comparison: one HTML file that needs nothing else, curves as SVG.
+//! The report of a comparison: one self-contained HTML file, curves as SVG.
 
 use crate::compare::{Claim, Run, Summary};
 use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Size of one diagram [px], and its margins.
 const SIZE: (f64, f64) = (860.0, 230.0);
 const MARGIN: (f64, f64) = (56.0, 34.0);
-/// Shown part of a pass [T].
+/// Displayed part of a pass [T].
 const SHOWN: (f64, f64) = (-1.5, 11.5);
 
 fn colour(kind: Kind) -> &'static str {
@@ -34,10 +34,10 @@ fn name(kind: Kind) -> &'static str {
     }
 }
 
-/// Of the drives, in their order.
+/// Colours of the drives, in their order.
 const LINES: [&str; 6] = ["#c92a2a", "#e8890c", "#1c6dd0", "#2b8a3e", "#6f42c1", "#495057"];
 
-/// The whole page; `sweep`: summaries over speeds [rpm], if there are several.
+/// The whole page. `sweep`: summaries over speeds [rpm], if there are several.
 pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<Summary>)], recordings: &[String]) -> String {
     let mut page = String::from(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Chain drives compared</title><style>\
@@ -119,7 +119,7 @@ fn table(runs: &[Run]) -> String {
     text + "</table>\n"
 }
 
-/// An upright line of a diagram's grid, at `x`, with what stands below it.
+/// A vertical grid line of a diagram at `x`, with the label below it.
 fn upright(x: f64, text: &str) -> String {
     let foot = SIZE.1 - MARGIN.1;
     format!(
@@ -129,7 +129,7 @@ fn upright(x: f64, text: &str) -> String {
     )
 }
 
-/// A level one, at `y`, with what stands before it.
+/// A horizontal grid line at `y`, with the label before it.
 fn level(y: f64, text: &str) -> String {
     let left = MARGIN.0;
     format!(
@@ -141,7 +141,7 @@ fn level(y: f64, text: &str) -> String {
     )
 }
 
-/// Round numbers from zero to `top`, seven at most.
+/// Round numbers from zero to `top`, at most seven.
 fn marks(top: f64) -> impl Iterator<Item = f64> {
     let step = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0].into_iter().find(|s| top / s <= 6.0).unwrap_or(5000.0);
     (0..=(top / step) as i32).map(move |k| f64::from(k) * step)
@@ -186,7 +186,7 @@ fn diagram(run: &Run, top_n: f64) -> String {
     svg + "</svg>\n"
 }
 
-/// Touches of every body, the whole way round.
+/// Impacts on every body, over the whole loop.
 fn everywhere(runs: &[Run]) -> String {
     let mut text = String::from(
         "<h2>The whole way round</h2><p>Touches after two tooth periods without any, on every body: what leaves a sprocket and lands \
@@ -211,7 +211,7 @@ fn everywhere(runs: &[Run]) -> String {
     text + "</table>\n"
 }
 
-/// What touches one link when, on its way over the driver.
+/// Contacts of one link over time, on its way over the driver.
 fn touches(run: &Run) -> String {
     let Some(pass) = run.passes.get(run.passes.len() / 2) else { return String::new() };
     let (w, _) = SIZE;
@@ -220,7 +220,7 @@ fn touches(run: &Run) -> String {
     let mut rows = String::new();
     let mut at = 4.0;
     for kind in KINDS {
-        // Stretches of bins with a force; a gap of one bin is none.
+        // Ranges of bins with a force; a gap of one bin is ignored.
         let mut bars: Vec<(f64, f64)> = Vec::new();
         let half = 0.5 / BINS_PER_PITCH as f64;
         for (bin, _) in pass.force_n.iter().enumerate().filter(|(_, f)| f[kind as usize] > 0.0) {
@@ -253,7 +253,7 @@ fn touches(run: &Run) -> String {
     )
 }
 
-/// Fits beside a row.
+/// Short name, to fit beside a row.
 fn short(kind: Kind) -> &'static str {
     match kind {
         Kind::Guide => "guide",
@@ -266,7 +266,7 @@ fn short(kind: Kind) -> &'static str {
     }
 }
 
-/// Lines over two axes, the upright one in powers of ten or from zero: names, points.
+/// Line chart whose vertical axis is logarithmic or starts at zero.
 struct Chart<'a> {
     x: (f64, f64, &'a str),
     y: (f64, f64),
@@ -354,7 +354,7 @@ fn over_speed(sweep: &[(f64, Vec<Summary>)]) -> String {
     "<h2>Over speed</h2><p>Largest contact force of an engagement.</p>\n".to_string() + &chart.draw(&ticks, &lines)
 }
 
-/// Force over u: smallest, median and largest of the passes.
+/// Force over u: minimum, median and maximum of the passes.
 struct Curves {
     low: Vec<(f64, f64)>,
     middle: Vec<(f64, f64)>,
@@ -362,7 +362,7 @@ struct Curves {
 }
 
 impl Curves {
-    /// None for a kind that never touched.
+    /// None for a kind without contact.
     fn of(passes: &[Pass], kind: Kind) -> Option<Curves> {
         let touching = passes.iter().any(|p| p.first_touch[kind as usize].is_some());
         let bins = passes.iter().map(|p| p.force_n.len()).min()?;
@@ -370,7 +370,7 @@ impl Curves {
             return None;
         }
         let mut curves = Curves { low: Vec::new(), middle: Vec::new(), high: Vec::new() };
-        // Every bin round the first contact, every fourth elsewhere.
+        // Every bin around the first contact, every fourth elsewhere.
         for bin in 0..bins {
             let u = Pass::u_of(bin);
             if u < SHOWN.0 || u > SHOWN.1 || (u > 3.0 && !bin.is_multiple_of(BINS_PER_PITCH / 50)) {

@@ -1,4 +1,4 @@
-//! A free-body diagram: one link on its own, every force on it as an arrow at its place, with its size.
+//! A free-body diagram: one link, and every force on it as an arrow at its point of action, with its magnitude.
 
 use super::snapshot::contours::{Pose, circle_data, mm, path_data};
 use crate::analysis::explain::{Force, FreeBody};
@@ -10,7 +10,7 @@ const WIDTH: f64 = 900.0;
 const HEIGHT: f64 = 560.0;
 /// Longest arrow [user units].
 const LONGEST_ARROW: f64 = 150.0;
-/// Forces smaller than this share of the largest have no arrow.
+/// Forces smaller than this fraction of the largest have no arrow.
 const SMALLEST_SHARE: f64 = 0.004;
 
 /// The diagram as SVG.
@@ -77,7 +77,7 @@ fn colour(f: &Force) -> &'static str {
     }
 }
 
-/// What the numbers mean, the sum, and mass times acceleration.
+/// Table of the forces, their sum, and mass times acceleration.
 fn table(header: &Header, b: &FreeBody) -> String {
     let (left, top, line) = (0.68 * WIDTH, 40.0, 17.0);
     let mut s = format!(
@@ -106,7 +106,7 @@ fn table(header: &Header, b: &FreeBody) -> String {
     s
 }
 
-/// Lines of some forty letters.
+/// Breaks text into lines of some forty letters.
 fn broken(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

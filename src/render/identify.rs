@@ -1,5 +1,6 @@
-//! The report of an identification: one HTML file that needs nothing else. Measured, before and after; the residual's spectrum
-//! before and after, by frequency and by order; how white it is; what it follows; the error budget.
+//! The report of an identification: one self-contained HTML file. Measurement and model before and after; the
+//! residual's spectrum before and after, by frequency and by order; its whiteness; the states that it follows; the
+//! error budget.
 
 use crate::identify::diagnosis::{ChannelLeft, OrderSpectrum};
 use crate::identify::report::{Curve, Report};
@@ -11,7 +12,7 @@ const WIDTH: f64 = 860.0;
 const HEIGHT: f64 = 230.0;
 const LEFT: f64 = 64.0;
 const BOTTOM: f64 = 34.0;
-/// Most points of a line.
+/// Maximum number of points of a line.
 const POINTS: usize = 900;
 const COLOURS: [&str; 3] = ["#495057", "#c92a2a", "#1c6dd0"];
 
@@ -90,7 +91,7 @@ fn budget(report: &Report) -> String {
     svg + "</svg>\n"
 }
 
-/// A diagram's frame with the ends of both axes written on.
+/// Frame of a diagram, labelled with the ends of both axes.
 fn frame(x: (f64, f64, &str), y: (f64, f64, &str)) -> String {
     let (w, h) = (WIDTH - LEFT - 8.0, HEIGHT - BOTTOM - 8.0);
     let number =
@@ -112,7 +113,7 @@ fn frame(x: (f64, f64, &str), y: (f64, f64, &str)) -> String {
     )
 }
 
-/// A line through points, thinned so that peaks stay: lowest and highest of every bundle.
+/// A line through points, thinned so that peaks remain: minimum and maximum of every bundle.
 fn line(xs: &[f64], ys: &[f64], x: (f64, f64), y: (f64, f64), colour: &str, width: f64) -> String {
     let (w, h) = (WIDTH - LEFT - 8.0, HEIGHT - BOTTOM - 8.0);
     let place = |i: usize| {
@@ -144,7 +145,7 @@ fn range(of: &[&[f64]]) -> (f64, f64) {
 
 fn series(c: &Curve) -> String {
     let x = range(&[&c.t_s]);
-    // The measured series rules the scale; a model that runs away leaves the picture.
+    // The measured series sets the scale; a model that runs away leaves the diagram.
     let (low, high) = range(&[&c.measured]);
     let y = (low - 0.1 * (high - low), high + 0.1 * (high - low));
     let mut svg = frame((x.0, x.1, "s"), (y.0, y.1, &c.unit));
@@ -162,7 +163,7 @@ fn series(c: &Curve) -> String {
     svg + "</svg>\n"
 }
 
-/// Amplitudes of the residual over cycles per hundred samples, mean over all parts drawn.
+/// Amplitudes of the residual over cycles per hundred samples, mean over all plotted segments.
 fn spectrum(report: &Report, like: &Curve) -> String {
     const LINES: usize = 200;
     let amplitudes = |of: fn(&Curve) -> &Vec<f64>| -> Vec<f64> {
@@ -177,7 +178,7 @@ fn spectrum(report: &Report, like: &Curve) -> String {
                 .collect();
             for (k, s) in sum.iter_mut().enumerate() {
                 let w = PI * (k as f64 + 0.5) / LINES as f64;
-                // Goertzel would be as good: few lines, drawn once.
+                // Direct sums; they are few and computed once.
                 let (mut re, mut im) = (0.0, 0.0);
                 for (i, r) in r.iter().enumerate() {
                     let (sin, cos) = crate::units::sin_cos(w * i as f64);
@@ -198,7 +199,8 @@ fn spectrum(report: &Report, like: &Curve) -> String {
     format!("<h3>{}</h3>{svg}</svg>\n", escape(&like.channel))
 }
 
-/// Of every channel: residual by order of every body that turns, the cumulated periodogram, and the forms that it follows.
+/// For every channel: residual by order of every rotating body, the cumulated periodogram, and the forms that it
+/// follows.
 fn left(report: &Report) -> String {
     let mut page = String::new();
     let after = report.diagnosis_after.as_ref();
@@ -254,7 +256,7 @@ fn cumulated(before: &ChannelLeft, after: Option<&ChannelLeft>) -> String {
     svg + "</svg>\n"
 }
 
-/// Bars of what simple forms would take of a channel's squared error.
+/// Bars of the shares that simple forms would remove of a channel's squared error.
 fn shares(left: &ChannelLeft, colour: &str) -> String {
     let orders = left.orders.iter().map(|o| (o.name.clone(), o.share));
     let states = left.states.iter().map(|s| (format!("{} of {}", s.term, s.body), s.share));

@@ -1,4 +1,5 @@
-//! An SVG of ours as PNG. Text is set in a font that the program carries, so that a picture is the same on every machine.
+//! Converts an SVG of this program to PNG. Text uses a font that the program contains, so that a picture is the same on
+//! every machine.
 
 use anyhow::Context;
 use resvg::tiny_skia::{Pixmap, Transform};

@@ -6,7 +6,7 @@ use crate::geometry::chain::silent::SilentLinkContour;
 use crate::geometry::profile::Profile;
 use crate::geometry::silent_sprocket::SilentSprocket;
 
-/// A link with its pin line; the teeth point up, the sprocket would lie above.
+/// A link with its pin line; the teeth point up, towards the sprocket.
 pub fn link_svg(link: &SilentLinkContour, profile: &Profile) -> String {
     let (low, high) = profile.bounds();
     let margin = 0.5;

@@ -1,8 +1,9 @@
-//! Frames of a recording as an SVG drawing to print: one panel an instant, all with the same view and the same scales.
+//! Frames of a recording as an SVG drawing to print: one panel per instant, all with the same view and the same scales.
 //!
-//! Contours stand in a group that turns millimetres of the world, y up, into user units of the page; arcs stay arcs.
-//! Arrows, numbers and the legend are drawn in user units (one pixel on a screen), y down. The arrow of a contact starts
-//! at its foot on the body and is the force on the link, f = n N + t T with t = n turned by +90 degrees.
+//! Contours are in a group that transforms millimetres of the world, y up, into user units of the page; arcs remain
+//! arcs. Arrows, numbers and the legend are drawn in user units (one pixel on a screen), y down. The arrow of a contact
+//! starts at the contact point on the body and shows the force on the link, f = n N + t T with t = n turned by +90
+//! degrees.
 
 pub mod contours;
 mod forces;
@@ -17,10 +18,10 @@ use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest
 use labels::{Rect, Taken, take, take_beside};
 use std::fmt::Write;
 
-/// What the view is centred on.
+/// Centre of the view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Around {
-    /// All of it.
+    /// The whole drive.
     Drive,
     /// Index into `Header::bodies`.
     Body(usize),
@@ -28,17 +29,17 @@ pub enum Around {
     Link(usize),
 }
 
-/// What to draw.
+/// Options of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     pub around: Around,
-    /// Width of the view [mm]; None: what fits.
+    /// Width of the view [mm]; None: fitted.
     pub width_mm: Option<f64>,
-    /// Forces in joints too.
+    /// Whether forces in joints are drawn.
     pub joints: bool,
 }
 
-/// A drawing and what is known of it.
+/// A drawing and its properties.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawing {
     pub svg: String,
@@ -47,42 +48,42 @@ pub struct Drawing {
     pub height: f64,
     /// User units per millimetre of the world.
     pub units_per_mm: f64,
-    /// User units per newton; None where nothing is drawn with it.
+    /// User units per newton; None if nothing is drawn with it.
     pub contact_units_per_n: Option<f64>,
     pub joint_units_per_n: Option<f64>,
 }
 
-/// Panels in a row before the next row begins.
+/// Maximum number of panels in a row.
 const MOST_IN_A_ROW: usize = 4;
 /// Width of a panel with 1, 2, 3 and 4 in a row [user units].
 const PANEL_WIDTH: [f64; MOST_IN_A_ROW] = [960.0, 600.0, 460.0, 400.0];
 const MARGIN: f64 = 16.0;
 const TITLE_HEIGHT: f64 = 34.0;
-/// View round a link [pitches], and its height as a share of its width.
+/// View around a link [pitches], and its height as a fraction of its width.
 const LINK_VIEW_PITCHES: f64 = 6.0;
 const LINK_VIEW_ASPECT: f64 = 0.72;
-/// Pitch on the page from which every link and every gap has its number, and every contact its force [user units].
+/// Pitch on the page above which every link and every gap has its number, and every contact its force [user units].
 const NUMBERED_PITCH: f64 = 38.0;
-/// Colours of the links' rows, in the order of `Header::link_outlines`; far apart also in grey.
+/// Colours of the links' rows, in the order of `Header::link_outlines`; clearly different also in grey.
 const ROW_COLOURS: [&str; 6] = ["#1f5fbf", "#c8641a", "#2f8a57", "#8d4bb4", "#a08a00", "#5a6b7b"];
 const INK: &str = "#223";
 const FORCE: &str = "#c8102e";
 const JOINT_FORCE: &str = "#0a7a5c";
 
-/// A panel's place on the page and what it shows.
+/// Position of a panel on the page and its view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Panel {
     left: f64,
     top: f64,
     width: f64,
     height: f64,
-    /// The point in its middle [m].
+    /// The point at its centre [m].
     centre_m: [f64; 2],
     units_per_m: f64,
 }
 
 impl Panel {
-    /// A point of the world on the page.
+    /// Transforms a point of the world to the page.
     fn on_page(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [
             self.left + 0.5 * self.width + (x - self.centre_m[0]) * self.units_per_m,
@@ -90,21 +91,21 @@ impl Panel {
         ]
     }
 
-    /// Whether any of a disc may be seen.
+    /// Whether a disc may be partly visible.
     fn sees(&self, [x, y]: [f64; 2], radius_m: f64) -> bool {
         let half = [0.5 * self.width / self.units_per_m, 0.5 * self.height / self.units_per_m];
         (x - self.centre_m[0]).abs() <= half[0] + radius_m && (y - self.centre_m[1]).abs() <= half[1] + radius_m
     }
 }
 
-/// Everything the parts of a drawing share.
+/// Data shared by all parts of a drawing.
 struct Sheet<'a> {
     header: &'a Header,
     options: Options,
     units_per_m: f64,
-    /// Size of numbers in the panels [user units].
+    /// Font size of numbers in the panels [user units].
     font: f64,
-    /// Width of contours' lines [user units].
+    /// Line width of contours [user units].
     stroke: f64,
     contact_units_per_n: Option<f64>,
     joint_units_per_n: Option<f64>,
@@ -124,7 +125,8 @@ fn pitch_m(header: &Header) -> f64 {
 /// Draws frames of a recording, one panel each.
 ///
 /// # Panics
-/// Without frames, with a link or body of `options.around` that is not there, and with columns shorter than the header's.
+/// Without frames, if the link or body of `options.around` does not exist, and if columns are shorter than the header
+/// states.
 pub fn draw(header: &Header, frames: &[&Frame], options: Options) -> Drawing {
     assert!(!frames.is_empty(), "no frame to draw");
     let [width_m, height_m] = view_size_m(header, frames, options);
@@ -185,12 +187,12 @@ pub fn draw(header: &Header, frames: &[&Frame], options: Options) -> Drawing {
     }
 }
 
-/// Box round a body where it stands: (lower, upper) corner [m].
+/// Bounding box of a body at its current pose: (lower, upper) corner [m].
 fn body_box_m(header: &Header, frame: &Frame, k: usize) -> [[f64; 2]; 2] {
     let pose = body_pose(header, frame, k);
     let mut corners = [[pose.x_m, pose.y_m]; 2];
     if header.bodies[k].rotor {
-        // The same at every angle, so that a film strip stands still.
+        // The same at every angle, so that the view is the same in all panels.
         let reach = header.bodies[k].outline.as_ref().map_or(0.0, tip_radius_m);
         return [[pose.x_m - reach, pose.y_m - reach], [pose.x_m + reach, pose.y_m + reach]];
     }
@@ -208,7 +210,7 @@ fn tip_radius_m(outline: &Outline) -> f64 {
     polyline(outline).into_iter().map(|[x, y]| x.hypot(y)).fold(0.0, f64::max)
 }
 
-/// Box of the whole drive, chain included: (lower, upper) corner [m].
+/// Bounding box of the whole drive, chain included: (lower, upper) corner [m].
 fn drive_box_m(header: &Header, frames: &[&Frame]) -> [[f64; 2]; 2] {
     let (mut low, mut high) = scene_bounds(header);
     for frame in frames {
@@ -232,11 +234,11 @@ fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2]
             [width, LINK_VIEW_ASPECT * width]
         }
     };
-    // Neither a ribbon nor a tower.
+    // Limits the aspect ratio.
     let (width, height) = (width.max(height / 1.3), height.max(width * 0.3));
     match options.width_mm {
         None => [width, height],
-        // A part of the body is looked at as a link is.
+        // A view of a part of a body has the aspect ratio of a link view.
         Some(wanted) if wanted * 1e-3 < width - room_m && matches!(options.around, Around::Body(_)) => {
             [wanted * 1e-3, wanted * 1e-3 * LINK_VIEW_ASPECT]
         }
@@ -244,7 +246,7 @@ fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2]
     }
 }
 
-/// The point in the middle of a frame's view [m].
+/// The centre of a frame's view [m].
 fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: Options, width_m: f64) -> [f64; 2] {
     let middle = |[low, high]: [[f64; 2]; 2]| [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
     match options.around {
@@ -252,7 +254,7 @@ fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: Options,
         Around::Link(i) => [frame.links.x_m[i], frame.links.y_m[i]],
         Around::Body(k) => {
             let corners = body_box_m(header, frames[0], k);
-            // A view that shows a part of the body shows where it is loaded most, the same place in all panels.
+            // A view of a part of the body is centred where the load is largest, the same place in all panels.
             let part = width_m < corners[1][0] - corners[0][0];
             let loaded = if part { forces::most_loaded_point_m(frames[0], k) } else { None };
             loaded.unwrap_or(middle(corners))
@@ -279,7 +281,7 @@ fn push_caption(svg: &mut String, frame: &Frame, panel: &Panel) {
     push_text(svg, [panel.left, panel.top - 10.0], 11.0, "start", "#556", &rest);
 }
 
-/// When it was, in words: time; step and crank angle.
+/// The instant in words: time; step and crank angle.
 fn instant(frame: &Frame) -> [String; 2] {
     [
         format!("t = {:.4} ms", frame.t_s * 1e3),
@@ -332,7 +334,7 @@ fn push_contours(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel) 
             push_outline(svg, outline, pose, sheet.units_per_m, (fill, 1.0, INK));
         }
     }
-    // Rows behind each other as in the chain: the first, which has the bushes, in front.
+    // Rows are drawn from back to front; the first, which has the bushes, is in front.
     for row in (0..sheet.header.link_outlines.len()).rev() {
         let outline = &sheet.header.link_outlines[row];
         let (reach, colour) = (reach_m(outline), ROW_COLOURS[row % ROW_COLOURS.len()]);
@@ -370,9 +372,9 @@ fn push_outline(
     }
 }
 
-/// Every how many-th link or gap has its number: all in a close-up, few and round ones in a view of much.
+/// Interval between numbered links or gaps: one in a close-up, larger and round in a wide view.
 fn number_stride(pitch: f64) -> usize {
-    /// Distance of numbers where not all are there [user units].
+    /// Minimum distance of numbers if not all are drawn [user units].
     const APART: f64 = 80.0;
     if pitch >= NUMBERED_PITCH {
         return 1;
@@ -384,7 +386,7 @@ fn push_link_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pan
     let stride = number_stride(sheet.pitch());
     for (i, link) in sheet.header.links.iter().enumerate().step_by(stride) {
         let pose = link_pose(frame, i);
-        // On the link where there is room, a little away from the teeth; outside of the loop otherwise.
+        // On the link if there is room, slightly away from the teeth; otherwise outside of the loop.
         let aside_m = if stride == 1 { -0.27 * link.pitch_m } else { -link.pitch_m };
         let text = [i.to_string()];
         let place = Rect::of_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
@@ -415,7 +417,7 @@ fn push_gap_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pane
     }
 }
 
-/// What the bodies are called: sprockets on their axes, guides beside their middle.
+/// Names of the bodies: sprockets on their axes, guides beside their middle.
 fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
     for (k, body) in sheet.header.bodies.iter().enumerate() {
         let name = body.path.rsplit('.').next().unwrap_or(&body.path).to_string();
@@ -443,7 +445,7 @@ fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
 
 /// The largest of 1, 2, 5 times a power of ten that is not above `v`.
 fn round_below(v: f64) -> f64 {
-    // Powers by repeated tens: exact, so that they print as written.
+    // Powers from repeated factors of ten are exact, so that they print as written.
     let (mut up, mut down) = (1.0, 1.0);
     while up * 10.0 <= v && up < 1e12 {
         up *= 10.0;
@@ -454,7 +456,7 @@ fn round_below(v: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|f| f * up / down).find(|r| *r <= v).unwrap_or(up / down)
 }
 
-/// Lines of text in their box, on a white ground that follows the letters.
+/// Lines of text in their box, with a white outline.
 fn push_number(svg: &mut String, place: &Rect, size: f64, colour: &str, lines: &[String]) {
     let line = 2.0 * place.half[1] / lines.len() as f64;
     for (i, text) in lines.iter().enumerate() {
@@ -463,7 +465,7 @@ fn push_number(svg: &mut String, place: &Rect, size: f64, colour: &str, lines: &
     }
 }
 
-/// A line of text whose middle height is at `y`.
+/// A line of text that is vertically centred at `y`.
 fn push_text(svg: &mut String, [x, y]: [f64; 2], size: f64, anchor: &str, colour: &str, text: &str) {
     let _infallible = writeln!(
         svg,
@@ -474,7 +476,7 @@ fn push_text(svg: &mut String, [x, y]: [f64; 2], size: f64, anchor: &str, colour
     );
 }
 
-/// Text as XML bears it: no marks of its own, no control characters.
+/// Escapes text for XML and replaces control characters.
 fn escape(text: &str) -> String {
     let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     shown.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")

@@ -1,21 +1,21 @@
-//! Contours where they stand at one instant: poses of links and bodies, path data in millimetres of the world, y up.
+//! Contours at one instant: poses of links and bodies, path data in millimetres of the world, y up.
 
 use crate::recording::frame::{Frame, Header, Outline, OutlineCircle, OutlineElement};
 use crate::units::sin_cos;
 use std::f64::consts::PI;
 use std::fmt::Write;
 
-/// Sweep above which an arc is written as two [rad]: an SVG arc whose ends coincide is not drawn at all, and just below a
-/// full turn its ends fix the centre badly.
+/// Sweep above which an arc is written as two [rad]: an SVG arc with coinciding ends is not drawn, and just below a
+/// full circle its ends determine the centre poorly.
 pub const LONGEST_ARC_RAD: f64 = 1.75 * PI;
 
-/// Most pieces of an arc.
+/// Maximum number of pieces of an arc.
 const MOST_PIECES: f64 = 100.0;
 
-/// Distance up to which one element begins where the last one ended [m].
+/// Distance up to which the start of an element equals the end of the last one [m].
 const SAME_POINT_M: f64 = 1e-9;
 
-/// World from body: turn, then shift.
+/// Transformation from body to world: rotation, then translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     pub x_m: f64,
@@ -24,28 +24,28 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// A point of the body in the world [m].
+    /// Transforms a point of the body to the world [m].
     pub fn apply(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let (s, c) = sin_cos(self.angle_rad);
         [self.x_m + c * x - s * y, self.y_m + s * x + c * y]
     }
 }
 
-/// Where link `i` stands.
+/// Pose of link `i`.
 pub fn link_pose(frame: &Frame, i: usize) -> Pose {
     Pose { x_m: frame.links.x_m[i], y_m: frame.links.y_m[i], angle_rad: frame.links.angle_rad[i] }
 }
 
-/// Where body `k` stands.
+/// Pose of body `k`.
 pub fn body_pose(header: &Header, frame: &Frame, k: usize) -> Pose {
     let body = &header.bodies[k];
     Pose { x_m: body.x_m, y_m: body.y_m, angle_rad: body.angle_rad + body.turned_rad(frame) }
 }
 
-/// A bound for the distance of an outline's points from its origin [m].
+/// Upper bound of the distance of an outline's points from its origin [m].
 pub fn reach_m(outline: &Outline) -> f64 {
     let element = |e: &OutlineElement| {
-        // An arc rises from its chord by its sagitta, at most its diameter.
+        // The height of an arc above its chord is its sagitta, at most its diameter.
         let sagitta_m = e.radius_m.max(0.0) * (1.0 - libm::cos(0.5 * e.sweep_rad.abs().min(2.0 * PI)));
         e.start_x_m.hypot(e.start_y_m).max(e.end_x_m.hypot(e.end_y_m)) + sagitta_m
     };
@@ -55,18 +55,18 @@ pub fn reach_m(outline: &Outline) -> f64 {
 
 /// Sweep above which an arc is written in pieces [rad].
 ///
-/// Viewers replace an arc by cubics of up to a quarter turn, which leave it by 2.7e-4 of its radius and by the sixth power
-/// of the sweep less when they are shorter. Where that would be seen the pieces are made short enough; measured at a view
-/// 0.05 mm wide, a penetration of 1.89 um was drawn as 2.1 um without this.
+/// Viewers replace an arc by cubics of up to a quarter turn. Their deviation is 2.7e-4 of the radius and falls with the
+/// sixth power of the sweep. Where it would be visible, the pieces are made short enough. In a view 0.05 mm wide, a
+/// penetration of 1.89 um was drawn as 2.1 um without this.
 pub fn longest_arc_rad(radius_m: f64, units_per_m: f64) -> f64 {
     const QUARTER_TURN_ERROR: f64 = 2.7e-4;
-    /// Error that is not seen [user units].
+    /// Invisible error [user units].
     const UNSEEN: f64 = 0.025;
     let share = UNSEEN / (QUARTER_TURN_ERROR * radius_m * units_per_m);
     if share >= 1.0 { LONGEST_ARC_RAD } else { 0.5 * PI * libm::cbrt(share.sqrt()) }
 }
 
-/// Path data of the contour [mm], rounded to 1e-7 mm: arcs as arcs, at a scale of `units_per_m` user units a metre.
+/// Path data of the contour [mm], rounded to 1e-7 mm: arcs as arcs, at a scale of `units_per_m` user units per metre.
 pub fn path_data(outline: &Outline, pose: Pose, units_per_m: f64) -> String {
     let mut d = String::new();
     let mut last: Option<[f64; 2]> = None;
@@ -120,7 +120,7 @@ fn push_element(d: &mut String, e: &OutlineElement, pose: Pose, units_per_m: f64
     let _infallible = write!(d, "A{r} {r} 0 {large} {ccw} {} {}", end[0], end[1]);
 }
 
-/// Metres as millimetres, rounded to 1e-7 mm.
+/// Converts metres to millimetres, rounded to 1e-7 mm.
 pub fn mm(v_m: f64) -> f64 {
     // Adding zero turns -0 into 0.
     (v_m * 1e10).round() / 1e7 + 0.0

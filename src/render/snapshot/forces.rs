@@ -6,27 +6,27 @@ use super::{FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, Sheet, pitch_m, push_numb
 use crate::recording::frame::{Contacts, Frame};
 use std::fmt::Write;
 
-/// Length of the largest contact force as a share of the panel's shorter side.
+/// Length of the largest contact force as a fraction of the panel's shorter side.
 const LARGEST_CONTACT: f64 = 0.17;
-/// Length of the largest joint force [pitches]: arrows of neighbours do not run into each other.
+/// Length of the largest joint force [pitches], so that arrows of neighbours do not overlap.
 const LARGEST_JOINT: f64 = 0.8;
-/// Length of the shortest arrow whose numbers are written [user units]: below, a dot says that there is a contact.
+/// Length of the shortest arrow with numbers [user units]; below, a dot marks the contact.
 const LEAST_NUMBERED: f64 = 0.8;
 
-/// Foot on the body and force on the link of contact `i`: [m], [N].
+/// Contact point on the body and force on the link of contact `i`: [m], [N].
 fn contact(c: &Contacts, i: usize) -> ([f64; 2], [f64; 2]) {
     let (nx, ny) = (c.normal_x[i], c.normal_y[i]);
     let (n, t) = (c.normal_force_n[i], c.tangential_force_n[i]);
     ([c.point_body_x_m[i], c.point_body_y_m[i]], [n * nx - t * ny, n * ny + t * nx])
 }
 
-/// Place and force on link `j + 1` of joint `j`: [m], [N].
+/// Position of joint `j`, and its force on link `j + 1`: [m], [N].
 fn joint(sheet: &Sheet, frame: &Frame, j: usize) -> ([f64; 2], [f64; 2]) {
     let at = link_pose(frame, j).apply([0.5 * sheet.header.links[j].pitch_m, 0.0]);
     (at, [frame.joints.force_x_n[j], frame.joints.force_y_n[j]])
 }
 
-/// Foot of the contact of body `k` with the largest force [m]; None where nothing touches it.
+/// Contact point of the largest contact force on body `k` [m]; None if it has no contact.
 pub fn most_loaded_point_m(frame: &Frame, k: usize) -> Option<[f64; 2]> {
     let c = &frame.contacts;
     (0..c.body.len())
@@ -35,7 +35,7 @@ pub fn most_loaded_point_m(frame: &Frame, k: usize) -> Option<[f64; 2]> {
         .map(|i| contact(c, i).0)
 }
 
-/// User units per newton of contacts: from the largest that any panel shows; None where all of them are zero.
+/// User units per newton for contacts, from the largest force in any panel; None if all are zero.
 pub fn contact_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
     let mut largest_n = 0.0_f64;
     for (frame, panel) in frames.iter().zip(panels) {
@@ -47,18 +47,18 @@ pub fn contact_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Opti
         }
     }
     let side = panels[0].width.min(panels[0].height);
-    // In a close-up no longer than a pitch and a half, in a view of all no shorter than a pitch.
+    // At most a pitch and a half in a close-up, at least a pitch in a full view.
     let length = (LARGEST_CONTACT * side).min(1.5 * sheet.pitch().max(30.0));
     (largest_n > 0.0).then(|| length / largest_n)
 }
 
-/// Round force from which on contacts have their numbers [N]; None where none has.
+/// Round force above which contacts have their numbers [N]; None if no contact has.
 pub fn least_numbered_n(sheet: &Sheet) -> Option<f64> {
     let units_per_n = sheet.contact_units_per_n.filter(|_| sheet.pitch() >= NUMBERED_PITCH)?;
     Some(round_below(LEAST_NUMBERED / units_per_n))
 }
 
-/// User units per newton of joints.
+/// User units per newton for joints.
 pub fn joint_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
     let mut largest_n = 0.0_f64;
     for (frame, panel) in frames.iter().zip(panels) {
@@ -72,13 +72,13 @@ pub fn joint_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Option
     (largest_n > 0.0).then(|| LARGEST_JOINT * sheet.pitch() / largest_n)
 }
 
-/// Tail and tip on the page of a force at a point of the world.
+/// Tail and tip of a force at a point of the world, on the page.
 fn shaft(panel: &Panel, at: [f64; 2], force: [f64; 2], units_per_n: f64) -> [[f64; 2]; 2] {
     let tail = panel.on_page(at);
     [tail, [tail[0] + force[0] * units_per_n, tail[1] - force[1] * units_per_n]]
 }
 
-/// Forces in the joints that the panel shows.
+/// Forces in the visible joints.
 pub fn push_joints(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
     let Some(units_per_n) = sheet.joint_units_per_n else { return };
     for j in 0..frame.joints.force_x_n.len() {
@@ -91,7 +91,7 @@ pub fn push_joints(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
     }
 }
 
-/// Contacts that the panel shows: a dot at the foot, the force on the link from there.
+/// Visible contacts: a dot at the contact point, and the force on the link from there.
 pub fn push_contacts(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
     let dot = (0.03 * sheet.pitch()).clamp(1.2, 2.6);
     for i in 0..frame.contacts.link.len() {
@@ -107,7 +107,7 @@ pub fn push_contacts(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pan
     }
 }
 
-/// Link, force and penetration beside every arrow, the largest first: where there is no room the small ones go without.
+/// Link, force and penetration beside every arrow, the largest first; without room the small ones are left out.
 pub fn push_contact_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
     let Some(least_n) = least_numbered_n(sheet) else { return };
     let c = &frame.contacts;
@@ -129,7 +129,7 @@ pub fn push_contact_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, pane
     }
 }
 
-/// A thin line to a number that stands away from its arrow.
+/// A thin line to a number that is away from its arrow.
 fn push_leader(svg: &mut String, tip: [f64; 2], place: &Rect) {
     let edge = [0, 1].map(|k| tip[k].clamp(place.centre[k] - place.half[k], place.centre[k] + place.half[k]));
     if (edge[0] - tip[0]).hypot(edge[1] - tip[1]) > 8.0 {
@@ -141,11 +141,11 @@ fn push_leader(svg: &mut String, tip: [f64; 2], place: &Rect) {
     }
 }
 
-/// An arrow from tail to tip; its outline's fourth point is the tip, its tail lies between the first and the last.
+/// An arrow from tail to tip. The fourth point of its outline is the tip; its tail lies between the first and the last.
 pub fn push_arrow(svg: &mut String, class: &str, [tail, tip]: [[f64; 2]; 2], colour: &str) {
     let run = [tip[0] - tail[0], tip[1] - tail[1]];
     let length = run[0].hypot(run[1]);
-    // Shorter than its own line is wide: the dot at the foot stands for it.
+    // Shorter than its line width: the dot at the contact point represents it.
     if length < 0.5 {
         return;
     }
@@ -172,7 +172,7 @@ pub fn push_arrow(svg: &mut String, class: &str, [tail, tip]: [[f64; 2]; 2], col
     let _infallible = writeln!(svg, "<path class=\"{class}\" d=\"{data}Z\" fill=\"{colour}\"/>");
 }
 
-/// Two or three digits that count, no exponent.
+/// Two or three significant digits, no exponent.
 fn digits(v: f64) -> String {
     match v.abs() {
         a if a >= 99.95 => format!("{v:.0}"),
@@ -183,7 +183,7 @@ fn digits(v: f64) -> String {
     }
 }
 
-/// How deep two contours overlap, or how far they are apart: a contact may push shortly before or after the instant that is drawn.
+/// Overlap of two contours, or their gap: a contact may exert force shortly before or after the drawn instant.
 fn depth_text(penetration_m: f64) -> String {
     let apart = if penetration_m > 0.0 { "" } else { " apart" };
     format!("{} \u{b5}m{apart}", digits(penetration_m.abs() * 1e6))

@@ -1,11 +1,11 @@
-//! Where numbers go, so that none covers another: each takes the cheapest free place among those offered.
+//! Placement of numbers without overlap: each takes the position of lowest cost among its candidates.
 
-/// Width of a letter as a share of the font's size; that of sans-serif fonts lies between 0.5 and 0.62.
+/// Width of a letter relative to the font size; for sans-serif fonts it lies between 0.5 and 0.62.
 const LETTER: f64 = 0.58;
-/// Height of a line as a share of the font's size.
+/// Height of a line relative to the font size.
 const LINE: f64 = 1.15;
 
-/// A box on the page, upright: centre and half its sides [user units].
+/// An axis-aligned box on the page: centre and half its sides [user units].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rect {
     pub centre: [f64; 2],
@@ -13,7 +13,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// Box of lines of text round `centre`.
+    /// Box of lines of text around `centre`.
     pub fn of_text(lines: &[String], size: f64, centre: [f64; 2]) -> Rect {
         let letters = lines.iter().map(|l| l.chars().count()).max().unwrap_or(0) as f64;
         Rect { centre, half: [0.5 * LETTER * size * letters, 0.5 * LINE * size * lines.len() as f64] }
@@ -27,7 +27,7 @@ impl Rect {
         (0..2).all(|k| (self.centre[k] - outer.centre[k]).abs() + self.half[k] <= outer.half[k])
     }
 
-    /// Whether the straight line from `a` to `b` passes through.
+    /// Whether the straight line from `a` to `b` intersects the box.
     pub fn meets(&self, [a, b]: [[f64; 2]; 2]) -> bool {
         let (mut from, mut to) = (0.0_f64, 1.0_f64);
         for k in 0..2 {
@@ -45,17 +45,17 @@ impl Rect {
     }
 }
 
-/// What stands on a panel already.
+/// Occupied places of a panel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Taken {
     pub panel: Rect,
-    /// Texts: nothing may cover them.
+    /// Texts, which must not be covered.
     pub boxes: Vec<Rect>,
-    /// Shafts of arrows: better not covered.
+    /// Shafts of arrows, which should not be covered.
     pub strokes: Vec<[[f64; 2]; 2]>,
 }
 
-/// Takes the first place at `centre` if nothing stands there.
+/// Takes this place if it is free.
 pub fn take(taken: &mut Taken, place: Rect) -> bool {
     let free = place.lies_in(&taken.panel) && !taken.boxes.iter().any(|b| b.overlaps(&place));
     if free {
@@ -64,8 +64,8 @@ pub fn take(taken: &mut Taken, place: Rect) -> bool {
     free
 }
 
-/// Takes the cheapest place for a box like `like` round the line from `tail` to `tip`: beyond the tip first, then beside it,
-/// then further away. None when the panel is full there.
+/// Takes the place of lowest cost for a box of the size of `like` near the line from `tail` to `tip`: beyond the tip
+/// first, then beside it, then further away. None if there is no room.
 pub fn take_beside(taken: &mut Taken, like: Rect, [tail, tip]: [[f64; 2]; 2]) -> Option<Rect> {
     /// Cost of covering a shaft, in steps of distance.
     const SHAFT: f64 = 2.5;
@@ -76,7 +76,7 @@ pub fn take_beside(taken: &mut Taken, like: Rect, [tail, tip]: [[f64; 2]; 2]) ->
             // Alternating to both sides: 0, +22.5, -22.5, +45 degrees, ...
             let side = f64::from((turn + 1) / 2) * if turn % 2 == 0 { -1.0 } else { 1.0 };
             let (s, c) = crate::units::sin_cos(along + side * std::f64::consts::PI / 8.0);
-            // The box touches a circle round the tip from outside.
+            // The box touches a circle around the tip from outside.
             let radius = 3.0 + 9.0 * f64::from(distance);
             let reach = radius + (like.half[0] * c.abs() + like.half[1] * s.abs());
             let place = Rect { centre: [tip[0] + reach * c, tip[1] + reach * s], half: like.half };

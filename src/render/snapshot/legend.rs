@@ -1,13 +1,13 @@
-//! What lengths, arrows and colours of a drawing mean: below its panels.
+//! Legend of lengths, arrows and colours, below the panels of a drawing.
 
 use super::{FORCE, INK, JOINT_FORCE, MARGIN, ROW_COLOURS, Sheet, forces, push_text, round_below};
 use std::fmt::Write;
 
-/// Height of a line, and of the room round all of them [user units].
+/// Height of a line, and total margin [user units].
 const LINE: f64 = 24.0;
 const ROOM: f64 = 28.0;
 
-/// What stands before a text of the legend.
+/// Symbol before a text of the legend.
 enum Mark {
     /// Length [user units].
     Bar(f64),
@@ -20,14 +20,14 @@ enum Mark {
     Nothing,
 }
 
-/// An entry of the legend, its place in it and its text [user units].
+/// An entry of the legend, its position in it and its text [user units].
 pub struct Entry {
     at: [f64; 2],
     mark: Mark,
     text: String,
 }
 
-/// Scales and colours, in as many lines as they need; places count from the legend's upper left corner.
+/// Scales and colours, in as many lines as they need; positions are relative to the legend's upper left corner.
 pub fn entries(sheet: &Sheet, width: f64) -> Vec<Entry> {
     let per_mm = sheet.units_per_m * 1e-3;
     let bar_mm = round_below(110.0 / per_mm);
