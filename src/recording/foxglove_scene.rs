@@ -1,4 +1,4 @@
-//! A recording in Foxglove's own messages: outlines fixed to moving frames, forces as arrows, events as log.
+//! A recording in Foxglove's own messages: outlines attached to moving frames, forces as arrows, events as log.
 
 use super::frame::{Event, Frame, Header, Outline};
 use super::view_geometry::{circle, polyline};
@@ -11,9 +11,9 @@ use prost::Message;
 use prost::encoding::{WireType, encode_key, encode_varint};
 use std::borrow::Cow;
 
-/// Name of the frame that stands still.
+/// Name of the fixed frame.
 const WORLD: &str = "world";
-/// Length of an arrow per newton, as a share of the mean static tension drawn this long [m].
+/// Length of an arrow for a force equal to the mean static tension [m].
 const ARROW_AT_TENSION_M: f64 = 12e-3;
 
 /// Schema of one of Foxglove's messages that recordings use; None for any other name.
@@ -32,7 +32,7 @@ fn timestamp(t_ns: u64) -> Option<Timestamp> {
     Some(Timestamp::new(seconds, (t_ns % 1_000_000_000) as u32))
 }
 
-/// All outlines, each locked to the frame of its body.
+/// All outlines, each attached to the frame of its body.
 pub fn outlines(header: &Header) -> SceneUpdate {
     let mut entities = Vec::new();
     for (i, link) in header.links.iter().enumerate() {
@@ -88,17 +88,18 @@ fn about_z(angle_rad: f64) -> Quaternion {
     Quaternion { x: 0.0, y: 0.0, z, w }
 }
 
-/// About z from the x-axis to (x, y), which is `length` long: half the angle without the angle.
+/// Rotation about z from the x-axis to (x, y) of the given `length`, by half-angle formulas without computing the
+/// angle.
 fn along(x: f64, y: f64, length: f64) -> Quaternion {
     let (cos, sin) = if length > 0.0 { (x / length, y / length) } else { (1.0, 0.0) };
-    // Of the two roots the larger one; the other follows from sin = 2 z w.
+    // The larger of the two roots; the other follows from sin = 2 z w.
     let larger = (0.5 * (1.0 + cos.abs())).sqrt();
     let other = 0.5 * sin / larger;
     let (z, w) = if cos >= 0.0 { (other, larger) } else { (larger.copysign(sin), other.abs()) };
     Quaternion { x: 0.0, y: 0.0, z, w }
 }
 
-/// Where every link, sprocket and guide stands: bytes of `foxglove.FrameTransforms`, of which names are encoded once.
+/// Poses of every link, sprocket and guide as bytes of `foxglove.FrameTransforms`; names are encoded once.
 pub struct Transforms {
     names: Vec<Vec<u8>>,
 }
@@ -139,12 +140,12 @@ fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)
     links.chain(bodies)
 }
 
-/// Bytes of a message of two doubles with its head: zeros are left out.
+/// Encoded size of a message of two doubles, including its head; zeros are omitted.
 fn pair_len(a: f64, b: f64) -> usize {
     2 + 9 * (usize::from(a != 0.0) + usize::from(b != 0.0))
 }
 
-/// Such a message; its own tag and those of its values are below 16.
+/// Encodes such a message; its own tag and those of its values are below 16.
 fn put_pair(tag: u8, values: [(u8, f64); 2], out: &mut Vec<u8>) {
     let [(_, a), (_, b)] = values;
     let (mut bytes, len) = ([0; 20], pair_len(a, b));
@@ -249,7 +250,7 @@ mod tests {
             let angle = f64::from(k) * std::f64::consts::PI / 8.0;
             let (sin, cos) = angle.sin_cos();
             let (q, expected) = (along(3.0 * cos, 3.0 * sin, 3.0), about_z(angle));
-            // A half turn either way is the same direction.
+            // q and -q are the same rotation.
             let same = q.z * expected.z + q.w * expected.w;
             assert!((same.abs() - 1.0).abs() < 1e-15 && q.w >= 0.0, "{angle}: {q:?}, not {expected:?}");
         }

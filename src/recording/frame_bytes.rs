@@ -1,5 +1,5 @@
-//! Bytes of a [`Frame`]: those of its derived `prost::Message`, written a column at a time. That one looks for room before every
-//! value, which takes twice the instructions.
+//! Encodes a [`Frame`] as its derived `prost::Message` does, but one column at a time. The derived code checks the
+//! buffer before every value, which takes twice the instructions.
 
 use super::frame::{Contacts, Frame, Joints, Links};
 use prost::encoding::{
@@ -25,7 +25,7 @@ impl Column<'_> {
         }
     }
 
-    /// An empty one is left out.
+    /// Encoded size with tag and length; an empty column is omitted.
     fn len_with_head(&self, tag: u32) -> usize {
         match self.len() {
             0 => 0,
@@ -48,7 +48,7 @@ impl Column<'_> {
                     *to = from.to_le_bytes();
                 }
             }
-            // Nearly all are below 128: a byte each.
+            // Usually all values are below 128 and take one byte each.
             Numbers(values) if len == values.len() => out.extend(values.iter().map(|v| *v as u8)),
             Numbers(values) => values.iter().for_each(|v| encode_varint(u64::from(*v), out)),
             Flags(values) => out.extend(values.iter().map(|v| u8::from(*v))),
@@ -56,7 +56,7 @@ impl Column<'_> {
     }
 }
 
-/// A message of columns, whose tags count from one.
+/// Encodes a message of columns, whose tags count from one.
 fn put_columns(tag: u32, columns: &[Column<'_>], out: &mut Vec<u8>) {
     let tagged = || (1..).zip(columns);
     encode_key(tag, WireType::LengthDelimited, out);

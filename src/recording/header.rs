@@ -1,5 +1,5 @@
-//! What a header may hold, looked at before anything is made of it and again when it is read: a few bytes of a file must not
-//! become gigabytes of memory, and whoever draws or counts teeth relies on the numbers.
+//! Limits of a header, checked before it is decoded and again on its content: a few bytes of a file must not cause
+//! gigabytes of allocation, and code that draws or counts teeth relies on its numbers.
 
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
@@ -7,14 +7,15 @@ use super::frame::Header;
 use anyhow::{Context, ensure};
 use prost::Message;
 
-/// Most rows of each kind. The longest chains of engines have some 300 links; no drive file makes a tenth of these.
+/// Maximum number of rows of each kind. The longest engine chains have some 300 links; no drive file makes a tenth of
+/// these.
 const MOST_ROWS: usize = 20_000;
-/// Most elements and circles of all outlines together.
+/// Maximum number of elements and circles of all outlines together.
 const MOST_ELEMENTS: usize = 500_000;
-/// Most teeth of a sprocket: drive files allow fewer.
+/// Maximum number of teeth of a sprocket: drive files allow fewer.
 const MOST_TEETH: u32 = 10_000;
 
-/// Fields of [`Header`] that repeat, by tag, and of those that hold an outline its tag.
+/// Repeated fields of [`Header`] by tag, and for those that contain an outline its tag.
 const REPEATED: [(u64, &str); 7] = [
     (5, "overrides"),
     (8, "links"),
@@ -30,7 +31,7 @@ const OUTLINE_OF_BODY: u64 = 7;
 const ELEMENTS: u64 = 2;
 const CIRCLES: u64 = 4;
 
-/// Reads a header's bytes. Errors say what is too much, or wrong.
+/// Decodes a header. Errors name the exceeded limit or invalid value.
 pub fn decode(bytes: &[u8]) -> anyhow::Result<Header> {
     count(bytes)?;
     let header = Header::decode(bytes).context("its header cannot be read")?;
@@ -38,7 +39,7 @@ pub fn decode(bytes: &[u8]) -> anyhow::Result<Header> {
     Ok(header)
 }
 
-/// Counts rows without making any.
+/// Counts rows without allocating them.
 fn count(bytes: &[u8]) -> anyhow::Result<()> {
     let mut rows = [0_usize; REPEATED.len()];
     let mut elements = 0_usize;
@@ -64,7 +65,7 @@ fn count(bytes: &[u8]) -> anyhow::Result<()> {
     })
 }
 
-/// Calls `f` with the tag and the content of every field of a protobuf message that has a length; the others are passed over.
+/// Calls `f` with tag and content of every length-delimited field of a protobuf message; other fields are skipped.
 fn each_field(mut bytes: &[u8], mut f: impl FnMut(u64, &[u8]) -> anyhow::Result<()>) -> anyhow::Result<()> {
     let cut = "its header is cut off";
     while !bytes.is_empty() {
@@ -101,7 +102,7 @@ fn varint(bytes: &mut &[u8]) -> Option<u64> {
     None
 }
 
-/// Numbers that readers rely on.
+/// Checks numbers that readers rely on.
 fn check(header: &Header) -> anyhow::Result<()> {
     ensure!(!header.links.is_empty(), "its chain has no links");
     ensure!(header.step_s.is_finite() && header.step_s > 0.0, "its header says a step of {} s", header.step_s);

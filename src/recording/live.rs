@@ -1,5 +1,5 @@
-//! A run shown while it computes: viewers in the place of files. A viewer must be there when the run starts; after that it
-//! can only lose its own picture, never stop the run.
+//! Shows a run while it computes: viewers as sinks. A viewer must be present when the run starts. Later it can only
+//! lose its own picture, never stop the run.
 
 use super::frame::{Event, Frame, Header, Impact, Keyframe};
 use super::{Sink, ViewOptions};
@@ -8,17 +8,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Where a Rerun viewer listens unless told otherwise.
+/// Default address of a Rerun viewer.
 pub const RERUN_URL: &str = "rerun+http://127.0.0.1:9876/proxy";
-/// Where the Foxglove app looks for a server unless told otherwise.
+/// Default port on which the Foxglove app looks for a server.
 pub const FOXGLOVE_PORT: u16 = 8765;
 
-/// Who watches.
+/// Kind of viewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Viewer {
-    /// A viewer that is running, at this URL.
+    /// A running viewer at this URL.
     Rerun(String),
-    /// The Foxglove app, which finds the run at this port of this machine.
+    /// The Foxglove app, which connects to this port of this machine.
     Foxglove(u16),
 }
 
@@ -39,7 +39,7 @@ impl Viewer {
     }
 }
 
-/// Opens the way to a viewer; an error if it is not there within `wait`. What the user should know goes to `say`.
+/// Connects to a viewer; an error if it is not available within `wait`. Notes for the user go to `say`.
 pub fn open(
     viewer: &Viewer,
     header: &Header,
@@ -59,7 +59,7 @@ fn connect(
     wait: Duration,
     say: fn(&str),
 ) -> anyhow::Result<Box<dyn Sink>> {
-    // Each build leaves some of it unused.
+    // Each build leaves some of these unused.
     let _parts = (header, view, wait, say);
     match viewer {
         #[cfg(feature = "rerun")]
@@ -73,7 +73,7 @@ fn connect(
     }
 }
 
-/// Tries every tenth of a second until it works or `wait` is over; then the last error.
+/// Tries every tenth of a second until it succeeds or `wait` has passed; then returns the last error.
 pub fn wait_for<T>(wait: Duration, mut attempt: impl FnMut() -> anyhow::Result<T>) -> anyhow::Result<T> {
     let started = Instant::now();
     loop {
@@ -84,7 +84,7 @@ pub fn wait_for<T>(wait: Duration, mut attempt: impl FnMut() -> anyhow::Result<T
     }
 }
 
-/// A viewer's sink that may fail: then it is said once, and the run goes on without it.
+/// Wrapper of a viewer's sink. Its failure is reported once, and the run continues without it.
 struct Watched {
     address: PathBuf,
     /// None after an error.
@@ -133,10 +133,10 @@ impl Sink for Watched {
     }
 }
 
-/// Holds a run back to `speed` simulated seconds per second, by taking its time over every frame.
+/// Limits a run to `speed` simulated seconds per second by waiting in every frame.
 pub struct Pace {
     speed: f64,
-    /// When the first frame came, and its time [s].
+    /// Wall time of the first frame, and its simulated time [s].
     first: Option<(Instant, f64)>,
     stop: Arc<AtomicBool>,
 }

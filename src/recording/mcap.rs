@@ -1,5 +1,5 @@
-//! MCAP: the archive. Lossless f64, zstd, chunk-indexed; own protobuf topics, and beside them Foxglove's, so that Foxglove
-//! draws a recording untaught.
+//! MCAP: the archive. Lossless f64, zstd, chunk-indexed; own protobuf topics, and in addition Foxglove's, so that
+//! Foxglove draws a recording without further setup.
 //!
 //! ```text
 //! /pitchline/header    Header, once          /tf        foxglove.FrameTransforms at the picture rate
@@ -8,9 +8,10 @@
 //! /pitchline/keyframe  Keyframe              /pitchline/event  Event
 //! /pitchline/impact    Impact, two tooth periods after the touch that it tells of
 //! ```
-//! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole, so that a killed run leaves a file that is complete
-//! up to there, and so that bytes do not depend on timing: two runs of one drive give the same file. Only runs so slow that
-//! frames would wait longer than [`LONGEST_WAIT`] close them earlier; what is in the file is the same then, how it is cut is not.
+//! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole. A killed run thus leaves a file that is
+//! complete up to the last chunk, and bytes do not depend on timing: two runs of one drive give the same file. Only if
+//! a run is so slow that frames would wait longer than [`LONGEST_WAIT`] are chunks closed earlier; the content is then
+//! the same, but not its division into chunks.
 
 use super::foxglove_scene as scene;
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
@@ -29,22 +30,23 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Compiled `assets/pitchline.proto` (a FileDescriptorSet); a test holds the two together.
+/// Compiled `assets/pitchline.proto` (a FileDescriptorSet); a test keeps the two consistent.
 pub const DESCRIPTOR: &[u8] = include_bytes!("../../assets/pitchline.desc");
 
-/// Frames after which a chunk is closed and handed to the system: less than zstd's window of half a megabyte, within which it packs
-/// from one buffer.
+/// Frames after which a chunk is closed and passed to the system: less than zstd's window of half a megabyte, within
+/// which it compresses from one buffer.
 pub const FRAMES_PER_CHUNK: u64 = 32;
 
-/// Bytes after which a chunk is closed whatever its frames: readers bound what they unpack.
+/// Bytes after which a chunk is closed regardless of its frames, because readers limit the unpacked size.
 const LARGEST_CHUNK: usize = 16 << 20;
 
 /// Longest time for which frames may wait in an open chunk: a slow run that is killed loses no more than this.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 
-/// zstd level: negative ones skip the entropy coding of literals, which mantissas of forces and positions do not reward, and the
-/// lower they are the sooner they leave alone what does not repeat: a recorded run takes some 5 % less with -32 than with -8, for 5 % more
-/// bytes. The writer takes it unsigned and hands its bits on as a signed number.
+/// zstd level. Negative levels skip the entropy coding of literals, which gains nothing for mantissas of forces and
+/// positions; the lower the level, the sooner data without repetition are skipped. A recorded run takes some 5 % less
+/// with -32 than with -8, for 5 % more bytes. The writer takes the level unsigned and passes its bits on as a signed
+/// number.
 const FAST_LEVEL: i32 = -32;
 
 /// Topics in the order in which they are registered.
@@ -59,7 +61,7 @@ pub const TOPICS: [(&str, &str); 9] = [
     ("/events", "foxglove.Log"),
     ("/pitchline/impact", "pitchline.Impact"),
 ];
-/// Places of the topics in [`TOPICS`].
+/// Indices of the topics in [`TOPICS`].
 pub const HEADER: usize = 0;
 pub const FRAME: usize = 1;
 pub const SIGNALS: usize = 2;
@@ -73,7 +75,7 @@ pub const IMPACT: usize = 8;
 /// Writes an MCAP file.
 pub struct McapSink {
     output: OutputFile,
-    /// None after an error: nothing more is written, what was written stays.
+    /// None after an error: nothing more is written; what was written remains.
     writer: Option<mcap::Writer<NoSeek<BufWriter<File>>>>,
     channels: [u16; TOPICS.len()],
     header: Header,
@@ -99,9 +101,9 @@ impl McapSink {
             .compression_level(FAST_LEVEL.cast_unsigned())
             .compression_threads(0)
             .chunk_size(None)
-            // Chunks and attachments have their own; the metadata beside them repeats the header.
+            // Chunks and attachments have their own CRCs; the metadata besides them repeat the header.
             .calculate_data_section_crc(false)
-            // A pipe has no places to go back to.
+            // A pipe cannot seek.
             .disable_seeking(true);
         let writer = mcap::Writer::with_options(NoSeek::new(BufWriter::new(file)), options);
         let mut sink = McapSink {
@@ -159,7 +161,7 @@ impl McapSink {
         self.write_buffer(channel, t_ns)
     }
 
-    /// Fills the buffer, which is taken out meanwhile.
+    /// Fills the buffer, which is taken out of `self` meanwhile.
     fn encode(&mut self, put_bytes: impl FnOnce(&Self, &mut Vec<u8>)) {
         let mut buffer = std::mem::take(&mut self.buffer);
         buffer.clear();
@@ -189,14 +191,14 @@ impl McapSink {
         }
     }
 
-    /// Runs `f`; after an error the writer is taken away, so that nothing is written behind a hole.
+    /// Runs `f`. After an error the writer is removed, so that nothing is written after a gap.
     fn guarded(&mut self, f: impl FnOnce(&mut Self) -> mcap::McapResult<()>) -> anyhow::Result<()> {
         let result = f(self);
         if result.is_err()
             && let Some(writer) = self.writer.take()
         {
-            // Not dropped as a writer: that would write an index over what is missing. Nor as a buffer: its rest cannot
-            // be written either.
+            // Dropping the writer would write an index over missing data; dropping the buffer would write the rest,
+            // which cannot be written either.
             let (_file, _unwritten) = writer.into_inner().into_inner().into_parts();
         }
         result.with_context(|| format!("cannot write {}", self.output.path().display()))
@@ -216,7 +218,7 @@ impl McapSink {
         if self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { self.flush_where_due() }
     }
 
-    /// Frames may be far apart: what comes between them must not wait for the next.
+    /// Closes the chunk if it is due: frames may be far apart, and data between them must not wait for the next.
     fn flush_where_due(&mut self) -> mcap::McapResult<()> {
         let due = self.waiting > LARGEST_CHUNK || self.flushed.elapsed() > LONGEST_WAIT;
         if due { self.flush() } else { Ok(()) }
@@ -234,7 +236,8 @@ impl Sink for McapSink {
     }
 
     fn event(&mut self, event: &Event) -> anyhow::Result<()> {
-        // Events are found at the frame after them; log times may run backwards within a chunk, the index bears that.
+        // Events are detected at the frame after them, so that log times may decrease within a chunk, which the index
+        // allows.
         let t_ns = nanoseconds(event.t_s);
         self.guarded(|sink| {
             sink.write(EVENT, t_ns, event)?;
@@ -277,7 +280,7 @@ impl Sink for McapSink {
 
 impl Drop for McapSink {
     fn drop(&mut self) {
-        // Given up without `finish`: close the open chunk, write no index.
+        // Dropped without `finish`: close the open chunk, write no index.
         if let Some(mut writer) = self.writer.take() {
             let _closed = writer.flush();
             let (_file, _unwritten) = writer.into_inner().into_inner().into_parts();
@@ -285,7 +288,7 @@ impl Drop for McapSink {
     }
 }
 
-/// A recording read back as a whole.
+/// A recording read completely into memory.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
     pub header: Header,
@@ -293,11 +296,11 @@ pub struct Recording {
     pub keyframes: Vec<Keyframe>,
     pub events: Vec<Event>,
     pub impacts: Vec<Impact>,
-    /// True when the file ends as a finished recording does.
+    /// Whether the file ends like a finished recording.
     pub complete: bool,
 }
 
-/// Reads a whole recording, also one that was cut off: then `complete` is false and the frames go up to the last whole chunk.
+/// Reads a whole recording. For one that was cut off `complete` is false and the frames end with the last whole chunk.
 pub fn read(path: &Path) -> anyhow::Result<Recording> {
     let mut reader = Reader::open(path)?;
     let mut recording =

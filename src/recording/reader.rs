@@ -1,11 +1,11 @@
-//! Reads recordings (MCAP): any length in bounded memory, any part without the rest, and files that are cut off, damaged or
-//! hostile without trust in any length they state.
+//! Reads recordings (MCAP) of any length in bounded memory and any part independently; also files that are cut off,
+//! damaged or hostile, without trusting any length that they state.
 //!
-//! Opening hops from record to record and notes where chunks lie and which time they cover; a chunk is read, checked against
-//! its CRC and unpacked only when something in it is asked for. What does not hold together is an error that names the byte
-//! where it stands. A file that simply ends (a run was killed) is no error: it is read up to its last whole chunk. What such
-//! a file lacks, and what a finished one lacks against its own table of contents or the rhythm of its frames, is gathered in
-//! [`Reader::missing`], for whoever reads to say before anything else.
+//! Opening skips from record to record and notes the positions of chunks and their time ranges. A chunk is read,
+//! checked against its CRC and unpacked only when its content is requested. An inconsistency is an error that names the
+//! byte position. A file that ends early (a run was killed) is not an error: it is read up to its last whole chunk.
+//! Data missing from such a file, or from a finished one according to its table of contents or its frame interval, are
+//! listed in [`Reader::missing`], to be reported first.
 
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
@@ -21,14 +21,14 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Most messages of a recording that are kept in memory at once, frames aside: a hundred times what a long run has. A packed
-/// chunk of a few kilobytes may hold millions.
+/// Maximum number of messages, apart from frames, that are kept in memory at once: a hundred times those of a long run.
+/// A packed chunk of a few kilobytes may contain millions.
 const MOST_MESSAGES: usize = 4_000_000;
-/// Most frames whose step and time are listed: eight minutes of simulated time at a frame every 50 us.
+/// Maximum number of frames whose step and time are listed: eight minutes of simulated time at a frame every 50 us.
 const MOST_HEADS: usize = 10_000_000;
-/// Sentences in [`Reader::missing`].
+/// Maximum number of sentences in [`Reader::missing`].
 const MOST_SENTENCES: usize = 12;
-/// Which messages are asked for. The others are not unpacked further than to their topic.
+/// Requested messages. Of others only the topic is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
     pub frames: bool,
@@ -42,7 +42,7 @@ pub struct Wanted {
 /// A message of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry<'a> {
-    /// In a buffer that the next frame is read into.
+    /// In a buffer that is reused for the next frame.
     Frame(&'a Frame),
     Head(FrameHead),
     Keyframe(Box<Keyframe>),
@@ -61,7 +61,7 @@ pub struct FrameHead {
     pub state_hash: u64,
 }
 
-/// Whether to go on reading.
+/// Whether to continue reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
     On,
@@ -85,16 +85,16 @@ struct Version {
     format_version: u32,
 }
 
-/// The frames of a pass, one after the other: steps rise, and none is missing.
+/// Checks the sequence of frames: steps increase, and none is missing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rhythm {
     last: Option<u64>,
-    /// Heads of frames, and messages that are no frames, handed over so far.
+    /// Heads of frames, and messages other than frames, delivered so far.
     heads: usize,
     kept: usize,
 }
 
-/// Is told topic, log time and content of a message.
+/// Callback with topic, log time and content of a message.
 type Each<'a> = dyn FnMut(Topic, u64, &[u8]) -> anyhow::Result<Flow> + 'a;
 
 /// An open recording.
@@ -105,14 +105,14 @@ pub struct Reader {
     chunks: Vec<Chunk>,
     topics: BTreeMap<u16, Topic>,
     complete: bool,
-    /// Bytes at the end that hold no whole record.
+    /// Bytes at the end that do not form a whole record.
     lost_bytes: u64,
-    /// What is not there, one sentence each, and how many of them opening has found.
+    /// Sentences about missing data, and how many of them were found on opening.
     missing: Vec<String>,
     missing_at_open: usize,
-    /// Messages of each channel, where the table of contents counts them.
+    /// Messages of each channel according to the table of contents.
     counted: BTreeMap<u16, u64>,
-    /// Those that a pass over everything has met.
+    /// Messages met in a pass over the whole file.
     met: BTreeMap<u16, u64>,
     packed: Vec<u8>,
     unpacked: Vec<u8>,
@@ -120,7 +120,7 @@ pub struct Reader {
 }
 
 impl Rhythm {
-    /// Takes the next frame's step; the steps that it and the one before lie between, where some are missing.
+    /// Takes the next frame's step; if frames are missing before it, returns the steps that enclose the gap.
     fn gap(&mut self, step: u64, longest: u64) -> anyhow::Result<Option<(u64, u64)>> {
         let last = self.last.replace(step);
         let Some(last) = last else { return Ok(None) };
@@ -136,7 +136,7 @@ impl Reader {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
         let there = std::fs::metadata(path).with_context(|| format!("cannot read {shown}"))?;
         ensure!(!there.is_dir(), "{shown} is a directory, not a recording");
-        // A pipe has no places to go back to, and may never begin.
+        // A pipe cannot seek, and may never deliver data.
         ensure!(there.is_file(), "{shown} is a pipe or a device, not a recording: write it to a file first");
         let mut file = crate::input::open(path).with_context(|| format!("cannot read {shown}"))?;
         let mut magic = [0; mcap::MAGIC.len()];
@@ -167,7 +167,7 @@ impl Reader {
         if let Some(loss) = reader.loss() {
             reader.miss(loss);
         }
-        // A finished file has a table of contents, which knows better.
+        // In a finished file the table of contents is more reliable.
         if !reader.complete || reader.counted.is_empty() {
             reader.look_for_gaps();
         }
@@ -183,12 +183,12 @@ impl Reader {
         &self.header
     }
 
-    /// False: the file ends before a recording does; it is whole up to its last chunk.
+    /// False: the file ends early and is whole up to its last chunk.
     pub fn complete(&self) -> bool {
         self.complete
     }
 
-    /// What is missing at the end, in one sentence; None for a finished recording.
+    /// One sentence about the missing end; None for a finished recording.
     pub fn loss(&self) -> Option<String> {
         let until = self.chunks.last().map_or(0, |c| c.end_ns);
         (!self.complete).then(|| {
@@ -201,12 +201,12 @@ impl Reader {
         })
     }
 
-    /// What the recording should hold and does not, one sentence each, as far as has been read.
+    /// Sentences about data that the recording lacks, as far as it has been read.
     pub fn missing(&self) -> &[String] {
         &self.missing
     }
 
-    /// Of those, the ones that opening has not found but reading has.
+    /// Those that were found by reading after it was opened.
     pub fn missing_since_open(&self) -> &[String] {
         self.missing.get(self.missing_at_open..).unwrap_or_default()
     }
@@ -217,19 +217,20 @@ impl Reader {
         }
     }
 
-    /// Longest time between two frames [ns]; None where the header does not tell.
+    /// Nominal time between two frames [ns]; None if the header does not state it.
     fn frame_interval_ns(&self) -> Option<f64> {
         let interval = self.header.steps_per_frame as f64 * self.header.step_s * 1e9;
         (interval > 0.0).then_some(interval)
     }
 
-    /// Chunks follow each other without a gap longer than that between two frames. The first holds the header.
+    /// Checks that chunks follow each other without a gap longer than the frame interval. The first contains the
+    /// header.
     fn look_for_gaps(&mut self) {
         let Some(interval_ns) = self.frame_interval_ns() else { return };
         let mut until_ns = 0;
         let shown = self.path.display().to_string();
         for Chunk { start_ns, end_ns, .. } in self.chunks.clone() {
-            // Half a frame of slack: times are whole nanoseconds.
+            // Half a frame of tolerance, because times are whole nanoseconds.
             if until_ns > 0 && start_ns.saturating_sub(until_ns) as f64 > 1.5 * interval_ns {
                 let (from, to) = (until_ns as f64 * 1e-6, start_ns as f64 * 1e-6);
                 self.miss(format!("{shown}: nothing between {from:.4} and {to:.4} ms"));
@@ -246,7 +247,7 @@ impl Reader {
             let mut found = None;
             self.records(index, &unpacked, &mut |topic, _, data| {
                 if topic == Topic::Header {
-                    // Others may look different, or mean something else by the same names.
+                    // Other versions may have another format, or another meaning of the same names.
                     let version = Version::decode(data).context("its header cannot be read")?.format_version;
                     found = Some(if version != FORMAT_VERSION { Err(version) } else { Ok(header::decode(data)?) });
                     return Ok(Flow::Enough);
@@ -271,8 +272,8 @@ impl Reader {
         bail!("{shown} holds no pitchline recording: {reason}")
     }
 
-    /// As [`Reader::each`] over everything, past chunks that cannot be read: those are told to `damaged` with the times that they
-    /// cover [s].
+    /// As [`Reader::each`] over the whole file, but skips chunks that cannot be read: these are passed to `damaged`
+    /// with their time range [s].
     pub fn each_sound(
         &mut self,
         wanted: Wanted,
@@ -287,7 +288,7 @@ impl Reader {
                 Ok(Flow::On) => {}
                 Ok(Flow::Enough) => break,
                 Err(e) => {
-                    // Its frames are told as lost already.
+                    // Its frames have already been reported as lost.
                     rhythm.last = None;
                     damaged(e, span_s);
                 }
@@ -296,7 +297,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Calls `each` with what is wanted of the recording between two times, ends included, in the order of the file.
+    /// Calls `each` with the requested messages between two times, ends included, in file order.
     pub fn each(
         &mut self,
         wanted: Wanted,
@@ -309,7 +310,7 @@ impl Reader {
         self.met.clear();
         for index in 0..self.chunks.len() {
             let chunk = self.chunk(index)?;
-            // The first holds the channels; an unwritten time range counts as any.
+            // The first contains the channels; an unwritten time range matches any time.
             let outside = chunk.end_ns < from_ns || chunk.start_ns > to_ns;
             if outside && chunk.end_ns != 0 {
                 whole = false;
@@ -325,7 +326,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Holds the messages of a pass over everything against those that the table of contents counts.
+    /// Compares the messages of a complete pass with the counts in the table of contents.
     fn check_counts(&mut self) {
         let shown = self.path.display().to_string();
         for (channel, stated) in self.counted.clone() {
@@ -439,7 +440,7 @@ impl Reader {
         Ok(first)
     }
 
-    /// Step and time of the first and the last frame, from the chunks at both ends alone.
+    /// Step and time of the first and the last frame, read only from the chunks at both ends.
     pub fn ends(&mut self) -> anyhow::Result<Option<(FrameHead, FrameHead)>> {
         let wanted = Wanted { heads: true, ..Wanted::default() };
         let mut found: [Option<FrameHead>; 2] = [None, None];
@@ -486,7 +487,7 @@ impl Reader {
         Ok(self.frame_at(head.t_s)?.map(|frame| (number, frame)))
     }
 
-    /// The frame of exactly this time.
+    /// The frame at exactly this time.
     pub fn frame_at(&mut self, t_s: f64) -> anyhow::Result<Option<Frame>> {
         let mut found = None;
         self.each(Wanted { frames: true, ..Wanted::default() }, (t_s, t_s), |entry| {
@@ -502,10 +503,10 @@ impl Reader {
 /// All times.
 pub const WHOLE: (f64, f64) = (0.0, f64::INFINITY);
 
-/// Simulated time as a log time: what is written, and what is looked for.
+/// Simulated time as a log time, for writing and for searching.
 #[expect(clippy::cast_possible_truncation, reason = "floats become the nearest number that there is")]
 pub fn nanoseconds(t_s: f64) -> u64 {
-    // Saturates: infinity is the end of time.
+    // Saturates: infinity becomes the largest time.
     (t_s * 1e9).round() as u64
 }
 
@@ -520,8 +521,8 @@ fn topic(name: &str) -> Topic {
     }
 }
 
-/// Columns of one table have one length, that of the header where it tells one, and indices point into the header; readers rely
-/// on it.
+/// Checks that columns of one table have equal lengths, those of the header where it states them, and that indices
+/// point into the header; readers rely on it.
 fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4]) -> anyhow::Result<()> {
     let l = &frame.links;
     let n = l.x_m.len();
@@ -563,16 +564,16 @@ fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4
     Ok(())
 }
 
-/// A frame's step, its time and the time that it is found by are one: t = step x h.
+/// Checks that a frame's step, time and log time agree: t = step x h.
 fn check_time(step: u64, t_s: f64, (step_s, t_ns): (f64, u64)) -> anyhow::Result<()> {
     let stated_s = step as f64 * step_s;
-    // A step of a run that went on with another step size is rounded.
+    // The step number of a run that was continued with another step size is rounded.
     let fits = (t_s - stated_s).abs() <= 1e-9 * stated_s.max(1.0) && nanoseconds(t_s).abs_diff(t_ns) <= 1;
     ensure!(fits, "a frame of step {step} says {t_s} s and lies at {t_ns} ns, and its step is at {stated_s} s");
     Ok(())
 }
 
-/// Frames of a recording one after the other, a chunk in memory at a time.
+/// Iterates over the frames of a recording, with one chunk in memory at a time.
 pub struct Cursor<'a> {
     reader: &'a mut Reader,
     chunk: usize,
@@ -585,7 +586,7 @@ impl<'a> Cursor<'a> {
         Cursor { reader, chunk: 0, rhythm: Rhythm::default(), frames: std::collections::VecDeque::new() }
     }
 
-    /// From the beginning again.
+    /// Restarts from the beginning.
     pub fn rewound(self) -> Cursor<'a> {
         Cursor::new(self.reader)
     }

@@ -1,7 +1,8 @@
-//! The `.rrd` view of a recording, for the Rerun viewer. Numbers of every frame are kept in f64 under `state`; the drawing
-//! (f32, millimetres) and the curves come from them. Rows are gathered in blocks, because one message per block and entity is
-//! thirty times cheaper than one per row. The file is written on a thread of its own, one block behind: each block waits for the
-//! one before and learns whether it could be written. A viewer that watches the run gets the same rows, in smaller blocks.
+//! The `.rrd` view of a recording, for the Rerun viewer. Numbers of every frame are stored in f64 under `state`; the
+//! drawing (f32, millimetres) and the curves are derived from them. Rows are collected in blocks, because one message
+//! per block and entity is thirty times cheaper than one per row. The file is written on its own thread, one block
+//! behind: each block waits for the one before and checks whether it was written. A live viewer gets the same rows, in
+//! smaller blocks.
 
 mod blueprint;
 mod live;
@@ -28,31 +29,31 @@ use std::time::Instant;
 use table::{Table, Times, Values};
 use writer::Writer;
 
-/// Recordings with one application name share a layout in the viewer.
+/// Recordings with the same application name share a layout in the viewer.
 const APPLICATION: &str = "pitchline";
 
-/// Rows per message: numbers, pictures and curves. A killed run loses that many. Every message costs time (hashing and
-/// validation in the crate) and 10 kB of memory for the footer; rows cost their size.
+/// Rows per message: numbers, pictures and curves. A killed run loses at most that many. Every message costs time
+/// (hashing and validation in the crate) and 10 kB of memory for the footer; rows cost their size.
 const NUMBER_ROWS: usize = 512;
 const PICTURE_ROWS: usize = 256;
 const CURVE_ROWS: usize = 2048;
 
-/// Where the rows go.
+/// Destination of the rows.
 enum End {
     File {
         output: OutputFile,
         file: File,
         writer: Writer,
     },
-    /// Over the network; what is gathered is sent every [`live::BLOCK_INTERVAL`].
+    /// Over the network; collected rows are sent every [`live::BLOCK_INTERVAL`].
     Viewer {
         last_block: Instant,
     },
 }
 
-/// Writes an `.rrd` file, or shows the run to a viewer.
+/// Writes an `.rrd` file, or sends the run to a viewer.
 pub struct RerunSink {
-    /// Of the file; of a viewer its address.
+    /// Path of the file, or address of the viewer.
     path: PathBuf,
     end: End,
     header: Header,
@@ -74,7 +75,7 @@ pub struct RerunSink {
 }
 
 impl RerunSink {
-    /// Opens `path` and writes everything that stands still.
+    /// Opens `path` and writes all static data.
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> Result<RerunSink> {
         let (output, file) = OutputFile::create(path)?;
         let writer = Writer::new(file.try_clone()?).with_context(|| cannot_write(path))?;
@@ -82,7 +83,7 @@ impl RerunSink {
         RerunSink::begin(path.to_owned(), end, Box::new(writer), recording_id(header), header, view)
     }
 
-    /// Sends everything that stands still to `sink`.
+    /// Sends all static data to `sink`.
     fn begin(
         path: PathBuf,
         end: End,
@@ -130,7 +131,7 @@ impl RerunSink {
         self.stream.as_ref().with_context(|| format!("{} is finished", self.path.display()))
     }
 
-    /// Waits until everything sent so far is in the file, or says why it is not.
+    /// Waits until everything sent so far is in the file, or returns the write error.
     fn check_written(&self) -> Result<()> {
         match &self.end {
             End::File { writer, .. } => {
@@ -141,7 +142,7 @@ impl RerunSink {
         }
     }
 
-    /// Whether a viewer has waited long enough for what is gathered.
+    /// Whether a live viewer's next block is due.
     fn viewer_waits(&mut self) -> bool {
         match &mut self.end {
             End::Viewer { last_block } if last_block.elapsed() >= live::BLOCK_INTERVAL => {
@@ -152,14 +153,14 @@ impl RerunSink {
         }
     }
 
-    /// Sends the blocks that are full, or all there is.
+    /// Sends the full blocks, or all collected rows.
     fn send_blocks(&mut self, all: bool) -> Result<()> {
         let all = all || self.viewer_waits();
         let due = |times: &Times, rows: usize| times.len() >= if all { 1 } else { rows };
         let numbers = due(&self.number_times, NUMBER_ROWS);
         let curves = due(&self.curve_times, CURVE_ROWS);
         let pictures = due(&self.picture_times, PICTURE_ROWS);
-        // Events are few: with the numbers around them.
+        // Events are few and are sent with the numbers around them.
         let events = due(&self.event_times, if numbers { 1 } else { NUMBER_ROWS });
         if !(numbers || curves || pictures || events) {
             return Ok(());
@@ -210,14 +211,14 @@ impl Sink for RerunSink {
         self.send_blocks(false)
     }
 
-    /// Nothing to see in a snapshot.
+    /// Keyframes contain nothing to display.
     fn keyframe(&mut self, _keyframe: &Keyframe) -> Result<()> {
         Ok(())
     }
 
     fn event(&mut self, event: &Event) -> Result<()> {
         let Event { step, t_s, kind, text, link, body, value } = event;
-        // An event does not know the crank angle: that of the frame before is near enough to find it by.
+        // An event has no crank angle; that of the frame before is close enough to find it.
         self.event_times.push(*t_s, *step, self.last_crank_udeg);
         self.events.text(0).push(format!("{kind}: {text}"));
         self.events.text(1).push("INFO".to_owned());
@@ -228,7 +229,7 @@ impl Sink for RerunSink {
         self.send_blocks(false)
     }
 
-    /// The event of its first touch is in the log already.
+    /// The event of its first contact is already in the log.
     fn impact(&mut self, _impact: &Impact) -> Result<()> {
         Ok(())
     }
@@ -273,20 +274,21 @@ impl Sink for RerunSink {
 
 impl Drop for RerunSink {
     fn drop(&mut self) {
-        // Given up: the stream's own drop would wait for the viewer, however long it is gone.
+        // Aborted: dropping the stream would wait for the viewer indefinitely.
         if matches!(self.end, End::Viewer { .. }) {
             std::mem::forget(self.stream.take());
         }
     }
 }
 
-/// The same run has the same id; runs that differ in anything a header tells can be open side by side.
+/// Id of a recording: the same for the same run, different for runs whose headers differ, so that they can be open side
+/// by side.
 fn recording_id(header: &Header) -> String {
     let bytes = prost::Message::encode_to_vec(header);
     format!("{}-{:016x}", header.drive_name, twox_hash::XxHash3_64::oneshot(&bytes))
 }
 
-/// What the viewer's log shows, and the numbers behind it.
+/// Log entries for the viewer, and their numbers.
 fn events_table() -> Table {
     let columns = vec![
         (TextLog::descriptor_text(), Values::Text(Vec::new())),
@@ -315,7 +317,7 @@ fn whole_drive(header: &Header) -> Look {
     Look { name, centre, width, height }
 }
 
-/// For each sprocket the place where the chain runs onto it: on the driver the end of the tight span.
+/// For each sprocket the place where the chain runs on; on the driver this is the end of the tight span.
 fn close_ups(header: &Header, frame: &Frame) -> Vec<Look> {
     let pitch = scene::pitch_mm(header);
     let mut looks = Vec::new();
@@ -328,7 +330,7 @@ fn close_ups(header: &Header, frame: &Frame) -> Vec<Look> {
     looks
 }
 
-/// Centre of the link that came onto the sprocket last [m].
+/// Centre of the link that seated last on the sprocket [m].
 fn first_seated(header: &Header, body: &BodyInfo, frame: &Frame) -> Option<[f64; 2]> {
     let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, .. } = &frame.links;
     let n = x_m.len();
@@ -338,7 +340,7 @@ fn first_seated(header: &Header, body: &BodyInfo, frame: &Frame) -> Option<[f64;
     let pitch_m = scene::pitch_mm(header) / MM_PER_M;
     let pitch_radius_m = 0.5 * pitch_m / libm::sin(std::f64::consts::PI / f64::from(body.teeth));
     let seated = |i: usize| libm::hypot(x_m[i] - body.x_m, y_m[i] - body.y_m) < pitch_radius_m + 0.1 * pitch_m;
-    // Links come in order of the chain if it runs forward, which it also does in this sense while it stands still.
+    // Links arrive in order of the chain if it runs forwards; a chain at rest is treated the same.
     let along: f64 = (0..n).map(|i| vx_m_s[i] * libm::cos(angle_rad[i]) + vy_m_s[i] * libm::sin(angle_rad[i])).sum();
     let next_to_come = if along < 0.0 { 1 } else { n - 1 };
     (0..n).find(|i| seated(*i) && !seated((i + next_to_come) % n)).map(|i| [x_m[i], y_m[i]])
@@ -424,7 +426,7 @@ mod tests {
         let path = folder.path().join("run.rrd");
         let view = ViewOptions { picture_interval_s: 0.01 };
         let mut sink = RerunSink::create(&path, &header(), view).unwrap();
-        // Two full blocks and a piece.
+        // Two full blocks and a partial one.
         let n = 2 * NUMBER_ROWS as u64 + 3;
         (0..n).for_each(|step| sink.frame(&frame(step)).unwrap());
         let bytes = sink.finish().unwrap();

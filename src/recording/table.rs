@@ -1,8 +1,8 @@
-//! A recording as tables: one row per link, joint, contact, sprocket and frame; the files are those of `file`.
+//! A recording as tables: one row per link, joint, contact, sprocket and frame. Module `file` writes the files.
 //!
-//! What stands in which table is said once, by the functions `links`, `joints`, ... below: each takes its part of a Frame to
-//! pieces and names every column as it goes, so that schema and content cannot differ, and a new column of a Frame does not
-//! compile until it has a place here.
+//! The content of each table is defined once, by the functions `links`, `joints`, ... below. Each destructures its part
+//! of a Frame and names every column, so that schema and content agree, and a new column of a Frame does not compile
+//! until it is handled here.
 
 mod file;
 
@@ -36,7 +36,7 @@ pub struct Table {
     source: Source,
 }
 
-/// What a table's rows are taken from, and how.
+/// Source of a table's rows, and the function that makes them.
 #[derive(Clone, Copy, Debug)]
 enum Source {
     Frame(for<'a> fn(&Moment<'a>) -> Rows<'a>),
@@ -48,11 +48,11 @@ enum Source {
     Link(for<'a> fn(&'a Header, u32, &'a LinkInfo) -> Rows<'a>),
 }
 
-/// A frame, and its place in the recording.
+/// A frame, and its index in the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<'a> {
     pub header: &'a Header,
-    /// Counted from the recording's first.
+    /// Counted from the recording's first frame.
     pub index: u64,
     pub frame: &'a Frame,
 }
@@ -76,7 +76,7 @@ enum Values<'a> {
     U32(&'a [u32]),
     Bool(&'a [bool]),
     Text(Vec<&'a str>),
-    /// The same in all rows.
+    /// The same value in all rows.
     EveryF64(f64),
     EveryU32(u32),
     EveryU64(u64),
@@ -95,7 +95,7 @@ fn own<'a>(name: &'static str, unit: &'static str, meaning: &'static str, values
     Column { name, note: Some((unit, meaning)), values }
 }
 
-/// With what every table of frames begins, then `columns`.
+/// The common first columns of tables of frames, then `columns`.
 fn stamped<'a, const N: usize>(at: &Moment<'a>, n: usize, columns: [Column<'a>; N]) -> Rows<'a> {
     let Frame {
         step,
@@ -335,7 +335,7 @@ fn impact<'a>(header: &'a Header, impact: &'a Impact) -> Rows<'a> {
 }
 
 fn body<'a>(index: u32, body: &'a BodyInfo) -> Rows<'a> {
-    // An outline is a list of its own; pictures are drawn from the recording.
+    // An outline is a list of its own and is not exported.
     let BodyInfo { path, rotor, x_m, y_m, angle_rad, teeth, outline: _, coordinate } = body;
     let columns = vec![
         own("body", "1", "Index of the body: sprockets first, then guides, then rails.", EveryU32(index)),
@@ -376,9 +376,9 @@ pub struct ColumnInfo {
     pub name: &'static str,
     pub unit: &'static str,
     pub meaning: &'static str,
-    /// The same for all rows of a frame.
+    /// Whether it has the same value in all rows of a frame.
     repeats: bool,
-    /// Of the right kind, empty.
+    /// An empty store of its type.
     store: Store,
 }
 

@@ -2,7 +2,7 @@
 
 use super::frame::{Header, Outline, OutlineElement};
 
-/// Largest distance between an arc and the chords it is drawn with [m].
+/// Largest distance between an arc and its chords in drawings [m].
 pub const DRAWING_TOLERANCE_M: f64 = 5e-6;
 
 /// Points along an outline [m], in its own frame; a closed one does not repeat its first point.
@@ -34,7 +34,7 @@ fn push_element(e: &OutlineElement, points: &mut Vec<[f64; 2]>) {
     points.push([e.end_x_m, e.end_y_m]);
 }
 
-/// A circle as a closed polyline: a ring's must not look like a polygon beside what touches it.
+/// A circle as a closed polyline, fine enough not to look like a polygon next to its contacts.
 pub fn circle(x_m: f64, y_m: f64, radius_m: f64) -> Vec<[f64; 2]> {
     let cos = (1.0 - DRAWING_TOLERANCE_M / radius_m.max(DRAWING_TOLERANCE_M)).clamp(-1.0, 1.0);
     let pieces = (std::f64::consts::PI / libm::acos(cos)).ceil().clamp(32.0, 1000.0) as usize;
@@ -46,7 +46,7 @@ pub fn circle(x_m: f64, y_m: f64, radius_m: f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Box round everything that stands still: (lower, upper) corner [m]; the chain lies inside it up to a few pitches.
+/// Bounding box of all static bodies: (lower, upper) corner [m]; the chain extends beyond it by a few pitches at most.
 pub fn scene_bounds(header: &Header) -> ([f64; 2], [f64; 2]) {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];

@@ -1,6 +1,6 @@
-//! A run shown in the Foxglove app while it computes: the topics of the MCAP archive over a WebSocket, on this machine only.
-//! Foxglove is the client: it comes to us, may be closed and come back. It never holds the run up: where it reads too slowly,
-//! the oldest messages are left out.
+//! Shows a run in the Foxglove app while it computes: the topics of the MCAP archive over a WebSocket, on this machine
+//! only. Foxglove is the client: it connects to this server and may disconnect and return. It never delays the run: if
+//! it reads too slowly, the oldest messages are dropped.
 
 pub mod server;
 
@@ -19,9 +19,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Shortest time between two settings of the app's clock.
+/// Minimum time between two updates of the app's clock.
 const CLOCK_INTERVAL: Duration = Duration::from_millis(5);
-/// How long what waits gets to go out at the end.
+/// Time at the end in which waiting messages may still be sent.
 const LINGER: Duration = Duration::from_secs(2);
 
 /// Serves a run to the Foxglove app.
@@ -40,7 +40,7 @@ pub struct FoxgloveSink {
 }
 
 impl FoxgloveSink {
-    /// Listens at `port` (0: any that is free) and waits for a client that subscribes to something.
+    /// Listens on `port` (0: any free port) and waits for a client that subscribes to something.
     pub fn serve(
         port: u16,
         header: &Header,
@@ -91,7 +91,7 @@ impl FoxgloveSink {
         }
     }
 
-    /// Sets the app's clock to simulated time, and looks whether anybody is there.
+    /// Sets the app's clock to simulated time, and checks whether a client is connected.
     fn keep_time(&mut self, t_ns: u64) {
         let Some(server) = &self.server else { return };
         if self.last_clock.is_some_and(|last| last.elapsed() < CLOCK_INTERVAL) {
@@ -110,7 +110,8 @@ impl FoxgloveSink {
     }
 }
 
-/// The protocol's first texts: who serves, and one channel for each topic, numbered from 1 in the order of [`TOPICS`].
+/// The first texts of the protocol: the server's name, and one channel for each topic, numbered from 1 in the order of
+/// [`TOPICS`].
 fn greeting(header: &Header) -> [String; 2] {
     let channel = |(index, (topic, schema)): (usize, &(&str, &str))| {
         let data = scene::schema(schema).unwrap_or(Cow::Borrowed(DESCRIPTOR));

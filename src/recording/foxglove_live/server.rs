@@ -1,11 +1,11 @@
-//! The WebSocket side of a live run: Foxglove's protocol (`foxglove.sdk.v1`) on a thread of its own. Whatever a client does,
-//! it costs a bounded amount of memory and never holds the run up:
+//! The WebSocket server of a live run: Foxglove's protocol (`foxglove.sdk.v1`) on its own thread. Each client uses a
+//! bounded amount of memory and never delays the run:
 //!
-//! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; where it reads too slowly, its oldest messages go;
-//! * one that has read nothing for [`PATIENCE`], or sends more than a viewer has to say, is closed;
-//! * there are at most [`MOST_CLIENTS`], and [`MOST_SHAKING`] more that have not shaken hands.
+//! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; if it reads too slowly, its oldest messages are dropped;
+//! * a client that has read nothing for [`PATIENCE`], or sends more than a viewer needs to, is disconnected;
+//! * there are at most [`MOST_CLIENTS`] clients, and [`MOST_SHAKING`] more connections before their handshake.
 //!
-//! Everything that is left out or closed is counted ([`Counts`]).
+//! All dropped messages and closed connections are counted ([`Counts`]).
 
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
@@ -28,29 +28,30 @@ use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, 
 use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
 use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
 
-/// Clients at one time.
+/// Maximum number of clients.
 pub const MOST_CLIENTS: usize = 8;
-/// Connections that have not shaken hands yet; the oldest makes room.
+/// Maximum number of connections before their handshake; the oldest is closed to make room.
 const MOST_SHAKING: usize = 32;
-/// Bytes that wait for a client before its oldest message is left out: some 700 frames.
+/// Bytes that may wait for a client before its oldest message is dropped: some 700 frames.
 const LARGEST_QUEUE: usize = 8 << 20;
-/// How long a client may take for one message, and for its handshake.
+/// Time limit of a client for one message, and for its handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
 const HANDSHAKE: Duration = Duration::from_secs(5);
-/// Longest message that a client has to send: subscriptions to all topics take 1 kB.
+/// Longest message from a client: subscriptions to all topics take 1 kB.
 const LONGEST_FROM_CLIENT: usize = 16 << 10;
-/// Messages that a client may send in a second.
+/// Maximum number of messages from a client per second.
 const MOST_IN_A_SECOND: u32 = 200;
-/// Subprotocol of Foxglove's SDK; clients that offer none of its names are of another kind.
+/// Subprotocol of Foxglove's SDK; clients that offer none of its names are refused.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
 /// First bytes of binary messages to the client.
 const MESSAGE_DATA: u8 = 1;
 const TIME: u8 = 2;
 
-/// What went on, for the end of the run.
+/// Counters for the summary at the end of the run.
 #[derive(Debug, Default)]
 pub struct Counts {
-    /// That came in, were turned away at the handshake or because there were too many, and were closed for what they did.
+    /// Clients that connected, were refused at the handshake or because there were too many, and were disconnected for
+    /// misbehaviour.
     pub clients: AtomicU64,
     pub refused: AtomicU64,
     pub closed: AtomicU64,
@@ -66,41 +67,41 @@ struct Queued {
 }
 
 impl Queued {
-    /// Memory that the message takes while it waits, its place in the queue included [bytes].
+    /// Memory of the message while it waits, including its place in the queue [bytes].
     fn size(&self) -> usize {
         self.content.len() + size_of::<Queued>()
     }
 }
 
-/// What waits for a client.
+/// Messages that wait for a client.
 #[derive(Default)]
 struct Queue {
     messages: VecDeque<Queued>,
     bytes: usize,
-    /// Where the app's clock should stand [ns]; only the newest counts.
+    /// Time for the app's clock [ns]; only the newest value is kept.
     clock_ns: Option<u64>,
     ends: bool,
 }
 
-/// A client as the run sees it.
+/// A client as seen by the run.
 struct Client {
     queue: Mutex<Queue>,
-    /// Rings when something is put into the queue.
+    /// Signals that something was put into the queue.
     bell: Notify,
-    /// Number that the client gave its subscription to each topic.
+    /// Subscription number that the client gave to each topic.
     subscriptions: Mutex<[Option<u32>; TOPICS.len()]>,
 }
 
-/// What all threads share.
+/// Data shared by all threads.
 pub struct Shared {
     port: u16,
     token: String,
-    /// Texts that greet a client: who we are, and what there is.
+    /// First texts for a client: the server's name, and the channels.
     greeting: [String; 2],
-    /// Message of each topic that a client gets when it subscribes.
+    /// Topics whose message a client gets when it subscribes.
     at_start: Vec<(usize, Arc<[u8]>)>,
     clients: Mutex<Vec<Arc<Client>>>,
-    /// Subscribers of each topic.
+    /// Number of subscribers of each topic.
     subscribers: [AtomicUsize; TOPICS.len()],
     subscribed: AtomicU64,
     seats: Semaphore,
@@ -119,8 +120,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Server {
-    /// Listens at `port` of the loopback address (0: any that is free). `greeting` are the protocol's first texts, `at_start`
-    /// topics with the message that a late client gets first.
+    /// Listens on `port` of the loopback address (0: any free port). `greeting` are the first texts of the protocol,
+    /// `at_start` topics with the message that a new subscriber gets first.
     pub fn start(port: u16, token: String, greeting: [String; 2], at_start: Vec<(usize, Arc<[u8]>)>) -> Result<Server> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = runtime
@@ -136,7 +137,7 @@ impl Server {
                     () = ends.notified() => {}
                 }
             });
-            // Tasks end where they stand: nobody waits for a client.
+            // Tasks are cancelled immediately; no client is waited for.
             runtime.shutdown_background();
         })?;
         Ok(Server { shared, stop, thread: Some(thread) })
@@ -154,7 +155,7 @@ impl Server {
         locked(&self.shared.clients).len()
     }
 
-    /// Whether anybody has ever subscribed to anything.
+    /// Whether any client has ever subscribed to anything.
     pub fn was_subscribed(&self) -> bool {
         self.shared.subscribed.load(Ordering::Relaxed) > 0
     }
@@ -181,7 +182,7 @@ impl Server {
         }
     }
 
-    /// Lets what waits go out, for as long as `linger`, and says goodbye.
+    /// Sends waiting messages for at most `linger`, and closes the connections.
     pub fn finish(&mut self, linger: Duration) {
         let started = std::time::Instant::now();
         for client in locked(&self.shared.clients).iter() {
@@ -197,7 +198,7 @@ impl Server {
     fn end(&mut self) {
         self.stop.notify_one();
         if let Some(thread) = self.thread.take() {
-            // A server that has panicked has said so.
+            // A server that panicked has already reported it.
             let _ended = thread.join();
         }
     }
@@ -230,7 +231,7 @@ impl Client {
         locked(&self.subscriptions).get(topic).copied().flatten()
     }
 
-    /// Puts a message at the end; what is oldest makes room for it.
+    /// Appends a message; the oldest ones are dropped to make room.
     fn put(&self, message: Queued, counts: &Counts) {
         let mut queue = locked(&self.queue);
         queue.bytes += message.size();
@@ -244,7 +245,7 @@ impl Client {
         self.bell.notify_one();
     }
 
-    /// The next message as it goes over the wire; None where nothing waits. The flag says that no more will come.
+    /// The next message in wire format; None if nothing waits. The flag is set when no more messages will come.
     fn next(&self) -> (Option<Message>, bool) {
         let mut queue = locked(&self.queue);
         if let Some(t_ns) = queue.clock_ns.take() {
@@ -276,12 +277,12 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
     let mut shaking: VecDeque<(AbortHandle, Arc<AtomicBool>)> = VecDeque::new();
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            // Out of descriptors, as a rule: some will be free again.
+            // Usually out of file descriptors; some will be released.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
         shaking.retain(|(task, at_the_door)| at_the_door.load(Ordering::Relaxed) && !task.is_finished());
-        // Whoever connects and says nothing makes room for who comes next.
+        // The oldest connection without a handshake is closed to make room.
         while shaking.len() >= MOST_SHAKING {
             if let Some((oldest, _)) = shaking.pop_front() {
                 oldest.abort();
@@ -291,14 +292,14 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
         let at_the_door = Arc::new(AtomicBool::new(true));
         let door = Door(Arc::clone(&at_the_door));
         let shared = Arc::clone(&shared);
-        // Small messages go out at once where the system can do it; where it cannot they come later.
+        // Sends small messages without delay where the system supports it.
         let _set = stream.set_nodelay(true);
         let task = tokio::spawn(async move { welcome(stream, &shared, door).await });
         shaking.push_back((task.abort_handle(), at_the_door));
     }
 }
 
-/// Tells when a handshake is over.
+/// Signals on drop that a handshake is over.
 struct Door(Arc<AtomicBool>);
 
 impl Drop for Door {
@@ -307,7 +308,7 @@ impl Drop for Door {
     }
 }
 
-/// Shakes hands with whoever connects, and talks to them if they may come in. `door` is let go of after the handshake.
+/// Performs the handshake with a new connection and serves it if it is accepted. `door` is dropped after the handshake.
 pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &Shared, door: D) {
     let mut seat = None;
     let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, shared, &mut seat)).await;
@@ -352,7 +353,7 @@ async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
         if !offered.any(|name| name.trim() == SUBPROTOCOL) {
             return Err(refuse(StatusCode::BAD_REQUEST, "this server speaks foxglove.sdk.v1"));
         }
-        // Whoever may not come in takes none.
+        // Only accepted clients take a seat.
         *seat = shared.seats.try_acquire().ok();
         if seat.is_none() {
             return Err(refuse(StatusCode::SERVICE_UNAVAILABLE, "too many viewers"));
@@ -363,7 +364,7 @@ async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
     Ok(tokio_tungstenite::accept_hdr_async_with_config(stream, check, Some(config)).await?)
 }
 
-/// Talks to one client until either has had enough.
+/// Serves one client until either side closes the connection.
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, shared: &Shared) {
     let client = Arc::new(Client {
         queue: Mutex::default(),
@@ -425,7 +426,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, sh
 
 use tokio_tungstenite::tungstenite::Error as Gone;
 
-/// What a client asks for. What is none of ours is passed over.
+/// Handles a request of a client. Unknown requests are ignored.
 fn listen(text: &str, client: &Client, shared: &Shared) {
     let Ok(said) = serde_json::from_str::<serde_json::Value>(text) else { return };
     let list = |key: &str| said.get(key).and_then(|list| list.as_array()).cloned().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The file of a recording: where its chunks lie, what its table of contents says of them, and what they hold once unpacked.
+//! The file of a recording: positions of its chunks, its table of contents, and the unpacked content of chunks.
 
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
@@ -8,27 +8,27 @@ use mcap::records::op;
 use std::collections::BTreeSet;
 use std::io::{Read, Seek, SeekFrom};
 
-/// Longest record that is read, packed or unpacked [bytes]: ours stay below 5 MB.
+/// Longest record that is read, packed or unpacked [bytes]; those of this program are below 5 MB.
 const LONGEST_RECORD: u64 = 64 << 20;
-/// Longest message [bytes]: frames and States of the longest chain stay below 2 MB. Small ones may unpack to many times their
-/// size, so this bounds memory too.
+/// Longest message [bytes]; frames and States of the longest chain are below 2 MB. Small messages may unpack to many
+/// times their size, so that this also limits memory.
 const LONGEST_MESSAGE: usize = 8 << 20;
-/// Most chunks of one file that are kept in mind.
+/// Maximum number of chunks of one file.
 const MOST_CHUNKS: usize = 1 << 22;
-/// Records that a table of contents consists of: what it says of a chunk, and its counts.
+/// Records of a table of contents: entry of a chunk, and message counts.
 const CHUNK_INDEX_LENGTH: usize = 32;
 const STATISTICS_LENGTH: usize = 46;
 /// Bytes before a record's content: operation code and length.
 const RECORD_HEAD: u64 = 9;
 /// Shortest head of a chunk: start, end, size, CRC, empty name of the compression, packed size.
 const CHUNK_HEAD: u64 = 8 + 8 + 8 + 4 + 4 + 8;
-/// Longest name of a compression that is believed.
+/// Longest accepted name of a compression.
 const LONGEST_NAME: u32 = 32;
 
-/// A chunk: where its packed bytes lie and what they hold.
+/// A chunk: position of its packed bytes, and their properties.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Chunk {
-    /// Of the record, for messages to people.
+    /// Position of the record, for error messages.
     pub(super) offset: u64,
     pub(super) data_offset: u64,
     pub(super) packed: u64,
@@ -45,7 +45,7 @@ pub(super) enum Compression {
     Zstd,
 }
 
-/// What the table of contents says of a chunk.
+/// Entry of a chunk in the table of contents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ChunkIndex {
     pub(super) offset: u64,
@@ -54,7 +54,7 @@ struct ChunkIndex {
 }
 
 impl Reader {
-    /// Holds the table of contents of a finished file against the chunks that were found.
+    /// Compares the table of contents of a finished file with the chunks that were found.
     fn check_contents(&mut self, index: &[ChunkIndex], n_chunks: Option<u32>) {
         let shown = self.path.display().to_string();
         let found: BTreeSet<u64> = self.chunks.iter().map(|c| c.offset).collect();
@@ -65,7 +65,7 @@ impl Reader {
             self.miss(format!("{shown}: it says that it has {n} chunks, and {} are there", self.chunks.len()));
         }
         for entry in index {
-            // Chunks lie in the order of the file.
+            // Chunks are sorted by position.
             let at = self.chunks.binary_search_by_key(&entry.offset, |c| c.offset).ok();
             let Some(chunk) = at.and_then(|at| self.chunks.get_mut(at)) else {
                 let (from, to) = (entry.start_ns as f64 * 1e-6, entry.end_ns as f64 * 1e-6);
@@ -73,7 +73,7 @@ impl Reader {
                 continue;
             };
             if (chunk.start_ns, chunk.end_ns) != (entry.start_ns, entry.end_ns) {
-                // Whichever is right: it is looked into.
+                // The union of both ranges is searched, because either may be right.
                 chunk.start_ns = chunk.start_ns.min(entry.start_ns);
                 chunk.end_ns = chunk.end_ns.max(entry.end_ns);
                 self.miss(format!(
@@ -84,7 +84,7 @@ impl Reader {
         }
     }
 
-    /// Notes where chunks lie. Nothing is unpacked.
+    /// Finds the positions of chunks without unpacking them.
     pub(super) fn find_chunks(&mut self) -> anyhow::Result<()> {
         let length = self.file.metadata()?.len();
         let (mut index, mut n_chunks) = (Vec::new(), None);
@@ -189,7 +189,7 @@ impl Reader {
             Compression::Zstd => {
                 self.unpacked.clear();
                 self.unpacked.reserve(in_memory(chunk.unpacked));
-                // Never more than stated: the room of the target is the limit.
+                // Never more than stated: the capacity of the target is the limit.
                 let limit = self.unpacked.capacity().min(in_memory(chunk.unpacked));
                 let mut target = std::io::Cursor::new(std::mem::take(&mut self.unpacked));
                 let mut stream = zstd::stream::read::Decoder::with_buffer(self.packed.as_slice())
@@ -208,7 +208,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Calls `each` with the topic, log time and content of every message of an unpacked chunk.
+    /// Calls `each` with topic, log time and content of every message of an unpacked chunk.
     pub(super) fn records(&mut self, index: usize, unpacked: &[u8], each: &mut Each<'_>) -> anyhow::Result<Flow> {
         let Chunk { offset, start_ns, end_ns, .. } = self.chunk(index)?;
         let place = |at: usize| format!("{}: byte {at} of the chunk at byte {offset}", self.path.display());
@@ -226,13 +226,13 @@ impl Reader {
                     self.topics.insert(id, topic(name));
                 }
                 op::MESSAGE => {
-                    // Channel, number, log time and time of publishing, then what it says.
+                    // Channel, number, log time and publish time, then the content.
                     let split = content.split_first_chunk::<22>();
                     let (head, said) = split.with_context(|| format!("{}: half a message", place(at)))?;
                     ensure!(content.len() <= LONGEST_MESSAGE, "{}: a message of {length} bytes", place(at));
                     let [a, b, ..] = *head;
                     let (channel, t_ns) = (u16::from_le_bytes([a, b]), u64_at(head, 6));
-                    // Whoever looks for a time passes over chunks by what they state.
+                    // Searches by time skip chunks according to their stated range.
                     let inside = end_ns == 0 || (start_ns..=end_ns).contains(&t_ns);
                     ensure!(inside, "{}: a message of {t_ns} ns in a chunk of {start_ns} to {end_ns} ns", place(at));
                     *self.met.entry(channel).or_default() += 1;
@@ -249,21 +249,22 @@ impl Reader {
     }
 }
 
-/// Number and topic of a channel record. Read here, because the crate's own reader reserves whatever length a text states.
+/// Number and topic of a channel record. Parsed here, because the crate's reader allocates whatever length a text
+/// states.
 fn channel(content: &[u8]) -> Option<(u16, &str)> {
     let id = u16::from_le_bytes(*content.first_chunk()?);
-    // Behind the number of its schema.
+    // After the number of its schema.
     let length = u32::from_le_bytes(*content.get(4..)?.first_chunk()?);
     let name = content.get(8..)?.get(..usize::try_from(length).ok()?)?;
     Some((id, std::str::from_utf8(name).ok()?))
 }
 
-/// A length that was found to be small.
+/// Converts a length that has been found to be small.
 fn in_memory(length: u64) -> usize {
     usize::try_from(length).unwrap_or(usize::MAX)
 }
 
-/// Callers have asked for the bytes; beyond their end there are zeros.
+/// The caller has checked the length; beyond the end the value is zero.
 fn u64_at(bytes: &[u8], at: usize) -> u64 {
     bytes.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |word| u64::from_le_bytes(*word))
 }

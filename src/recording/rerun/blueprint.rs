@@ -1,6 +1,6 @@
-//! How a viewer shows an `.rrd` when it is opened: the whole drive seen from the front, a close-up of every sprocket where the
-//! chain runs onto it, curves, tables and events. Written message by message: the crate's builder (0.36) cannot set cameras,
-//! and draws its ids at random.
+//! Initial layout of an `.rrd` in the viewer: the whole drive from the front, a close-up of every sprocket where the
+//! chain runs on, curves, tables and events. It is written message by message, because the crate's builder (0.36)
+//! cannot set cameras and generates random ids.
 
 use anyhow::{Context, Result};
 use rerun::blueprint::components::{ContainerKind, LinkAxis, PanelState, PlayState};
@@ -16,13 +16,13 @@ use rerun::external::re_sdk_types::datatypes::{Utf8, Uuid};
 use rerun::log::LogMsg;
 use rerun::{AsComponents, Color, RecordingStream, RecordingStreamBuilder};
 
-/// Simulated seconds per second of play-back.
+/// Simulated seconds per second of playback.
 const PLAYBACK_SPEED: f64 = 0.005;
 
-/// Half of the viewer's vertical field of view: 55 degrees in all.
+/// Half of the viewer's vertical field of view, which is 55 degrees.
 const HALF_FIELD_OF_VIEW_RAD: f64 = 0.48;
 
-/// A rectangle to look at [mm].
+/// A rectangle to be shown [mm].
 #[derive(Clone, Debug)]
 pub struct Look {
     pub name: String,
@@ -31,8 +31,8 @@ pub struct Look {
     pub height: f64,
 }
 
-/// Adds the layout to the recording and makes it the one that is shown; `play` says how time runs at first, `sensors` whether the
-/// drive has any.
+/// Adds the layout to the recording and activates it. `play` is the initial state of playback; `sensors` tells whether
+/// the drive has sensors.
 pub fn send(
     stream: &RecordingStream,
     recording: &str,
@@ -61,7 +61,7 @@ pub fn send(
 }
 
 fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayState, sensors: bool) -> Result<()> {
-    // Panes are about twice as wide as high, or square where there is nothing beside them.
+    // Panes are about twice as wide as high, or square without neighbours.
     let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
     let mut near = Vec::new();
     for look in close_ups {
@@ -101,7 +101,7 @@ fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayS
     layout.panels(&root, play)
 }
 
-/// The columns of the table of contacts, what one asks first on the left.
+/// The columns of the table of contacts, the most important on the left.
 fn contact_columns() -> DataframeQuery {
     let names = [
         "normal_force_n",
@@ -171,7 +171,7 @@ impl Layout {
         Ok(self.stream.log(format!("{}/{name}", view.path), property)?)
     }
 
-    /// A view from the front; `aspect` is about the width of its pane over the height.
+    /// A view from the front; `aspect` is the approximate ratio of width to height of its pane.
     fn camera(&mut self, look: &Look, aspect: f64) -> Result<Placed> {
         let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**"];
         let view = self.view_of("3D", &look.name, "/", &shown)?;
@@ -202,7 +202,7 @@ impl Layout {
         Ok(view)
     }
 
-    /// Parts and their shares of the space, along the container's direction.
+    /// A container; `parts` with their shares of its length.
     fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(Placed, f32)]) -> Result<Placed> {
         let placed = self.place("container");
         let mut container = ContainerBlueprint::new(kind)

@@ -1,5 +1,5 @@
-//! A run shown in a Rerun viewer while it computes: the rows of the `.rrd` over gRPC. The run waits for a viewer that reads
-//! slower than it computes, but only for [`PATIENCE`]: one that has stopped reading is given up like one that is gone.
+//! Shows a run in a Rerun viewer while it computes: the rows of the `.rrd` over gRPC. The run waits for a slow viewer,
+//! but at most for [`PATIENCE`]; a viewer that has stopped reading is then dropped like one that has closed.
 
 use super::{End, RerunSink, recording_id};
 use crate::recording::frame::Header;
@@ -13,20 +13,20 @@ use std::path::PathBuf;
 use std::sync::mpsc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Time between two blocks: below what an eye takes for a delay, above what messages cost.
+/// Time between two blocks: short enough not to appear delayed, long enough to limit the cost of messages.
 pub const BLOCK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How long a viewer may take to read a block.
+/// Time limit of a viewer for reading a block.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 impl RerunSink {
-    /// Shows the run to the viewer at `url`, e.g. `rerun+http://127.0.0.1:9876/proxy`; waits for it to be there.
+    /// Shows the run to the viewer at `url`, e.g. `rerun+http://127.0.0.1:9876/proxy`; waits until it is available.
     pub fn connect(url: &str, header: &Header, view: ViewOptions, wait: Duration) -> Result<RerunSink> {
         let uri: ProxyUri = url.parse().with_context(|| format!("{url} is no address of a Rerun viewer"))?;
-        // The crate would try for ever, and tell nobody why.
+        // The crate would try forever without reporting it.
         live::wait_for(wait, || reach(&uri.origin))
             .with_context(|| format!("no Rerun viewer at {url} (start one: rerun --bind 127.0.0.1)"))?;
-        // Two runs of one drive in one viewer stay apart.
+        // Distinguishes two runs of one drive in one viewer.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let recording = format!("{}-live-{}", recording_id(header), now.as_millis());
         let end = End::Viewer { last_block: Instant::now() };
@@ -35,25 +35,26 @@ impl RerunSink {
     }
 }
 
-/// Whether somebody listens.
+/// Whether a server listens there.
 fn reach(origin: &Origin) -> Result<()> {
     let host = origin.host.to_string();
     TcpStream::connect((host.trim_matches(['[', ']']), origin.port))?;
     Ok(())
 }
 
-/// Waits until everything sent so far is on its way.
+/// Waits until everything sent so far has been passed to the network.
 pub fn flush(stream: &RecordingStream) -> Result<()> {
     Ok(stream.flush_with_timeout(PATIENCE)?)
 }
 
-/// Ends the stream when all has been read.
+/// Ends the stream when everything has been read.
 pub fn close(stream: Option<RecordingStream>) -> Result<()> {
-    // The stream waits for the viewer without end; nobody waits for this thread longer than that.
+    // Dropping the stream waits for the viewer indefinitely; it happens on a thread that is waited for only for a
+    // limited time.
     let (done, ended) = mpsc::channel();
     std::thread::spawn(move || {
         drop(stream);
-        // Nobody listens any more if it took too long.
+        // Fails if the receiver has stopped waiting.
         let _told = done.send(());
     });
     ended.recv_timeout(PATIENCE).context("the viewer has stopped reading")

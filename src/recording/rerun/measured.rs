@@ -1,4 +1,4 @@
-//! Measured series beside a model's, on one timeline.
+//! Measured series together with those of a model, on one timeline.
 
 use super::writer::Writer;
 use crate::output::OutputFile;
@@ -13,7 +13,7 @@ pub struct Series<'a> {
     pub values: &'a [f64],
 }
 
-/// Writes all series into one file; every path becomes a plot of its own parent.
+/// Writes all series into one file; every path becomes a plot of its parent.
 pub fn write(path: &Path, name: &str, all: &[Series]) -> Result<()> {
     let (mut output, file) = OutputFile::create(path)?;
     let writer = Writer::new(file.try_clone()?)?;

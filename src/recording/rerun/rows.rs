@@ -1,4 +1,4 @@
-//! What of a frame goes where: numbers, curves, pictures.
+//! Distributes the data of a frame over numbers, curves and pictures.
 
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm};
 use super::table::{Table, Values};
@@ -68,7 +68,7 @@ impl Numbers {
     }
 }
 
-/// Adds a row to the f64 columns from `first` on.
+/// Adds a row to the f64 columns, starting with column `first`.
 fn push_row(table: &mut Table, first: usize, columns: &[&Vec<f64>]) {
     for (k, values) in columns.iter().enumerate() {
         table.f64(first + k).extend_from_slice(values);
@@ -100,7 +100,7 @@ fn push_contacts(table: &mut Table, contacts: &Contacts) {
         instant_force_n,
     } = contacts;
     for (k, values) in [link, body, tooth, segment, feature].into_iter().enumerate() {
-        // No chain has as many links or teeth as would not fit.
+        // No chain has more links or teeth than fit.
         table.u16(k).extend(values.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
     }
     table.bool(5).extend_from_slice(stick);
@@ -123,7 +123,7 @@ fn push_contacts(table: &mut Table, contacts: &Contacts) {
     push_row(table, 6, &columns);
 }
 
-/// A few numbers per frame that a viewer draws over time, several curves to an entity.
+/// A few numbers per frame that a viewer draws over time, several curves per entity.
 pub struct Curves {
     contact_force: Table,
     contacts: Table,
@@ -132,9 +132,9 @@ pub struct Curves {
     energy: Table,
     lost: Table,
     error: Table,
-    /// Where the drive has any.
+    /// If the drive has sensors.
     sensors: Option<Table>,
-    /// Curve of each body: a sprocket's own, or the one of all guides.
+    /// Curve of each body: a sprocket's own, or the common one of all guides.
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
     largest_n: Vec<f64>,
@@ -220,7 +220,7 @@ fn push_curves(table: &mut Table, values: impl IntoIterator<Item = f64>) {
     table.end_row(n);
 }
 
-/// The drawing: what moves of it.
+/// The moving parts of the drawing.
 pub struct Pictures {
     /// One for each outline of links.
     chain: Vec<Table>,

@@ -1,6 +1,6 @@
-//! What stands still in an `.rrd`: shapes of links, sprockets and guides, colours, names of curves, and a page that says what
-//! is what. Drawn in millimetres, because the viewer's camera and near plane suit numbers of that size; x to the right, y up,
-//! looked at from +z. Things lie in thin layers along z, so that a camera off their axis still sees them in place.
+//! Static data of an `.rrd`: shapes of links, sprockets and guides, colours, names of curves, and a page that explains
+//! them. Drawn in millimetres, because the viewer's camera and near plane suit numbers of that size; x to the right, y
+//! up, seen from +z. Objects lie in thin layers along z, so that an oblique camera still shows them in place.
 
 use crate::recording::frame::{BodyInfo, Header, Outline};
 use crate::recording::view_geometry::{circle, polyline};
@@ -13,40 +13,40 @@ use rerun::{
 
 pub const MM_PER_M: f64 = 1e3;
 
-/// Layers [pitches]: where each kind of thing lies along z. Points and lines face the camera, so they need room to tilt.
+/// Layers along z for each kind of object [pitches]. Points and lines face the camera and need room to tilt.
 const Z_BODY: f64 = -0.012;
 const Z_INNER: f64 = 0.0;
 const Z_OUTER: f64 = 0.008;
 const Z_OUTLINE: f64 = 0.018;
 const Z_POINTS: f64 = 0.04;
-/// Within a link's mesh: face and discs over the rim [pitches].
+/// Within a link's mesh: heights of the face and the discs [pitches].
 const Z_FACE: f64 = 0.002;
 const Z_DISC: f64 = 0.004;
 
 /// Steps of the colour scale of forces.
 const FORCE_CLASSES: u16 = 32;
 
-/// Forces as lengths and colours.
+/// Scale of forces as lengths and colours.
 #[derive(Clone, Copy, Debug)]
 pub struct ForceScale {
     /// Length of arrows [mm/N].
     pub mm_per_n: f32,
     /// Force in the middle of the colour scale [N].
     middle_n: f64,
-    /// Where pins and contacts are drawn [mm].
+    /// Height at which pins and contacts are drawn [mm].
     pub z_mm: f32,
 }
 
 impl ForceScale {
     /// The mean static tension is drawn 1.5 pitches long and in the middle colour.
     pub fn new(header: &Header) -> ForceScale {
-        // assumed: a drive assembled without tension gets a scale all the same.
+        // assumed: a scale for a drive that was assembled without tension.
         let middle_n = if header.static_tension_n > 0.0 { header.static_tension_n } else { 100.0 };
         let pitch = pitch_mm(header);
         ForceScale { mm_per_n: (1.5 * pitch / middle_n) as f32, middle_n, z_mm: (Z_POINTS * pitch) as f32 }
     }
 
-    /// Colour class of a force: even steps of f / (f + middle), which never saturates.
+    /// Colour class of a force: equal steps of f / (f + middle), which never saturates.
     pub fn class(&self, force_n: f64) -> u16 {
         let share = force_n / (force_n + self.middle_n);
         (share * f64::from(FORCE_CLASSES)).clamp(0.0, f64::from(FORCE_CLASSES - 1)) as u16
@@ -78,7 +78,7 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
     ["chain", &outline.name].into_iter().map(rerun::external::re_log_types::EntityPathPart::new).collect()
 }
 
-/// Last part of a body's path; of one drive among several, with its name.
+/// Last part of a body's path; in merged recordings with the name of the drive.
 pub fn short_name(body: &BodyInfo) -> String {
     let last = body.path.rsplit('.').next().unwrap_or(&body.path);
     match body.path.split('.').next() {
@@ -87,7 +87,7 @@ pub fn short_name(body: &BodyInfo) -> String {
     }
 }
 
-/// Logs everything that stands still.
+/// Logs all static data.
 pub fn log(stream: &RecordingStream, header: &Header, scale: ForceScale) -> Result<()> {
     stream.log_static("/", &ViewCoordinates::RIGHT_HAND_Y_UP())?;
     for (i, outline) in header.link_outlines.iter().enumerate() {
@@ -121,7 +121,7 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
     mesh.build()
 }
 
-/// Contour, spokes that show the rotation, and a filled face where the contour can be seen whole from the body's centre.
+/// Contour, spokes that show the rotation, and a filled face if the contour is star-shaped about its centre.
 fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<()> {
     let entity = body_entity(body);
     if body.coordinate.is_none() {
@@ -161,7 +161,7 @@ fn strip(points: &[[f64; 2]], closed: bool, z_mm: f32) -> Vec<[f32; 3]> {
     points.iter().chain(ends).map(|p| position_mm(*p, z_mm)).collect()
 }
 
-/// A point [m] in the drawing [mm].
+/// Converts a point [m] to the drawing [mm].
 pub fn position_mm(point_m: [f64; 2], z_mm: f32) -> [f32; 3] {
     [(MM_PER_M * point_m[0]) as f32, (MM_PER_M * point_m[1]) as f32, z_mm]
 }
@@ -178,7 +178,7 @@ fn centroid(points: &[[f64; 2]]) -> [f64; 2] {
     if area == 0.0 { points.first().copied().unwrap_or_default() } else { [x / (3.0 * area), y / (3.0 * area)] }
 }
 
-/// Whether a fan of triangles round `centre` covers the polygon and nothing else.
+/// Whether a fan of triangles around `centre` covers exactly the polygon.
 fn star_shaped(centre: [f64; 2], points: &[[f64; 2]]) -> bool {
     let cross = |(a, b): ([f64; 2], [f64; 2])| {
         (a[0] - centre[0]) * (b[1] - centre[1]) - (b[0] - centre[0]) * (a[1] - centre[1])
@@ -190,7 +190,7 @@ fn edges(points: &[[f64; 2]]) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_
     points.iter().copied().zip(points.iter().copied().cycle().skip(1))
 }
 
-/// A mesh being made: flat faces that look at +z, each of one colour.
+/// A mesh under construction: flat faces towards +z, each of one colour.
 #[derive(Default)]
 struct MeshParts {
     pitch_mm: f64,
@@ -219,7 +219,7 @@ impl MeshParts {
     }
 }
 
-/// Sizes and colours of points and arrows, once for all rows.
+/// Sizes and colours of points and arrows, common to all rows.
 fn log_styles(stream: &RecordingStream, header: &Header, scale: ForceScale) -> Result<()> {
     let classes = |colour: fn(f64) -> [u8; 3]| {
         let describe = |class: u16| {
@@ -243,12 +243,12 @@ fn log_styles(stream: &RecordingStream, header: &Header, scale: ForceScale) -> R
     Ok(())
 }
 
-/// Yellow to red with the force.
+/// Yellow to red with increasing force.
 fn contact_colour(share: f64) -> [u8; 3] {
     blend(share, &[[255, 250, 170], [255, 190, 40], [240, 60, 30], [190, 0, 90]])
 }
 
-/// White (slack) over green and yellow to red (tight).
+/// White (slack) through green and yellow to red (tight).
 fn tension_colour(share: f64) -> [u8; 3] {
     blend(share, &[[245, 245, 255], [120, 220, 160], [250, 220, 40], [230, 30, 30]])
 }

@@ -1,5 +1,6 @@
-//! Columns of one entity, gathered over a block of rows and sent in one go. Rows are ragged: a row of `contacts` has as many
-//! values as there are contacts. The arrays are made here, not by the crate's archetype builders: those copy value by value.
+//! Columns of one entity, collected over a block of rows and sent together. Rows are ragged: a row of `contacts` has as
+//! many values as there are contacts. The arrays are built here, because the crate's archetype builders copy value by
+//! value.
 
 use anyhow::Result;
 use rerun::external::arrow::array::{
@@ -79,7 +80,7 @@ impl Table {
         Table::new(entity.into(), columns.into_iter().map(|(name, values)| (number(group, name), values)).collect())
     }
 
-    /// Ends a row: every column has got `n` values since the last.
+    /// Ends a row in which every column has received `n` values.
     pub fn end_row(&mut self, n: usize) {
         self.lengths.push(n);
     }
@@ -138,7 +139,7 @@ impl Table {
     }
 }
 
-/// A component that no viewer draws by itself: `group:name`.
+/// A component that no viewer draws by default: `group:name`.
 pub fn number(group: &'static str, name: &'static str) -> ComponentDescriptor {
     ComponentDescriptor {
         archetype: Some(group.into()),
@@ -171,7 +172,7 @@ impl Values {
     }
 }
 
-/// The next block is about as long as this one.
+/// Takes the values; the new capacity is slightly larger, because blocks have similar lengths.
 fn taken<T>(values: &mut Vec<T>) -> Vec<T> {
     let n = values.len() + values.len() / 8;
     std::mem::replace(values, Vec::with_capacity(n))

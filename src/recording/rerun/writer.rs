@@ -1,5 +1,5 @@
-//! The end of the line: messages into the file, on the crate's forwarding thread. The crate's own `FileSink` would do the same,
-//! but it drops write errors, and a flush that meets one never returns (0.36, seen on a full disk).
+//! Writes messages to the file, on the crate's forwarding thread. The crate's own `FileSink` would do the same, but it
+//! drops write errors, and its flush never returns after one (0.36, seen on a full disk).
 
 use anyhow::Result;
 use rerun::external::re_log_encoding::{Encoder, EncodingOptions, rrd::CrateVersion};
@@ -9,18 +9,19 @@ use std::fs::File;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The footer, a table of contents, takes about 10 kB of memory per message until it is written. A longer recording goes without: a
-/// viewer then reads it from the front, as it reads one whose run was killed.
+/// The footer, a table of contents, takes about 10 kB of memory per message until it is written. Longer recordings have
+/// none; a viewer then reads them from the front, like those of a killed run.
 const MESSAGES_WITH_FOOTER: usize = 10_000;
 
-/// Shared between the stream that sends and the sink that asks how it went.
+/// Shared between the stream that sends and the sink that checks for errors.
 #[derive(Clone)]
 pub struct Writer(Arc<Mutex<Output>>);
 
 struct Output {
     encoder: Encoder<File>,
     messages: usize,
-    /// Why writing stopped. Nothing is written after that: the file ends with the last whole message and a piece.
+    /// Reason why writing stopped. Nothing is written afterwards: the file ends with the last whole message and a
+    /// partial one.
     failed: Option<String>,
 }
 
@@ -30,7 +31,7 @@ impl Writer {
         Ok(Writer(Arc::new(Mutex::new(Output { encoder, messages: 0, failed: None }))))
     }
 
-    /// Whether everything sent so far got into the file.
+    /// Whether everything sent so far was written to the file.
     pub fn check(&self) -> Result<()> {
         self.output().failed.as_ref().map_or(Ok(()), |reason| Err(anyhow::anyhow!("{reason}")))
     }

@@ -1,7 +1,7 @@
-//! A table's file, Parquet or CSV: named when it is whole (see [`crate::output`]).
+//! A table's file, Parquet or CSV, which gets its name when it is complete (see [`crate::output`]).
 //!
-//! Rows are collected to groups of at most [`ROWS_PER_GROUP`], columns in memory, then written: memory does not grow with
-//! the recording, but for some kilobytes of Parquet's own index per group.
+//! Rows are collected in groups of at most [`ROWS_PER_GROUP`], as columns in memory, and then written. Memory does not
+//! grow with the recording, except for some kilobytes of Parquet's own index per group.
 
 use super::Values::{self, Bool, Count, EveryF64, EveryU32, EveryU64, F64, Text, U32};
 use super::{ColumnInfo, Moment, Rows, Source, Table};
@@ -19,12 +19,13 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Rows of a Parquet row group, and of what is held in memory: 5 MB of links.
+/// Rows of a Parquet row group, and maximum number of rows in memory: 5 MB of links.
 pub const ROWS_PER_GROUP: usize = 1 << 16;
 
-/// Of Parquet's columns. Measured on 4142 frames of `bush-20-40`, 42 MB of messages and 75 MB of plain columns, CPU time
-/// without reading: floats with their bytes split by weight and level 1 33 MB in 0.15 s, level -7 34 MB in 0.14 s; floats
-/// uncompressed 42 MB in 0.11 s; snappy 35 MB in 0.16 s. Dictionaries and differences of what repeats gained nothing.
+/// Compression level of Parquet's columns. Measured on 4142 frames of `bush-20-40`, 42 MB of messages and 75 MB of
+/// plain columns, CPU time without reading: floats with byte stream split and level 1 33 MB in 0.15 s, level -7 34 MB
+/// in 0.14 s; floats uncompressed 42 MB in 0.11 s; snappy 35 MB in 0.16 s. Dictionaries and delta encoding of repeating
+/// values gained nothing.
 const ZSTD_LEVEL: i32 = 1;
 
 /// Values that Parquet's encoders take at once: with 1024, their default, an export took 5 to 8 % longer.
@@ -37,7 +38,7 @@ pub(super) enum Store {
     U32(Vec<u32>),
     U64(Vec<u64>),
     Bool(Vec<bool>),
-    /// Texts behind each other, and where each ends.
+    /// Concatenated texts, and the end of each.
     Text(Vec<u8>, Vec<usize>),
 }
 
@@ -52,7 +53,7 @@ impl Store {
         }
     }
 
-    /// Takes in `n` rows; the number of values that were there, if that is another.
+    /// Appends `n` rows; the error is the number of given values, if that differs.
     fn push(&mut self, values: &Values<'_>, n: usize) -> Result<(), usize> {
         let given = match values {
             F64(v) => v.len(),
@@ -97,7 +98,7 @@ impl Store {
     }
 }
 
-/// How a table is written.
+/// Format of a table's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     Parquet,
@@ -132,7 +133,7 @@ impl Sheet {
                 Ok(Sheet::Parquet(Box::new(SerializedFileWriter::new(file, schema, properties)?)))
             }
             Format::Csv => {
-                // RFC 4180 ends lines so.
+                // Line ends according to RFC 4180.
                 let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(file);
                 writer.write_record(columns.iter().map(|c| c.name))?;
                 Ok(Sheet::Csv(Box::new(writer)))
@@ -156,7 +157,7 @@ impl Sheet {
         Ok(())
     }
 
-    /// Writes what is buffered, on to the disk; size of the file [bytes].
+    /// Writes buffered data to the disk; returns the size of the file [bytes].
     fn finish(self) -> anyhow::Result<u64> {
         let file = match self {
             Sheet::Parquet(writer) => writer.into_inner()?,
@@ -221,12 +222,12 @@ fn parquet_properties(table: &Table, columns: &[ColumnInfo], header: &Header) ->
 fn write_parquet(column: &mut SerializedColumnWriter<'_>, store: &Store) -> parquet::errors::Result<()> {
     match store {
         Store::F64(v) => column.typed::<DoubleType>().write_batch(v, None, None)?,
-        // Parquet keeps unsigned numbers in signed ones of the same bits.
+        // Parquet stores unsigned numbers as signed ones with the same bits.
         Store::U32(v) => column.typed::<Int32Type>().write_batch(bytemuck::cast_slice(v), None, None)?,
         Store::U64(v) => column.typed::<Int64Type>().write_batch(bytemuck::cast_slice(v), None, None)?,
         Store::Bool(v) => column.typed::<BoolType>().write_batch(v, None, None)?,
         Store::Text(bytes, ends) => {
-            // One copy for all, of which each text is a window.
+            // One shared copy, of which each text is a slice.
             let all = ByteArray::from(bytes.clone());
             let window = |row: usize| all.slice(text_start(ends, row), ends[row] - text_start(ends, row));
             let texts: Vec<ByteArray> = (0..ends.len()).map(window).collect();
@@ -236,12 +237,12 @@ fn write_parquet(column: &mut SerializedColumnWriter<'_>, store: &Store) -> parq
     Ok(())
 }
 
-/// Where the text of a row starts among the bytes of all.
+/// Start of the text of a row in the concatenated bytes.
 fn text_start(ends: &[usize], row: usize) -> usize {
     if row == 0 { 0 } else { ends[row - 1] }
 }
 
-/// Row by row; floats in the fewest digits that read back to the same bits.
+/// Row by row; floats with the fewest digits that read back to the same bits.
 fn write_csv(writer: &mut csv::Writer<File>, stores: &[Store], n: usize) -> csv::Result<()> {
     let (mut float, mut whole) = (ryu::Buffer::new(), itoa::Buffer::new());
     for row in 0..n {
@@ -259,10 +260,10 @@ fn write_csv(writer: &mut csv::Writer<File>, stores: &[Store], n: usize) -> csv:
     Ok(())
 }
 
-/// What went wrong, and with which file.
+/// The error, with the name of the file.
 fn cannot_write(path: &Path, error: impl Into<anyhow::Error>) -> anyhow::Error {
     let error = match error.into().downcast::<ParquetError>() {
-        // Says what it wraps and then names it as its cause: twice the same.
+        // Its text contains the cause and then names it as its cause again.
         Ok(ParquetError::External(cause)) => anyhow::anyhow!("{cause}"),
         Ok(other) => other.into(),
         Err(other) => other,
@@ -270,7 +271,7 @@ fn cannot_write(path: &Path, error: impl Into<anyhow::Error>) -> anyhow::Error {
     error.context(format!("cannot write {}", path.display()))
 }
 
-/// A table on its way to its file. Given up without [`TableWriter::publish`], it leaves nothing behind.
+/// Writes a table to its file. Dropped without [`TableWriter::publish`], it leaves nothing behind.
 pub struct TableWriter {
     table: Table,
     path: PathBuf,
@@ -282,12 +283,12 @@ pub struct TableWriter {
     rows: u64,
     /// Size of the finished file.
     bytes: u64,
-    /// Last, as a file is closed before it is removed.
+    /// Last field, because a file is closed before it is removed.
     output: OutputFile,
 }
 
 impl TableWriter {
-    /// Opens a temporary file beside `path`, and fills in what the header says already.
+    /// Opens a temporary file next to `path`, and writes the rows that come from the header.
     pub fn create(table: Table, path: &Path, format: Format, header: &Header) -> anyhow::Result<TableWriter> {
         let (output, file) = OutputFile::create(path)?;
         let stores = table.columns().into_iter().map(|c| c.store).collect();
@@ -310,17 +311,17 @@ impl TableWriter {
         Ok(writer)
     }
 
-    /// The frame's rows, if this table has any.
+    /// Adds the frame's rows, if this table has any.
     pub fn frame(&mut self, at: &Moment<'_>) -> anyhow::Result<()> {
         if let Source::Frame(rows) = self.table.source { self.push(&rows(at)) } else { Ok(()) }
     }
 
-    /// The event's row, if this table has any.
+    /// Adds the event's row, if this table has any.
     pub fn event(&mut self, header: &Header, event: &Event) -> anyhow::Result<()> {
         if let Source::Event(rows) = self.table.source { self.push(&rows(header, event)) } else { Ok(()) }
     }
 
-    /// The impact's row, if this table has any.
+    /// Adds the impact's row, if this table has any.
     pub fn impact(&mut self, header: &Header, impact: &Impact) -> anyhow::Result<()> {
         if let Source::Impact(rows) = self.table.source { self.push(&rows(header, impact)) } else { Ok(()) }
     }
@@ -355,7 +356,7 @@ impl TableWriter {
         self.table
     }
 
-    /// Writes the rest; the file is whole then, under its temporary name.
+    /// Writes the rest; the file is then complete under its temporary name.
     pub fn finish(&mut self) -> anyhow::Result<()> {
         self.write_group()?;
         if let Some(sheet) = self.sheet.take() {
@@ -364,7 +365,7 @@ impl TableWriter {
         Ok(())
     }
 
-    /// Gives the finished file its own name, in place of what was there.
+    /// Renames the finished file to its final name, replacing an existing file.
     pub fn publish(mut self) -> anyhow::Result<(Output, u64)> {
         self.output.publish()?;
         Ok((Output { path: self.path.clone(), bytes: self.bytes }, self.rows))
