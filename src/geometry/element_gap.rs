@@ -1,34 +1,34 @@
 //! Smallest distance between two contour elements, exact for arcs and lines.
 //!
-//! The nearest points of two smooth contours have a common normal. Of two elements they are either the pair on the
-//! common normal of two arcs or of an arc and a line, or an end of one element and its foot on the other one:
+//! The nearest points of two smooth contours have a common normal. For two elements they are either on the common
+//! normal of two arcs or of an arc and a line, or an end of one element and its foot on the other one:
 //!
 //! ```text
 //! convex, convex     |C1 C2| - r1 - r2           convex in concave     r2 - |C1 C2| - r1   (r1 < r2)
 //! convex, line       n . (C1 - P) - r1
 //! ```
-//! The gap is negative where the bodies overlap. Holds for overlaps that are shallow beside the thickness of the
-//! bodies: an element that lies deeper in the other body than `deepest_m` is taken to be on its far side, and has no
+//! The gap is negative where the bodies overlap. Valid for overlaps that are shallow compared with the thickness of the
+//! bodies: an element that lies deeper in the other body than `deepest_m` is assumed to be on its far side, and has no
 //! gap there.
 
 use super::Vec2;
 use super::profile::Element;
 
 /// Signed gap of two elements of two bodies [m]; infinite if they do not face each other. `deepest_m` is the largest
-/// overlap that is told from being on the far side.
+/// overlap that is distinguished from being on the far side.
 pub fn element_gap_m(a: &Element, b: &Element, deepest_m: f64) -> f64 {
     let square = common_normal_gap_m(a, b).or_else(|| common_normal_gap_m(b, a)).unwrap_or(f64::INFINITY);
     let square = if square > -deepest_m { square } else { f64::INFINITY };
     square.min(ends_gap_m(a, b, deepest_m)).min(ends_gap_m(b, a, deepest_m))
 }
 
-/// Distance below which two elements cannot be [m]: cheap, no trigonometry of the feet. No point of an element is
+/// Lower bound of the distance of two elements [m]: cheap, without trigonometric functions. No point of an element is
 /// further than half its length from its middle.
 pub fn least_distance_m(a: &Element, b: &Element) -> f64 {
     (a.point(0.5) - b.point(0.5)).norm() - 0.5 * (a.length_m() + b.length_m())
 }
 
-/// Gap along the common normal of a convex arc `a` and the element `b`, where that normal meets both elements.
+/// Gap along the common normal of a convex arc `a` and the element `b`, if that normal meets both elements.
 fn common_normal_gap_m(a: &Element, b: &Element) -> Option<f64> {
     let Element::Arc { centre, radius_m, sweep_rad, .. } = *a else { return None };
     if sweep_rad < 0.0 {
@@ -51,7 +51,7 @@ fn common_normal_gap_m(a: &Element, b: &Element) -> Option<f64> {
                 let met_both = met(a, centre + between) && met(b, other - between);
                 met_both.then_some(distance_m - radius_m - other_radius_m)
             } else {
-                // Inside a hollow the nearest points lie beyond the centre of the smaller arc.
+                // Inside a concave arc the nearest points lie beyond the centre of the smaller arc.
                 let met_both = radius_m < other_radius_m && met(a, centre - between) && met(b, other - between);
                 met_both.then_some(other_radius_m - distance_m - radius_m)
             }

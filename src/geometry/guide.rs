@@ -1,8 +1,8 @@
 //! Fixed straight guides along a span.
 //!
-//! Guide frame: origin where the face begins, +y out of the face towards the chain, the face runs along +x for its length.
-//! Both ends are relieved by an arc (C1), so that a link runs on and off without an edge. On the inner side of a
-//! counterclockwise loop +x points against the travel of the chain, on the outer side along it.
+//! Guide frame: origin at the start of the face, +y out of the face towards the chain, the face along +x. Both ends are
+//! relieved by an arc (C1), so that a link runs on and off without an edge. On the inner side of a counterclockwise
+//! loop +x points against the travel of the chain, on the outer side along it.
 
 use super::profile::{Element, Profile, ProfileError};
 use super::route::Span;
@@ -20,10 +20,10 @@ pub enum GuideSide {
     Outside,
 }
 
-/// A straight guide, placed.
+/// A straight guide at its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StraightGuide {
-    /// Where the face begins.
+    /// Start of the face.
     pub origin: Vec2,
     /// Unit vector along the face; +90 degrees from it is the normal towards the chain.
     pub along: Vec2,
@@ -35,8 +35,8 @@ pub struct StraightGuide {
 }
 
 impl StraightGuide {
-    /// Guide along `span` from `start_m` to `end_m` after its beginning. `standoff_m`: distance of the face from the line
-    /// through the joints, on the guide's side.
+    /// Guide along `span` from `start_m` to `end_m` after its beginning. `standoff_m` is the distance of the face from
+    /// the line through the joints, on the guide's side.
     pub fn along_span(
         span: &Span,
         side: GuideSide,
@@ -64,7 +64,7 @@ impl StraightGuide {
         perp(self.along)
     }
 
-    /// The same with the end that the chain leaves by moved towards the chain by `lift_m`.
+    /// The guide with its end in the direction of travel moved towards the chain by `lift_m`.
     pub fn lifted(mut self, lift_m: f64) -> StraightGuide {
         let lift = self.normal() * lift_m;
         let far = self.origin + self.along * self.length_m;
@@ -74,7 +74,7 @@ impl StraightGuide {
         self
     }
 
-    /// How far the relief arcs reach beyond the face, along it [m].
+    /// Extension of the relief arcs beyond the face, along it [m].
     pub fn relief_m(&self) -> f64 {
         self.end_radius_m * sin_cos(END_SWEEP_RAD).0
     }
@@ -84,7 +84,8 @@ impl StraightGuide {
         atan2(self.along.y, self.along.x)
     }
 
-    /// Contour in the guide frame, from x = length to x = 0 (material on the left, below the face): relief arc, face, relief arc.
+    /// Contour in the guide frame, from x = length to x = 0 (material on the left, below the face): relief arc, face,
+    /// relief arc.
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         let r = self.end_radius_m;
         let (l, below) = (self.length_m, -r);

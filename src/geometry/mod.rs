@@ -1,5 +1,5 @@
-//! Shapes without masses and without time: arc-and-line profiles, sprocket teeth, chain links, guides, and the route of a
-//! chain round its sprockets.
+//! Geometry without masses and time: arc-and-line profiles, sprocket teeth, chain links, guides, and the route of a
+//! chain around its sprockets.
 
 pub mod chain;
 pub mod element_gap;
@@ -15,7 +15,7 @@ pub mod sprocket;
 /// A point or vector in the plane [m].
 pub type Vec2 = nalgebra::Vector2<f64>;
 
-/// `v` turned by +90 degrees.
+/// `v` rotated by +90 degrees.
 pub fn perp(v: Vec2) -> Vec2 {
     Vec2::new(-v.y, v.x)
 }
@@ -31,7 +31,7 @@ pub fn unit(angle_rad: f64) -> Vec2 {
     Vec2::new(c, s)
 }
 
-/// `v` turned by `angle_rad`.
+/// `v` rotated by `angle_rad`.
 pub fn rotated(v: Vec2, angle_rad: f64) -> Vec2 {
     let e = unit(angle_rad);
     Vec2::new(e.x * v.x - e.y * v.y, e.y * v.x + e.x * v.y)

@@ -1,8 +1,9 @@
 //! Profiles of arcs and lines.
 //!
-//! A profile is a chain of elements with the material on the LEFT of the direction of travel: a closed outline runs
-//! counterclockwise, the outward normal is the tangent turned by -90 degrees, a convex arc has a positive sweep, a concave
-//! one a negative sweep, and the signed curvature (1/m) is positive where the body is convex. Joints are C0 always and C1
+//! A profile is a sequence of elements with the material on the LEFT of the direction of travel: a closed outline runs
+//! counterclockwise, the outward normal is the tangent turned by -90 degrees, a convex arc has a positive sweep, a
+//! concave one a negative sweep, and the signed curvature (1/m) is positive where the body is convex. Transitions are
+//! always C0, and C1 where the contour is smooth; transitions that are not C1 are corners.
 //! where the contour is smooth; joints that are not C1 are corners.
 
 use super::{Vec2, cross, perp, unit};
@@ -107,14 +108,14 @@ impl Element {
             }
             Element::Arc { centre, start_rad, sweep_rad, .. } => {
                 let d = p - centre;
-                // Measured from the middle of the arc, so that the far side is cut symmetrically.
+                // Measured from the middle of the arc, so that the angle wraps symmetrically on the far side.
                 let middle = start_rad + 0.5 * sweep_rad;
                 0.5 + wrap_angle(atan2(d.y, d.x) - middle) / sweep_rad
             }
         }
     }
 
-    /// Nearest point of the element to `p`. The sign of the distance is that of the side of the contour `p` lies on.
+    /// Nearest point of the element to `p`. The sign of the distance tells on which side of the contour `p` lies.
     pub fn closest(&self, p: Vec2) -> Foot {
         let along = self.foot_along(p);
         let inside = (0.0..=1.0).contains(&along);
@@ -134,7 +135,7 @@ impl Element {
         Foot { element: 0, along, point, normal, distance_m: side * distance, curvature_per_m: self.curvature_per_m() }
     }
 
-    /// The element moved outwards by `distance_m`; None where an arc would vanish or turn inside out.
+    /// The element moved outwards by `distance_m`; None if an arc would vanish or invert.
     pub fn offset(&self, distance_m: f64) -> Option<Element> {
         match *self {
             Element::Line { start, end } => {
@@ -148,7 +149,7 @@ impl Element {
         }
     }
 
-    /// The element in a frame turned by `angle_rad` and then moved by `shift`.
+    /// The element rotated by `angle_rad` and then moved by `shift`.
     pub fn moved(&self, angle_rad: f64, shift: Vec2) -> Element {
         let place = |p: Vec2| super::rotated(p, angle_rad) + shift;
         match *self {
@@ -159,7 +160,7 @@ impl Element {
         }
     }
 
-    /// Smallest box with sides along the axes: (lower, upper).
+    /// Axis-aligned bounding box: (lower, upper).
     pub fn bounds(&self) -> (Vec2, Vec2) {
         let (a, b) = (self.start(), self.end());
         let mut low = a.inf(&b);
@@ -177,7 +178,7 @@ impl Element {
     }
 }
 
-/// A connected run of elements.
+/// A connected sequence of elements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     elements: Vec<Element>,
@@ -218,7 +219,7 @@ impl std::fmt::Display for ProfileError {
 
 impl std::error::Error for ProfileError {}
 
-/// Largest gap between neighbouring elements [m]: rounding of coordinates of some 0.1 m, with room.
+/// Largest gap between neighbouring elements [m]: rounding of coordinates of some 0.1 m, with a margin.
 const JOINT_TOLERANCE_M: f64 = 1e-12;
 
 impl Profile {
@@ -252,7 +253,7 @@ impl Profile {
         self.closed
     }
 
-    /// Kink angle [rad] at the end of each element: zero where the joint is C1, positive at a convex corner.
+    /// Kink angle [rad] at the end of each element: zero where the contour is C1, positive at a convex corner.
     pub fn kinks_rad(&self) -> Vec<f64> {
         let n = self.elements.len();
         (0..n)
@@ -267,7 +268,7 @@ impl Profile {
             .collect()
     }
 
-    /// Nearest point of the contour to `p`, by looking at every element.
+    /// Nearest point of the contour to `p`, by testing every element.
     pub fn closest(&self, p: Vec2) -> Foot {
         let mut best: Option<Foot> = None;
         for (i, element) in self.elements.iter().enumerate() {
@@ -276,7 +277,8 @@ impl Profile {
                 None => true,
                 Some(b) => {
                     let (new, old) = (foot.distance_m.abs(), b.distance_m.abs());
-                    // Two elements that share a corner are equally near: the side is that of the one `p` faces squarely.
+                    // Two elements that share a corner are equally near: the side is that of the element whose normal
+                    // points more directly at `p`.
                     let tie = (new - old).abs() <= JOINT_TOLERANCE_M;
                     if tie {
                         foot_squareness(&foot, p, element) > foot_squareness(b, p, &self.elements[b.element])
@@ -292,7 +294,7 @@ impl Profile {
         best.expect("a profile has at least one element")
     }
 
-    /// Contour moved outwards by `distance_m`. Joints of a C1 profile stay joined; corners open and are reported as a gap.
+    /// Contour moved outwards by `distance_m`. A C1 profile stays connected; corners open and are reported as a gap.
     pub fn offset(&self, distance_m: f64) -> Result<Profile, ProfileError> {
         let elements = self
             .elements
@@ -303,12 +305,12 @@ impl Profile {
         Profile::new(elements, self.closed)
     }
 
-    /// The profile turned by `angle_rad`, then moved by `shift`.
+    /// The profile rotated by `angle_rad`, then moved by `shift`.
     pub fn moved(&self, angle_rad: f64, shift: Vec2) -> Profile {
         Profile { elements: self.elements.iter().map(|e| e.moved(angle_rad, shift)).collect(), closed: self.closed }
     }
 
-    /// Smallest box with sides along the axes.
+    /// Axis-aligned bounding box.
     pub fn bounds(&self) -> (Vec2, Vec2) {
         self.elements
             .iter()
@@ -353,7 +355,7 @@ impl Profile {
     }
 }
 
-/// |cos| between the direction to `p` and the normal at the foot: 1 when `p` faces the element squarely.
+/// |cos| of the angle between the direction to `p` and the normal at the foot.
 fn foot_squareness(foot: &Foot, p: Vec2, element: &Element) -> f64 {
     let d = p - foot.point;
     let n = d.norm();

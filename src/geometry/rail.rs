@@ -1,8 +1,8 @@
-//! Rails: guides of arcs and lines, as tensioner arms and guide rails of engines have them.
+//! Rails: guides of arcs and lines, such as tensioner arms and guide rails of engines.
 //!
-//! A rail is written in the sense in which the chain runs over it: a start, a heading, and stretches that follow each other without a
-//! kink, straight or of one radius (positive: convex towards the chain). Its frame is that of the body that carries it, the drive's where
-//! it is fixed. Each end is a corner of the contour.
+//! A rail is specified in the direction in which the chain runs over it: a start, a heading, and consecutive stretches
+//! without a kink, straight or of constant radius (positive: convex towards the chain). Its frame is that of the body
+//! that carries it, or that of the drive if it is fixed. Each end is a corner of the contour.
 
 use super::guide::GuideSide;
 use super::profile::{Element, Profile, ProfileError};
@@ -19,16 +19,18 @@ pub struct Stretch {
     pub radius_m: Option<f64>,
 }
 
-/// A part of a rail's contour with one rule for what touches it.
+/// A part of a rail's contour with one contact rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Piece {
-    /// From `start` along `along`, the material on the right of the outward normal's foot: outward is `along` turned by -90 degrees.
+    /// From `start` along `along`. The outward normal is `along` turned by -90 degrees; the material lies on the other
+    /// side.
     Line { start: Vec2, along: Vec2, length_m: f64 },
-    /// Points are centre + radius x outward normal. Convex with a radius of zero (a corner) or more, concave with a negative one.
-    /// `from`, `to`: outward normals at its ends; on a convex one they turn counterclockwise, by less than half a turn.
+    /// Points are centre + radius x outward normal. The radius is zero (a corner) or positive for a convex piece,
+    /// negative for a concave one. `from`, `to`: outward normals at its ends; on a convex piece they turn
+    /// counterclockwise, by less than half a turn.
     Arc { centre: Vec2, radius_m: f64, from: Vec2, to: Vec2 },
-    /// The point where a line ends and a convex arc or the end of the rail begins: what lies flat on the line is carried here where it
-    /// reaches beyond.
+    /// The point where a line ends and a convex arc or the end of the rail begins. It supports a straight edge that
+    /// lies on the line and extends beyond it.
     Brink { point: Vec2, normal: Vec2 },
 }
 
@@ -37,23 +39,23 @@ pub enum Piece {
 pub struct Rail {
     pub side: GuideSide,
     pub profile: Profile,
-    /// The first is the corner at the beginning. Then come the profile's elements, the corner at the end, and the brinks.
+    /// The corner at the beginning, then the profile's elements, the corner at the end, and the brinks.
     pub pieces: Vec<Piece>,
     /// +1: the chain travels along the profile; -1: against it.
     pub travel: f64,
 }
 
-/// Centres and radii that differ by less are the same: they come from one drawing [m].
+/// Centres and radii that differ by less are equal [m].
 const SAME_CENTRE_M: f64 = 1e-9;
 
-/// Arcs turn by less than this, so that one sector tells what belongs to them.
+/// Arcs turn by less than this, so that one sector determines which directions belong to them.
 pub const LARGEST_SWEEP_RAD: f64 = 0.9 * PI;
 
 impl Rail {
-    /// The stretches from `start`, where the chain arrives with the heading `heading_rad`. Fails for a stretch without length or one that
-    /// turns too far: its index.
+    /// A rail of `stretches` from `start`, where the chain arrives with the heading `heading_rad`. Fails with the index
+    /// of a stretch that has no length or turns too far.
     pub fn new(side: GuideSide, start: Vec2, heading_rad: f64, stretches: &[Stretch]) -> Result<Rail, RailError> {
-        // Sense in which the chain turns round a convex arc.
+        // Sense in which the chain turns around a convex arc.
         let sense = if side == GuideSide::Inside { 1.0 } else { -1.0 };
         let (mut at, mut heading) = (start, heading_rad);
         let mut elements = Vec::new();
@@ -89,7 +91,8 @@ impl Rail {
         Ok(Rail { side, pieces: pieces(&profile), profile, travel: sense })
     }
 
-    /// What the chain may bend round, in the order in which it meets it: convex arcs and the corners at both ends; centre and radius [m].
+    /// Convex arcs and the corners at both ends, in the direction of travel of the chain, which may bend around them:
+    /// centre and radius [m].
     pub fn bends(&self) -> Vec<(Vec2, f64)> {
         let mut arcs: Vec<(Vec2, f64)> = self
             .pieces
@@ -99,7 +102,7 @@ impl Rail {
                 _ => None,
             })
             .collect();
-        // One arc in several stretches is one.
+        // An arc that is split into several stretches counts once.
         arcs.dedup_by(|a, b| (a.0 - b.0).norm() < SAME_CENTRE_M && (a.1 - b.1).abs() < SAME_CENTRE_M);
         if self.travel < 0.0 {
             arcs.reverse();
@@ -107,7 +110,7 @@ impl Rail {
         arcs
     }
 
-    /// How the chain turns round its convex arcs.
+    /// Sense in which the chain wraps its convex arcs.
     pub fn wrap(&self) -> Wrap {
         match self.side {
             GuideSide::Inside => Wrap::Inside,
@@ -115,14 +118,14 @@ impl Rail {
         }
     }
 
-    /// Corners of a box about it.
+    /// Axis-aligned bounding box: (lower, upper).
     pub fn bounds(&self) -> (Vec2, Vec2) {
         let boxes = || self.profile.elements().iter().map(|e| e.bounds());
         let low = boxes().map(|b| b.0).fold(Vec2::repeat(f64::INFINITY), |a, b| a.inf(&b));
         (low, boxes().map(|b| b.1).fold(Vec2::repeat(f64::NEG_INFINITY), |a, b| a.sup(&b)))
     }
 
-    /// Distance from the origin of its frame that none of its points exceeds [m].
+    /// Upper bound of the distance of its points from the origin of its frame [m].
     pub fn reach_m(&self) -> f64 {
         let (low, high) = self.bounds();
         low.abs().sup(&high.abs()).norm()
@@ -151,7 +154,7 @@ impl std::fmt::Display for RailError {
 
 impl std::error::Error for RailError {}
 
-/// The same element travelled the other way. Material that was on its right is on its left then.
+/// The same element traversed backwards. Material that was on its right is then on its left.
 fn reversed(element: &Element) -> Element {
     match *element {
         Element::Line { start, end } => Element::Line { start: end, end: start },
@@ -164,7 +167,7 @@ fn reversed(element: &Element) -> Element {
 fn pieces(profile: &Profile) -> Vec<Piece> {
     let elements = profile.elements();
     let (first, last) = (&elements[0], &elements[elements.len() - 1]);
-    // A corner faces from the normal of the contour to the direction in which the contour ends.
+    // The normals of a corner range from the normal of the contour to the direction in which the contour ends.
     let corner = |centre: Vec2, from: Vec2, to: Vec2| Piece::Arc { centre, radius_m: 0.0, from, to };
     let mut pieces = vec![corner(first.start(), -first.tangent(0.0), first.normal(0.0))];
     pieces.extend(elements.iter().map(|e| match *e {

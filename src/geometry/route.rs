@@ -1,10 +1,10 @@
-//! The route of a closed chain round its sprockets and over the rails between them.
+//! The route of a closed chain around its sprockets and over the rails between them.
 //!
-//! The loop is travelled counterclockwise: sprockets with [`Wrap::Inside`] lie inside the loop (on the left of the chain)
-//! and turn counterclockwise, those with [`Wrap::Outside`] lie outside and turn clockwise. The path is that of the joint
-//! centres: arcs on the pitch circles and common tangents between them. Joints are laid on the path by chords of one pitch,
-//! so that on a pitch circle they advance by exactly 2 pi / z. A convex arc of a rail is a circle that the taut chain may pass by: it
-//! counts only where the chain bends round it.
+//! The loop is traversed counterclockwise: sprockets with [`Wrap::Inside`] lie inside the loop (on the left of the
+//! chain) and turn counterclockwise, those with [`Wrap::Outside`] lie outside and turn clockwise. The path is that of
+//! the joint centres: arcs on the pitch circles and common tangents between them. Joints are placed on the path by
+//! chords of one pitch, so that on a pitch circle they advance by exactly 2 pi / z. A convex arc of a rail is an
+//! optional circle: it belongs to the route only if the taut chain bends around it.
 
 use super::{Vec2, cross, perp};
 use crate::units::{atan2, wrap_angle};
@@ -34,7 +34,7 @@ pub struct Pulley {
     pub centre: Vec2,
     pub pitch_radius_m: f64,
     pub wrap: Wrap,
-    /// An arc of a rail: the chain wraps it only where it must.
+    /// An arc of a rail: the chain wraps it only if it must bend there.
     pub is_optional: bool,
 }
 
@@ -60,7 +60,8 @@ pub struct WrapArc {
 /// Why no route exists.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RouteError {
-    /// Pulleys `first` and `second` overlap so that no common tangent exists; distance needed [m]. Indices into all pulleys.
+    /// Pulleys `first` and `second` overlap so that no common tangent exists; distance needed [m]. Indices into all
+    /// pulleys.
     Overlap { first: usize, second: usize, needed_m: f64 },
     /// The chain would not touch this pulley, or would have to cross itself. Index into all pulleys.
     Unwrapped { pulley: usize },
@@ -99,14 +100,14 @@ pub struct Route {
     spans: Vec<Span>,
     /// Index into `wraps` of every sprocket.
     stops: Vec<usize>,
-    /// Index of the pulley that each wrap goes round.
+    /// Index of the pulley of each wrap.
     pulleys: Vec<usize>,
     /// Path length at the start of each piece, alternating wrap and span, and the total at the end [m].
     starts_m: Vec<f64>,
 }
 
 impl Route {
-    /// Lays the path round `pulleys` in the order of travel, past optional ones where it does not bend round them.
+    /// The path around `pulleys` in the order of travel, without optional ones around which it does not bend.
     pub fn new(pulleys: &[Pulley]) -> Result<Route, RouteError> {
         let kept = taut(pulleys);
         let chosen: Vec<Pulley> = kept.iter().map(|i| pulleys[*i]).collect();
@@ -122,7 +123,7 @@ impl Route {
         Ok(route)
     }
 
-    /// Lays the path round all of `pulleys`.
+    /// The path around all of `pulleys`.
     fn round(pulleys: &[Pulley]) -> Result<Route, RouteError> {
         let n = pulleys.len();
         assert!(n >= 2, "a route needs two sprockets, got {n}");
@@ -171,12 +172,13 @@ impl Route {
         self.starts_m[self.starts_m.len() - 1]
     }
 
-    /// Sprockets, pulleys that are not optional.
+    /// Number of sprockets, that is, of pulleys that are not optional.
     pub fn sprockets(&self) -> usize {
         self.stops.len()
     }
 
-    /// The straight stretch that leaves sprocket `k`: to the next one, or to the first arc that the chain bends round before it.
+    /// The straight stretch that leaves sprocket `k`: to the next one, or to the first arc around which the chain bends
+    /// before it.
     pub fn span_after(&self, k: usize) -> &Span {
         &self.spans[self.stops[k]]
     }
@@ -192,12 +194,12 @@ impl Route {
         &self.wraps[self.stops[k]]
     }
 
-    /// The chain on every pulley that it bends round, with the pulley's index, in the order of travel.
+    /// The chain on every pulley of the route, with the pulley's index, in the order of travel.
     pub fn wraps(&self) -> impl Iterator<Item = (usize, &WrapArc)> {
         self.pulleys.iter().copied().zip(&self.wraps)
     }
 
-    /// Path length from where the chain leaves sprocket `k` to where it meets the next one [m].
+    /// Path length from the end of the wrap on sprocket `k` to the start of the wrap on the next one [m].
     pub fn way_after_m(&self, k: usize) -> f64 {
         if self.stops.len() == self.wraps.len() {
             return self.spans[k].length_m;
@@ -216,7 +218,7 @@ impl Route {
         self.starts_m[2 * self.stops[k]]
     }
 
-    /// Point and unit tangent at path length `s_m`, counted round the loop.
+    /// Point and unit tangent at path length `s_m`, which is periodic in the loop length.
     pub fn at(&self, s_m: f64) -> (Vec2, Vec2) {
         let total = self.length_m();
         let s = s_m - libm::floor(s_m / total) * total;
@@ -256,7 +258,7 @@ impl Route {
         s
     }
 
-    /// Number of links that the path takes, not whole in general: chords of `pitch_m` from pulley 0's first point.
+    /// Number of links that fit on the path, in general not an integer: chords of `pitch_m` from [`Route::anchor_m`].
     pub fn links_that_fit(&self, pitch_m: f64) -> f64 {
         let total = self.length_m();
         let start = self.anchor_m();
@@ -271,13 +273,13 @@ impl Route {
         }
     }
 
-    /// Where joint 0 is laid: the middle of the wrap on pulley 0 [m].
+    /// Path length of joint 0: the middle of the wrap on pulley 0 [m].
     pub fn anchor_m(&self) -> f64 {
         0.5 * (self.starts_m[0] + self.starts_m[1])
     }
 
-    /// Path lengths of `links` joints at chords of `pitch_m`, joint 0 at [`Route::anchor_m`]; the second value is how far
-    /// the joint after the last one overshoots joint 0 [m] (zero when the loop closes).
+    /// Path lengths of `links` joints at chords of `pitch_m`, joint 0 at [`Route::anchor_m`]. The second value is the
+    /// distance by which the joint after the last one overshoots joint 0 [m] (zero if the loop closes).
     pub fn joints_m(&self, links: usize, pitch_m: f64) -> (Vec<f64>, f64) {
         let mut joints = Vec::with_capacity(links);
         let mut s = self.anchor_m();
@@ -288,21 +290,22 @@ impl Route {
         (joints, s - self.anchor_m() - self.length_m())
     }
 
-    /// At what angle (from +x) the mark of sprocket `k` stands that carries a joint at path length `s_m`.
+    /// Angle (from +x) at the centre of sprocket `k` of a joint at path length `s_m`.
     pub fn angle_about(&self, k: usize, s_m: f64) -> f64 {
         let d = self.at(s_m).0 - self.wrap(k).centre;
         wrap_angle(atan2(d.y, d.x))
     }
 }
 
-/// The pulleys that a taut chain bends round: without those optional ones round which it would turn the wrong way.
+/// The pulleys around which a taut chain bends: without optional ones around which it would turn the wrong way.
 fn taut(pulleys: &[Pulley]) -> Vec<usize> {
     let mut kept: Vec<usize> = (0..pulleys.len()).collect();
     loop {
         let n = kept.len();
         let at = |i: usize| &pulleys[kept[i % n]];
         let span = |i: usize| common_tangent(at(i), at(i + 1)).map(|s| s.direction);
-        // How far the chain bends round it; without a tangent to its neighbours it lies inside one of them.
+        // Sine of the bend angle around the pulley; without a tangent to a neighbour, one of the two lies inside the
+        // other.
         let bend = |i: usize| match (span(i + n - 1), span(i)) {
             (Some(arrive), Some(leave)) => cross(arrive, leave) * at(i).wrap.sign(),
             _ => f64::NEG_INFINITY,
@@ -315,10 +318,11 @@ fn taut(pulleys: &[Pulley]) -> Vec<usize> {
     }
 }
 
-/// The straight stretch from `a` to `b`; None where one lies inside the other. Arcs that touch have one without length.
+/// The straight stretch from `a` to `b`; None if one lies inside the other. Touching arcs have a stretch of zero
+/// length.
 fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
     let d = b.centre - a.centre;
-    // Circles about one centre have none.
+    // Concentric circles have no tangent.
     if d.norm() < SAME_CENTRE_M {
         return None;
     }
@@ -335,15 +339,16 @@ fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
     Some(Span { start, direction, length_m })
 }
 
-/// Sine of the angle by which a chain bends round an arc, at least.
+/// Minimum sine of the angle by which a chain bends around an arc.
 const LEAST_BEND: f64 = 1e-8;
-/// Centres that are nearer are the same [m].
+/// Centres that are nearer than this are equal [m].
 const SAME_CENTRE_M: f64 = 1e-9;
-/// Share of the squared distance of two centres below which the square of a tangent's length is rounding.
+/// Fraction of the squared distance of two centres below which the squared tangent length counts as zero.
 const TOUCHING: f64 = 1e-9;
 
-/// Moves the loop by a number, a shift [m] or an angle [rad], until `links` chords of `pitch_m` close it: `placed` gives the pulleys at a
-/// number, `slope_m` an estimate of how much longer the path is for one more of it. Returns the number and the route.
+/// Finds a parameter, a shift [m] or an angle [rad], at which `links` chords of `pitch_m` close the loop. `placed`
+/// gives the pulleys for a parameter value, `slope_m` an estimate of the derivative of the path length. Returns the
+/// parameter and the route.
 pub fn close_loop(
     placed: impl Fn(f64) -> Vec<Pulley>,
     slope_m: f64,

@@ -1,11 +1,11 @@
-//! How a silent link comes to its seat: gaps on the way, approach speeds, first contact, and the forces of a light
-//! wrap.
+//! Kinematics of a silent link that moves to its seat: gaps on the way, approach speeds, first contact, and the forces
+//! of a lightly loaded wrap.
 //!
 //! The polygon path: joints of seated links lie on the pitch circle, the span is straight and keeps its direction, so
-//! that in the frame of the sprocket a link turns about its front joint until its rear joint reaches the pitch circle
-//! too (turn 0, the seat). With l = p sin alpha - s the lever of the trailing flank, s that of the leading one (where
-//! the face touches, from the foot of the joint's perpendicular), H = p cos alpha + f + rho and w the speed of the
-//! sprocket:
+//! that in the frame of the sprocket a link turns about its front joint until its rear joint also reaches the pitch
+//! circle (turn 0, the seat). With l = p sin alpha - s the lever of the trailing flank, s that of the leading one (to
+//! the contact point of the face, from the foot of the joint's perpendicular), H = p cos alpha + f + rho and w the
+//! speed of the sprocket:
 //!
 //! ```text
 //! gap of the trailing flank    H (cos t - 1) + l sin t       t: turn left to the seat
@@ -13,7 +13,7 @@
 //! first contact early by t/w   H (cos t - 1) + l sin t = x cos alpha, x: how much further back the trailing flank lies
 //! stretched by T/K             the same with x = T/K, approach w (l cos t - H sin t) there
 //! ```
-//! Wrap without friction, every link carried by its trailing flank alone, forces falling by the factor q per link:
+//! Wrap without friction, every link supported by its trailing flank alone, forces decreasing by the factor q per link:
 //! with t = tau, sigma = s/p, A = cos alpha cos t - sigma sin t, B = cos alpha sin t + sigma cos t, k = sigma - sin
 //! alpha,
 //!
@@ -21,8 +21,8 @@
 //! -sin t + B nu = k nu (cos t - A nu),  smaller positive root     nu = flank force / tension ahead
 //! q = cos t - A nu                                                lean of the joint force = atan(k nu)
 //! ```
-//! T is the tension less m v^2 / p. Source: derived here. Holds without friction, for rigid links and faces that touch
-//! at one place (arc, crowned).
+//! T is the tension minus m v^2 / p. Source: derived here. Valid without friction, for rigid links and faces with a
+//! contact point (arc, crowned).
 
 use super::Vec2;
 use super::chain::silent::{LinkPart, SilentLinkContour};
@@ -33,17 +33,17 @@ use super::unit;
 use crate::units::{atan2, sin_cos};
 use std::f64::consts::PI;
 
-/// The smallest gap of a part of the link on its way, and where.
+/// Smallest gap of a part of the link on its way to the seat, and its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
     /// Negative: overlap.
     pub gap_m: f64,
-    /// Pitches that the link is ahead of its seat.
+    /// Distance of the link from its seat, in pitches.
     pub pitches_before_seat: f64,
 }
 
-/// Smallest gaps between the parts of a link and all teeth, from three pitches before the seat to the seat. The exit
-/// is the same in reverse.
+/// Smallest gaps between the parts of a link and all teeth, from three pitches before the seat to the seat. The exit is
+/// the same in reverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntryClearances {
     pub outer_flank: Nearest,
@@ -53,8 +53,8 @@ pub struct EntryClearances {
     pub eye: Nearest,
 }
 
-/// Where the frame of a link lies in the frame of the sprocket, `pitches` before its seat in gap 0: angle and origin.
-/// Links ahead of it, back to the one that carries the span, are seated or in line.
+/// Pose of a link's frame in the frame of the sprocket, `pitches` before its seat in gap 0: angle and origin. The links
+/// ahead of it, up to the one that seats, form a straight line.
 pub fn pose_before_seat(sprocket: &SilentSprocket, pin_pitch_m: f64, pitches: f64) -> (f64, Vec2) {
     let tau = sprocket.pitch_angle_rad();
     // Whole links between this one and the pitch circle.
@@ -64,8 +64,8 @@ pub fn pose_before_seat(sprocket: &SilentSprocket, pin_pitch_m: f64, pitches: f6
     (angle_rad, carrier - unit(angle_rad) * (sprocket.spec.pitch_m * in_line + 0.5 * pin_pitch_m))
 }
 
-/// Follows a link from three pitches before its seat, in `steps_per_pitch` steps. `sprocket` need not be made for this
-/// link.
+/// Follows a link from three pitches before its seat, in `steps_per_pitch` steps. `sprocket` need not be designed for
+/// this link.
 pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, steps_per_pitch: u32) -> EntryClearances {
     const PITCHES: u32 = 3;
     let none = Nearest { gap_m: f64::INFINITY, pitches_before_seat: 0.0 };
@@ -101,13 +101,14 @@ pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, ste
     smallest
 }
 
-/// Gaps of the leading and the trailing outer flank to the faces they will sit on, for a link whose front joint lies at
-/// `front_joint` (frame of the sprocket, seated in gap 0: (R, 0)) and that is turned by `turn_rad` out of the seat [m].
-/// Negative: overlap.
+/// Gaps of the leading and the trailing outer flank to the faces on which they will seat, for a link with its front
+/// joint at `front_joint` (frame of the sprocket; seated in gap 0: (R, 0)) and turned by `turn_rad` out of the seat
+/// [m]. Negative: overlap.
 pub fn flank_gaps_m(link: &SilentLinkContour, sprocket: &SilentSprocket, front_joint: Vec2, turn_rad: f64) -> [f64; 2] {
     let (angle_rad, seated) = sprocket.pose_at_seat(link.pin_pitch_m, turn_rad);
     let origin = seated + front_joint - Vec2::new(sprocket.pitch_radius_m, 0.0);
-    // The leading flank meets the face that closes its own gap ahead, the trailing one that which closes gap -1 behind.
+    // The leading flank contacts the face that ends its own gap ahead, the trailing flank the one that ends gap -1
+    // behind.
     let (ahead, behind) = (sprocket.gap(0)[4], sprocket.gap(-1)[2]);
     let deepest_m = sprocket.deepest_overlap_m();
     [(link.front.outer_flank, ahead), (link.rear.outer_flank, behind)]
@@ -120,16 +121,17 @@ pub fn trailing_lever_m(sprocket: &SilentSprocket) -> Option<f64> {
     sprocket.contact_distance_m.map(|s_m| sprocket.spec.pitch_m * sin_alpha - s_m)
 }
 
-/// Approach speeds of leading and trailing flank at the seat on the polygon path [m/s]; None for a straight face, whose
-/// speed is not one number.
+/// Approach speeds of leading and trailing flank at the seat on the polygon path [m/s]; None for a straight face, which
+/// has no single contact point.
 pub fn approach_speeds_m_s(sprocket: &SilentSprocket, speed_rad_s: f64) -> Option<[f64; 2]> {
     let leading_m = sprocket.contact_distance_m?;
     let trailing_m = trailing_lever_m(sprocket)?;
     Some([speed_rad_s * leading_m, speed_rad_s * trailing_m])
 }
 
-/// Turn before the seat at which the trailing flank touches when it lies `further_back_m` behind its nominal place
-/// [rad]: the smaller root of H (cos t - 1) + l sin t = x cos alpha. None for a straight face, or if it cannot touch.
+/// Turn before the seat at which the trailing flank makes contact if it lies `further_back_m` behind its nominal
+/// position [rad]: the smaller root of H (cos t - 1) + l sin t = x cos alpha. None for a straight face, or without
+/// contact.
 pub fn first_contact_turn_rad(sprocket: &SilentSprocket, further_back_m: f64) -> Option<f64> {
     let (lever_m, height_m) = (trailing_lever_m(sprocket)?, contact_height_m(sprocket)?);
     let needed_m = further_back_m * sin_cos(sprocket.spec.link.flank_angle_rad).1 + height_m;
@@ -139,7 +141,7 @@ pub fn first_contact_turn_rad(sprocket: &SilentSprocket, further_back_m: f64) ->
     (ratio <= 1.0).then(|| atan2(lever_m, height_m) - libm::acos(ratio))
 }
 
-/// Approach speed of the trailing flank when the joint ahead has given way by `stretch_m` = T / K [m/s].
+/// Approach speed of the trailing flank if the joint ahead is elongated by `stretch_m` = T / K [m/s].
 pub fn stretched_approach_speed_m_s(sprocket: &SilentSprocket, speed_rad_s: f64, stretch_m: f64) -> Option<f64> {
     let turn_rad = first_contact_turn_rad(sprocket, stretch_m)?;
     let (sin_turn, cos_turn) = sin_cos(turn_rad);
@@ -153,19 +155,19 @@ fn contact_height_m(sprocket: &SilentSprocket) -> Option<f64> {
     sprocket.face_radius_m.map(|rho_m| sprocket.spec.pitch_m * cos_alpha + link.face_distance_m + rho_m)
 }
 
-/// Distance of the trailing flanks of two successive links, `ahead` first, along the straight chain [m]. What pins and
-/// contours contribute: a row whose pins alone are longer changes nothing, for its own gain is the loss of the link
-/// behind. Where the chain bends by tau at the joint between the two, a rest is left of which
-/// [`first_contact_on_contours_rad`] knows: pins longer by x in one row and shorter in the other bring the trailing
-/// flank nearer to its face by x sin(pi/z) sin(alpha + pi/z).
+/// Distance of the trailing flanks of two successive links, `ahead` first, along the straight chain [m], from errors of
+/// pins and contours. A row with longer pins only changes nothing, because the gain of one link is the loss of the link
+/// behind. Where the chain bends by tau at the joint between the two, a remainder is left, which
+/// [`first_contact_on_contours_rad`] includes: pins longer by x in one row and shorter in the other move the trailing
+/// flank towards its face by x sin(pi/z) sin(alpha + pi/z).
 pub fn working_flank_pitch_m(ahead: &SilentLinkContour, link: &SilentLinkContour) -> f64 {
     let joint_behind_eye_m = 0.5 * (ahead.pin_pitch_m - ahead.flank_pitch_m);
     joint_behind_eye_m + 0.5 * (link.pin_pitch_m + link.flank_pitch_m)
 }
 
-/// Turn before the seat at which the trailing flank of `link` touches, on the exact contours, when the link ahead sits
-/// with its rear virtual eye in its nominal place [rad]. None if the flanks do not meet within a tenth of the pitch
-/// angle of the seat.
+/// Turn before the seat at which the trailing flank of `link` makes contact, on the exact contours, if the link ahead
+/// is seated with its rear virtual eye at its nominal position [rad]. None if the flanks do not meet within a tenth of
+/// the pitch angle of the seat.
 pub fn first_contact_on_contours_rad(
     ahead: &SilentLinkContour,
     link: &SilentLinkContour,
@@ -176,7 +178,7 @@ pub fn first_contact_on_contours_rad(
     let joint_behind_eye_m = 0.5 * (ahead.pin_pitch_m - ahead.flank_pitch_m);
     let joint = Vec2::new(sprocket.pitch_radius_m, 0.0) - along_ahead * joint_behind_eye_m;
     let gap_m = |turn_rad: f64| flank_gaps_m(link, sprocket, joint, turn_rad)[1];
-    // Bisection from the open side; the gap falls towards the seat within this range.
+    // Bisection; the gap decreases towards the seat within this range.
     let (mut open_rad, mut closed_rad) = (FIRST_CONTACT_RANGE * tau, -FIRST_CONTACT_RANGE * tau);
     if !(gap_m(open_rad) > 0.0 && gap_m(closed_rad) < 0.0) {
         return None;
@@ -192,23 +194,23 @@ pub fn first_contact_on_contours_rad(
     Some(0.5 * (open_rad + closed_rad))
 }
 
-/// Pitch angles round the seat within which a first contact is looked for. assumed: beyond it pitch errors are no
-/// longer small.
+/// Range around the seat in which a first contact is searched, in pitch angles. assumed: beyond it pitch errors are not
+/// small.
 const FIRST_CONTACT_RANGE: f64 = 0.1;
 
-/// Forces of a wrap that is carried by one flank per link, and the limits of that.
+/// Forces of a wrap that is supported by one flank per link, and the limits of this state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WrapStatics {
-    /// nu: axial part of the force of the first flank, over the tension of the span.
+    /// nu: axial part of the force on the first flank, over the tension of the span.
     pub flank_force_ratio: f64,
     /// q: tension behind a link over the tension ahead of it.
     pub tension_ratio: f64,
-    /// Angle of the joint force out of the pin line [rad].
+    /// Angle between the joint force and the pin line [rad].
     pub lean_rad: f64,
-    /// Both flanks of a link carry only if its tensions T2 / T1 are at least this: (1 - x)/(1 + x), x = tan(pi/z)/tan
-    /// alpha.
+    /// Both flanks of a link carry load only if its tension ratio T2 / T1 is at least this: (1 - x)/(1 + x), x =
+    /// tan(pi/z)/tan alpha.
     pub both_flanks_tension_ratio: f64,
-    /// Force per flank over the tension where both flanks carry alike: sin(pi/z) / sin alpha.
+    /// Force per flank over the tension if both flanks carry the same load: sin(pi/z) / sin alpha.
     pub symmetric_flank_force_ratio: f64,
 }
 
@@ -222,7 +224,7 @@ pub fn wrap_statics(sprocket: &SilentSprocket) -> Option<WrapStatics> {
     let a = cos_alpha * cos_t - sigma * sin_t;
     let b = cos_alpha * sin_t + sigma * cos_t;
     let k = sigma - sin_alpha;
-    // k A nu^2 + (B - k cos t) nu - sin t = 0 with k < 0: the smaller root, in the form that does not cancel.
+    // k A nu^2 + (B - k cos t) nu - sin t = 0 with k < 0: the smaller root, in the form without cancellation.
     let linear = b - k * cos_t;
     let discriminant = linear * linear + 4.0 * k * a * sin_t;
     if discriminant < 0.0 {

@@ -1,10 +1,10 @@
 //! Sprocket teeth for silent (inverted-tooth) chain, as arcs and lines.
 //!
-//! A link is seated when its joints lie on the pitch circle and its outer flanks touch the two teeth on either side of
-//! the one in its crotch. That fixes where the tooth face is. Tooth frame: origin on the sprocket axis, +y along the
-//! tooth axis; the face towards +x is described, the other one is its mirror image. With alpha, f of the link (see
-//! [`super::chain::silent`]), tau = 2 pi / z, m = (cos beta, sin beta) the normal of the face and u = (-sin beta, cos
-//! beta):
+//! A link is seated when its joints lie on the pitch circle and its outer flanks contact the two teeth on either side
+//! of the one in its crotch. This determines the position of the tooth face. Tooth frame: origin on the sprocket axis,
+//! +y along the tooth axis; the face towards +x is described, the other one is its mirror image. With alpha, f of the
+//! link (see [`super::chain::silent`]), tau = 2 pi / z, m = (cos beta, sin beta) the normal of the face and u = (-sin
+//! beta, cos beta):
 //!
 //! ```text
 //! R   = p / (2 sin(pi/z))          pitch circle            d    = R cos(pi/z)        pin line of a seated link
@@ -13,15 +13,14 @@
 //! r_b = r_v cos alpha              base circle             s_c  = R cos(alpha - pi/z) - r_b     see below
 //!
 //! line      X . m = e
-//! crowned   arc about T = u_c u + (e - rho) m, radius rho, u_c = R cos(alpha - pi/z) - s, touches the flank of the
-//! seated
-//!           link at s from the foot of the joint's perpendicular
-//! arc       the crowned face with s = s_c, rho = e: T = r_b u. It osculates the involute of r_b, which touches at s_c
-//! with
-//!           curvature radius e, but exists below r_b and is an exact arc
-//! tip       land on r_a = d + c_a, corner arc r_k about K with |K| = r_a - r_k, |K - T| = rho - r_k (line: K . m = e
-//! - r_k) root      one arc through r_f on the gap axis, tangent to both faces; r_f = |toe centre of the seated link|
-//! - r_t - c_f
+//! crowned   arc about T = u_c u + (e - rho) m, radius rho, u_c = R cos(alpha - pi/z) - s, contacts the flank of the
+//!           seated link at s from the foot of the joint's perpendicular
+//! arc       the crowned face with s = s_c, rho = e: T = r_b u. It osculates the involute of r_b, which contacts at s_c
+//!           with curvature radius e, but exists below r_b and is an exact arc
+//! tip       land on r_a = d + c_a, corner arc r_k about K with |K| = r_a - r_k, |K - T| = rho - r_k
+//!           (line: K . m = e - r_k)
+//! root      one arc through r_f on the gap axis, tangent to both faces;
+//!           r_f = |toe centre of the seated link| - r_t - c_f
 //! ```
 //! The gap frame has +y along the gap axis. Default face: arc. Defaults of the free dimensions: c_a = 0, r_k = 0.05 p,
 //! c_f = 0.1 p. Source: derived here from the seat rule of ASME B29.2M (joints of a seated link on the pitch circle).
@@ -33,32 +32,32 @@ use super::{Vec2, rotated, unit};
 use crate::units::{MM, UM, atan2, sin_cos, wrap_angle};
 use std::f64::consts::PI;
 
-/// Most teeth a sprocket may have (ISO 606 ends there too).
+/// Maximum number of teeth of a sprocket (also the limit of ISO 606).
 pub const LARGEST_TEETH: u32 = 150;
 
 /// The working face of a tooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ToothFace {
-    /// Straight: lands flat on the straight flank of the link.
+    /// Straight: contacts the straight flank of the link over its whole length.
     Line,
     /// Arc that osculates the involute.
     Arc,
-    /// Arc of any radius that touches the seated flank at `contact_distance_m` from the foot of the joint's
+    /// Arc of any radius that contacts the seated flank at `contact_distance_m` from the foot of the joint's
     /// perpendicular.
     Crowned { radius_m: f64, contact_distance_m: f64 },
 }
 
-/// How far below its waist a gap of arcs may reach, over the pitch. assumed: small flank angles need three quarters of
-/// it, and the teeth stay thicker at the root than above.
+/// Maximum depth of a gap of arcs below its waist, over the pitch. assumed: small flank angles need three quarters of
+/// it, and the teeth are still thicker at the root than above.
 const LARGEST_UNDERCUT: f64 = 0.1;
 
-/// What a sprocket is made from.
+/// Dimensions of a sprocket.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentSprocketSpec {
     pub teeth: u32,
     pub pitch_m: f64,
     pub face: ToothFace,
-    /// The link it is made for.
+    /// The link for which it is designed.
     pub link: SilentLinkForm,
     /// c_a: height of the tip circle over the pin line of a seated link [m].
     pub tip_offset_m: f64,
@@ -83,7 +82,7 @@ impl SilentSprocketSpec {
     }
 }
 
-/// The tooth, all of its numbers. Points are in the tooth frame unless said otherwise.
+/// The dimensions of the tooth. Points are in the tooth frame unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentSprocket {
     pub spec: SilentSprocketSpec,
@@ -101,8 +100,8 @@ pub struct SilentSprocket {
     pub face_offset_m: f64,
     /// r_b.
     pub base_radius_m: f64,
-    /// Where the face touches the flank of the seated link, from the foot of the joint's perpendicular towards the
-    /// toe; None for a line, which touches all along.
+    /// Contact point of the face on the flank of the seated link, measured from the foot of the joint's perpendicular
+    /// towards the toe; None for a line, which contacts the whole flank.
     pub contact_distance_m: Option<f64>,
     /// rho; None for a line.
     pub face_radius_m: Option<f64>,
@@ -126,10 +125,10 @@ pub struct SilentSprocket {
     side: [Element; 3],
 }
 
-/// Why no tooth can be made, each with what would do.
+/// Why no tooth can be made, each with a value that would work.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SilentSprocketError {
-    /// Tooth angle not positive, or more teeth than are accepted.
+    /// Tooth angle not positive, or too many teeth.
     Teeth {
         teeth: u32,
         least: u32,
@@ -144,11 +143,12 @@ pub enum SilentSprocketError {
     Face {
         largest_face_distance_m: f64,
     },
-    /// Crown no wider than the corner arc: largest corner radius [m].
+    /// Crown radius not larger than the corner radius: largest corner radius [m].
     Corner {
         largest_m: f64,
     },
-    /// A crown touches the flank where there is none: largest distance from the foot of the joint's perpendicular [m].
+    /// A crown whose contact point is beyond the end of the flank: largest distance from the foot of the joint's
+    /// perpendicular [m].
     Contact {
         largest_m: f64,
     },
@@ -156,19 +156,19 @@ pub enum SilentSprocketError {
     Pointed {
         largest_tip_diameter_m: f64,
     },
-    /// Tip circle so low that it cuts off the place of contact: smallest tip diameter [m].
+    /// Tip circle so low that it removes the contact point: smallest tip diameter [m].
     LowTip {
         smallest_tip_diameter_m: f64,
     },
-    /// Root below the point where the two faces of a gap meet, or too far below where they part again: largest
-    /// clearance c_f [m].
+    /// Root below the point where the two faces of a gap meet, or too far below the waist of the gap: largest clearance
+    /// c_f [m].
     DeepRoot {
         largest_clearance_m: f64,
     },
-    /// The root arc swallows the place of contact.
+    /// The root arc removes the contact point.
     HighRoot,
-    /// The toe of a link that swings in strikes root or face by this much [m]; smallest clearance c_f that is enough
-    /// [m].
+    /// The toe of a link that swings in interferes with root or face by this much [m]; smallest sufficient clearance
+    /// c_f [m].
     Toe {
         interference_m: f64,
         enough_clearance_m: Option<f64>,
@@ -234,20 +234,20 @@ impl std::fmt::Display for SilentSprocketError {
 
 impl std::error::Error for SilentSprocketError {}
 
-/// [mm], rounded down to what an error prints.
+/// In mm, rounded down to the digits that an error prints.
 fn round_down_mm(value_m: f64) -> f64 {
     libm::floor(value_m / MM * 1e4) / 1e4
 }
 
-/// The quantities that follow from pitch, teeth and link alone, and the face.
+/// Quantities that follow from pitch, teeth and link alone, and the face.
 struct Face {
     normal: Vec2,
     upwards: Vec2,
     offset_m: f64,
     /// Radius and centre of an arc.
     arc: Option<(f64, Vec2)>,
-    /// The place of contact, below which the corner arc must not reach; for a line the middle of the link stands for
-    /// it.
+    /// The contact point, below which the corner arc must not reach; for a line, the point opposite the middle of the
+    /// link.
     contact: Vec2,
 }
 
@@ -258,7 +258,7 @@ impl SilentSprocket {
         if sprocket.toe_clearance_m >= -SWING_TOLERANCE_M {
             return Ok(sprocket);
         }
-        // What works is found by trying, in steps that a drawing would have.
+        // A working value is found by trial, in steps suitable for a drawing.
         let step_m = 0.005 * spec.pitch_m;
         let enough_clearance_m = (1..=60).map(|k| spec.root_clearance_m + step_m * f64::from(k)).find(|&clearance_m| {
             let deeper = SilentSprocketSpec { root_clearance_m: clearance_m, ..spec };
@@ -347,8 +347,8 @@ impl SilentSprocket {
         2.0 * PI / f64::from(self.spec.teeth)
     }
 
-    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the
-    /// side -x: land, corner, face, root, face, corner, land. The material is on the left.
+    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the side
+    /// -x: land, corner, face, root, face, corner, land. The material is on the left.
     pub fn gap_elements(&self) -> [Element; 7] {
         let half_pitch_rad = 0.5 * self.pitch_angle_rad();
         let left = self.side.map(|e| e.moved(half_pitch_rad, Vec2::zeros()));
@@ -365,8 +365,8 @@ impl SilentSprocket {
         [right[2], right[1], right[0], root, left[0], left[1], left[2]]
     }
 
-    /// Elements of gap `k` in the frame of the sprocket, as in [`SilentSprocket::gap_elements`]: its axis lies at k
-    /// tau from +x, so that a joint seated in it lies at R from the axis in that direction.
+    /// Elements of gap `k` in the frame of the sprocket, as in [`SilentSprocket::gap_elements`]. Its axis is at k tau
+    /// from +x, so that a joint seated in it lies at R from the axis in that direction.
     pub fn gap(&self, k: i32) -> [Element; 7] {
         let turn_rad = f64::from(k) * self.pitch_angle_rad() - 0.5 * PI;
         self.gap_elements().map(|e| e.moved(turn_rad, Vec2::zeros()))
@@ -378,16 +378,16 @@ impl SilentSprocket {
         Profile::new(elements, true)
     }
 
-    /// Where the link frame lies in the frame of the sprocket when the link's front joint is seated in gap 0 and the
-    /// link is turned by `turn_rad` out of the seat, about that joint: angle and origin.
+    /// Pose of the link frame in the frame of the sprocket if the link's front joint is seated in gap 0 and the link is
+    /// turned by `turn_rad` out of the seat about that joint: angle and origin.
     pub fn pose_at_seat(&self, pin_pitch_m: f64, turn_rad: f64) -> (f64, Vec2) {
         let joint = Vec2::new(self.pitch_radius_m, 0.0);
         let angle_rad = 0.5 * PI - 0.5 * self.pitch_angle_rad() + turn_rad;
         (angle_rad, joint - unit(angle_rad) * (0.5 * pin_pitch_m))
     }
 
-    /// Overlap up to which an element counts as being in the tooth and not behind it [m]: half the thickness of the
-    /// tooth where its faces end.
+    /// Overlap up to which an element counts as inside the tooth and not behind it [m]: half the thickness of the tooth
+    /// at the ends of its faces.
     pub fn deepest_overlap_m(&self) -> f64 {
         self.side[0].end().x
     }
@@ -416,10 +416,11 @@ impl SilentSprocket {
     }
 }
 
-/// Interference below this is rounding of the construction [m]: a straight face touches the seated flank up to its toe.
+/// Interference below this is rounding of the construction [m]: a straight face contacts the seated flank up to its
+/// toe.
 const SWING_TOLERANCE_M: f64 = 1e-9;
 
-/// The checks that need no tooth.
+/// Checks that do not need the tooth.
 fn check_spec(spec: &SilentSprocketSpec) -> Result<(), SilentSprocketError> {
     let mut dimensions = vec![
         ("the pitch", spec.pitch_m),
@@ -437,7 +438,7 @@ fn check_spec(spec: &SilentSprocketSpec) -> Result<(), SilentSprocketError> {
     if !spec.tip_offset_m.is_finite() {
         return Err(SilentSprocketError::Dimension { name: "the tip radius", value_m: spec.tip_offset_m });
     }
-    // beta > 0, with room for rounding: at z = 360 deg / alpha the faces of a tooth are parallel.
+    // beta > 0, with a margin for rounding: at z = 360 deg / alpha the faces of a tooth are parallel.
     let least = libm::floor(2.0 * PI / spec.link.flank_angle_rad + 1e-9) + 1.0;
     if f64::from(spec.teeth) < least || spec.teeth > LARGEST_TEETH {
         return Err(SilentSprocketError::Teeth { teeth: spec.teeth, least: least as u32 });
@@ -445,7 +446,7 @@ fn check_spec(spec: &SilentSprocketSpec) -> Result<(), SilentSprocketError> {
     Ok(())
 }
 
-/// The face, and where it touches the seated flank. `involute_distance_m` is s_c.
+/// The face and its contact point on the seated flank. `involute_distance_m` is s_c.
 fn place_face(
     spec: &SilentSprocketSpec,
     pitch_radius_m: f64,
@@ -468,7 +469,7 @@ fn place_face(
         let largest_face_distance_m = pitch_radius_m * sin_gap - spec.corner_radius_m;
         return Err(SilentSprocketError::Face { largest_face_distance_m });
     }
-    // A line touches all along: the middle of the link stands for it.
+    // A line has no single contact point: the one opposite the middle of the link represents it.
     let middle_m = 0.5 * spec.pitch_m * sin_cos(spec.link.flank_angle_rad).0;
     let contact_m = pitch_radius_m * cos_gap - distance_m.unwrap_or(middle_m);
     let contact = upwards * contact_m + normal * offset_m;
@@ -499,8 +500,8 @@ impl Face {
         }
     }
 
-    /// Lowest root radius: where the two faces of a gap would meet, or `undercut_m` below the root whose gap is just
-    /// not wider than its mouth [m].
+    /// Lowest root radius: where the two faces of a gap would meet, or `undercut_m` below the root at which the gap is
+    /// as wide as its mouth [m].
     fn lowest_root_m(&self, half_pitch_rad: f64, undercut_m: f64) -> f64 {
         match self.arc {
             None => self.offset_m / rotated(self.normal, half_pitch_rad).y,
@@ -563,7 +564,7 @@ impl Face {
     }
 }
 
-/// Mirror image in the y axis, run through backwards, so that the material stays on the left.
+/// Mirror image in the y axis, traversed backwards, so that the material stays on the left.
 fn mirrored(element: &Element) -> Element {
     let point = |p: Vec2| Vec2::new(-p.x, p.y);
     match *element {

@@ -1,8 +1,9 @@
 //! Sprocket teeth after ISO 606 (DIN 8196), minimum and maximum tooth-gap form, as arcs.
 //!
-//! One tooth gap is described in the gap frame: origin on the sprocket axis, +y along the gap axis. From the root outwards:
-//! the roller-seating arc (concave, radius r_i, subtending the angle alpha), the flank arc (convex, radius r_e, its centre on
-//! the prolongation of seat centre to seat end, so that the joint is C1), the tip corner, and the tip land on d_a.
+//! One tooth gap is described in the gap frame: origin on the sprocket axis, +y along the gap axis. From the root
+//! outwards: the roller-seating arc (concave, radius r_i, subtending the angle alpha), the flank arc (convex, radius
+//! r_e, its centre on the extension of the line from seat centre to seat end, so that the transition is C1), the tip
+//! corner, and the tip land on d_a.
 //!
 //! ```text
 //! d   = p / sin(pi/z)                      pitch circle
@@ -11,20 +12,20 @@
 //! max gap: r_i = 0.505 d_1 + 0.069 cbrt(d_1)  r_e = 0.008 d_1 (z^2 + 180)  alpha = 120 deg - 90 deg / z     (mm)
 //! d_a,max = d + 1.25 p - d_1               d_a,min = d + p (1 - 1.6/z) - d_1
 //! ```
-//! Source: ISO 606:2015, clause on tooth gap forms; d_1 is the roller or bush diameter. Holds for 9 to 150 teeth.
+//! Source: ISO 606:2015, clause on tooth gap forms; d_1 is the roller or bush diameter. Valid for 9 to 150 teeth.
 
 use super::profile::{Element, Profile, ProfileError};
 use super::{Vec2, unit};
 use crate::units::{DEG, MM, atan2, sin_cos};
 use std::f64::consts::PI;
 
-/// Teeth a sprocket may have (ISO 606).
+/// Possible numbers of teeth of a sprocket (ISO 606).
 pub const TEETH_RANGE: std::ops::RangeInclusive<u32> = 9..=150;
 
-/// Smallest tip land that is taken as given when no tip diameter is asked for [m]. assumed: below 0.4 mm a tip is knife-edged.
+/// Minimum tip land if no tip diameter is given [m]. assumed: below 0.4 mm a tip is knife-edged.
 const DEFAULT_TIP_LAND_M: f64 = 0.4e-3;
 
-/// Which end of the tolerance field of ISO 606.
+/// Limit of the tolerance field of ISO 606.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GapForm {
@@ -34,7 +35,7 @@ pub enum GapForm {
     Max,
 }
 
-/// What a sprocket is made from.
+/// Dimensions of a sprocket.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SprocketSpec {
     pub teeth: u32,
@@ -42,11 +43,11 @@ pub struct SprocketSpec {
     /// Roller or bush diameter d_1 [m].
     pub roller_diameter_m: f64,
     pub form: GapForm,
-    /// d_a [m]; None takes the middle of what the standard and the tooth allow.
+    /// d_a [m]; None takes the middle of the range that the standard and the tooth allow.
     pub tip_diameter_m: Option<f64>,
 }
 
-/// The tooth gap, all of its numbers.
+/// The dimensions of the tooth gap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sprocket {
     pub spec: SprocketSpec,
@@ -63,7 +64,7 @@ pub struct Sprocket {
     pub flank_radius_m: f64,
     /// Centre of the flank arc on the side +x of the gap frame.
     pub flank_centre: Vec2,
-    /// Joint of seat and flank on the side +x.
+    /// Transition of seat and flank on the side +x.
     pub seat_end: Vec2,
     /// Corner of flank and tip land on the side +x.
     pub tip_corner: Vec2,
@@ -73,14 +74,14 @@ pub struct Sprocket {
     pub tip_land_m: f64,
     /// Pressure angle at the seat end, to the link chord [rad]: gamma = 90 deg - alpha/2 - 180 deg/z.
     pub seat_pressure_angle_rad: f64,
-    /// Smallest gap between flank and the bush while its link swings in or out [m]; negative: undercut needed.
+    /// Smallest gap between flank and bush while its link swings in or out [m]; negative: undercut needed.
     pub articulation_clearance_m: f64,
-    /// Where each gap lies beside its place (damage, runout, errors of pitch), outwards and counterclockwise [m];
-    /// empty: all where they belong.
+    /// Displacement of each gap from its nominal position (damage, runout, pitch errors), outwards and counterclockwise
+    /// [m]; empty: none is displaced.
     pub gap_shifts: Vec<Vec2>,
 }
 
-/// Why no tooth can be made, each with the number that would do.
+/// Why no tooth can be made, each with a value that would work.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SprocketError {
     Teeth(u32),
@@ -96,7 +97,7 @@ pub enum SprocketError {
     LowTip {
         smallest_tip_diameter_m: f64,
     },
-    /// The flank stands in the way of the swinging bush by this much [m].
+    /// The flank interferes with the swinging bush by this much [m].
     Undercut {
         interference_m: f64,
     },
@@ -225,8 +226,8 @@ impl Sprocket {
         Ok(sprocket)
     }
 
-    /// The same tooth with its gaps cut deeper by `relief_m`: a nominal bush on the pitch circle leaves that gap at the root,
-    /// and something else carries it.
+    /// The tooth with its gaps cut deeper by `relief_m`: a nominal bush on the pitch circle has this gap at the root
+    /// and needs another support.
     pub fn relieved(mut self, relief_m: f64) -> Result<Sprocket, SprocketError> {
         let down = Vec2::new(0.0, relief_m);
         let flank = FlankCircle { centre: self.flank_centre - down, radius_m: self.flank_radius_m };
@@ -244,7 +245,7 @@ impl Sprocket {
         Ok(self)
     }
 
-    /// How far gap `tooth` lies beside its place: outwards, counterclockwise [m].
+    /// Displacement of gap `tooth` from its nominal position: outwards, counterclockwise [m].
     pub fn gap_shift_m(&self, tooth: u32) -> Vec2 {
         self.gap_shifts.get(tooth as usize).copied().unwrap_or_else(Vec2::zeros)
     }
@@ -259,8 +260,8 @@ impl Sprocket {
         f64::from(self.spec.teeth) * self.spec.pitch_m / (2.0 * PI)
     }
 
-    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the side -x:
-    /// tip land, flank, seat, flank, tip land. The material is on the left.
+    /// Elements of one gap in the gap frame, from the axis of the tooth on the side +x to that of the tooth on the side
+    /// -x: tip land, flank, seat, flank, tip land. The material is on the left.
     pub fn gap_elements(&self) -> [Element; 5] {
         let half = 0.5 * self.pitch_angle_rad();
         let axis = 0.5 * PI;
@@ -275,7 +276,7 @@ impl Sprocket {
         let c = self.flank_centre;
         let at_corner = atan2(self.tip_corner.y - c.y, self.tip_corner.x - c.x);
         let at_seat = atan2(self.seat_end.y - c.y, self.seat_end.x - c.x);
-        // Both angles lie around pi: bring the sweep into (0, pi).
+        // Both angles are near pi: wraps the sweep into (0, pi).
         let sweep = crate::units::wrap_angle(at_seat - at_corner);
         let right = Element::Arc { centre: c, radius_m: self.flank_radius_m, start_rad: at_corner, sweep_rad: sweep };
         let left = Element::Arc {
@@ -293,8 +294,8 @@ impl Sprocket {
         [land(axis - half, corner_rad), right, seat, left, land(PI - corner_rad, axis + half)]
     }
 
-    /// The whole contour in the sprocket's frame: gap k has its axis at angle k x 2 pi / z from +x. Elements of gap k are
-    /// 5k .. 5k+5 as in [`Sprocket::gap_elements`].
+    /// The whole contour in the sprocket's frame: gap k has its axis at angle k x 2 pi / z from +x. Elements of gap k
+    /// are 5k .. 5k+5 as in [`Sprocket::gap_elements`].
     pub fn profile(&self) -> Result<Profile, ProfileError> {
         let gap = self.gap_elements();
         let mut elements = Vec::with_capacity(5 * self.spec.teeth as usize);
@@ -305,8 +306,8 @@ impl Sprocket {
         Profile::new(elements, true)
     }
 
-    /// Smallest gap between the flank and a bush that swings about the neighbouring seated joint through one pitch angle
-    /// [m]. Nominal bush, nominal pitch, seated on the pitch circle.
+    /// Smallest gap between the flank and a bush that swings about the neighbouring seated joint through one pitch
+    /// angle [m]. Nominal bush, nominal pitch, seated on the pitch circle.
     fn swing_clearance_m(&self) -> f64 {
         const SAMPLES: u32 = 64;
         let pitch_angle = self.pitch_angle_rad();
@@ -329,7 +330,7 @@ impl Sprocket {
     }
 }
 
-/// Interference below this is rounding of the construction [m]: the nominal bush touches the root exactly when seated.
+/// Interference below this is rounding of the construction [m]: the nominal bush contacts the root exactly when seated.
 const SWING_TOLERANCE_M: f64 = 1e-9;
 
 struct FlankCircle {

@@ -1,8 +1,9 @@
 //! Abutment chain: bush-chain links whose plates carry two abutments on the side of the sprockets, one near each joint.
 //!
-//! Rings that turn with the sprockets and fixed guides lead the abutments (see [`crate::geometry::smartchain`]). Every link
-//! carries a bush at its front joint, so that all links are equal; `alternate` gives the bushes to every other link as in
-//! a bush chain. The loaded pitch is the nominal one at the design tension: links are made short by its stretch.
+//! Rings that turn with the sprockets and fixed guides support the abutments (see [`crate::geometry::smartchain`]).
+//! Every link carries a bush at its front joint, so that all links are equal; with `alternate` every other link carries
+//! two bushes as in a bush chain. The pitch is nominal at the design tension: unloaded links are shorter by their
+//! elongation.
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
@@ -13,7 +14,7 @@ use std::f64::consts::PI;
 /// Dimensions of an abutment chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AbutmentChain {
-    /// Nominal pitch, which links under the design tension have [m].
+    /// Nominal pitch, that of links under the design tension [m].
     pub pitch_m: f64,
     pub bush_diameter_m: f64,
     pub pin_diameter_m: f64,
@@ -24,7 +25,7 @@ pub struct AbutmentChain {
     pub abutment_distance_m: f64,
     /// Teeth of the sprocket whose ring is a circle.
     pub teeth: u32,
-    /// How joints are handed over to that sprocket.
+    /// Kind of the transition onto that sprocket.
     pub handover: Handover,
     /// T*: tension at which the pitch is nominal [N].
     pub design_tension_n: f64,
@@ -34,7 +35,7 @@ pub struct AbutmentChain {
     pub pitches_m: [Option<f64>; 2],
 }
 
-/// Which of the paths from line to circle.
+/// Path of a joint from the line to the circle, over one link or two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Handover {
     OneLink(Inclination),
@@ -42,7 +43,7 @@ pub enum Handover {
 }
 
 impl Handover {
-    /// Over as many links, nothing given.
+    /// The smoothest transition over the same number of links.
     pub fn smoothest(self) -> Handover {
         match self {
             Handover::OneLink(_) => Handover::OneLink(Inclination::SmoothAcceleration),
@@ -50,7 +51,7 @@ impl Handover {
         }
     }
 
-    /// Onto a sprocket of `teeth`.
+    /// The transition onto a sprocket with this number of teeth.
     pub fn transition(self, teeth: u32, pitch_m: f64) -> Result<Transition, TransitionError> {
         match self {
             Handover::OneLink(inclination) => Transition::new(teeth, pitch_m, inclination),
@@ -60,18 +61,18 @@ impl Handover {
 }
 
 impl AbutmentChain {
-    /// What its abutments are made from.
+    /// Dimensions of its abutments.
     pub fn abutment_spec(&self) -> AbutmentSpec {
         AbutmentSpec { distance_m: self.abutment_distance_m, flat_m: None, end_angle_rad: None }
     }
 
-    /// The transition onto a sprocket of `teeth`: the one asked for, and for other numbers of teeth the smoothest.
+    /// The transition onto a sprocket: the specified one for `self.teeth`, the smoothest for other numbers of teeth.
     pub fn transition(&self, teeth: u32) -> Result<Transition, TransitionError> {
         let handover = if teeth == self.teeth { self.handover } else { self.handover.smoothest() };
         handover.transition(teeth, self.pitch_m)
     }
 
-    /// The two rows, equal unless alternating. `stiffness_n_per_m`: of a joint.
+    /// The two rows, equal unless alternating. `stiffness_n_per_m` is that of a joint.
     pub fn rows(
         &self,
         stiffness_n_per_m: f64,
@@ -98,7 +99,7 @@ impl AbutmentChain {
     }
 }
 
-/// Outline: exact abutments, the plate between and below them drawn. Counterclockwise.
+/// Outline: exact abutments; the plate between and below them is only for drawing. Counterclockwise.
 fn plate(pitch_m: f64, end_radius_m: f64, front: &Contour, rear: &Contour) -> Result<Profile, ProfileError> {
     let (h, r) = (0.5 * pitch_m, end_radius_m);
     let line = |start: Vec2, end: Vec2| Element::Line { start, end };

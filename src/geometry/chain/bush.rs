@@ -1,10 +1,11 @@
 //! Bush chain: inner links of two plates pressed on two bushes, outer links of two plates pressed on two pins.
 //!
-//! The bushes belong to the inner links: a tooth pushes on an inner link, at either of its ends. So a loaded joint sets the bushes
-//! of an outer link further apart than those of an inner one, and a bush chain has a half order of its own. A chain of cranked
-//! links, each with a bush in front and a pin behind, has none: all its links are equal. Plates have the contour of
-//! a stadium (two arcs about the joints, two straight edges), so that a plate lies flat on a straight guide.
-//! Masses follow from the dimensions unless given: plates less their holes, tubes, full cylinders.
+//! The bushes belong to the inner links, so that a tooth always pushes on an inner link, at either of its ends. The
+//! elongation of loaded joints therefore sets the bushes of an outer link further apart than those of an inner one, and
+//! a bush chain has a half tooth order. A chain of cranked links, each with a bush in front and a pin behind, has none,
+//! because all its links are equal. Plates have the contour of a stadium (two arcs about the joints, two straight
+//! edges), so that a plate lies flat on a straight guide. Masses follow from the dimensions unless given: plates minus
+//! their holes, tubes, full cylinders.
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
@@ -18,7 +19,7 @@ pub struct BushChain {
     pub pitch_m: f64,
     /// Bush outer diameter d_1 [m].
     pub bush_diameter_m: f64,
-    /// Bush bore = pin diameter d_2, as far as masses go [m].
+    /// Bush bore = pin diameter d_2, for the masses [m].
     pub pin_diameter_m: f64,
     /// Width between inner plates b_1 [m].
     pub inner_width_m: f64,
@@ -31,7 +32,7 @@ pub struct BushChain {
     pub outer: RowSpec,
 }
 
-/// What may be set per row; None takes the nominal pitch, the computed mass and inertia.
+/// Values that may be set per row; None takes the nominal pitch, the computed mass and inertia.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RowSpec {
     pub pitch_m: Option<f64>,
@@ -55,7 +56,7 @@ impl BushChain {
         let lever = 0.5 * pitch_m;
         let has_bush = inner || self.is_cranked;
         let (mass, inertia) = if self.is_cranked {
-            // One of each: as heavy as the two rows are on average.
+            // A cranked link has the mean mass and inertia of the two rows.
             let [a, b] = [true, false].map(|inner| self.mass_and_inertia(&plate, lever, inner));
             (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1))
         } else {
@@ -75,7 +76,7 @@ impl BushChain {
         })
     }
 
-    /// Of a link with two bushes, or with two pins [kg, kg m2].
+    /// Mass and inertia of a link with two bushes, or with two pins [kg, kg m2].
     fn mass_and_inertia(&self, plate: &Profile, lever: f64, inner: bool) -> (f64, f64) {
         let (bush_radius, pin_radius) = (0.5 * self.bush_diameter_m, 0.5 * self.pin_diameter_m);
         let area = plate.area_properties();

@@ -1,11 +1,11 @@
-//! Silent (inverted-tooth) chain with one round pin per joint: links of plates whose outer flanks sit on the teeth.
+//! Silent (inverted-tooth) chain with one round pin per joint: links of plates whose outer flanks seat on the teeth.
 //!
-//! Both ends of a link are alike, mirrored about its middle. An end is built about its virtual eye E = (+-h, 0), h
-//! half the flank pitch; the joints lie at (+-p/2, 0), p the pin pitch. Nominal links have h = p/2; the two are
-//! separate because the pitch of the working flanks and the pitch of the pins of a row err apart. Frame of the link:
-//! origin midway between the joints, +x along the travel, +y to its left, where the sprockets are, so that the teeth
-//! point to +y. Front end, alpha the flank angle, s = sin alpha, c = cos alpha, f and f_i = f + lambda the distances
-//! of the flanks from E:
+//! Both ends of a link are mirror images. An end is constructed about its virtual eye E = (+-h, 0), h half the flank
+//! pitch; the joints lie at (+-p/2, 0), p the pin pitch. Nominal links have h = p/2; the two are separate because the
+//! pitch of the working flanks and the pitch of the pins of a row have different errors. Frame of the link: origin
+//! midway between the joints, +x along the travel, +y to its left, where the sprockets are, so that the teeth point to
+//! +y. Front end, alpha the flank angle, s = sin alpha, c = cos alpha, f and f_i = f + lambda the distances of the
+//! flanks from E:
 //!
 //! ```text
 //! eye arc       about E, radius f, from the back line y = -f to the flank
@@ -15,9 +15,9 @@
 //! crotch arc    about (0, -y_c), radius r_c     y_c = (h c - f_i - r_c) / s
 //! s_o = c D - s o_x     s_i = c D + s o_x     s_i0 = -h s - c y_c
 //! ```
-//! All joints are C1. lambda < 0: the outer flanks mesh; lambda > 0: the inner flank of a link stands out beyond the
-//! outer flank of the link ahead and meets the tooth first. Heights that are given by one number (y_c, crotch top, toe
-//! low) count outwards from the pin line, away from the sprocket: they are -y.
+//! All transitions between elements are C1. lambda < 0: the outer flanks mesh; lambda > 0: the inner flank of a link
+//! projects beyond the outer flank of the link ahead and contacts the tooth first. Heights that are given by one number
+//! (y_c, crotch top, toe low) count outwards from the pin line, away from the sprocket: they are -y.
 //! Source: derived here; the link need only hold its joints on the pitch line of the sprocket (ASME B29.2M),
 //! proportions f = 0.375 p after its over-pin formulas as remembered (assumed), range of lambda after US 8,628,440.
 
@@ -27,13 +27,13 @@ use super::LinkShape;
 use crate::units::{DEG, MM, sin_cos};
 use std::f64::consts::PI;
 
-/// Flank angles that are accepted [rad]. assumed: papers and patents stay within 20 to 35 deg.
+/// Accepted flank angles [rad]. assumed: papers and patents stay within 20 to 35 deg.
 const FLANK_ANGLE_RANGE_RAD: (f64, f64) = (10.0 * DEG, 45.0 * DEG);
-/// lambda / p that is accepted. Upper end: US 8,628,440 (0.007 to 0.017 for inside meshing). Lower end assumed.
+/// Accepted lambda / p. Upper end: US 8,628,440 (0.007 to 0.017 for inside meshing). Lower end assumed.
 const PROJECTION_RANGE: (f64, f64) = (-0.125, 0.017);
 /// Largest difference of flank pitch and pin pitch, over p. assumed: tolerances are a tenth of that.
 const FLANK_PITCH_RANGE: f64 = 0.02;
-/// Least material round a pin hole, over p. assumed: thinner walls cannot be stamped.
+/// Minimum material around a pin hole, over p. assumed: thinner walls cannot be stamped.
 const LEAST_WALL: f64 = 0.02;
 
 /// Proportions of the contour, the same for all links of a chain.
@@ -41,10 +41,10 @@ const LEAST_WALL: f64 = 0.02;
 pub struct SilentLinkForm {
     /// alpha, of both flanks to the normal of the pin line [rad].
     pub flank_angle_rad: f64,
-    /// f, of the outer flank, the eye arc and the back line from the virtual eye [m].
+    /// f, distance of the outer flank, the eye arc and the back line from the virtual eye [m].
     pub face_distance_m: f64,
-    /// lambda = f_i - f: how far the inner flank stands out beyond the outer flank of the link ahead in a straight
-    /// chain [m].
+    /// lambda = f_i - f: projection of the inner flank beyond the outer flank of the link ahead in a straight chain
+    /// [m].
     pub inside_projection_m: f64,
     /// r_t [m].
     pub toe_radius_m: f64,
@@ -69,7 +69,7 @@ impl SilentLinkForm {
         self.face_distance_m + self.inside_projection_m
     }
 
-    /// o_x: how far the centre of the toe arc stands beyond the eye, away from the middle of the link [m].
+    /// o_x: offset of the toe arc's centre beyond the eye, away from the middle of the link [m].
     pub fn toe_offset_m(&self) -> f64 {
         -0.5 * self.inside_projection_m / sin_cos(self.flank_angle_rad).1
     }
@@ -87,7 +87,7 @@ pub struct SilentChain {
     /// Nominal pitch of the drive [m].
     pub pitch_m: f64,
     pub form: SilentLinkForm,
-    /// Pin = bore of the plates, as far as masses go [m].
+    /// Pin = bore of the plates, for the masses [m].
     pub pin_diameter_m: f64,
     /// Over both rows and the heads [m].
     pub pin_length_m: f64,
@@ -98,12 +98,12 @@ pub struct SilentChain {
     pub odd: SilentRowSpec,
 }
 
-/// What may be set per row; None takes the nominal pitch, the computed mass and inertia.
+/// Values that may be set per row; None takes the nominal pitch, the computed mass and inertia.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SilentRowSpec {
     /// Distance of the joints [m].
     pub pin_pitch_m: Option<f64>,
-    /// 2 h, distance of the virtual eyes about which the contour is built [m].
+    /// 2 h, distance of the virtual eyes from which the contour is constructed [m].
     pub flank_pitch_m: Option<f64>,
     pub mass_kg: Option<f64>,
     pub inertia_kg_m2: Option<f64>,
@@ -114,8 +114,8 @@ pub struct SilentRowSpec {
 pub struct SilentLink {
     pub shape: LinkShape,
     pub contour: SilentLinkContour,
-    /// How far the centre of mass of the plates and pins lies from the pin line towards +y [m]; the shape has it on
-    /// the pin line, as every link has.
+    /// Offset of the centre of mass of plates and pins from the pin line towards +y [m]; the shape, like every link,
+    /// has it on the pin line.
     pub centre_of_mass_m: f64,
 }
 
@@ -135,7 +135,7 @@ impl Flank {
 }
 
 /// An arc in the frame of the link. The outward normal of a convex arc at `angle` is the unit vector at `angle`, that
-/// of a concave one its opposite.
+/// of a concave arc its opposite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContourArc {
     pub centre: Vec2,
@@ -200,7 +200,7 @@ pub enum LinkPart {
     RearEye,
 }
 
-/// Why no link can be made, each with what would do.
+/// Why no link can be made, each with a value that would work.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SilentLinkError {
     /// A dimension that is not a positive number.
@@ -216,11 +216,11 @@ pub enum SilentLinkError {
         least_m: f64,
         largest_m: f64,
     },
-    /// Toe arc larger than the room between the flanks.
+    /// Toe arc larger than the space between the flanks.
     ToeRadius {
         largest_m: f64,
     },
-    /// The crotch arc swallows the inner flank.
+    /// The crotch arc leaves no inner flank.
     CrotchLarge {
         largest_m: f64,
     },
@@ -237,7 +237,7 @@ pub enum SilentLinkError {
     PinHole {
         largest_diameter_m: f64,
     },
-    /// Joint that is not C1.
+    /// Transition that is not C1.
     Kink {
         element: usize,
         kink_rad: f64,
@@ -296,7 +296,7 @@ impl std::fmt::Display for SilentLinkError {
 
 impl std::error::Error for SilentLinkError {}
 
-/// Largest kink that is rounding [rad].
+/// Largest kink that counts as rounding [rad].
 const KINK_TOLERANCE_RAD: f64 = 1e-9;
 
 impl SilentLinkContour {
@@ -383,7 +383,7 @@ impl SilentLinkContour {
         self.crotch_centre_m + self.form.crotch_radius_m
     }
 
-    /// Height of the toes over the pin line, outwards, so negative [m].
+    /// Height of the toes over the pin line, outwards, thus negative [m].
     pub fn toe_low_m(&self) -> f64 {
         -(self.form.toe_depth_m() + self.form.toe_radius_m)
     }
@@ -406,7 +406,7 @@ impl SilentLinkContour {
         ]
     }
 
-    /// The closed outline; every joint is C1.
+    /// The closed outline; all transitions are C1.
     pub fn profile(&self) -> Result<Profile, SilentLinkError> {
         let profile = Profile::new(self.elements().to_vec(), true).map_err(SilentLinkError::Profile)?;
         match profile.kinks_rad().iter().enumerate().find(|(_, kink)| kink.abs() > KINK_TOLERANCE_RAD) {
@@ -416,7 +416,7 @@ impl SilentLinkContour {
     }
 }
 
-/// The checks that need no contour.
+/// Checks that do not need the contour.
 fn check_form(form: &SilentLinkForm, pin_pitch_m: f64, flank_pitch_m: f64) -> Result<(), SilentLinkError> {
     let positive = [
         ("the pin pitch", pin_pitch_m),
@@ -468,7 +468,7 @@ fn check_crotch(
 }
 
 impl LinkEnd {
-    /// The other end: mirrored about the middle of the link, and run through backwards.
+    /// The other end: mirrored about the middle of the link, and traversed backwards.
     fn mirrored(&self) -> LinkEnd {
         let point = |p: Vec2| Vec2::new(-p.x, p.y);
         let flank = |f: Flank| Flank { start: point(f.end), end: point(f.start), normal: point(f.normal) };
@@ -505,14 +505,14 @@ impl SilentChain {
         let plate = contour.profile()?;
         let lever_m = 0.5 * pitch_m;
         let pin_radius_m = 0.5 * self.pin_diameter_m;
-        // The contour is symmetric: one joint speaks for both.
+        // The contour is symmetric, so that one joint represents both.
         let reach_m = -plate.closest(Vec2::new(lever_m, 0.0)).distance_m;
         let largest_radius_m = reach_m - LEAST_WALL * self.pitch_m;
         if pin_radius_m > largest_radius_m {
             return Err(SilentLinkError::PinHole { largest_diameter_m: 2.0 * largest_radius_m });
         }
 
-        // Plates less two holes, and half of each of the two pins, which both rows share.
+        // Plates minus two holes, and half of each of the two pins, which both rows share.
         let area = plate.area_properties();
         let per_area_kg_m2 = self.pack_thickness_m * self.density_kg_m3;
         let disc_m2 = PI * pin_radius_m * pin_radius_m;

@@ -1,22 +1,23 @@
 //! The contour of the abutments of a link.
 //!
 //! In the frame of the lever (the link whose front joint is in transition) the sprocket axis describes a curve O(tau),
-//! and a ring of radius rho about it envelopes
+//! and a ring of radius rho about it has the envelope
 //!
 //! ```text
 //! K(tau) = O(tau) + rho perp(u),   u = O' / |O'|,   radius of curvature  1/kappa - rho,   kappa = (O' x O'') / |O'|^3
 //! ```
-//! with rho = R - a, so that the contour ends in an arc of radius a about the front joint, on which the ring stays
-//! while the link is seated. It begins parallel to the link at the depth h - rho under the joints, and is extended there
-//! by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is convex; a lower inclination
-//! starts with a hollow, a higher one is undercut (kappa rho >= 1) from some inclination on, the sooner the smaller a.
-//! Behind a hollow the contour rises over the flat: on the guide it rests there, and the guide's face is lower than the
-//! ring's top by that much; the joint then rises over the line at first, and the link, which turns about its rear joint,
-//! presses its rear abutment into the guide: 2 um at 3 deg and 20 teeth. The rear abutment is the mirror image x -> -x.
+//! with rho = R - a, so that the contour ends in an arc of radius a about the front joint, which rests on the ring
+//! while the link is seated. The contour begins parallel to the link at the depth h - rho under the joints, and is
+//! extended there by a flat. The path with continuous acceleration starts with kappa = 0, and its contour is convex. A
+//! lower inclination starts with a hollow. A higher inclination is undercut (kappa rho >= 1) above a limit that is
+//! lower for smaller a. Behind a hollow the contour rises over the flat. It rests on the guide with this part, and the
+//! guide's face is lower than the ring's top by this rise. The joint then first rises over the line, and the link,
+//! which turns about its rear joint, presses its rear abutment into the guide: 2 um at 3 deg and 20 teeth. The rear
+//! abutment is the mirror image x -> -x.
 //!
-//! Link frame as in [`super::path::LinkMotion`]: the sprocket lies at +y, the contour too, outward normals point to +y;
-//! run with the material on its left it leads from the front end (large x) to the rear, first the flat, then K, then
-//! the arc.
+//! Link frame as in [`super::path::LinkMotion`]: the sprocket lies at +y, and the outward normals of the contour point
+//! to +y. Traversed with the material on its left, the contour leads from the front end (large x) to the rear: first
+//! the flat, then K, then the arc.
 //!
 //! Source: envelope of a circle; own derivation, see `path`.
 
@@ -28,7 +29,7 @@ use crate::geometry::{Vec2, cross, perp, rotated, unit};
 use crate::units::{DEG, MM, atan2, sin_cos};
 use std::f64::consts::PI;
 
-/// What an abutment is made from, besides the transition.
+/// Dimensions of an abutment besides the transition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AbutmentSpec {
     /// a, from the joint to the end arc [m].
@@ -36,20 +37,20 @@ pub struct AbutmentSpec {
     /// Length of the flat ahead of the contour [m]; None takes [`FLAT_PITCHES`].
     pub flat_m: Option<f64>,
     /// Angle of the normal at the end of the end arc, to the normal of the link [rad]; None takes the seated link's
-    /// angle to the ring with [`END_RESERVE_RAD`] to spare, or [`END_ANGLE_RAD`] if that is more.
+    /// angle to the ring plus [`END_RESERVE_RAD`], but at least [`END_ANGLE_RAD`].
     pub end_angle_rad: Option<f64>,
 }
 
 /// Length of the flat, in pitches: 0.6 mm at 8 mm. assumed: bridges a gap between the guide's end and the ring's top.
 pub const FLAT_PITCHES: f64 = 0.075;
 
-/// Least angle to which the end arc reaches. assumed: 4 degrees more than a seated link needs at 20 teeth.
+/// Minimum angle at the end of the end arc. assumed: 4 degrees more than a seated link needs at 20 teeth.
 pub const END_ANGLE_RAD: f64 = 13.0 * DEG;
 
-/// Reserve beyond the angle pi/z at which the ring touches a seated link. assumed: as above.
+/// Reserve beyond the angle pi/z at which the ring contacts a seated link. assumed: as above.
 pub const END_RESERVE_RAD: f64 = 4.0 * DEG;
 
-/// Which of the two abutments of a link.
+/// One of the two abutments of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     Front,
@@ -66,7 +67,7 @@ pub struct ContourPoint {
     pub radius_m: f64,
 }
 
-/// The abutments of a link, made for one sprocket.
+/// The abutments of a link, designed for one sprocket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Abutment {
     pub transition: Transition,
@@ -75,14 +76,14 @@ pub struct Abutment {
     pub end_angle_rad: f64,
     /// rho = R - a.
     pub ring_radius_m: f64,
-    /// From the line of joints to the face of the guide: h - rho and the rise. Without a rise the face is tangent to the
-    /// ring at its top.
+    /// From the line of joints to the face of the guide: h - rho plus the rise. Without a rise the face is tangent to
+    /// the ring at its top.
     pub guide_height_m: f64,
-    /// By which the contour stands over its flat where it starts with a hollow; none if it does not.
+    /// Rise of the contour over its flat if it starts with a hollow; otherwise zero.
     pub rise_m: f64,
-    /// By which such a link, whose front joint rises over the line, presses its rear abutment into the guide.
+    /// Depth by which such a link, whose front joint rises over the line, presses its rear abutment into the guide.
     pub guide_overlap_m: f64,
-    /// Angle of the outward normal, to that of the link, where the lever phase ends: psi0 - phi.
+    /// Angle of the outward normal to that of the link at the end of the lever phase: psi0 - phi.
     pub lever_end_rad: f64,
     /// Smallest radius of curvature.
     pub min_radius_m: f64,
@@ -92,7 +93,7 @@ pub struct Abutment {
     pub rear: Contour,
 }
 
-/// Why there is no such abutment, each with what works.
+/// Why there is no such abutment, each with a value that works.
 #[derive(Clone, Debug, PartialEq)]
 pub enum AbutmentError {
     /// Distance a not positive, or not below the pitch radius [m].
@@ -100,7 +101,7 @@ pub enum AbutmentError {
         distance_m: f64,
         below_m: f64,
     },
-    /// Flat or end angle not a number that makes sense; the end angle must be at least this [rad].
+    /// Invalid flat or end angle; the end angle must be at least this [rad].
     Flat(f64),
     EndAngle {
         end_angle_rad: f64,
@@ -112,19 +113,20 @@ pub enum AbutmentError {
         to_rad: f64,
         least_distance_m: f64,
     },
-    /// That of one over two links has one, or is hollow.
+    /// The contour of a transition over two links has a cusp or a hollow.
     TwoLinks {
-        /// Smallest and largest curvature of the way of the ring's axis, over that of the pitch circle; 0 to R / rho work.
+        /// Smallest and largest curvature of the path of the ring's axis, over that of the pitch circle; 0 to R / rho
+        /// work.
         curvature: (f64, f64),
         most: f64,
         /// Line above the pitch circle [m], hand-over angle [rad] and end of the line [m] that work.
         works: Option<[f64; 3]>,
     },
-    /// Front and rear abutment of one link run into each other.
+    /// Front and rear abutment of one link overlap.
     Collision {
         largest_distance_m: f64,
     },
-    /// An arc came out concave by rounding.
+    /// An arc became concave by rounding.
     Degenerate,
 }
 
@@ -174,20 +176,20 @@ impl std::fmt::Display for AbutmentError {
 
 impl std::error::Error for AbutmentError {}
 
-/// Largest deviation of the arcs that is aimed at [m], and its share of the pitch for chains below 8 mm.
+/// Desired maximum deviation of the arcs [m], and its ratio to the pitch for chains below 8 mm.
 const TOLERANCE_M: f64 = 4.5e-9;
 const TOLERANCE_PITCHES: f64 = TOLERANCE_M / 8e-3;
 
-/// Least deviation worth aiming at, in pitches: rounding of points on a sprocket of 150 teeth, with room.
+/// Smallest useful tolerance, in pitches: rounding of points on a sprocket of 150 teeth, with a margin.
 const ROUNDING_PITCHES: f64 = 1e-9;
 
-/// Places where the exact contour is compared with the arcs.
+/// Points at which the exact contour is compared with the arcs.
 const DEVIATION_SAMPLES: u32 = 2000;
 
-/// Places where curvature is looked at, per link.
+/// Points per link at which the curvature is evaluated.
 const CURVATURE_SAMPLES: u32 = 200;
 
-/// Curvature that still counts as none, times the pitch radius: rounding.
+/// Curvature that still counts as zero, times the pitch radius: rounding.
 const CURVATURE_ROUNDING: f64 = 1e-6;
 
 /// Tolerance of fitted arcs for a pitch [m].
@@ -208,7 +210,7 @@ fn lever_point(transition: &Transition, ring_radius_m: f64, tau: f64) -> Contour
 }
 
 impl Abutment {
-    /// Contour, arcs and limits.
+    /// Computes contour, arcs and limits.
     pub fn new(transition: Transition, spec: AbutmentSpec) -> Result<Abutment, AbutmentError> {
         let a = spec.distance_m;
         let (pitch, reach) = (transition.pitch_m, transition.pitch_radius_m);
@@ -254,7 +256,7 @@ impl Abutment {
         let mut guide_height_m = transition.line_height_m - ring_radius_m;
         let (mut rise_m, mut guide_overlap_m) = (0.0, 0.0);
         if curvature.0 * reach < -CURVATURE_ROUNDING {
-            // Over the flat, which lies across +y.
+            // Over the flat, whose normal is +y.
             rise_m = (front.support(Vec2::new(0.0, 1.0)).0 - front.start().y).max(0.0);
             guide_height_m += rise_m;
             guide_overlap_m = overlap_with_guide_m(&transition, &rear, guide_height_m);
@@ -292,8 +294,8 @@ impl Abutment {
         }
     }
 
-    /// The exact front contour: `phase` in 0 ..= n is tau of the lever, below 0 the flat runs on with one pitch per unit,
-    /// above n the end arc with one radian per unit.
+    /// The exact front contour: `phase` in 0 ..= n is tau of the lever; below 0 the flat continues with one pitch per
+    /// unit, above n the end arc with one radian per unit.
     pub fn exact(&self, phase: f64) -> ContourPoint {
         let at = |tau: f64| lever_point(&self.transition, self.ring_radius_m, tau);
         if phase < 0.0 {
@@ -316,12 +318,12 @@ impl Abutment {
     }
 
     /// Length along the chain over which abutments of neighbouring links overlap about their common joint [m]: they
-    /// must lie in different planes, as inner and outer links do.
+    /// must lie in different planes, like inner and outer links.
     pub fn neighbour_overlap_m(&self) -> f64 {
         2.0 * (self.front.start().x - 0.5 * self.transition.pitch_m)
     }
 
-    /// Planes across the width that the abutments need: in fewer, those of links that follow one another would meet.
+    /// Number of planes across the width that the abutments need, so that those of consecutive links do not collide.
     pub fn planes(&self) -> u32 {
         // Link k behind the one at 0: its front abutment ends `reach` beyond its front joint, and so does the rear one.
         let reach = self.front.start().x - 0.5 * self.transition.pitch_m;
@@ -333,15 +335,15 @@ impl Abutment {
         2.0 * self.front.end().x
     }
 
-    /// Room between a bush about the joint and the abutments of its own and the neighbouring link, straight or bent
-    /// [m].
+    /// Clearance between a bush about the joint and the abutments of its own and the neighbouring link, straight or
+    /// articulated [m].
     pub fn bush_clearance_m(&self, bush_radius_m: f64) -> f64 {
         self.min_joint_distance_m() - bush_radius_m
     }
 
-    /// Smallest distance of the contour from the joint it belongs to.
+    /// Smallest distance of the contour from its joint.
     fn min_joint_distance_m(&self) -> f64 {
-        // The contour lies outside the circle of radius a about its joint but for rounding of the arcs.
+        // The contour lies outside the circle of radius a about its joint, except for rounding of the arcs.
         let joint = Vec2::new(0.5 * self.transition.pitch_m, 0.0);
         self.front
             .arcs()
@@ -352,7 +354,8 @@ impl Abutment {
     }
 }
 
-/// The contour has no cusp, and over two links no hollow; otherwise what works. `curvature`: the transition's range.
+/// Checks that the contour has no cusp, and over two links no hollow; the error names values that work. `curvature` is
+/// the transition's range.
 fn check_curvature(transition: &Transition, curvature: (f64, f64), ring_radius_m: f64) -> Result<(), AbutmentError> {
     let (teeth, pitch_m, reach) = (transition.teeth, transition.pitch_m, transition.pitch_radius_m);
     let (low, high) = curvature;
@@ -379,7 +382,7 @@ fn check_curvature(transition: &Transition, curvature: (f64, f64), ring_radius_m
     })
 }
 
-/// How far the rear abutment enters the guide while the front joint rises.
+/// Depth by which the rear abutment enters the guide while the front joint rises.
 fn overlap_with_guide_m(transition: &Transition, rear: &Contour, guide_height_m: f64) -> f64 {
     let face_m = transition.line_height_m - guide_height_m;
     (0..=CURVATURE_SAMPLES)

@@ -1,11 +1,12 @@
-//! Contours of abutments as arcs: convex, but for a hollow near one end that some of them have.
+//! Contours of abutments as arcs: convex, except for a hollow near one end that some of them have.
 //!
-//! The contour is open and runs with the material on its left. Along it (O - P).t falls at the rate 1 + d / r, at the
-//! distance d of O and the signed radius of curvature r (negative in a hollow): as long as O is nearer than the radius
-//! of the hollow, the foot of its perpendicular is unique, the sign of (O - P_j).t_j at a junction P_j with tangent t_j
-//! says on which side of the junction the foot lies, and that sign changes once along the contour. A binary search over
-//! the junctions finds the arc, and the foot on an arc is exact. Planes rest on the convex hull, whose normals turn one
-//! way only. Nothing here calls a trigonometric function; the cost is a few dozen multiplications and one square root.
+//! The contour is open and runs with the material on its left. Along it (O - P).t decreases at the rate 1 + d / r, at
+//! the distance d of O and the signed radius of curvature r (negative in a hollow). As long as O is nearer than the
+//! radius of the hollow, the foot of its perpendicular is unique. The sign of (O - P_j).t_j at a junction P_j with
+//! tangent t_j tells on which side of the junction the foot lies, and it changes once along the contour. A binary
+//! search over the junctions finds the arc, and the foot on an arc is exact. Planes rest on the convex hull, whose
+//! normals turn monotonically. No trigonometric function is called; the cost is a few dozen multiplications and one
+//! square root.
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::{Vec2, cross, perp};
@@ -24,7 +25,7 @@ pub struct ContourArc {
     /// Outward unit normals (cos, sin of the angles below) at both ends.
     pub normal_start: Vec2,
     pub normal_end: Vec2,
-    /// Angle of the outward normal from +x [rad], rising along the contour but in a hollow.
+    /// Angle of the outward normal from +x [rad], increasing along the contour except in a hollow.
     pub normal_start_rad: f64,
     pub normal_end_rad: f64,
 }
@@ -35,8 +36,8 @@ pub struct Contour {
     arcs: Vec<ContourArc>,
     /// The convex hull; the contour itself if it is convex.
     hull: Vec<ContourArc>,
-    /// Of the hull: (x, y) of the end normals, for searching, and for equal steps of x of a direction from `table_from` on,
-    /// the first arc that may face it: normals look to +y, so x falls along the contour.
+    /// Of the hull: (x, y) of the end normals for the search; and for equal steps of the x of a direction, starting at
+    /// `table_from`, the first arc that may face it. Normals point to +y, so that their x decreases along the contour.
     ends: Vec<(f64, f64)>,
     table: Vec<u16>,
     table_from: f64,
@@ -63,8 +64,8 @@ pub struct ContourFoot {
 /// Why elements are no contour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContourError {
-    /// Hollow at both ends, nowhere convex after a hollow, or standing out between its start and where a plane over the hollow
-    /// touches; the index of an element.
+    /// Hollow at both ends, not convex after a hollow, or projecting beyond the plane that spans the hollow; the index
+    /// of an element.
     Concave(usize),
 }
 
@@ -107,7 +108,7 @@ impl ContourArc {
         }
     }
 
-    /// The part from where the normal is `from` on.
+    /// The part that begins where the normal is `from`.
     fn after(&self, from: Vec2) -> ContourArc {
         ContourArc {
             start: self.centre + from * self.radius_m,
@@ -135,7 +136,7 @@ impl ContourArc {
         if self.radius_m.is_infinite() {
             return Element::Line { start: self.start, end: self.end };
         }
-        // From the centre of a hollow the contour lies against its normal.
+        // From the centre of a hollow the contour lies opposite to its normal.
         let turned = if self.radius_m < 0.0 { PI } else { 0.0 };
         Element::Arc {
             centre: self.centre,
@@ -146,13 +147,13 @@ impl ContourArc {
     }
 }
 
-/// Contours look towards +y: measured from there no angle wraps.
+/// Angle of a normal. Contours face +y: measured from there no angle wraps.
 fn normal_angle(n: Vec2) -> f64 {
     0.5 * PI + wrap_angle(atan2(n.y, n.x) - 0.5 * PI)
 }
 
 impl Contour {
-    /// From elements that join with common tangents and are convex, but for a hollow after the first of them.
+    /// A contour of elements with common tangents that are convex, except for a hollow after the first of them.
     pub fn new(elements: &[Element]) -> Result<Contour, ContourError> {
         assert!(!elements.is_empty(), "a contour has elements");
         let arcs: Vec<ContourArc> = elements.iter().map(ContourArc::new).collect();
@@ -164,7 +165,7 @@ impl Contour {
         let ends: Vec<(f64, f64)> = hull.iter().map(|a| (a.normal_end.x, a.normal_end.y)).collect();
         let (high, low) = (hull[0].normal_start.x, hull[hull.len() - 1].normal_end.x);
         let table_steps_per_x = TABLE_STEPS as f64 / (high - low).max(1e-9);
-        // The first arc whose end normal is not before the largest x of a step; the search goes on from there.
+        // The first arc whose end normal is not before the largest x of a step; the search continues from there.
         let first = |step: usize| {
             let x = low + (step + 1) as f64 / table_steps_per_x + 1e-9;
             ends.iter().position(|e| e.0 <= x).unwrap_or(ends.len()) as u16
@@ -179,7 +180,7 @@ impl Contour {
     fn facing(&self, direction: Vec2) -> usize {
         let step = (direction.x - self.table_from) * self.table_steps_per_x;
         let step = if step > 0.0 { step as usize } else { 0 };
-        // Beyond the table nothing is known.
+        // The table covers only these directions.
         let mut arc = if step < TABLE_STEPS && direction.y > 0.0 { self.table[step] as usize } else { 0 };
         // direction . perp(normal) > 0: the normal has not reached it.
         while arc < self.ends.len() && direction.y * self.ends[arc].0 - direction.x * self.ends[arc].1 > 0.0 {
@@ -188,13 +189,13 @@ impl Contour {
         arc
     }
 
-    /// The convex hull, and which of its arcs a plane with the outward normal `direction` rests on; the number of arcs where it
-    /// rests on the end.
+    /// The convex hull, and the index of its arc that supports a plane with the outward normal `direction`; the number
+    /// of arcs if the plane rests on the end.
     pub fn hull_facing(&self, direction: Vec2) -> (&[ContourArc], usize) {
         (&self.hull, self.facing(direction))
     }
 
-    /// The arcs one after another.
+    /// The arcs in order.
     pub fn arcs(&self) -> &[ContourArc] {
         &self.arcs
     }
@@ -223,8 +224,9 @@ impl Contour {
         Profile::new(self.arcs.iter().map(ContourArc::element).collect(), false)
     }
 
-    /// Height of the contour over the origin along the unit vector `direction`, and the point that reaches it: where a
-    /// plane with that normal rests. The ends of the contour support what points past their normals.
+    /// Support function: height of the contour over the origin along the unit vector `direction`, and the point that
+    /// reaches it, where a plane with that normal rests. The ends of the contour support directions beyond their
+    /// normals.
     pub fn support(&self, direction: Vec2) -> (f64, Vec2) {
         // The normal passes `direction` at the first arc whose end normal is not before it.
         let arc = self.facing(direction);
@@ -248,8 +250,8 @@ impl Contour {
         (height, point, radius_m)
     }
 
-    /// Foot of the perpendicular from `o`, a point outside, nearer than [`Contour::hollow_radius_m`], or no deeper than the
-    /// radii of curvature.
+    /// Foot of the perpendicular from `o`, a point outside and nearer than [`Contour::hollow_radius_m`], or inside and
+    /// no deeper than the radii of curvature.
     pub fn closest_to_point(&self, o: Vec2) -> ContourFoot {
         let last = self.arcs.len() - 1;
         let past = |p: Vec2, normal: Vec2| (o - p).dot(&perp(normal)) > 0.0;
@@ -264,9 +266,9 @@ impl Contour {
     }
 }
 
-/// The convex hull of arcs with a hollow after the first of them: what spans the hollow, from their start to the arc that it
-/// touches, and what follows there. It bulges by [`BULGE_RAD`], so that a plane that lies across the hollow rests on a point
-/// that moves with its inclination, and does not jump from one side to the other.
+/// The convex hull of arcs with a hollow after the first of them: an arc that spans the hollow, from the start of the
+/// contour to the arc at which it is tangent, and the following arcs. The span bulges by [`BULGE_RAD`], so that the
+/// contact point of a plane across the hollow moves with its inclination and does not jump from one side to the other.
 fn hull(arcs: &[ContourArc]) -> Result<Vec<ContourArc>, ContourError> {
     let Some(last) = arcs.iter().rposition(|a| a.radius_m < 0.0) else { return Ok(arcs.to_vec()) };
     let from = arcs[0].start;
@@ -287,7 +289,7 @@ fn hull(arcs: &[ContourArc]) -> Result<Vec<ContourArc>, ContourError> {
     let radius_m = -back.norm_squared() / (2.0 * back.dot(&normal));
     let centre = rest.start - normal * radius_m;
     let normal_start = (from - centre) / radius_m;
-    // Nothing may stand out of it.
+    // No point may project beyond it.
     let outside = |p: Vec2| (p - centre).norm() > radius_m + OUTSIDE * back.norm();
     if let Some(k) = arcs[..at].iter().position(|a| outside(a.end)) {
         return Err(ContourError::Concave(k));
@@ -305,10 +307,10 @@ fn hull(arcs: &[ContourArc]) -> Result<Vec<ContourArc>, ContourError> {
     Ok([across, rest].into_iter().chain(arcs[at + 1..].iter().copied()).collect())
 }
 
-/// Angle to the arc's end of what spans a hollow [rad]: over 2 mm it bulges by some 5 nm.
+/// Angle between the span over a hollow and the arc at its end [rad]: over 2 mm it bulges by some 5 nm.
 const BULGE_RAD: f64 = 1e-5;
 
-/// A point this far outside of a line counts as on it, over its length: rounding.
+/// Tolerance for points outside of a line, relative to its length: rounding.
 const OUTSIDE: f64 = 1e-12;
 
 /// The end of a contour as the nearest point.

@@ -1,13 +1,13 @@
-//! Smooth curves as chains of tangent arcs.
+//! Smooth curves as sequences of tangent arcs.
 //!
-//! A piece of curve between two points with their tangents becomes a biarc: two arcs that meet with a common tangent,
-//! here with tangent legs of equal length d at both ends,
+//! A piece of curve between two points with their tangents becomes a biarc: two arcs with a common tangent, here with
+//! tangent legs of equal length d at both ends,
 //!
 //! ```text
 //! q d^2 + 2 (v.s) d - v^2 = 0,   v = P1 - P0,   s = t0 + t1,   q = |t1 - t0|^2,   joint = (P0 + d t0 + P1 - d t1) / 2
 //! ```
-//! Source: K. M. Bolton, "Biarc curves", Computer-Aided Design 7 (1975). The deviation from the curve falls with the
-//! third power of the piece's length; where the curve is convex so are both arcs.
+//! Source: K. M. Bolton, "Biarc curves", Computer-Aided Design 7 (1975). The deviation from the curve decreases with
+//! the third power of the piece's length; where the curve is convex both arcs are convex.
 
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp};
@@ -20,17 +20,17 @@ pub struct CurvePoint {
     pub tangent: Vec2,
 }
 
-/// Beyond this ratio of radius to chord an arc becomes a line: it bulges by 1e-7 of the chord, and its centre costs
-/// digits.
+/// Ratio of radius to chord above which an arc becomes a line: it bulges by 1e-7 of the chord, and its remote centre
+/// would lose digits.
 const STRAIGHT_RATIO: f64 = 1e6;
 
 /// Samples of the deviation inside one piece.
 const SAMPLES: u32 = 16;
 
-/// Steps of bisection when a piece is made as long as it may be.
+/// Bisection steps when the longest possible piece is searched.
 const BISECTIONS: u32 = 20;
 
-/// The two arcs from `a` to `b`. Empty pieces are left out.
+/// The two arcs from `a` to `b`. Empty pieces are omitted.
 pub fn biarc(a: CurvePoint, b: CurvePoint) -> Vec<Element> {
     let v = b.point - a.point;
     let along = v.dot(&(a.tangent + b.tangent));
@@ -62,7 +62,7 @@ pub fn biarc(a: CurvePoint, b: CurvePoint) -> Vec<Element> {
     ]
 }
 
-/// Largest distance of `curve` between `from` and `to` from the nearest of `elements` at `samples` places [m].
+/// Largest distance of `curve` between `from` and `to` from the nearest of `elements`, at `samples` points [m].
 pub fn deviation_m(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, elements: &[Element], samples: u32) -> f64 {
     (0..samples)
         .map(|k| {
@@ -72,8 +72,8 @@ pub fn deviation_m(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, elemen
         .fold(0.0, f64::max)
 }
 
-/// `curve` from parameter `from` to `to` as few biarcs none of which deviates by more than `tolerance_m`, the deviation
-/// spread evenly over them.
+/// Approximates `curve` from parameter `from` to `to` by as few biarcs as possible with a deviation of at most
+/// `tolerance_m`, which is distributed evenly over them.
 pub fn fit(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64) -> Vec<Element> {
     let mut best = march(curve, from, to, tolerance_m, usize::MAX).unwrap_or_default();
     let (mut low, mut high) = (0.0, tolerance_m);
@@ -87,10 +87,10 @@ pub fn fit(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f
     best
 }
 
-/// Least share of the parameter's range that a piece covers.
+/// Minimum share of the parameter range of one piece.
 const LEAST_SHARE: f64 = 1.0 / 1024.0;
 
-/// Longest pieces one after another; None if more than `most` elements are needed.
+/// Longest possible pieces one after another; None if more than `most` elements are needed.
 fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64, most: usize) -> Option<Vec<Element>> {
     let mut elements = Vec::new();
     let mut start = from;
@@ -107,7 +107,8 @@ fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64
             return Some(elements);
         }
         let end = super::path::boundary_within(start, to, BISECTIONS, |end| piece(end).is_some());
-        // A curve that is not smooth would be cut without end: pieces have a least length, and the deviation is measured.
+        // A curve that is not smooth would be divided without end: pieces have a minimum length, and the resulting
+        // deviation is measured.
         let end = end.max(start + (to - from) * LEAST_SHARE).min(to);
         elements.extend(biarc(curve(start), curve(end)));
         start = end;

@@ -1,6 +1,6 @@
-//! Abutment chains: links that two shaped abutments on their inner side lead without impact onto a sprocket.
+//! Abutment chains: two shaped abutments on the inner side of each link guide it onto a sprocket without impact.
 //!
-//! Beside the teeth a ring turns with the sprocket. While a link is handed over, the ring lifts its front abutment, and
+//! Next to the teeth a ring turns with the sprocket. During hand-over the ring lifts the front abutment of a link, and
 //! with it the front joint, along a path that leaves the straight line and joins the pitch circle with continuous
 //! acceleration; the rear joint still slides along a straight guide. The guide's face is tangent to the ring at its
 //! top. On the way out the rear abutment, a mirror image, does the same in reverse.

@@ -2,7 +2,7 @@
 //! ("n = 2") see `two_link`.
 //!
 //! Approach frame: sprocket axis at the origin, +y up, the chain arrives along +x on top, the sprocket turns clockwise.
-//! Time is counted in pitches: tau = t / T with T = 2 pi / (z w), so that the chain advances by p and the sprocket by
+//! Time is measured in pitches: tau = t / T with T = 2 pi / (z w), so that the chain advances by p and the sprocket by
 //! w T = 2 pi / z per unit of tau, and velocities and accelerations are per tau and tau^2 [m].
 //!
 //! ```text
@@ -10,21 +10,21 @@
 //! dyad    0 <= tau <= 1  gamma = apex over A = gamma(tau - 1) and C = gamma(tau + 1), both one pitch away
 //! circle  tau >= 1       gamma = R (sin psi, cos psi),  psi = psi0 + (tau - 1) 2 pi / z
 //! ```
-//! The link that is handed over (tau = 1) is inclined by phi and must pass through the pitch point (0, r_v), as a rack
-//! on its wheel: with R = p / (2 sin(pi/z)), r_v = z p / (2 pi)
+//! The link at hand-over (tau = 1) is inclined by phi and must pass through the pitch point (0, r_v), like a rack on
+//! its wheel: with R = p / (2 sin(pi/z)), r_v = z p / (2 pi)
 //!
 //! ```text
 //! s = r_v sin phi + sqrt(R^2 - r_v^2 cos^2 phi)        pitch point to C, sigma = s / p
 //! C = (0, r_v) + s (cos phi, -sin phi),   L = (0, r_v) - (p - s) (cos phi, -sin phi),   h = r_v + (p - s) sin phi
 //! ```
-//! makes the path C1 for any phi; the acceleration is continuous too where 2 sigma^3 - sigma^2 = 1/(4 sin^2(pi/z)) -
-//! z^2/(4 pi^2), and then sin phi = (2 pi/z) sigma (1 - sigma). That member lies highest. Below it the path humps above
-//! the line, above it the acceleration jumps.
+//! makes the path C1 for any phi. The acceleration is also continuous where 2 sigma^3 - sigma^2 = 1/(4 sin^2(pi/z)) -
+//! z^2/(4 pi^2), and then sin phi = (2 pi/z) sigma (1 - sigma). This member has the largest h. With a smaller phi the
+//! path rises above the line, with a larger phi the acceleration jumps.
 //!
 //! Leaving the sprocket is the mirror image x -> -x with time reversed.
 //!
-//! Source: own derivation from the law of gearing (rack and wheel); reproduces what is published of abutment chains, is
-//! not taken from a patent. Rigid links, no clearance.
+//! Source: own derivation from the law of gearing (rack and wheel); it reproduces published data of abutment chains and
+//! is not taken from a patent. Rigid links, no clearance.
 
 use super::two_link::{Turning, TwoLinks};
 use crate::geometry::sprocket::TEETH_RANGE;
@@ -40,15 +40,15 @@ pub struct Motion {
     pub acceleration: Vec2,
 }
 
-/// Pitches that arithmetic bears [m].
+/// Pitches for which the arithmetic is accurate [m].
 pub const PITCH_RANGE_M: std::ops::RangeInclusive<f64> = 1e-9..=1e4;
 
-/// Which member of the family of one-link transitions.
+/// Member of the family of one-link transitions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inclination {
-    /// The one with continuous acceleration.
+    /// The member with continuous acceleration.
     SmoothAcceleration,
-    /// Inclination phi of the link at hand-over [rad]; acceleration jumps.
+    /// Inclination phi of the link at hand-over [rad]; the acceleration has jumps.
     Given(f64),
 }
 
@@ -61,11 +61,11 @@ pub struct Transition {
     pub pitch_radius_m: f64,
     /// r_v, at which the sprocket is as fast as the chain.
     pub rolling_radius_m: f64,
-    /// Share of the handed-over link beyond the pitch point; over one link.
+    /// Share of the link at hand-over beyond the pitch point; for a transition over one link.
     pub sigma: Option<f64>,
-    /// phi, downwards in the direction of travel: of the link whose front joint joins the circle.
+    /// phi, downwards in the direction of travel: inclination of the link whose front joint joins the circle.
     pub inclination_rad: f64,
-    /// h, of the straight line of joints above the sprocket axis.
+    /// h, height of the straight line of joints above the sprocket axis.
     pub line_height_m: f64,
     /// psi0, from +y to C, clockwise.
     pub handover_angle_rad: f64,
@@ -75,7 +75,7 @@ pub struct Transition {
     pub circle_start: Vec2,
     /// Acceleration is continuous at both ends.
     pub smooth_acceleration: bool,
-    /// Of a transition over two links: how the first of them turns.
+    /// For a transition over two links: rotation of the first of them.
     pub turning: Option<Turning>,
 }
 
@@ -85,14 +85,14 @@ pub enum TransitionError {
     Teeth(u32),
     /// Outside [`PITCH_RANGE_M`].
     Pitch(f64),
-    /// No path over this inclination; the range that has one [rad].
+    /// No path with this inclination; the possible range [rad].
     Inclination {
         inclination_rad: f64,
         from_rad: f64,
         to_rad: f64,
     },
-    /// No path over two links with what is given; a line above the pitch circle [m], hand-over angle [rad] and end of the line
-    /// [m] that have one, if any.
+    /// No path over two links with the given values; a line above the pitch circle [m], hand-over angle [rad] and end
+    /// of the line [m] that work, if any.
     TwoLinks {
         given: TwoLinks,
         works: Option<[f64; 3]>,
@@ -137,33 +137,33 @@ impl std::fmt::Display for TransitionError {
     }
 }
 
-/// The three numbers of a path over two links, to print.
+/// The three parameters of a path over two links, as text.
 pub(super) fn told(n: [f64; 3]) -> String {
     format!("{:.1} um above the circle, {:.4} deg and an end at {:.4} mm", n[0] / UM, n[1] / DEG, n[2] / MM)
 }
 
 impl std::error::Error for TransitionError {}
 
-/// Where the sprocket stands and how it moves as seen from the link whose front joint is at tau.
+/// Position and motion of the sprocket as seen from the link whose front joint is at tau.
 ///
 /// Link frame: origin midway between the joints, +x from the rear joint to the front joint, +y to the left of a chain
-/// that runs counterclockwise, which is where the sprocket lies. (The approach frame has the sprocket on the right: y
-/// is mirrored.)
+/// that runs counterclockwise, where the sprocket lies. (The approach frame has the sprocket on the right: y is
+/// mirrored.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkMotion {
     /// Sprocket axis in the link frame.
     pub axis: Motion,
-    /// How far the link has turned with the sprocket since it was on the line [rad], and its rates per tau and tau^2.
+    /// Rotation of the link, with the sprocket, since it was on the line [rad], and its rates per tau and tau^2.
     pub turn_rad: f64,
     pub turn_rate: f64,
     pub turn_acceleration: f64,
 }
 
-/// Samples that decide whether a dyad exists all the way.
+/// Samples that decide whether the dyad exists over the whole transition.
 const DYAD_SAMPLES: u32 = 64;
 
 impl Transition {
-    /// The transition of `teeth` and `pitch_m`.
+    /// The transition for `teeth` and `pitch_m`.
     pub fn new(teeth: u32, pitch_m: f64, inclination: Inclination) -> Result<Transition, TransitionError> {
         if !TEETH_RANGE.contains(&teeth) {
             return Err(TransitionError::Teeth(teeth));
@@ -213,17 +213,18 @@ impl Transition {
         }
     }
 
-    /// Links, and units of tau, from the line to the circle: n.
+    /// Number n of links, and of units of tau, from the line to the circle.
     pub fn span(&self) -> f64 {
         if self.turning.is_some() { 2.0 } else { 1.0 }
     }
 
-    /// Angle between seats, which is what the sprocket turns per tau [rad].
+    /// Angle between seats, by which the sprocket turns per tau [rad].
     pub fn seat_angle_rad(&self) -> f64 {
         2.0 * PI / f64::from(self.teeth)
     }
 
-    /// The joint at `tau` on its way in. Where two pieces meet the straight line and the circle win.
+    /// Motion of the joint at `tau` on its way in. Where two pieces meet, the straight line and the circle take
+    /// precedence.
     pub fn pin(&self, tau: f64) -> Motion {
         if tau <= 0.0 {
             self.pin_on_line(tau)
@@ -234,7 +235,7 @@ impl Transition {
         }
     }
 
-    /// The joint on its way out, at tau = 0 where it reaches the line.
+    /// Motion of the joint on its way out; it reaches the line at tau = 0.
     pub fn leaving_pin(&self, tau: f64) -> Motion {
         let m = self.pin(-tau);
         let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
@@ -254,12 +255,12 @@ impl Transition {
         circle_motion(self.pitch_radius_m, self.seat_angle_at_rad(tau), w)
     }
 
-    /// Where the seat of the joint stands at `tau`, from +y, clockwise [rad].
+    /// Angle of the joint's seat at `tau`, from +y, clockwise [rad].
     pub fn seat_angle_at_rad(&self, tau: f64) -> f64 {
         self.handover_angle_rad + (tau - self.span()) * self.seat_angle_rad()
     }
 
-    /// Between line and circle, for tau in 0 ..= n: limits from within at both ends.
+    /// Motion between line and circle, for tau in 0 ..= n: limits from within at both ends.
     pub fn pin_in_transition(&self, tau: f64) -> Motion {
         match &self.turning {
             None => apex(&self.pin_on_line(tau - 1.0), &self.pin_on_circle(tau + 1.0), self.pitch_m),
@@ -279,7 +280,7 @@ impl Transition {
         self.link_between(rear, front)
     }
 
-    /// The same for the lever, a link that is led by its front abutment: tau in 0 ..= n, limits from within at both ends.
+    /// The same for the lever, the link guided by its front abutment: tau in 0 ..= n, limits from within at both ends.
     pub fn lever(&self, tau: f64) -> LinkMotion {
         let rear = if tau <= 1.0 { self.pin_on_line(tau - 1.0) } else { self.pin_in_transition(tau - 1.0) };
         self.link_between(rear, self.pin_in_transition(tau))
@@ -309,25 +310,26 @@ impl Transition {
         }
     }
 
-    /// Curvature of the way of the sprocket's axis in the frame of the lever [1/m]: 1 / (rho + radius of the abutment).
+    /// Curvature of the path of the sprocket's axis in the frame of the lever [1/m]: 1 / (rho + radius of the
+    /// abutment).
     pub fn axis_curvature_per_m(&self, tau: f64) -> f64 {
         let axis = self.lever(tau).axis;
         cross(axis.velocity, axis.acceleration) / axis.velocity.norm().powi(3)
     }
 
-    /// The smallest and the largest of them, looked for at so many places per link.
+    /// The smallest and the largest of these curvatures, at `places` points per link.
     pub fn curvature_range(&self, places: u32) -> (f64, f64) {
         let last = places * self.span() as u32;
         (0..=last)
             .map(|k| self.axis_curvature_per_m(f64::from(k) / f64::from(places)))
-            // What is no number is neither small nor large.
+            // NaN makes the range infinite in both directions.
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| {
                 if c.is_nan() { (f64::NEG_INFINITY, f64::INFINITY) } else { (low.min(c), high.max(c)) }
             })
     }
 
-    /// How far the joint at `tau` still is from its seat, in the frame of the turning sprocket: outwards along the
-    /// seat's radius, and ahead of it in the sense of rotation [m]. Falls with the third power of 1 - tau: seating
+    /// Distance of the joint at `tau` from its seat, in the frame of the turning sprocket: outwards along the seat's
+    /// radius, and ahead of it in the sense of rotation [m]. It decreases with the third power of 1 - tau: seating
     /// without impact.
     pub fn approach_to_seat_m(&self, tau: f64) -> (f64, f64) {
         let pin = self.pin(tau).position;
@@ -336,20 +338,20 @@ impl Transition {
         (pin.dot(&radial) - self.pitch_radius_m, pin.dot(&ahead))
     }
 
-    /// Contact force that the ring exerts on the lever whose front joint is at tau, in 0 ..= n [N], and force of the guide
-    /// on the rear joint of the lever that ends on the line [N], for `tension_n` in the straight span, massless links
+    /// Contact force of the ring on the lever whose front joint is at tau, in 0 ..= n [N], and force of the guide on
+    /// the rear joint of the lever that ends on the line [N], for `tension_n` in the straight span and massless links
     /// without friction.
     ///
-    /// The seated link ahead takes only a force along itself, for its own ring contact points at its seated joint. Moments
-    /// about the joint between two links then give the forces one after another. The radius drops out, as forces of the
-    /// ring point away from the axis.
+    /// The seated link ahead takes only a force along itself, because its own ring contact force points at its seated
+    /// joint. Moment balances about the joint between two links then give the forces one after another. The radius
+    /// cancels, because forces of the ring point away from the axis.
     pub fn quasi_static_forces_n(&self, tension_n: f64, tau: f64) -> (f64, f64) {
         // tau of the front joint of the lever that ends on the line.
         let first_tau = if tau <= 1.0 { tau } else { tau - 1.0 };
         let rear = self.pin_on_line(first_tau - 1.0).position;
         let joint = self.pin_in_transition(first_tau).position;
         let out = self.push(first_tau);
-        // Per newton of pull along the seated link: the pull, and the ring's force on a second lever.
+        // Per newton of tension in the seated link: its force, and the ring's force on a second lever.
         let (ahead, second, second_share) = if self.turning.is_none() {
             ((self.pin_on_circle(first_tau + 1.0).position - joint) / self.pitch_m, Vec2::zeros(), 0.0)
         } else {
@@ -372,7 +374,8 @@ impl Transition {
     /// Direction of the ring's force on the lever whose front joint is at tau.
     fn push(&self, tau: f64) -> Vec2 {
         let lever = self.lever(tau);
-        // Out of the ring into the link: across the way of the axis in the link frame; then back into the approach frame.
+        // From the ring into the link, normal to the path of the axis in the link frame; then transformed to the
+        // approach frame.
         let push = rotated(perp(lever.axis.velocity.normalize()), lever.turn_rad);
         Vec2::new(push.x, -push.y)
     }
@@ -403,14 +406,14 @@ pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
     }
 }
 
-/// A joint on a pitch circle, clockwise, `angle_rad` from +y, which it passes at `rate` [rad per tau].
+/// A joint on a pitch circle, clockwise, at `angle_rad` from +y, moving at `rate` [rad per tau].
 pub(super) fn circle_motion(radius_m: f64, angle_rad: f64, rate: f64) -> Motion {
     let (sin, cos) = sin_cos(angle_rad);
     let position = Vec2::new(sin, cos) * radius_m;
     Motion { position, velocity: -perp(position) * rate, acceleration: -position * (rate * rate) }
 }
 
-/// Within this of the member with continuous acceleration an inclination counts as that member [rad]: rounding of
+/// Tolerance within which an inclination counts as that of the member with continuous acceleration [rad]: rounding of
 /// input.
 const SMOOTH_WITHIN_RAD: f64 = 1e-9;
 
@@ -418,7 +421,7 @@ const SMOOTH_WITHIN_RAD: f64 = 1e-9;
 fn smooth_member(teeth: u32) -> f64 {
     let z = f64::from(teeth);
     let kappa = 0.25 / sin_cos(PI / z).0.powi(2) - (0.5 * z / PI).powi(2);
-    // Newton from above the root, where the cubic rises and is convex.
+    // Newton from above the root, where the cubic increases and is convex.
     let mut sigma = 1.0;
     for _ in 0..50 {
         let step = (2.0 * sigma * sigma * sigma - sigma * sigma - kappa) / (6.0 * sigma * sigma - 2.0 * sigma);
@@ -430,7 +433,7 @@ fn smooth_member(teeth: u32) -> f64 {
     libm::asin(2.0 * PI / z * sigma * (1.0 - sigma))
 }
 
-/// Whether the path exists: the pitch point lies within the link, and the dyad closes all the way.
+/// Whether the path exists: the pitch point lies within the link, and the dyad closes over the whole transition.
 fn is_member(teeth: u32, phi: f64) -> bool {
     if !(phi > 0.0 && phi < 0.5 * PI) {
         return false;
@@ -443,7 +446,7 @@ fn is_member(teeth: u32, phi: f64) -> bool {
         })
 }
 
-/// The last value that `works` on the way from one that does to one that does not.
+/// The last value that `works` between one that works and one that does not.
 pub(super) fn boundary(inside: f64, outside: f64, works: impl Fn(f64) -> bool) -> f64 {
     boundary_within(inside, outside, 60, works)
 }
@@ -479,7 +482,7 @@ pub fn centre_distance_m(first: &Transition, second: &Transition, n_links: u32) 
         2.0 * span / pitch + seats(first, PI - turn) + seats(second, PI + turn) + 2.0 * (first.span() + second.span())
     };
     let wanted = f64::from(n_links);
-    // The straight part must not be negative; more distance always takes more links.
+    // The straight part must not be negative; a larger distance always takes more links.
     let free = (first.line_end_x_m + second.line_end_x_m).abs();
     let (mut low, mut high) = (libm::sqrt(free * free + lean * lean), pitch * wanted);
     if links(low) > wanted || links(high) < wanted {

@@ -1,22 +1,22 @@
-//! The ring of a second sprocket, conjugate to abutments that were made for another number of teeth.
+//! The ring of a second sprocket, conjugate to abutments that were designed for another number of teeth.
 //!
-//! A link has one contour, made for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1
-//! teeth the chain keeps to that sprocket's own exact path when its ring, which turns with it, is the envelope of the
-//! contour under that motion. The contact lies where the normal of the contour passes through the instant centre of
-//! link and sprocket,
+//! A link has one contour, designed for the sprocket with z1 teeth, whose ring is a circle. On a sprocket with z2 > z1
+//! teeth the chain follows that sprocket's own exact path if the ring that turns with it is the envelope of the contour
+//! under that motion. The contact point is where the normal of the contour passes through the instant centre of link
+//! and sprocket,
 //!
 //! ```text
 //! I = O + perp(O') / (2 pi/z2 - turn_rate)      (link frame),      (I - K).t = 0
 //! ```
 //! The envelope begins ahead of the seat at the height of the guide's face, which is its lowest radius, rises towards
-//! the seat and would end a little behind it. The envelope of the rear abutments is its mirror image. Where both reach,
-//! about the seat, the lower one is taken, which leaves a crest there and a few micrometres of gap under seated links;
-//! between the lobes, where the envelope ends, the valley is capped at the height of the guide's face.
+//! the seat and would end slightly behind it. The envelope of the rear abutments is its mirror image. Where both exist,
+//! about the seat, the lower one is used, which leaves a crest there and a gap of a few micrometres under seated links.
+//! Between the lobes, where the envelope ends, the valley has the height of the guide's face.
 //!
 //! Gap frame as in `sprocket`: origin on the axis, +y through the seat of a joint, counterclockwise, material on the
 //! left.
 //!
-//! Source: general theory of gearing (envelope, instant centre); own derivation. Holds for z2 >= z1: below that the
+//! Source: general theory of gearing (envelope, instant centre); own derivation. Valid for z2 >= z1: below that the
 //! envelope has a step at the seat.
 
 use super::abutment::{Abutment, tolerance_m};
@@ -28,7 +28,7 @@ use crate::geometry::{Vec2, cross, perp, rotated, unit};
 use crate::units::{DEG, MM, atan2, wrap_angle};
 use std::f64::consts::PI;
 
-/// A ring of lobes, one per tooth; of radius R - a all round if z2 = z1.
+/// A ring of lobes, one per tooth; a circle of radius R - a if z2 = z1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LobedRing {
     pub transition: Transition,
@@ -36,30 +36,30 @@ pub struct LobedRing {
     pub valley_radius_m: f64,
     /// Radius at the seat, where the flanks meet.
     pub crest_radius_m: f64,
-    /// Radius at the end of the envelope behind the seat, which is cut off.
+    /// Radius at the end of the envelope behind the seat, which is removed.
     pub envelope_end_radius_m: f64,
     /// Angle from the seat ahead to where the flank rises from the valley.
     pub flank_start_rad: f64,
-    /// Angle from the seat back to the end of the envelope, which is cut off.
+    /// Angle from the seat back to the end of the envelope, which is removed.
     pub envelope_end_rad: f64,
-    /// tau of the front joint up to which the ring leads the link exactly.
+    /// tau of the front joint up to which the ring guides the link exactly.
     pub exact_until: f64,
-    /// Angle by which the outline turns at the crest.
+    /// Kink angle of the outline at the crest.
     pub crest_kink_rad: f64,
     /// Largest distance of the exact flank from the arcs.
     pub max_deviation_m: f64,
-    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Joints are tangent but for
-    /// the crest.
+    /// Outline from the middle of one valley to the next about the seat, in the gap frame. Transitions are tangent
+    /// except at the crest.
     pub tooth: Vec<Element>,
     /// Index of the element that ends at the crest.
     pub crest_arc: usize,
     /// The same for contact search.
     arcs: Vec<RingArc>,
-    /// Inverse of the distance from the crest's ray beyond which an abutment touches its own side only [1/m].
+    /// Inverse of the distance from the crest's ray beyond which an abutment can contact its own side only [1/m].
     leans_per_m: f64,
 }
 
-/// An element of the outline with what contact search needs of it.
+/// An element of the outline with its data for contact search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct RingArc {
     /// For a flat, a point on it.
@@ -75,16 +75,16 @@ struct RingArc {
 /// Contact of ring and abutment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RingContact {
-    /// Gap [m], negative when they penetrate.
+    /// Gap [m], negative for penetration.
     pub gap_m: f64,
     /// On the abutment, in the link frame.
     pub point: Vec2,
     /// Out of the abutment, in the link frame.
     pub normal: Vec2,
-    /// Of the abutment and of the ring, at the contact; zero at corners.
+    /// Radii of curvature of the abutment and of the ring, at the contact; zero at corners.
     pub abutment_radius_m: f64,
     pub ring_radius_m: f64,
-    /// Index of the arc of the abutment; of the element of the lobe, for its crest the number of elements.
+    /// Index of the arc of the abutment; index of the element of the lobe, for its crest the number of elements.
     pub abutment_arc: usize,
     pub ring_element: usize,
 }
@@ -105,15 +105,15 @@ pub struct LobeArc {
 /// Why there is no such ring.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RingError {
-    /// The contour is made for more teeth than the sprocket has.
+    /// The contour is designed for more teeth than the sprocket has.
     FewerTeeth { ring: u32, contour: u32 },
     /// Pitches of chain and sprocket differ.
     Pitch { ring_m: f64, contour_m: f64 },
     /// The envelope is undercut here.
     Undercut { tau: f64 },
-    /// Over two links lobes of neighbouring teeth would run into each other.
+    /// Over two links lobes of neighbouring teeth would overlap.
     TwoLinks,
-    /// The abutments are made for a path whose acceleration jumps, at this inclination [rad].
+    /// The abutments are designed for a path with jumps in acceleration, at this inclination [rad].
     Jump { inclination_rad: f64 },
     /// The abutment's hollow is tighter than the ring [m].
     Hollow { hollow_m: f64, ring_m: f64 },
@@ -160,16 +160,16 @@ impl std::fmt::Display for RingError {
 
 impl std::error::Error for RingError {}
 
-/// Places where the exact flank is checked and compared with the arcs.
+/// Points at which the exact flank is checked and compared with the arcs.
 const SAMPLES: u32 = 1000;
 
-/// Nearer to the seat than this the end of the envelope counts as at it, in pitches: rounding at z2 = z1.
+/// Distance below which the end of the envelope counts as being at the seat, in pitches: rounding at z2 = z1.
 const AT_SEAT_PITCHES: f64 = 1e-9;
 
-/// A hollow must be this much wider than the ring for one common normal.
+/// Minimum ratio of the radii of a hollow and the ring for a unique common normal.
 const HOLLOW_ROOM: f64 = 1.05;
 
-/// Whether a ring of this radius finds one foot on the abutments.
+/// Checks that a ring of this radius has a unique foot on the abutments.
 pub fn fits_hollow(abutment: &Abutment, ring_m: f64) -> Result<(), RingError> {
     let hollow_m = abutment.front.hollow_radius_m();
     if hollow_m > HOLLOW_ROOM * ring_m { Ok(()) } else { Err(RingError::Hollow { hollow_m, ring_m }) }
@@ -198,7 +198,7 @@ impl LobedRing {
         let exact_until =
             if end.x <= AT_SEAT_PITCHES * pitch { 1.0 } else { boundary(0.0, 1.0, |tau| flank(tau).point.x < 0.0) };
         let crest = Vec2::new(0.0, flank(exact_until).point.y);
-        // From the crest ahead and down to the valley, counterclockwise: tau falls.
+        // From the crest ahead and down to the valley, counterclockwise: tau decreases.
         let curve = |tau: f64| {
             let p = flank(-tau);
             if -tau == exact_until { CurvePoint { point: crest, ..p } } else { p }
@@ -246,9 +246,9 @@ impl LobedRing {
         Profile::new(elements, true)
     }
 
-    /// Contact of one lobe with an abutment: the least gap at which normals are opposite. `axis` is the sprocket's axis
-    /// in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if no common normal
-    /// lies on this lobe. Exact for convex arcs, flats and the crest; on concave ones to rounding.
+    /// Contact of one lobe with an abutment: the smallest gap at which normals are opposite. `axis` is the sprocket's
+    /// axis in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if this lobe
+    /// has no common normal with it. Exact for convex arcs, flats and the crest; to rounding for concave arcs.
     pub fn contact(&self, abutment: &Contour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
         let on = |k: usize| self.element_contact(k, abutment, axis, turn);
@@ -261,7 +261,7 @@ impl LobedRing {
         Some(RingContact { ring_element: k, ..contact })
     }
 
-    /// Contact of the crest's corner, where the abutment's normal lies between those of its two sides.
+    /// Contact of the crest's corner, if the abutment's normal lies between those of its two sides.
     fn crest_contact(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let before = self.arcs[self.crest_arc].placed(axis, turn);
         let after = self.arcs[self.crest_arc + 1].placed(axis, turn);
@@ -270,18 +270,18 @@ impl LobedRing {
             .then(|| RingContact { ring_element: self.arcs.len(), ..RingContact::at(&foot, foot.distance_m, 0.0) })
     }
 
-    /// As [`LobedRing::contact`], quickly: `turn` is the unit vector at `turn_rad`. A binary search over the elements on
-    /// either side of the crest; the abutment is more curved than the hollow parts of the ring.
+    /// As [`LobedRing::contact`], but faster; `turn` is the unit vector at `turn_rad`. A binary search over the
+    /// elements on either side of the crest; the abutment is more curved than the hollow parts of the ring.
     pub fn contact_at(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
-        // Where the abutment is nearest to the axis, to the left of the crest's ray, over the distance.
+        // Offset of the abutment's nearest point to the axis from the crest's ray, to the left, over the distance.
         let at = abutment.closest_to_point(axis).point - axis;
         let lean = self.lean(at, turn);
         let mut least: Option<RingContact> = None;
         // The outline is smooth on either side of the crest: each side has at most one common normal nearby.
         for side in [0..=self.crest_arc, self.crest_arc + 1..=self.arcs.len() - 1] {
             let (first, last) = (*side.start(), *side.end());
-            // Far behind the crest as seen from this side: the other side's.
+            // Far on the other side of the crest this side has no contact.
             if (first == 0) == (lean > 0.0) && lean.abs() > 1.0 {
                 continue;
             }
@@ -317,8 +317,8 @@ impl LobedRing {
         self.arcs.iter().filter(|a| a.radius_m < 0.0).map(|a| -a.radius_m).fold(f64::INFINITY, f64::min)
     }
 
-    /// How far the point `at` of an abutment, seen from the axis, lies to the left of the crest's ray, over what makes it touch its own
-    /// side only. `turn`: as in [`LobedRing::contact_at`].
+    /// Offset of the point `at` of an abutment, relative to the axis, to the left of the crest's ray, over the offset
+    /// beyond which it contacts its own side only. `turn`: as in [`LobedRing::contact_at`].
     #[inline(always)]
     pub fn lean(&self, at: Vec2, turn: Vec2) -> f64 {
         0.0 - (turn.x * at.x + turn.y * at.y) * self.leans_per_m
@@ -330,7 +330,7 @@ impl LobedRing {
     }
 }
 
-/// The contact with the smaller gap; the first of two alike.
+/// The contact with the smaller gap; the first of two equal ones.
 fn nearer(a: RingContact, b: RingContact) -> RingContact {
     if b.gap_m < a.gap_m { b } else { a }
 }
@@ -349,12 +349,13 @@ impl RingContact {
     }
 }
 
-/// Further than this from the crest, over the radius, an abutment touches its own side only: at 40 teeth flanks reach over
-/// 0.06, and the side behind the crest over 0.006.
+/// Distance from the crest, over the radius, beyond which an abutment contacts its own side only: at 40 teeth flanks
+/// extend over 0.06, and the side behind the crest over 0.006.
 const FAR_SIDE: f64 = 0.02;
 
-/// Most steps to the point of an abutment that is furthest from the centre of a concave arc. Each gains the ratio of the two
-/// radii: some 1:40, so that a few steps do; abutments nearly as flat as the hollow need many.
+/// Maximum number of steps to the point of an abutment that is furthest from the centre of a concave arc. The error
+/// falls in each step by the ratio of the two radii, some 1:40, so that a few steps suffice; abutments nearly as flat
+/// as the hollow need many.
 const FURTHEST_STEPS: u32 = 100;
 
 impl RingArc {
@@ -373,7 +374,7 @@ impl RingArc {
         }
     }
 
-    /// In the link frame: the axis there, and the direction of the gap frame.
+    /// The element in the link frame, for the axis there and the direction of the gap frame.
     fn placed(&self, axis: Vec2, turn: Vec2) -> RingArc {
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
         RingArc {
@@ -392,7 +393,7 @@ impl RingArc {
             let (_, point) = abutment.support(-self.normal_start);
             let along = (point - self.start).dot(&(self.end - self.start));
             let on = (0.0..=(self.end - self.start).norm_squared()).contains(&along);
-            // A point out along the normal has the same foot.
+            // A point further out along the normal has the same foot.
             let foot = abutment.closest_to_point(point - self.normal_start * (self.end - self.start).norm());
             return on.then(|| RingContact::at(&foot, (point - self.start).dot(&self.normal_start), self.radius_m));
         }
@@ -401,14 +402,14 @@ impl RingArc {
             return within(self.normal_start, self.normal_end, -foot.normal)
                 .then(|| RingContact::at(&foot, foot.distance_m - self.radius_m, self.radius_m));
         }
-        // The centre lies beyond the abutment: the nearest point to the ring is the one furthest from it.
+        // The centre lies beyond the abutment: the nearest point to the ring is the one furthest from the centre.
         let mut outward = -(self.normal_start + self.normal_end).normalize();
         let mut point = abutment.support(outward).1;
         for _ in 0..FURTHEST_STEPS {
             let before = outward;
             outward = (point - self.centre).normalize();
             point = abutment.support(outward).1;
-            // The gap is off by the square of what the direction still is.
+            // The error of the gap is quadratic in that of the direction.
             if (outward - before).norm_squared() < 1e-13 {
                 break;
             }
@@ -417,14 +418,14 @@ impl RingArc {
             return None;
         }
         let gap_m = -self.radius_m - (point - self.centre).norm();
-        // A point out along the normal has the same foot.
+        // A point further out along the normal has the same foot.
         let foot = abutment.closest_to_point(point + outward * -self.radius_m);
         Some(RingContact::at(&foot, gap_m, self.radius_m))
     }
 }
 
-/// Normals at tangent joints agree to this [rad]; a contact right there belongs to both arcs, and its gap is off by its
-/// square.
+/// Normals at tangent transitions agree to this [rad]; a contact there belongs to both arcs, and the error of its gap
+/// is quadratic.
 const NORMAL_ROUNDING_RAD: f64 = 1e-9;
 
 /// Whether `direction` lies between `first` and `last` counterclockwise; all within half a turn.
@@ -432,7 +433,7 @@ fn within(first: Vec2, last: Vec2, direction: Vec2) -> bool {
     cross(first, direction) >= -NORMAL_ROUNDING_RAD && cross(direction, last) >= -NORMAL_ROUNDING_RAD
 }
 
-/// Mirror image x -> -x, run in the same sense.
+/// Mirror image x -> -x, traversed in the same sense.
 fn mirrored(element: &Element) -> Element {
     let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
     match *element {
@@ -446,12 +447,12 @@ fn mirrored(element: &Element) -> Element {
 /// See [`LobedRing::seat_turn_rad`].
 fn seat_turn_rad(transition: &Transition, tau: f64) -> f64 {
     let seat = transition.seat_angle_at_rad(tau);
-    // In the mirrored approach frame the seat stands at seat - 90 deg from +x; +y of the gap frame points there.
+    // In the mirrored approach frame the seat is at seat - 90 deg from +x; +y of the gap frame points there.
     seat - PI - transition.link(tau).turn_rad
 }
 
-/// Where the ring touches the lever when its front joint is at `tau`, in the gap frame of that joint's seat, with the
-/// ring's tangent.
+/// Contact point of the ring and the lever when its front joint is at `tau`, in the gap frame of that joint's seat,
+/// with the ring's tangent.
 fn envelope(abutment: &Abutment, transition: &Transition, tau: f64) -> CurvePoint {
     let lever = transition.lever(tau);
     let spin = transition.seat_angle_rad() - lever.turn_rate;
@@ -482,7 +483,7 @@ fn foot_on_contour(abutment: &Abutment, centre: Vec2) -> super::abutment::Contou
         if f.abs() < 1e-16 || high - low < 1e-15 {
             return abutment.exact(middle);
         }
-        // An end that is kept twice running counts half, so that the other one moves too.
+        // The value of an end that is kept twice in a row is halved, so that the other end moves too.
         if f < 0.0 {
             (high, f_high) = (middle, f);
             f_low *= if kept_low == Some(true) { 0.5 } else { 1.0 };
@@ -496,7 +497,7 @@ fn foot_on_contour(abutment: &Abutment, centre: Vec2) -> super::abutment::Contou
     abutment.exact(0.5 * (low + high))
 }
 
-/// The envelope runs one way and turns one way.
+/// Checks that the envelope is traversed in one direction and turns in one direction.
 fn check_envelope(flank: &dyn Fn(f64) -> CurvePoint) -> Result<(), RingError> {
     let mut before = flank(0.0);
     for k in 1..=SAMPLES {

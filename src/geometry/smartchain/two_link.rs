@@ -1,8 +1,8 @@
 //! The path of a joint from a straight span onto the pitch circle over two links ("n = 2").
 //!
-//! With two joints in transition the height of the line, the hand-over angle and the end of the line are free, and so
-//! is the inclination alpha(tau) of the first link, as long as it meets both neighbours; here it is the quintic that
-//! does, and a free part that vanishes with two derivatives at both ends. Approach frame and time as in `path`:
+//! With two joints in transition the height of the line, the hand-over angle and the end of the line are free. So is
+//! the inclination alpha(tau) of the first link, provided that it matches both neighbours; here it is the quintic that
+//! does, plus a free part that vanishes with two derivatives at both ends. Approach frame and time as in `path`:
 //!
 //! ```text
 //! line    tau <= 0       gamma = (L.x + p tau, h)
@@ -13,8 +13,8 @@
 //! alpha = tau^3 (c3 + c4 tau + c5 tau^2) + tau^3 (1 - tau)^3 (b0 + b1 tau + b2 tau^2)
 //! ```
 //! alpha, alpha' and alpha'' at tau = 1 are those of the dyad L, M, C, so that the path is C2 there, and with it at tau
-//! = 2. Of the three numbers those that are not given are the ones with the least peak of jerk among the paths whose
-//! abutments are convex. At 20 teeth that peak is a fifth of the one over one link; the line then ends three quarters of a
+//! = 2. Of the three parameters those that are not given are chosen for the smallest peak of jerk among the paths with
+//! convex abutments. At 20 teeth that peak is a fifth of the one over one link; the line then ends three quarters of a
 //! pitch before the axis, and abutments of links two apart pass each other.
 //!
 //! Source: own derivation; the search is that of J. A. Nelder and R. Mead, "A simplex method for function minimization",
@@ -30,10 +30,10 @@ use std::f64::consts::PI;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turning([f64; 6]);
 
-/// What is free in a transition over two links; what is not given is searched.
+/// Free parameters of a transition over two links; those that are not given are optimised.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TwoLinks {
-    /// Line of joints above the pitch circle, h - R [m].
+    /// Height of the line of joints above the pitch circle, h - R [m].
     pub rise_m: Option<f64>,
     /// psi0, at which a joint joins the circle, from +y [rad].
     pub handover_rad: Option<f64>,
@@ -44,7 +44,7 @@ pub struct TwoLinks {
 }
 
 impl Turning {
-    /// The one with `end` at tau = 1: inclination and its first two derivatives; and the free part.
+    /// The inclination that reaches the given value and first two derivatives at tau = 1, plus the free part.
     fn new([alpha, rate, acceleration]: [f64; 3], [b0, b1, b2]: [f64; 3]) -> Turning {
         Turning([
             10.0 * alpha - 4.0 * rate + 0.5 * acceleration + b0,
@@ -82,7 +82,7 @@ impl Turning {
 }
 
 impl Transition {
-    /// The transition over two links of `teeth` and `pitch_m`.
+    /// The transition over two links for `teeth` and `pitch_m`.
     pub fn over_two_links(teeth: u32, pitch_m: f64, form: TwoLinks) -> Result<Transition, TransitionError> {
         if !TEETH_RANGE.contains(&teeth) {
             return Err(TransitionError::Teeth(teeth));
@@ -102,12 +102,12 @@ impl Transition {
         }
     }
 
-    /// Of the line of joints above the pitch circle [m].
+    /// Height of the line of joints above the pitch circle [m].
     pub fn rise_m(&self) -> f64 {
         self.line_height_m - self.pitch_radius_m
     }
 
-    /// Largest jerk over that of the pitch circle, w^3 R, inside the pieces of the path, at 60 places per link.
+    /// Largest jerk over that of the pitch circle, w^3 R, inside the pieces of the path, at 60 points per link.
     pub fn peak_jerk(&self) -> f64 {
         let unit = self.pitch_radius_m * self.seat_angle_rad().powi(3);
         let samples = (JERK_SAMPLES as f64 * self.span()) as u32;
@@ -118,23 +118,23 @@ impl Transition {
                     - self.pin_in_transition(tau - JERK_STEP).acceleration
             })
             .map(|difference| difference.norm() / (2.0 * JERK_STEP * unit))
-            // What is no number is no small one.
+            // Skips NaN.
             .fold(0.0, |most: f64, jerk| if most.is_nan() || jerk <= most { most } else { jerk })
     }
 }
 
-/// Line above the pitch circle [m], hand-over angle [rad] and end of the line [m] with the least peak of jerk.
+/// Line above the pitch circle [m], hand-over angle [rad] and end of the line [m] with the smallest peak of jerk.
 pub(super) fn smoothest(teeth: u32, pitch_m: f64) -> Option<[f64; 3]> {
     let [rise, angle, line_end] = least_jerk(teeth, [None; 3], [0.0; 3]);
     let numbers = [rise * pitch_m, angle, line_end * pitch_m];
     two_links(teeth, pitch_m, numbers, [0.0; 3]).map(|_| numbers)
 }
 
-/// Places per link where the jerk is looked at, and half the step of its difference.
+/// Points per link at which the jerk is evaluated, and half the step of its difference.
 const JERK_SAMPLES: usize = 60;
 const JERK_STEP: f64 = 1e-4;
 
-/// The path through the three numbers; None if the two links do not reach from line to circle.
+/// The path for the three parameters; None if the two links do not reach from line to circle.
 fn two_links(teeth: u32, pitch_m: f64, numbers: [f64; 3], free: [f64; 3]) -> Option<Transition> {
     let [rise_m, handover_angle_rad, line_end_x_m] = numbers;
     let pitch_radius_m = pitch_m / (2.0 * sin_cos(PI / f64::from(teeth)).0);
@@ -166,17 +166,17 @@ fn two_links(teeth: u32, pitch_m: f64, numbers: [f64; 3], free: [f64; 3]) -> Opt
     exists.then_some(t)
 }
 
-/// Places where the path is looked for.
+/// Points at which the path is checked.
 const SAMPLES: u32 = 128;
 
-/// Where the search begins: rise in pitches, hand-over angle, inclination of the first link at tau = 1, each times the number
-/// of teeth; near the best for 9 to 150.
+/// Start of the search: rise in pitches, hand-over angle, inclination of the first link at tau = 1, each times the
+/// number of teeth; near the optimum for 9 to 150.
 const START: [f64; 3] = [0.68, 454.0 * DEG, 43.0 * DEG];
 
-/// Steps from what is best where nothing is given to what is given.
+/// Steps from the free optimum to the given values.
 const WAY: u32 = 8;
 
-/// Rise in pitches, angle and end of the line in pitches: those given, and with them the best others.
+/// Rise in pitches, angle and end of the line in pitches: the given ones, and the best values of the others.
 fn least_jerk(teeth: u32, given: [Option<f64>; 3], free: [f64; 3]) -> [f64; 3] {
     if let [Some(rise), Some(angle), Some(line_end)] = given {
         return [rise, angle, line_end];
@@ -194,8 +194,9 @@ fn least_jerk(teeth: u32, given: [Option<f64>; 3], free: [f64; 3]) -> [f64; 3] {
     numbers(teeth, given, x)
 }
 
-/// The numbers that are given, and the others from rise, angle and the inclination of the first link at tau = 1: two links
-/// are nearly straight, and the end of the line follows from the other numbers better than they from it.
+/// The given parameters, and the others from rise, angle and the inclination of the first link at tau = 1. Two links
+/// are nearly straight, so that computing the end of the line from the other parameters is better conditioned than the
+/// reverse.
 fn numbers(teeth: u32, given: [Option<f64>; 3], x: [f64; 3]) -> [f64; 3] {
     let rise = given[0].unwrap_or(x[0]);
     let reach = 0.5 / sin_cos(PI / f64::from(teeth)).0;
@@ -216,33 +217,34 @@ fn numbers(teeth: u32, given: [Option<f64>; 3], x: [f64; 3]) -> [f64; 3] {
     [rise, angle, line_end]
 }
 
-/// Rise, angle and inclination with the least peak of jerk, from `start`.
+/// Rise, angle and inclination with the smallest peak of jerk, searched from `start`.
 fn search(teeth: u32, given: [Option<f64>; 3], free: [f64; 3], start: [f64; 3]) -> [f64; 3] {
     let cost = |x: [f64; 3]| {
         let Some(t) = two_links(teeth, 1.0, numbers(teeth, given, x), free) else { return f64::INFINITY };
         let (low, high) = t.curvature_range(JERK_SAMPLES as u32);
         let out = (0.0 - low * t.pitch_radius_m).max(high * t.pitch_radius_m - 1.0).max(0.0);
-        // Where abutments are hollow or pointed nothing else counts.
+        // Hollow or pointed abutments outweigh any jerk.
         if out > CURVATURE_ROOM { INFEASIBLE * (1.0 + out) } else { t.peak_jerk() }
     };
     let searched =
         [given[0].is_none(), given[1].is_none() && given[2].is_none(), given[1].is_none() || given[2].is_none()];
     let again =
         |from: [f64; 3]| simplex(from, [0, 1, 2].map(|k| if searched[k] { 0.02 * start[k] } else { 0.0 }), cost);
-    // A simplex that has shrunk against an edge of what works begins anew.
+    // A second start, in case the simplex has collapsed at an edge of the feasible region.
     again(again(start))
 }
 
-/// Curvature of an abutment, over that of the pitch circle, that still counts as none too much; and what more costs: far
-/// beyond any jerk.
+/// Excess curvature of an abutment, over that of the pitch circle, that is still accepted; and the cost of a larger
+/// one, far beyond any jerk.
 const CURVATURE_ROOM: f64 = 1e-7;
 const INFEASIBLE: f64 = 1e6;
 
 /// Steps of the search; it has converged after some 150.
 const STEPS: u32 = 250;
 
-/// Minimum of `cost` from `start`. Not from a library: `argmin` 0.11 wants random numbers and complex ones for a plain vector,
-/// and a change in its steps would change the bits of drives. Coordinates move by `step` at first; those with a step of zero do not move.
+/// Minimum of `cost` from `start`. Not from a library: `argmin` 0.11 needs random and complex numbers for a plain
+/// vector, and a change in its steps would change the bits of drives. Coordinates move by `step` at first; those with a
+/// step of zero do not move.
 fn simplex(start: [f64; 3], step: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let valued = |x: [f64; 3]| (cost(x), x);
     let free: Vec<usize> = (0..3).filter(|k| step[*k] != 0.0).collect();
