@@ -1,4 +1,4 @@
-//! Errors that point into what the user wrote: a file, or an override on the command line, with line, caret and help.
+//! Errors that point into the user's text, a file or an override on the command line, with line, caret and help.
 
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normalize_untrusted_str};
 use std::ops::Range;
@@ -11,7 +11,7 @@ pub struct Source {
     pub text: String,
 }
 
-/// Where in which source.
+/// Position in a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Index into the sources of the [`Report`].
@@ -19,7 +19,7 @@ pub struct Place {
     pub span: Range<usize>,
 }
 
-/// One mistake.
+/// One error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diag {
     /// What is wrong, with the value and what would be right.
@@ -29,14 +29,14 @@ pub struct Diag {
     pub help: Option<String>,
 }
 
-/// All mistakes of an input, in the order in which they stand in it.
+/// All errors of an input, in the order of its text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
     pub sources: Vec<Source>,
     pub diags: Vec<Diag>,
 }
 
-/// Most mistakes printed at once; the number of the others follows.
+/// Maximum number of errors printed at once; the number of the others follows.
 const MOST_PRINTED: usize = 20;
 
 impl Report {
@@ -54,7 +54,7 @@ impl std::fmt::Display for Report {
                 writeln!(f, "\n")?;
             }
             let source = &self.sources[diag.place.source];
-            // The renderer wants spans inside the text and on character boundaries.
+            // The renderer needs spans inside the text and on character boundaries.
             let len = source.text.len();
             let start = source.text.floor_char_boundary(diag.place.span.start.min(len));
             let end = source.text.ceil_char_boundary(diag.place.span.end.clamp(start, len));
@@ -76,7 +76,7 @@ impl std::fmt::Display for Report {
 
 impl std::error::Error for Report {}
 
-/// The name among `known` that is nearest to `name`, if any is near.
+/// The name among `known` that is most similar to `name`, if any is similar.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     known
         .into_iter()

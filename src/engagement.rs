@@ -1,10 +1,11 @@
-//! Watches every link on its way over one sprocket, step by step, and says how it engaged.
+//! Observes every link on its way over one sprocket, step by step, and records its engagement.
 //!
-//! A pass begins when the link's front joint comes within two pitches of the sprocket and is counted in tooth periods:
-//! u = 0 where the joint passes `origin_m` along the arriving span, measured from the foot of the sprocket's axis (for an
-//! abutment chain the end of the straight path, else the foot itself). What is followed is the joint of a bush chain, the
-//! link otherwise. Peaks are the largest force of the law between two steps ([`PeakMeter`]), sums the means that the scheme works
-//! with. First touch of a kind: the first step of the pass in which it overlaps; its speed is the approach speed there.
+//! A pass begins when the link's front joint comes within two pitches of the sprocket and is measured in tooth periods:
+//! u = 0 when the joint passes `origin_m` along the arriving span, measured from the foot of the sprocket's axis (for
+//! an abutment chain the end of the straight path, otherwise the foot itself). In a bush chain the joint is followed,
+//! otherwise the link. Peaks are the largest force of the contact law between two steps ([`PeakMeter`]), sums use the
+//! step means of the integration scheme. First contact of a kind is the first step of the pass in which it overlaps;
+//! its speed is the approach speed at that step.
 
 use crate::elements::contact_law::PeakMeter;
 use crate::elements::end_contact::LinkContour;
@@ -13,7 +14,7 @@ use crate::model::{Model, Toothing};
 use crate::state::State;
 use std::f64::consts::PI;
 
-/// What a link touches a sprocket and its guide with.
+/// Kind of contact of a link with a sprocket and its guide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -30,7 +31,7 @@ pub enum Kind {
     InnerFlank,
 }
 
-/// All of them, in the order of [`Pass`] columns.
+/// All kinds, in the order of [`Pass`] columns.
 pub const KINDS: [Kind; 7] = [
     Kind::Guide,
     Kind::RingFront,
@@ -41,18 +42,18 @@ pub const KINDS: [Kind; 7] = [
     Kind::InnerFlank,
 ];
 
-/// Where a pass begins and ends, in tooth periods.
+/// Start of a pass, in tooth periods.
 pub const PASS_FROM: f64 = -2.0;
 /// Bins per tooth period of a pass's force histories.
 pub const BINS_PER_PITCH: usize = 200;
 
-/// One link's way over the sprocket.
+/// Passage of one link over the sprocket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pass {
     pub link: usize,
-    /// When u = 0 [s].
+    /// Time of u = 0 [s].
     pub start_s: f64,
-    /// Per kind: u of the first touch and its approach speed [m/s].
+    /// Per kind: u of first contact and its approach speed [m/s].
     pub first_touch: [Option<(f64, f64)>; KINDS.len()],
     /// Mean force per bin of u, from [`PASS_FROM`] on, per kind [N].
     pub force_n: Vec<[f64; KINDS.len()]>,
@@ -63,7 +64,7 @@ pub struct Pass {
     meters: [PeakMeter; PARTS],
 }
 
-/// Watches passes over one sprocket.
+/// Observes passes over one sprocket.
 pub struct Watch {
     sprocket: usize,
     /// Unit vector of the arriving span, and u = 0 along it from the foot of the axis [m].
@@ -79,17 +80,17 @@ pub struct Watch {
     speed: OrderSums,
     tension: OrderSums,
     span_m: (f64, f64),
-    /// Furthest that a joint of the span lies from the line through the axis [m].
+    /// Largest distance of a joint of the span from the line through the axis [m].
     reach_m: f64,
 }
 
-/// Sums over steps: of a value, and of its parts at orders z/2 and z of the sprocket as (cos, sin). Only whole double tooth
-/// periods count: over a piece of one the mean itself has parts at every order.
+/// Sums over steps of a value, and of its components at orders z/2 and z of the sprocket as (cos, sin). Only complete
+/// double tooth periods count: over an incomplete one the mean itself has components at every order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct OrderSums {
     whole: Sums,
     open: Sums,
-    /// Number of the double period that is open.
+    /// Number of the current double period.
     number: f64,
 }
 
@@ -138,7 +139,8 @@ impl Pass {
         bins.map(|b| self.force_n[b][kind as usize]).sum::<f64>() / n
     }
 
-    /// u over which the force of a kind first rises from a tenth to nine tenths of its largest bin between `from` and `to`.
+    /// Range of u in which the force of a kind first rises from a tenth to nine tenths of its largest bin between
+    /// `from` and `to`.
     pub fn rise(&self, kind: Kind, from: f64, to: f64) -> Option<f64> {
         let bins = self.bins(from, to);
         let at = |b: usize| self.force_n[b][kind as usize].max(self.peak_n[b][kind as usize]);
@@ -147,14 +149,14 @@ impl Pass {
             return None;
         }
         let high = bins.clone().find(|b| at(*b) >= 0.9 * top)?;
-        // The last time it was below a tenth before that; within one bin the rise takes a bin at most.
+        // The last bin below a tenth before that; a rise within one bin has a duration of at most a bin.
         let low = (bins.start..=high).rev().find(|b| at(*b) <= 0.1 * top).unwrap_or(bins.start);
         Some((high - low) as f64 / BINS_PER_PITCH as f64)
     }
 }
 
 impl Watch {
-    /// Watches sprocket `sprocket` of a model that was built from a drive.
+    /// Observes sprocket `sprocket` of a model that was built from a drive.
     pub fn new(model: &Model, sprocket: usize) -> Watch {
         let (route, place) = model.route_at(sprocket).expect("a model of a drive has a route");
         let span = route.span_before(place);
@@ -176,7 +178,7 @@ impl Watch {
             speed: OrderSums::default(),
             tension: OrderSums::default(),
             reach_m: s.geometry.pitch_radius_m() + 2.0 * model.chain.lever[0],
-            // Links wholly between the sprockets, two pitches from either.
+            // Links completely between the sprockets, at least two pitches from either.
             span_m: (-span.length_m + 2.0 * 2.0 * model.chain.lever[0], -2.0 * 2.0 * model.chain.lever[0]),
         }
     }
@@ -185,7 +187,7 @@ impl Watch {
         self.period_s
     }
 
-    /// Looks at the step that has just been evaluated.
+    /// Records the step that has just been evaluated.
     pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let t = state.step as f64 * model.step_s;
         let centre = model.sprockets[self.sprocket].body.centre;
@@ -199,7 +201,7 @@ impl Watch {
             let d = joint - centre;
             let along = d.dot(&self.direction);
             let aside = crate::geometry::cross(self.direction, d);
-            // On the arriving span, which has the axis on its left: not further out than the teeth reach.
+            // On the arriving span, which has the axis on its left: not further out than the teeth extend.
             if aside < 0.0 && -aside < self.reach_m {
                 let before = std::mem::replace(&mut self.last_along_m[link], along);
                 let gate = self.origin_m + PASS_FROM * pitch;
@@ -220,7 +222,7 @@ impl Watch {
                         l.vx[link] + half * scratch.ax[link],
                         l.vy[link] + half * scratch.ay[link],
                     );
-                    // Weighed by a Hann window over the span: joints that come and go count for nothing as they do.
+                    // A Hann window over the span gives joints that enter or leave it zero weight.
                     let share = (along - self.span_m.0) / (self.span_m.1 - self.span_m.0);
                     let sine = crate::units::sin_cos(PI * share).0;
                     let weight = sine * sine;
@@ -273,7 +275,7 @@ impl Watch {
         }
     }
 
-    /// Tooth-order variation of the speed of the arriving span: peak to peak of its part at order z, relative.
+    /// Tooth-order variation of the speed of the arriving span: peak to peak of its component at order z, relative.
     pub fn speed_ripple(&self) -> f64 {
         let s = &self.speed.whole;
         2.0 * s.amplitude(s.full_order) / (s.sum / s.n)
@@ -315,21 +317,21 @@ impl Sums {
     }
 }
 
-/// What one kind of part of a link feels.
+/// Force on one kind of part of a link.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Mean over the step, and the largest since the step before [N].
+    /// Mean over the step, and maximum since the step before [N].
     force: f64,
     top: f64,
-    /// At its first touch [m/s].
+    /// At its first contact [m/s].
     approach: f64,
     touches: bool,
 }
 
-/// Parts that are looked at, at most.
+/// Maximum number of contact groups.
 const PARTS: usize = 5;
 
-/// Kinds and the parts that they are, per chain: of several the one with the larger force counts.
+/// Kinds of contact and their contact groups, by chain type. Of several groups the one with the larger force counts.
 fn parts(model: &Model, joints: bool) -> &'static [(Kind, Part)] {
     const BUSH: (Kind, Part) = (Kind::Bush, Part::Bushes);
     const ABUTMENTS: [(Kind, Part); 5] = [
@@ -355,7 +357,7 @@ fn parts(model: &Model, joints: bool) -> &'static [(Kind, Part)] {
     }
 }
 
-/// What every kind of part of a link feels.
+/// Forces on every kind of part of a link.
 fn forces(
     model: &Model,
     scratch: &Scratch,

@@ -1,18 +1,21 @@
-//! Impacts, found at every step of a run: which part of which link met what, how fast, how hard.
+//! Detects impacts at every step of a run: the part and link, its contact partner, approach speed and force.
 //!
-//! Definitions, for one part of one link (a bush, a plate end, an abutment, a flank: what carries a contact memory of its own):
+//! Definitions, for one part of one link (a bush, a plate end, an abutment, a flank: whatever has a contact memory of
+//! its own):
 //! * tooth period: pitch / nominal chain speed.
-//! * first touch: the first step in which it carries force after two tooth periods without any. Its time is that step's; its
-//!   approach speed is the closing speed along the normal at the touch, measured once both overlap at a node.
-//! * peak: the largest normal force within the two tooth periods from the first touch on, whatever it touches in between, at nodes
-//!   and between them ([`PeakMeter`]; Hertz's law: the largest mean over a step).
-//! * impulse: integral of the force from the first touch until, after its peak, it has fallen to half of it.
-//! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a step
-//!   before the first touch.
-//! * second period mean: what it carries when the impact is over.
+//! * first contact: the first step in which it carries force after two tooth periods without force. Its time is that of
+//!   the step; its approach speed is the closing speed along the normal at contact, measured once both bodies overlap
+//!   at a node.
+//! * peak: the largest normal force within two tooth periods from first contact on, whatever the partner, at nodes and
+//!   between them ([`PeakMeter`]; Hertz's law: the largest mean over a step).
+//! * impulse: time integral of the force from first contact until, after its peak, it has fallen to half of it.
+//! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a
+//!   step before first contact.
+//! * second period mean: its mean force in the second tooth period, when the impact is over.
 //!
-//! A part that touches already when the watch begins is not counted before it has come free. Of a watch that begins in the middle
-//! of a run nobody knows what was free before: parts count as having touched just then.
+//! A part that is already in contact when the observation begins is not counted before it has separated. If the
+//! observation begins in the middle of a run, the previous separation time is unknown, and all parts count as having
+//! just been in contact.
 
 use crate::elements::contact_law::PeakMeter;
 use crate::elements::tooth_contact::LANES;
@@ -23,13 +26,13 @@ use crate::recording::capture::contacts_of;
 use crate::recording::frame::Impact;
 use crate::state::State;
 
-/// Tooth periods for which an impact is watched, and for which a part must have been free before.
+/// Tooth periods for which an impact is observed, and for which a part must have been free before.
 pub const WATCHED_PERIODS: f64 = 2.0;
 
 /// Contact memories of one kind of part.
 struct Parts {
     of: Part,
-    /// Step in which each lane last carried force; None: not since the watch began.
+    /// Step in which each lane last carried force; None: not since the start of the observation.
     last: Vec<Option<u64>>,
     /// Index into the open impacts.
     open: Vec<Option<usize>>,
@@ -40,8 +43,8 @@ struct Open {
     parts: usize,
     lane: usize,
     placed: bool,
-    /// Normal force of every step since the first touch, mean over the step and largest since the step before [N]; steps without
-    /// force are put in when one with force comes, or at the end.
+    /// Normal force of every step since first contact, mean over the step and maximum since the step before [N]. Steps
+    /// without force are inserted when the next step with force comes, or at the end.
     force_n: Vec<f64>,
     top_n: Vec<f64>,
     meter: PeakMeter,
@@ -49,7 +52,7 @@ struct Open {
 }
 
 impl Open {
-    /// Steps without force up to the `steps`th; whether there were any.
+    /// Inserts steps without force up to step `steps`; returns whether there were any.
     fn fill(&mut self, steps: u64) -> bool {
         let without = self.force_n.len() < steps as usize;
         if without {
@@ -60,26 +63,26 @@ impl Open {
     }
 }
 
-/// Watches a run. Look at every step, after its evaluation.
+/// Observes a run. `look` must be called at every step, after its evaluation.
 pub struct ImpactWatch {
     period_steps: f64,
     step_s: f64,
-    /// False: only first touches are wanted.
+    /// False: only first contacts are recorded.
     pub follows_forces: bool,
-    /// Last step that was looked at.
+    /// Last observed step.
     step: u64,
-    /// Step at which the next impact has been watched for long enough.
+    /// Step at which the next observation of an impact ends.
     next_close: u64,
     started: bool,
     parts: Vec<Parts>,
     open: Vec<Option<Open>>,
-    /// Columns of impacts that are over: asking the system for new ones took longer than filling them.
+    /// Columns of finished impacts for reuse: allocating new ones took longer than filling them.
     spare: Vec<[Vec<f64>; 2]>,
     free: Vec<usize>,
     unplaced: usize,
-    /// Blocks of lanes with a change, while they are looked at.
+    /// Blocks of lanes with a change, during their evaluation.
     changed: Vec<usize>,
-    /// Impacts whose place has become known since they were last taken.
+    /// Impacts whose partner has become known since they were last taken.
     touched: Vec<Impact>,
     done: Vec<Impact>,
 }
@@ -110,7 +113,7 @@ impl ImpactWatch {
         }
     }
 
-    /// For a run that is taken up again at `step`.
+    /// For a run that is continued at `step`.
     pub fn midway(model: &Model, step: u64) -> ImpactWatch {
         let mut watch = ImpactWatch::new(model);
         for parts in &mut watch.parts {
@@ -119,7 +122,7 @@ impl ImpactWatch {
         watch
     }
 
-    /// Looks at the step that has just been evaluated.
+    /// Records the step that has just been evaluated.
     pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let step = state.step;
         self.step = step;
@@ -206,7 +209,7 @@ impl ImpactWatch {
             open.force_n.push(mean);
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
             let law = touch.and_then(|_| match part {
-                // All sprockets have the drive's one law: no need to find out which it is now.
+                // All sprockets have the drive's single law, so that it need not be looked up.
                 Part::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
                 _ => scratch.law(model, part, lane),
             });
@@ -222,12 +225,12 @@ impl ImpactWatch {
         }
     }
 
-    /// Finds what was touched: from the first node at which the two overlap.
+    /// Determines the contact partner, at the first node at which the two overlap.
     fn place(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         for open in self.open.iter_mut().flatten().filter(|o| !o.placed) {
             let (link, feature) = (open.impact.link, open.impact.feature);
             let part = self.parts[open.parts].of;
-            // Nothing overlaps yet: no need to look for it among all contacts.
+            // Without overlap the search among all contacts is skipped.
             if scratch.touch(part, open.lane).is_none() {
                 continue;
             }
@@ -239,7 +242,7 @@ impl ImpactWatch {
             };
             let Some(i) = (0..contacts.link.len()).find(same) else { continue };
             let impact = &mut open.impact;
-            // Foreseen a step ahead when the impact began; measured now.
+            // A prediction when the impact began; now the measured value.
             impact.approach_speed_m_s = scratch.memory(part).approach[open.lane];
             (impact.body, impact.tooth, impact.segment) = (contacts.body[i], contacts.tooth[i], contacts.segment[i]);
             (impact.x_m, impact.y_m) = (contacts.point_body_x_m[i], contacts.point_body_y_m[i]);
@@ -258,7 +261,7 @@ impl ImpactWatch {
         self.free.push(at);
         self.parts[open.parts].open[open.lane] = None;
         if !open.placed {
-            // Met and parted between two nodes, or the watch ended: nobody can say what it was.
+            // Contact and separation between two nodes, or the end of the observation: the partner is unknown.
             self.unplaced -= 1;
             return;
         }
@@ -268,12 +271,12 @@ impl ImpactWatch {
         self.spare.push(columns);
     }
 
-    /// Impacts that have begun and whose place is known, each once; forces are not known yet.
+    /// Impacts that have begun and whose partner is known, each once; forces are not known yet.
     pub fn take_touched(&mut self) -> Vec<Impact> {
         std::mem::take(&mut self.touched)
     }
 
-    /// Impacts that are over, each once.
+    /// Finished impacts, each once.
     pub fn take_done(&mut self) -> Vec<Impact> {
         std::mem::take(&mut self.done)
     }
@@ -286,14 +289,14 @@ impl ImpactWatch {
         !(self.touched.is_empty() && self.done.is_empty())
     }
 
-    /// The run ends: what is open is closed, with the time that it was watched.
+    /// Ends the run: open impacts are closed, with the time for which they were observed.
     pub fn finish(&mut self) -> Vec<Impact> {
         (0..self.open.len()).for_each(|at| self.close(at));
         self.take_done()
     }
 }
 
-/// Blocks in which a lane begins or ends to touch, from its ages a step ago and now.
+/// Blocks in which the contact of a lane begins or ends, from its ages a step ago and now.
 struct Changes<'a> {
     scratch: &'a Scratch,
     of: Part,
@@ -329,7 +332,7 @@ impl Look for Changes<'_> {
     }
 }
 
-/// Counts, lane by lane, which of a block begin or end to touch.
+/// Counts, lane by lane, which contacts of a block begin or end.
 #[inline(always)]
 fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
     for i in 0..LANES {
@@ -349,7 +352,7 @@ fn measured(open: &Open, step_s: f64, period_steps: f64) -> Impact {
     let until = (at..top.len()).find(|i| top[*i] <= 0.5 * peak).unwrap_or(f.len());
     impact.impulse_n_s = f[..until].iter().sum::<f64>() * step_s;
     let force = |i: usize| if i == 0 { 0.0 } else { top[i - 1] };
-    // Where the force crosses a level between steps i - 1 and i, counted from the step before the touch.
+    // Time at which the force crosses a level between steps i - 1 and i, counted from the step before first contact.
     let crossing = |i: usize, level: f64| {
         let (a, b) = (force(i - 1), force(i));
         (i - 1) as f64 + if b > a { (level - a) / (b - a) } else { 0.0 }

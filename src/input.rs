@@ -1,10 +1,11 @@
-//! Files that are read.
+//! Opening of input files.
 
 use std::fs::File;
 use std::io::Result;
 use std::path::Path;
 
-/// Opens a file to read it. A pipe into which nobody writes would hold the program for ever: after five seconds it is an error.
+/// Opens a file for reading. A pipe without a writer would block the program forever; after five seconds it is an
+/// error.
 pub fn open(path: &Path) -> Result<File> {
     #[cfg(unix)]
     {
@@ -35,7 +36,7 @@ pub fn open(path: &Path) -> Result<File> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    /// A pipe is read to its end however late its writer comes; one without a writer is an error.
+    /// A pipe is read to its end however late its writer starts; one without a writer is an error.
     #[cfg(unix)]
     #[test]
     fn pipes_are_waited_for_and_not_for_ever() {

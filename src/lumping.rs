@@ -1,8 +1,9 @@
-//! A lumped drive out of one with links: the same shafts, loads and sensors, spans as springs.
+//! Derives a lumped drive from one with link bodies: the same shafts, loads and sensors, spans as springs.
 //!
 //! The loop is linearised at rest under its load (closed contacts, no friction) and condensed to its shafts, see
-//! [`crate::statics::reduced`]. Spans that join the same two sprockets share what joins them, each by its length; the links'
-//! inertia is that of the condensed shapes, rows summed. Damping of a span is that of its joints in series.
+//! [`crate::statics::reduced`]. Spans that join the same two sprockets share their common stiffness in inverse
+//! proportion to their lengths. The links' inertia is that of the condensed shapes, with rows summed. The damping of a
+//! span is that of its joints in series.
 
 use crate::assemble::{AssemblyError, at_rest};
 use crate::drive::sensors::SensorReads;
@@ -16,7 +17,7 @@ use std::fmt::Write;
 #[derive(Clone, Debug, PartialEq)]
 pub struct LumpedSpan {
     pub name: String,
-    /// Index of the sprocket that it leaves, and of the one that it reaches.
+    /// Indices of the sprocket that it leaves, and of the one that it reaches.
     pub between: (usize, usize),
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
@@ -24,12 +25,12 @@ pub struct LumpedSpan {
     pub links: (f64, f64),
 }
 
-/// What a lumped drive is made of.
+/// Components of a lumped drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lumping {
     /// Rolling radius of every sprocket [m].
     pub radius_m: Vec<f64>,
-    /// Of every sprocket with its share of the chain [kg m2].
+    /// Inertia of every sprocket including its share of the chain [kg m2].
     pub inertia_kg_m2: Vec<f64>,
     pub spans: Vec<LumpedSpan>,
 }
@@ -38,7 +39,7 @@ pub struct Lumping {
 #[derive(Debug)]
 pub enum LumpError {
     Assembly(AssemblyError),
-    /// Says what.
+    /// Explains the reason.
     Form(String),
 }
 
@@ -59,7 +60,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     let Reduced { stiffness, inertia } = reduced(&model, &equilibrium.configuration).ok_or_else(soft)?;
     let route = model.routes.first().ok_or_else(soft)?;
     let n = model.sprockets.len();
-    // Where the chain does not slip the shafts turn by its length over their rolling radius.
+    // Without slip the shafts turn by the chain's travel over their rolling radius.
     let radius_m: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();
     let spans = (0..n)
         .map(|a| {
@@ -118,7 +119,8 @@ pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
         }
         writeln!(t, "[chain]\nlinks = {}\nleader = \"{}\"\n", drive.links, name(drive.driver()))?;
         for s in &l.spans {
-            // A chain that runs forwards pulls from the sprocket that it reaches: the span is stretched when that one is ahead.
+            // A chain that runs forwards pulls from the sprocket that it reaches: the span is stretched when that one
+            // is ahead.
             let (a, b) = s.between;
             writeln!(t, "[spans.{}]\nbetween = [\"{}\", \"{}\"]", s.name, name(b), name(a))?;
             writeln!(t, "from_radius_mm = {:?}\nto_radius_mm = {:?}", 1e3 * l.radius_m[b], 1e3 * l.radius_m[a])?;
@@ -154,7 +156,7 @@ pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
         }
         Ok(())
     };
-    // Writing into a String does not fail.
+    // Writing into a String never fails.
     let _ = write();
     t
 }

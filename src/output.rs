@@ -1,30 +1,30 @@
-//! Files that are written. No output is ever one of the inputs, and what was there before stays until what replaces it is
-//! whole.
+//! Writing of output files. No output is ever one of the inputs, and an existing file remains until its replacement is
+//! complete.
 //!
-//! * A file is written under a hidden name beside its own, `.NAME.*.part`, and is renamed when it is whole. Given up, it leaves
-//!   nothing; a program that is killed leaves the hidden file.
-//! * A recording can be read while it grows. It is hidden only until its beginning is written ([`OutputFile::show`]), so that no
-//!   run leaves a recording that does not open. Where its name is free it then has that name. Where a file of that name is there
-//!   already, the recording grows as `NAME.unfinished.mcap` beside it, and replaces the other when the run has ended well. A run
-//!   that is killed leaves it, and the other.
-//! * A pipe or a device is written to as it is.
+//! * A file is written under a hidden name next to its own, `.NAME.*.part`, and renamed when it is complete. If it is
+//!   abandoned, it is removed; a program that is killed leaves the hidden file.
+//! * A recording can be read while it grows. It is hidden only until its beginning is written ([`OutputFile::show`]),
+//!   so that no run leaves a recording that does not open. If its name is free, it then has that name. If a file with
+//!   that name exists, the recording grows next to it as `NAME.unfinished.mcap`, and replaces it when the run has ended
+//!   well. A run that is killed leaves both.
+//! * A pipe or a device is written directly.
 
 use anyhow::{Context, Result, bail};
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Names that are tried for a file beside another one.
+/// Maximum number of names tried for a file next to another one.
 const MOST_NAMES: usize = 1000;
-/// Symbolic links that are followed one after the other.
+/// Maximum number of consecutive symbolic links.
 const MOST_LINKS: usize = 40;
 
-/// Where the bytes go until they are whole.
+/// Where an unfinished file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Way {
-    /// Under another name, renamed by [`OutputFile::publish`], removed if that never comes.
+    /// Under another name, renamed by [`OutputFile::publish`], otherwise removed.
     Hidden,
-    /// Under another name, renamed by [`OutputFile::publish`], left if that never comes.
+    /// Under another name, renamed by [`OutputFile::publish`], otherwise kept.
     Unfinished,
     /// Under its own name, which was free.
     Own,
@@ -35,9 +35,9 @@ enum Way {
 /// A file that is being written.
 #[derive(Debug)]
 pub struct OutputFile {
-    /// As the user wrote it.
+    /// As given by the user.
     path: PathBuf,
-    /// The file behind symbolic links.
+    /// The file after following symbolic links.
     target: PathBuf,
     written_as: PathBuf,
     way: Way,
@@ -45,13 +45,13 @@ pub struct OutputFile {
 }
 
 impl OutputFile {
-    /// Opens a new file beside `path`, hidden; a pipe or a device as it is.
+    /// Opens a new hidden file next to `path`; a pipe or a device is opened directly.
     pub fn create(path: &Path) -> Result<(OutputFile, File)> {
         OutputFile::open(path).with_context(|| format!("cannot write {}", path.display()))
     }
 
     fn open(path: &Path) -> Result<(OutputFile, File)> {
-        // What is no file is written to by the name that was given: links to pipes lead nowhere.
+        // Special files are opened by the given name, because resolving links to pipes fails.
         if let Ok(there) = std::fs::metadata(path)
             && !there.is_file()
             && !there.is_dir()
@@ -72,13 +72,14 @@ impl OutputFile {
         let (written_as, file) = hidden(&target)?;
         let output = OutputFile { path: path.to_path_buf(), target, written_as, way: Way::Hidden, published: false };
         if let Some(permissions) = replaced {
-            // As readable to others as what it replaces.
+            // With the permissions of the file that it replaces.
             file.set_permissions(permissions)?;
         }
         Ok((output, file))
     }
 
-    /// Shows a recording whose beginning is written: under its own name where that is free, else under an unfinished one.
+    /// Makes a recording visible whose beginning is written: under its own name if that is free, otherwise as
+    /// unfinished.
     pub fn show(&mut self) -> Result<()> {
         if self.way != Way::Hidden || self.published {
             return Ok(());
@@ -92,22 +93,22 @@ impl OutputFile {
         Ok(())
     }
 
-    /// The name that the user gave.
+    /// The name given by the user.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Where the bytes are now.
+    /// Current path of the data.
     pub fn lies_at(&self) -> &Path {
         if self.published || self.way == Way::Own { &self.path } else { &self.written_as }
     }
 
-    /// Waits until the bytes are on the disk; a pipe or a device has none.
+    /// Waits until the data are on the disk; does nothing for a pipe or a device.
     pub fn sync(&self, file: &File) -> std::io::Result<()> {
         if self.way == Way::Stream { Ok(()) } else { file.sync_all() }
     }
 
-    /// Gives the whole file its own name, in place of what was there. Called again it does nothing.
+    /// Renames the complete file to its final name, replacing an existing file. A second call does nothing.
     pub fn publish(&mut self) -> Result<()> {
         if !self.published && matches!(self.way, Way::Hidden | Way::Unfinished) {
             std::fs::rename(&self.written_as, &self.target).with_context(|| {
@@ -122,13 +123,13 @@ impl OutputFile {
 impl Drop for OutputFile {
     fn drop(&mut self) {
         if !self.published && self.way == Way::Hidden {
-            // What cannot be removed is hidden, and nobody's input.
+            // A file that cannot be removed is hidden, and is nobody's input.
             let _removed = std::fs::remove_file(&self.written_as);
         }
     }
 }
 
-/// Writes a file as a whole: it is there with all its bytes, or as it was before.
+/// Writes a file atomically: it has all its bytes, or remains as it was.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     let (mut output, mut file) = OutputFile::create(path)?;
     let written = file.write_all(bytes).and_then(|()| output.sync(&file));
@@ -136,22 +137,22 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     output.publish()
 }
 
-/// The file that a path means, also where its last link leads to one that is not there yet.
+/// The file that a path refers to, also if its last link leads to a file that does not exist yet.
 fn followed(path: &Path) -> std::io::Result<PathBuf> {
     let mut path = path.to_path_buf();
     for _ in 0..MOST_LINKS {
         match std::fs::read_link(&path) {
             Ok(to) => path = path.parent().map_or(to.clone(), |folder| folder.join(to)),
-            // Not a link, or not there.
+            // Not a link, or missing.
             Err(_) => return Ok(path),
         }
     }
     Err(std::io::Error::other("too many symbolic links"))
 }
 
-/// A new file `.NAME.PROCESS-NUMBER.part` beside `target`.
+/// A new file `.NAME.PROCESS-NUMBER.part` next to `target`.
 fn hidden(target: &Path) -> Result<(PathBuf, File)> {
-    /// File systems take names of 255 bytes; a letter has up to four.
+    /// File systems allow names of 255 bytes; a letter has up to four.
     const LETTERS: usize = 50;
     let name: String = target.file_name().unwrap_or_default().to_string_lossy().chars().take(LETTERS).collect();
     let process = std::process::id();
@@ -166,7 +167,8 @@ fn hidden(target: &Path) -> Result<(PathBuf, File)> {
     bail!("all hidden names beside {} are taken", target.display())
 }
 
-/// Renames `written_as` to the first free of `STEM.unfinished.EXTENSION`, `STEM.unfinished-2.EXTENSION`, ... beside `target`.
+/// Renames `written_as` to the first free one of `STEM.unfinished.EXTENSION`, `STEM.unfinished-2.EXTENSION`, ... next
+/// to `target`.
 fn unfinished(target: &Path, written_as: &Path) -> Result<PathBuf> {
     let stem = target.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let extension = target.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
@@ -180,13 +182,13 @@ fn unfinished(target: &Path, written_as: &Path) -> Result<PathBuf> {
     bail!("{stem}.unfinished{extension} and all names like it are taken")
 }
 
-/// Renames a file where the new name is free. Returns whether it was. Nothing that is there is ever replaced.
+/// Renames a file if the new name is free, and returns whether it was. Existing files are never replaced.
 fn renamed_to_free(from: &Path, to: &Path) -> std::io::Result<bool> {
     match std::fs::hard_link(from, to) {
-        // The second name that is left where this fails is hidden.
+        // If removing fails, the remaining second name is hidden.
         Ok(()) => std::fs::remove_file(from).map(|()| true),
         Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(false),
-        // File systems without links: the name is taken by an empty file first.
+        // File systems without hard links: the name is first reserved by an empty file.
         Err(_) => match OpenOptions::new().write(true).create_new(true).open(to) {
             Ok(_taken) => std::fs::rename(from, to).map(|()| true),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(false),
@@ -195,7 +197,7 @@ fn renamed_to_free(from: &Path, to: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// Opens a pipe or a device. A pipe without a reader would hold the program for ever.
+/// Opens a pipe or a device. A pipe without a reader would block the program forever.
 fn stream(path: &Path) -> Result<File> {
     #[cfg(unix)]
     {
@@ -210,7 +212,7 @@ fn stream(path: &Path) -> Result<File> {
                 let mut options = OpenOptions::new();
                 options.write(true).custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed());
                 match options.open(path) {
-                    // There is a reader: opened once more, writing waits for it.
+                    // There is a reader: opened again, so that writes wait for it.
                     Ok(_first) => return Ok(OpenOptions::new().write(true).open(path)?),
                     Err(e) if e.raw_os_error() != Some(rustix::io::Errno::NXIO.raw_os_error()) => return Err(e.into()),
                     Err(_) if asked.elapsed() > PATIENCE => bail!("nobody reads this pipe"),
@@ -226,7 +228,7 @@ fn stream(path: &Path) -> Result<File> {
     Ok(OpenOptions::new().write(true).open(path)?)
 }
 
-/// Whether two paths mean one file, by whatever name; for a file that is not there yet, one place.
+/// Whether two paths refer to the same file under any name; for a missing file, to the same location.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     if let (Ok(a), Ok(b)) = (identity(a), identity(b)) {
         return a == b;
@@ -242,7 +244,7 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
     place(a).is_some_and(|a| place(b) == Some(a))
 }
 
-/// Device and inode. Never opens the file: a pipe would wait for its other end.
+/// Device and inode. Never opens the file, because a pipe would wait for its other end.
 #[cfg(unix)]
 fn identity(path: &Path) -> std::io::Result<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
@@ -269,7 +271,7 @@ pub fn check<'a>(
         if path.file_name().is_none() {
             return Err(format!("{shown} is no name of a file to write"));
         }
-        // A device swallows everything, and may do so twice.
+        // A device may be given twice.
         let is_device = std::fs::metadata(path).is_ok_and(|there| !there.is_file());
         if let Some(other) = seen.iter().find(|other| !is_device && same_file(path, other)) {
             return Err(if path == *other {
@@ -325,7 +327,7 @@ mod tests {
         second.show().unwrap();
         let kept = second.lies_at().to_path_buf();
         assert_eq!(kept, folder.path().join("a.unfinished.mcap"));
-        // Given up: both are there.
+        // Abandoned: both files exist.
         drop(second);
         assert_eq!(std::fs::read(&kept).unwrap(), b"second");
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
@@ -335,7 +337,7 @@ mod tests {
         file.write_all(b"third").unwrap();
         third.publish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
-        // Nothing hidden is left.
+        // No hidden file is left.
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
@@ -359,12 +361,12 @@ mod tests {
             assert!(said.ends_with("are one file") || said.ends_with("given twice"), "{name}: {said}");
         }
         check([new.as_path()], [a.as_path()]).unwrap();
-        // A link is followed: what it leads to is replaced, and the link stays.
+        // Links are followed: their targets are replaced, and the links remain.
         write(&at("soft.mcap"), b"b").unwrap();
         write(&at("dangling.mcap"), b"c").unwrap();
         assert!(at("soft.mcap").is_symlink() && at("dangling.mcap").is_symlink());
         assert_eq!((std::fs::read(a).unwrap(), std::fs::read(new).unwrap()), (b"b".to_vec(), b"c".to_vec()));
-        // The other name of a file keeps its bytes.
+        // The other name of a hard-linked file keeps its content.
         assert_eq!(std::fs::read(at("hard.mcap")).unwrap(), b"a");
     }
 }

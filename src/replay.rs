@@ -1,5 +1,5 @@
-//! Going back: a recording holds its drive and, every so often, its whole State, so that any part of it can be run again to
-//! the bit, looked at step by step, or gone on from.
+//! Replay: a recording contains its drive and, at intervals, its whole State. Any part of it can therefore be simulated
+//! again to the bit, observed step by step, or continued.
 
 use crate::assemble::{AssemblyError, assemble, compile};
 use crate::drive::Drive;
@@ -19,15 +19,15 @@ pub struct Replay {
     pub reader: Reader,
     pub drive: Drive,
     pub model: Model,
-    /// Where its ledger was opened.
+    /// Energies at which its ledger starts.
     pub origin: Option<Energy>,
 }
 
-/// A State on the way.
+/// A State that was reached by replay.
 pub struct Visit {
     pub state: State,
     pub scratch: Scratch,
-    /// Has looked at every step since the keyframe.
+    /// Has observed every step since the keyframe.
     pub impacts: ImpactWatch,
     /// Step of that keyframe.
     pub since: u64,
@@ -64,16 +64,16 @@ impl Replay {
         Camera::since(self.origin)
     }
 
-    /// Step at a time.
+    /// Step nearest to a time.
     pub fn step_at(&self, t_s: f64) -> u64 {
         (t_s / self.model.step_s).round() as u64
     }
 
-    /// The State at `step`, run from the keyframe before it; `look` is shown every step that is evaluated on the way, that of
-    /// the keyframe too. The step itself is neither evaluated nor shown.
+    /// The State at `step`, simulated from the keyframe before it. `look` is called for every evaluated step, including
+    /// that of the keyframe. The step itself is neither evaluated nor passed to `look`.
     pub fn visit(&mut self, step: u64, mut look: impl FnMut(&State, &Scratch)) -> anyhow::Result<Visit> {
         let path = self.reader.path().display().to_string();
-        // From far enough before to know what has been free for long enough to have an impact.
+        // Starts early enough to know which parts have been free for long enough to have an impact.
         let before = ImpactWatch::new(&self.model).period_steps() * WATCHED_PERIODS * 2.0;
         let mut keyframe = self.keyframe(step.saturating_sub(before as u64))?;
         if keyframe.is_none() {
@@ -95,7 +95,7 @@ impl Replay {
             look(&state, &scratch);
             explicit::advance(&self.model, &mut state, &mut scratch);
         }
-        // What happened before is told by the recording itself.
+        // Earlier impacts are already in the recording.
         impacts.take_touched();
         impacts.take_done();
         Ok(Visit { state, scratch, impacts, since: keyframe.step })
@@ -103,7 +103,7 @@ impl Replay {
 
     /// The last keyframe at or before a step.
     fn keyframe(&mut self, step: u64) -> anyhow::Result<Option<Keyframe>> {
-        // Half a step more: keyframes are found by their time in nanoseconds.
+        // Half a step later, because keyframes are found by their time in nanoseconds.
         let at = |half: f64| (step as f64 + half) * self.model.step_s;
         let keyframe = self.reader.keyframe_before(at(0.5))?;
         if keyframe.as_ref().is_some_and(|k| k.step > step) {
@@ -112,7 +112,7 @@ impl Replay {
         Ok(keyframe)
     }
 
-    /// Where a recording begins that is cut out of this one, or goes on from it.
+    /// Origin of a recording that is cut out of this one or continues it.
     pub fn parent(&self, state: &State, changed: bool) -> Parent {
         let name = self.reader.path().file_name().map(|n| n.to_string_lossy().into_owned());
         Parent {
@@ -125,7 +125,7 @@ impl Replay {
     }
 }
 
-/// What the header says of links and bodies is what its drive makes.
+/// Checks that the links and bodies of the header are those of its drive.
 fn fits(path: &Path, header: &Header, model: &Model) -> anyhow::Result<()> {
     let others = model.guides.len() + model.rails.len();
     let ours = model.sprockets.iter().map(|s| (true, s.geometry.teeth())).chain((0..others).map(|_| (false, 0)));
@@ -153,12 +153,12 @@ fn cannot_compile(path: &Path, e: &AssemblyError) -> anyhow::Error {
     anyhow!("{}: its drive cannot be compiled\n{e}", path.display())
 }
 
-/// A State of the right shape.
+/// A State of the right size.
 pub fn resting(model: &Model) -> State {
     State::at_rest(&model.layout())
 }
 
-/// Of recordings that do not say where their ledger was opened: at the first keyframe.
+/// Start of the energy ledger at the first keyframe, for recordings that do not state it.
 fn first_origin(reader: &mut Reader, model: &Model) -> anyhow::Result<Option<Energy>> {
     let Some(keyframe) = reader.first_keyframe()? else { return Ok(None) };
     let mut state = resting(model);
@@ -166,16 +166,17 @@ fn first_origin(reader: &mut Reader, model: &Model) -> anyhow::Result<Option<Ene
     Ok(Some(crate::recording::capture::ledger_at(model, &state)?))
 }
 
-/// What verifying found.
+/// Result of a verification.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Verdict {
     pub frames: u64,
     pub keyframes: u64,
-    /// Frames between the first and the last that should have been recorded and are not there.
+    /// Frames between the first and the last that should have been recorded but are missing.
     pub missing_frames: u64,
     /// Frames and keyframes that the run does not reproduce.
     pub mismatches: u64,
-    /// True: the drive was assembled anew and gave the first State; false: it began with a keyframe of its parent.
+    /// True: the drive was assembled anew and gave the first State; false: the recording begins with a keyframe of its
+    /// parent.
     pub assembled: bool,
     pub first: Option<Mismatch>,
     pub state_hash: String,
@@ -188,11 +189,11 @@ pub struct Mismatch {
     pub frame: u64,
     pub step: u64,
     pub t_s: f64,
-    /// What differs, with both values.
+    /// The value that differs, in both versions.
     pub what: String,
 }
 
-/// Runs the recorded drive again and compares every frame and keyframe, to the bit. None: stopped from outside.
+/// Runs the recorded drive again and compares every frame and keyframe, to the bit. None: interrupted.
 pub fn verify(
     replay: &mut Replay,
     stop: &AtomicBool,
@@ -219,7 +220,7 @@ pub fn verify(
         }
     }
     if let Err(e) = state.restore(&first) {
-        // Its columns may still be taken as they are, to see where it leads.
+        // Its columns may still be usable, to see how the run continues.
         note(&mut verdict, 0, first.step, first.step as f64 * replay.model.step_s, format!("the first keyframe: {e}"));
     }
     let (model, mut camera) = (&replay.model, Camera::since(replay.origin));
@@ -295,7 +296,7 @@ fn keyframe_difference(theirs: &Keyframe, ours: &Keyframe, who: &str) -> String 
     format!("state hash: recorded {:016x}, {who} gives {:016x}", theirs.state_hash, ours.state_hash)
 }
 
-/// The first value that differs between a recorded frame and ours.
+/// The first value that differs between a recorded frame and the recomputed one.
 pub fn frame_difference(theirs: &Frame, ours: &Frame) -> String {
     let mut found = None;
     each_column(theirs, |name, a| {
@@ -318,7 +319,7 @@ pub fn frame_difference(theirs: &Frame, ours: &Frame) -> String {
     })
 }
 
-/// Every number of a frame, column by column, under the names of its channels.
+/// Calls `f` for every column of a frame, under the name of its channel.
 pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
     let Frame { step, t_s, state_hash: _, crank_angle_rad, links, joints, contacts, rotors, energy, sensors } = frame;
     f("sensors", sensors);

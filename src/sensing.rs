@@ -1,4 +1,4 @@
-//! What sensors of a drive with links read at a node: after `evaluate`, before `advance`.
+//! Sensor readings of a drive with link bodies at a node: after `evaluate`, before `advance`.
 
 use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
@@ -7,7 +7,7 @@ use crate::integrate::explicit::{self, Part, Scratch};
 use crate::model::Model;
 use crate::state::State;
 
-/// Joints whose tensions make that of a span lie within so many pitches of its middle.
+/// The tension of a span is that of its joints within this distance of its middle, in pitches.
 const SPAN_WINDOW_PITCHES: f64 = 2.0;
 
 /// True value in SI.
@@ -34,7 +34,8 @@ fn along(state: &State, scratch: &Scratch, i: usize, j: usize) -> f64 {
     -(x * state.links.cos[i] + y * state.links.sin[i])
 }
 
-/// Tension in the middle of the span that leaves sprocket `k`: of the joints near it, the nearer the more.
+/// Tension in the middle of the span that leaves sprocket `k`: a mean over nearby joints, with weights that decrease
+/// with distance.
 fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
     let Some((route, place)) = model.route_at(k) else { return f64::NAN };
     let span = route.span_after(place);
@@ -52,7 +53,7 @@ fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f6
         let weight = 1.0 - away / reach;
         if weight > 0.0 && aside < reach {
             let (x, y, _) = scratch.joint_force(i);
-            // The force on the link in front points backwards.
+            // The force on the link ahead points backwards.
             sum -= weight * (x * span.direction.x + y * span.direction.y);
             weights += weight;
         }
@@ -74,7 +75,7 @@ fn guide_force(model: &Model, scratch: &Scratch, k: usize) -> f64 {
     sum
 }
 
-/// A run of a drive whose sensors are read all the way, as they are: without gains and effects on their signals.
+/// Runs a drive and records its sensors continuously, without gains and signal effects.
 pub struct Tracer {
     drive: Drive,
     model: Model,
@@ -86,7 +87,7 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Assembles a drive, to be read every so many seconds at least.
+    /// Assembles a drive, to be read at intervals of at most `every_s` seconds.
     pub fn new(drive: &Drive, every_s: f64) -> Result<Tracer, String> {
         let Assembly { model, state, .. } = assemble(drive).map_err(|e| e.to_string())?;
         let stride = (every_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
@@ -94,7 +95,7 @@ impl Tracer {
         Ok(Tracer { drive: drive.clone(), scratch: Scratch::new(&model), model, state, stride, readings })
     }
 
-    /// Between two readings [s].
+    /// Time between two readings [s].
     pub fn step_s(&self) -> f64 {
         self.model.step_s * self.stride as f64
     }
@@ -103,17 +104,17 @@ impl Tracer {
         &self.readings[sensor]
     }
 
-    /// Speed of a sprocket when the chain moves at its nominal speed [rad/s].
+    /// Speed of a sprocket at the nominal chain speed [rad/s].
     pub fn nominal_speed(&self, sprocket: usize) -> f64 {
         self.model.sprockets[sprocket].nominal_speed_rad_s
     }
 
-    /// Throws away what was read.
+    /// Discards all readings.
     pub fn forget(&mut self) {
         self.readings.iter_mut().for_each(Vec::clear);
     }
 
-    /// Runs until readings cover so many seconds.
+    /// Runs until readings cover this time.
     pub fn go_on_until(&mut self, covered_s: f64) -> Result<(), String> {
         let wanted = libm::ceil(covered_s / self.step_s()) as usize + 1;
         let have = self.readings.first().map_or(0, Vec::len);
@@ -131,7 +132,7 @@ impl Tracer {
         Ok(())
     }
 
-    /// Runs for so many seconds more.
+    /// Continues the run for this time.
     pub fn go_on(&mut self, duration_s: f64) -> Result<(), String> {
         let have = self.readings.first().map_or(0, Vec::len);
         self.go_on_until(have as f64 * self.step_s() + duration_s)

@@ -1,7 +1,7 @@
-//! The loop: step, take frames, hand them to sinks; keyframes, impacts, breakpoints, interruption.
+//! The simulation loop: steps, frames for sinks, keyframes, impacts, breakpoints, interruption.
 //!
-//! With a window round breakpoints, what is recorded is held back for as long as the window reaches back; at a hit the run is
-//! repeated from a snapshot of the State before the window and recorded densely, to the bit the same steps.
+//! With a window around breakpoints, recorded items are held back for as long as the window reaches back. At a hit the
+//! run is repeated from a snapshot of the State before the window and recorded densely, with bit-identical steps.
 
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
@@ -16,18 +16,18 @@ use crate::state::State;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A keyframe at least every so many frames.
+/// Maximum number of frames between keyframes.
 pub const FRAMES_PER_KEYFRAME: u64 = 1000;
-/// And so much simulated time [s]: where frames are far apart, going back must not take the whole run.
+/// Maximum simulated time between keyframes [s]: if frames are far apart, going back must not take the whole run.
 const LONGEST_KEYFRAME_S: f64 = 60e-3;
-/// Frames of which one is taken where nobody records them.
+/// One of so many frames is taken if no sink records them.
 const FRAMES_PER_LEDGER: u64 = 64;
-/// First touches slower than this are no events [m/s]: a wrapped bush that lifts off and comes back.
+/// First contacts slower than this are no events [m/s], for example a wrapped bush that separates and returns.
 pub const SLOWEST_EVENT_M_S: f64 = 0.02;
-/// Hits that are kept; more are only counted.
+/// Maximum number of stored hits; more are only counted.
 pub const MOST_HITS: usize = 10_000;
 
-/// How long and how densely.
+/// Duration and frame interval of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Steps to take.
@@ -44,18 +44,18 @@ impl Span {
     }
 }
 
-/// Where a run stops, or looks closer.
+/// Where a run stops, or is recorded more densely.
 pub struct Breaks {
     pub watches: Vec<BreakWatch>,
-    /// Hits after which the run ends; None: it goes on.
+    /// Hits after which the run ends; None: it continues.
     pub hits: Option<usize>,
     pub around: Option<Around>,
 }
 
-/// A window round a hit that is recorded more densely.
+/// A window around a hit that is recorded more densely.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Around {
-    /// Before and after.
+    /// Steps before and after the hit.
     pub steps: u64,
     pub steps_per_frame: u64,
 }
@@ -66,19 +66,19 @@ pub enum Ending {
     Done,
     /// At a breakpoint.
     Hit,
-    /// Stopped from outside after a whole step.
+    /// Interrupted after a whole step.
     Interrupted,
     Broke(StepError),
 }
 
-/// What a run did.
+/// Summary of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     pub ending: Ending,
     pub steps: u64,
     pub frames: u64,
     pub state_hash: u64,
-    /// At the last frame; of a run that breaks while nobody records it, up to 63 frames before.
+    /// At the last frame; for a run without a sink that breaks down, up to 63 frames before.
     pub energy: Energy,
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
@@ -86,21 +86,21 @@ pub struct Summary {
     /// At most [`MOST_HITS`] of them.
     pub hits: Vec<Hit>,
     pub n_hits: u64,
-    /// None: not looked for.
+    /// None: not detected.
     pub impacts: Option<u64>,
 }
 
-/// Everything a run needs besides the model and its State.
+/// Inputs of a run besides the model and its State.
 pub struct Job<'a> {
     pub header: &'a Header,
     pub span: Span,
     pub breaks: Option<Breaks>,
-    /// Has looked at the steps before, where there were any.
+    /// Has observed the previous steps, if there are any.
     pub impacts: ImpactWatch,
     pub camera: Camera,
 }
 
-/// Something on its way to the sinks.
+/// An item for the sinks.
 enum Item {
     Frame(Box<Frame>),
     Keyframe(Box<Keyframe>),
@@ -108,7 +108,7 @@ enum Item {
     Impact(Impact),
 }
 
-/// Takes what a run yields to the sinks, held back where windows may still change it.
+/// Passes the output of a run to the sinks; holds items back while windows may still change them.
 struct Recorder<'a, 's> {
     model: &'a Model,
     sinks: &'s mut [Box<dyn Sink>],
@@ -117,13 +117,13 @@ struct Recorder<'a, 's> {
     hold_steps: u64,
     frames: u64,
     since_keyframe: u64,
-    /// Step of the last one.
+    /// Step of the last keyframe.
     keyframe_step: Option<u64>,
     energies: Option<(f64, Energy)>,
 }
 
-/// Runs `span` from `state`, a frame at its first and last step and in between. `stop` ends it after a step; `progress` is
-/// told the step number at every frame.
+/// Runs `span` from `state`, with frames at its first and last step and in between. `stop` ends it after a step;
+/// `progress` receives the step number at every frame.
 pub fn run(
     model: &Model,
     state: &mut State,
@@ -151,7 +151,7 @@ pub fn run_job(
     let Job { header, span, mut breaks, mut impacts, camera } = job;
     let first = state.step;
     let last = first.saturating_add(span.steps);
-    // Impacts are for sinks and for breakpoints: without either nobody asks.
+    // Impacts are needed only by sinks and breakpoints.
     let wants_impacts =
         !sinks.is_empty() || breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact));
     let over = breaks.as_ref().is_some_and(|b| b.watches.iter().any(|w| w.breakpoint.uses.impact_over));
@@ -189,8 +189,8 @@ pub fn run_job(
             Some(around) if stops.is_dense(state.step) => around.steps_per_frame,
             _ => span.steps_per_frame,
         };
-        // On one grid from step 0 on, so that a run that goes on from a recording has frames where that has them.
-        // Those of the run stand in windows too: whoever reads knows their rhythm.
+        // The grid of frames starts at step 0, so that a continued run has frames at the same steps as its recording.
+        // The run's own grid also applies in windows, because readers rely on its interval.
         let on_grid = state.step.is_multiple_of(every) || state.step.is_multiple_of(span.steps_per_frame);
         let mut due = on_grid || state.step == first;
         let interrupted = stop.load(Ordering::Relaxed);
@@ -214,7 +214,7 @@ pub fn run_job(
         for impact in touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S) {
             recorder.put(impact.step, Item::Event(touch_event(impact, header)));
         }
-        // What began before the first frame is told by the recording that this one goes on from.
+        // Impacts that began before the first frame are in the recording that this run continues.
         for impact in over.into_iter().filter(|i| i.step >= first) {
             n_impacts += 1;
             recorder.put(state.step, Item::Impact(impact));
@@ -262,7 +262,7 @@ pub fn run_job(
     })
 }
 
-/// Hits so far, and what follows from them.
+/// Hits so far, and their consequences.
 struct Stops {
     hits: Vec<Hit>,
     n_hits: u64,
@@ -274,7 +274,7 @@ struct Stops {
     enough: bool,
     /// States from before the window that the next hit may open.
     snapshots: VecDeque<State>,
-    /// Of the run, outside of windows.
+    /// Frame interval of the run, outside of windows.
     steps_per_frame: u64,
 }
 
@@ -292,7 +292,7 @@ impl Stops {
         self.hits.extend(found.iter().take(room).cloned());
     }
 
-    /// The hits of a step: opens a window round them, and says when the run ends.
+    /// Processes the hits of a step: opens a window around them, and determines when the run ends.
     fn note(
         &mut self,
         found: &[Hit],
@@ -307,7 +307,7 @@ impl Stops {
         if let Some(around) = breaks.around {
             let from = earliest.saturating_sub(around.steps).max(first);
             let until = latest.saturating_add(around.steps);
-            // An impact is known late: what has been recorded densely for a later hit stays so.
+            // An impact is known late: items already recorded densely for a later hit remain.
             self.dense_until = Some(self.dense_until.map_or(until, |d| d.max(until)));
             if let Some(start) = self.snapshots.iter().rev().find(|s| s.step <= from) {
                 recorder.again(
@@ -326,13 +326,13 @@ impl Stops {
         Ok(())
     }
 
-    /// Keeps the State for windows to come where `due`, and lets go of those that no window reaches back to.
+    /// Stores the State for future windows if `due`, and drops those that no window can reach back to.
     fn keep(&mut self, state: &State, due: bool, hold_steps: u64) {
         if !due {
             return;
         }
         let oldest = state.step.saturating_sub(hold_steps);
-        // The newest one that is old enough stays.
+        // The newest one that is old enough is kept.
         while self.snapshots.get(1).is_some_and(|s| s.step <= oldest) {
             self.snapshots.pop_front();
         }
@@ -340,7 +340,7 @@ impl Stops {
     }
 }
 
-/// Has a step keep what breakpoints need of it.
+/// Makes the steps keep the data that breakpoints need.
 fn watch(breaks: &Breaks, model: &Model, scratch: &mut Scratch) {
     let wanted = breaks.watches.iter().map(BreakWatch::wants).fold(Wanted::default(), Wanted::and);
     scratch.watch(model, &wanted);
@@ -365,9 +365,9 @@ fn look(
 }
 
 impl Recorder<'_, '_> {
-    /// Takes the frame of a step, and a keyframe where one is due.
+    /// Takes the frame of a step, and a keyframe if one is due.
     fn frame(&mut self, state: &State, scratch: &Scratch, last: bool) {
-        // Without a sink only the ledger is asked for: at the end, or near it where a run breaks.
+        // Without a sink only the energy ledger is needed: at the end, or near it if a run breaks down.
         let nobody = self.sinks.is_empty() && self.hold_steps == 0;
         if nobody && !last && !self.frames.is_multiple_of(FRAMES_PER_LEDGER) {
             self.frames += 1;
@@ -392,8 +392,8 @@ impl Recorder<'_, '_> {
         self.held.push_back((step, item));
     }
 
-    /// Runs once more from `start` and records `from` .. `until` instead of what is held of it: every `dense` steps, and every `sparse`
-    /// ones as the run around it.
+    /// Repeats the run from `start` and records `from` .. `until` in place of the held items: every `dense` steps, and
+    /// every `sparse` steps like the run around it.
     fn again(&mut self, start: &State, from: u64, until: u64, [dense, sparse]: [u64; 2]) -> anyhow::Result<()> {
         let (model, mut state) = (self.model, start.clone());
         let mut scratch = Scratch::new(model);
@@ -416,7 +416,7 @@ impl Recorder<'_, '_> {
         Ok(())
     }
 
-    /// Hands on what no window can change any more.
+    /// Passes on the items that no window can change any more.
     fn let_go(&mut self, step: u64) -> anyhow::Result<()> {
         while self.held.front().is_some_and(|(at, _)| self.hold_steps == 0 || at.saturating_add(self.hold_steps) < step)
         {
@@ -438,7 +438,7 @@ impl Recorder<'_, '_> {
     }
 }
 
-/// A first touch as an event.
+/// A first contact as an event.
 pub fn touch_event(impact: &Impact, header: &Header) -> Event {
     Event {
         step: impact.step,
@@ -456,7 +456,7 @@ pub fn touch_event(impact: &Impact, header: &Header) -> Event {
     }
 }
 
-/// Who touches what, in words.
+/// The contact partners in words.
 pub fn touch_text(link: u32, feature: u32, body: u32, place: Option<(u32, u32)>, header: &Header) -> String {
     let info = header.bodies.get(body as usize);
     let path = info.map_or("?", |b| b.path.as_str());
@@ -486,7 +486,7 @@ pub fn hit_event(hit: &Hit, header: &Header) -> Event {
     }
 }
 
-/// What fulfilled a breakpoint, in words.
+/// The object that fulfilled a breakpoint, in words.
 pub fn hit_text(hit: &Hit, header: &Header) -> String {
     match (hit.subject, hit.impact) {
         (Subject::Contact { link, feature, body }, Some(impact)) => {

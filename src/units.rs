@@ -1,8 +1,8 @@
-//! Conversions and constants. Inside pitchline everything is SI, f64 and radians; files and command lines carry the unit in
-//! the name.
+//! Conversions and constants. Internally all quantities are SI, f64 and radians; files and command lines carry the unit
+//! in the name.
 //!
-//! The trigonometric functions here are those of the `libm` crate: std's call the C library, which picks other code, and
-//! returns other bits, on other CPUs. Whatever reaches a State goes through these.
+//! The trigonometric functions here are those of the `libm` crate: std's call the C library, which uses different code
+//! on different CPUs and returns different bits. Everything that reaches a State uses these.
 
 use std::f64::consts::PI;
 
@@ -15,8 +15,8 @@ pub const MM: f64 = 1e-3;
 /// 1 um in m.
 pub const UM: f64 = 1e-6;
 
-/// `value` inside its bounds. Where measured data leaves no room between them (far from any machine, bounds come out the wrong way
-/// round or as no numbers) the lower one counts, where std's `clamp` panics.
+/// `value` limited to its bounds. If measured data make the bounds invalid (reversed or NaN), the lower bound is
+/// returned, where std's `clamp` panics; if that is NaN, the value itself.
 pub fn within(value: f64, low: f64, high: f64) -> f64 {
     if low <= high {
         value.clamp(low, high)
@@ -37,8 +37,8 @@ pub fn atan2(y: f64, x: f64) -> f64 {
     libm::atan2(y, x)
 }
 
-/// Angle of the unit vector (cos, sin) in [-pi, pi], within 9e-16 of [`atan2`]: without branches, so that a loop over a column
-/// takes several at a time. The quotient is brought below tan(pi / 8); the odd polynomial is that of FreeBSD's `s_atan.c`.
+/// Angle of the unit vector (cos, sin) in [-pi, pi], within 9e-16 of [`atan2`]. It has no branches, so that a loop over
+/// a column vectorises. The quotient is reduced below tan(pi / 8); the odd polynomial is that of FreeBSD's `s_atan.c`.
 #[inline(always)]
 pub fn direction(sin: f64, cos: f64) -> f64 {
     const A: [f64; 11] = [
@@ -72,7 +72,7 @@ pub fn direction(sin: f64, cos: f64) -> f64 {
     half.copysign(sin)
 }
 
-/// `angle_rad` folded into (-pi, pi].
+/// `angle_rad` wrapped into (-pi, pi].
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     let turns = libm::floor((angle_rad + PI) / (2.0 * PI));
     let folded = angle_rad - turns * 2.0 * PI;
