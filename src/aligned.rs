@@ -1,17 +1,17 @@
-//! Memory that begins on cache lines, for columns that are read a line at a time.
+//! Memory allocator that aligns columns to cache lines, because they are read one line at a time.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// The system's allocator, with everything of the size of a column at the beginning of a cache line. What it usually returns lies
-/// 16 bytes off, so that every load of a wide vector unit touches two lines: bush-20-40 takes 12 to 14 % longer so (AVX-512).
-/// (Vectors with an alignment of their own, as in `aligned-vec`, would make every column of a State another type.)
+/// The system's allocator, with allocations of the size of a column aligned to a cache line. Its usual alignment is 16
+/// bytes off, so that every load of a wide vector unit touches two lines: bush-20-40 takes 12 to 14 % longer that way
+/// (AVX-512). (Vectors with their own alignment, as in `aligned-vec`, would give every column of a State another type.)
 pub struct LineAligned;
 
 const LINE: usize = 64;
-/// Columns of 32 to 16,384 links [bytes]; what is larger grows in place better than it is copied.
+/// Columns of 32 to 16,384 links [bytes]; larger blocks are better grown in place than copied.
 const COLUMNS: std::ops::RangeInclusive<usize> = 256..=131_072;
 
-/// The layout that is asked of the system: depends on nothing but the layout that is asked of us.
+/// The layout requested from the system, which depends only on the layout requested by the caller.
 fn lined(layout: Layout) -> Layout {
     if !COLUMNS.contains(&layout.size()) {
         return layout;
@@ -20,7 +20,7 @@ fn lined(layout: Layout) -> Layout {
     layout.align_to(LINE).unwrap_or(layout)
 }
 
-// SAFETY: every block is asked of the system, and given back to it, with the same layout `lined` of the same one.
+// SAFETY: every block is requested from the system and returned to it with the same layout, `lined` of the same layout.
 unsafe impl GlobalAlloc for LineAligned {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: `lined` keeps the size, which the caller guarantees is not zero.
@@ -33,7 +33,7 @@ unsafe impl GlobalAlloc for LineAligned {
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        // SAFETY: the block was asked for with this layout.
+        // SAFETY: the block was requested with this layout.
         unsafe { System.dealloc(block, lined(layout)) }
     }
 
@@ -41,10 +41,10 @@ unsafe impl GlobalAlloc for LineAligned {
         // SAFETY: the caller guarantees a size that makes a layout with this alignment.
         let wanted = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
         if lined(layout).align() == layout.align() && lined(wanted).align() == wanted.align() {
-            // SAFETY: the system knows the block by this layout, and would have been asked for the new one like this.
+            // SAFETY: the system knows the block by this layout, and would have been given the new one in the same way.
             return unsafe { System.realloc(block, layout, size) };
         }
-        // SAFETY: both blocks are as long as what is copied, and different.
+        // SAFETY: both blocks have at least the copied length, and they are different.
         unsafe {
             let new = self.alloc(wanted);
             if !new.is_null() {

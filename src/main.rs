@@ -9,13 +9,13 @@ static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned
 
 fn main() -> ExitCode {
     pitchline::measurement::contained::hold_quietly();
-    // A limit on the size of files is then an error of the write that meets it, and ends no program half-way.
+    // Exceeding the file size limit is then an error of the write, instead of ending the program.
     #[cfg(unix)]
     let _set = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
     let cli = match pitchline::cli::Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => {
-            // Help and version go to stdout and are no failure. A closed pipe is nobody's mistake.
+            // Help and version go to stdout and are not failures. A closed pipe is not an error.
             return match e.print() {
                 Err(error) if !e.use_stderr() && error.kind() != std::io::ErrorKind::BrokenPipe => {
                     let _written = writeln!(std::io::stderr(), "error: cannot write to stdout: {error}");
@@ -28,7 +28,7 @@ fn main() -> ExitCode {
     match pitchline::cli::run(cli) {
         Ok(outcome) => ExitCode::from(outcome.code()),
         Err(failure) => {
-            // Where even this cannot be written the exit code still tells.
+            // If even this cannot be written, the exit code still reports the failure.
             let _written = writeln!(std::io::stderr(), "{failure}");
             ExitCode::from(failure.code())
         }

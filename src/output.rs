@@ -112,7 +112,7 @@ impl OutputFile {
     pub fn publish(&mut self) -> Result<()> {
         if !self.published && matches!(self.way, Way::Hidden | Way::Unfinished) {
             std::fs::rename(&self.written_as, &self.target).with_context(|| {
-                format!("cannot write {}; it lies whole in {}", self.path.display(), self.written_as.display())
+                format!("cannot write {}; it is complete in {}", self.path.display(), self.written_as.display())
             })?;
         }
         self.published = true;
@@ -219,7 +219,7 @@ fn stream(path: &Path) -> Result<File> {
                     Err(_) => {}
                 }
                 if !std::mem::replace(&mut said, true) {
-                    eprintln!("{} is a pipe that nobody reads yet; waiting for {PATIENCE:?}", path.display());
+                    eprintln!("{} is a pipe without a reader; waiting for {PATIENCE:?}", path.display());
                 }
                 std::thread::sleep(Duration::from_millis(50));
             }

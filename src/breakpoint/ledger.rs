@@ -41,7 +41,7 @@ pub struct Ledger {
 /// Sums over all links, joints and contacts, lane by lane. In one loop with the final sum they would vectorise only in
 /// pairs.
 struct Sums {
-    /// Of the links [J].
+    /// Twice the kinetic energy of the links [J].
     twice_kinetic_j: Column,
     /// In joints and contacts [J].
     elastic_j: Column,

@@ -63,7 +63,7 @@ pub enum Number {
     Constant(f64),
     Quantity {
         quantity: &'static Quantity,
-        /// Of a link, joint or sprocket.
+        /// Index of a link, joint or sprocket.
         index: Option<usize>,
         absolute: bool,
     },

@@ -59,7 +59,7 @@ fn memory(text: &str) -> Result<usize, String> {
 
 /// `2000`, `90s` or `5min`.
 fn budget(text: &str) -> Result<Budget, String> {
-    let wrong = || format!("`{text}` is no budget: write a number of runs (2000) or a time (90s, 5min)");
+    let wrong = || format!("`{text}` is not a budget: write a number of runs (2000) or a time (90s, 5min)");
     if let Ok(runs) = text.parse::<u64>() {
         return Ok(Budget { runs: Some(runs), seconds: None });
     }

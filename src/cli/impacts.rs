@@ -196,7 +196,7 @@ fn text(
     let mut lines = vec![format!("{}: {found} of {} impacts, {} shown", recording.display(), all.len(), list.len())];
     if all.is_empty() {
         lines.push(
-            "  none: nothing came to touch and was watched for two tooth periods in what is recorded; recordings of earlier versions hold none".into(),
+            "  none: no impact was observed for two tooth periods within the recording; recordings of earlier versions contain none".into(),
         );
     }
     if !list.is_empty() {

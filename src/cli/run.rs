@@ -246,7 +246,7 @@ pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Outp
             sink.publish()?;
         } else if sink.lies_at() != sink.path() {
             eprintln!(
-                "note: {} was there before and is kept; this run did not end and lies in {}",
+                "note: {} existed before and is kept; this run did not finish, it is in {}",
                 sink.path().display(),
                 sink.lies_at().display()
             );
@@ -553,7 +553,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
         ));
     }
     if asked && summary.hits.is_empty() {
-        lines.push("  no hit: what was waited for never was".into());
+        lines.push("  no hit: the expression was never fulfilled".into());
     }
     for hit in summary.hits.iter().take(HITS_PRINTED) {
         lines.push(format!("  break at {:.4} ms, step {}: {}", hit.t_s * 1e3, hit.step, hit_text(hit, header)));

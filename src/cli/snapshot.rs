@@ -143,7 +143,7 @@ fn read_frames(reader: &mut Reader, at: At, exact: bool) -> Result<(Header, Vec<
         if frames.is_empty() {
             let shown = path.display();
             return Err(Failure::World(format!(
-                "{shown} is damaged: no frame at {:.4} ms, where it lists one",
+                "{shown} is damaged: the frame listed at {:.4} ms is missing",
                 t_s * 1e3
             )));
         }

@@ -43,12 +43,12 @@ pub struct Run {
     pub header: Header,
     pub frames: Vec<Frame>,
     pub events: Vec<Event>,
-    /// Of the recorded part, in the order in which they end.
+    /// Impacts of the recorded part, in the order in which they end.
     pub impacts: Vec<Impact>,
     pub passes: Vec<Pass>,
     pub summary: Summary,
-    /// Of the first sprocket that turns freely; None if there is none, or if the run is shorter than two revolutions of
-    /// the driver.
+    /// Spectrum of the first sprocket that turns freely; None if there is none, or if the run is shorter than two
+    /// revolutions of the driver.
     pub spectrum: Option<Spectrum>,
 }
 

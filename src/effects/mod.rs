@@ -127,7 +127,7 @@ impl Part {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
     One,
-    /// Of the body: typical magnitude of the force or torque that accelerates it [N, N m].
+    /// Typical magnitude of the force or torque that accelerates the body [N, N m].
     Force,
     /// Root mean square speed of the body [m/s, rad/s].
     Speed,
@@ -143,13 +143,13 @@ pub enum Scale {
     StiffnessTime,
     /// Tension of the span; divided by the stretch it gives the stiffness.
     Tension,
-    /// Of the body.
+    /// Inertia of the body.
     Inertia,
     /// Standard deviation of the channel.
     Signal,
     /// Standard deviation of the channel over the length of a record.
     SignalPerTime,
-    /// Of the input.
+    /// Root mean square of the input.
     Input,
     /// Reciprocal of `Input`.
     PerInput,

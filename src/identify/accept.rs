@@ -207,7 +207,7 @@ fn sharper(h: &Hypothesis) -> Hypothesis {
 
 /// Decides which of the search results to accept.
 pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) -> Found<'a> {
-    context.say("holding what was found against what it has not seen");
+    context.say("comparing the found effects with held-out data");
     let Searched { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } = searched;
     let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
     (best, grounds) = of_known_form(&declared, (best, grounds), &effective, own, context, &mut trials);
@@ -387,7 +387,7 @@ fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
     if ground.score < WORTH {
         Some(format!("worth {:.1}, less than {WORTH}", ground.score))
     } else if !ground.left.is_worth_a_name() || high >= 1.0 {
-        Some(format!("on what judges the error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
+        Some(format!("the held-out error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
     } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
     } else if sure < 3.0 {
@@ -421,12 +421,12 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
             t.why = if accepted.contains(&t.identity) {
                 "accepted".into()
             } else if times > 1.0 {
-                format!("leaves {times:.3} times the error of what was accepted")
+                format!("leaves {times:.3} times the error of the accepted set")
             } else {
                 let [ratio, low, high] = m.residuals().judge_ratio(best.residuals());
-                let beside = if accepted.is_empty() { "" } else { "beside what was accepted " };
+                let beside = if accepted.is_empty() { "" } else { "with the accepted set " };
                 format!(
-                    "{beside}it leaves {times:.3} times the error of what was fitted and {ratio:.3} [{low:.3}, {high:.3}] of what judges: not worth a name"
+                    "{beside}it leaves {times:.3} times the fitted error and {ratio:.3} [{low:.3}, {high:.3}] times the held-out error: too little to be named"
                 )
             };
         }

@@ -322,7 +322,7 @@ pub fn all(
                 let placed = m.placed.iter().any(|p| has_place(p.effect));
                 if has_place(effect) && placed {
                     leave(
-                        "one effect with a place on the loop at a time: where a second one lies to the first is not looked for",
+                        "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
                     );
                     continue;
                 }

@@ -52,17 +52,17 @@ pub fn identify(
     if search::is_at_most_steps(&found.best) {
         let most = found.best.problem.most_steps;
         report.warnings.push(format!(
-            "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not looked at: give the numbers of its springs and dampers their `low` and `high`"
+            "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not tried: give the stiffness and damping parameters `low` and `high`"
         ));
     }
     report.warnings.extend(search::far_numbers(&found.declared, &found.best));
-    context.say("looking at what is left by itself");
+    context.say("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {
         report.diagnosis_after = Some(diagnosis::diagnose(&found.best, context.threads));
     }
     if report.outcome == Verdict::None && !report.explained && !context.ends() && context.plant.is_none() {
-        context.say("looking for a formula without a name");
+        context.say("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);

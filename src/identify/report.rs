@@ -51,7 +51,7 @@ pub struct NamedEffect {
     pub path: String,
     /// Path and value, in the unit of the path.
     pub parameters: Vec<Number>,
-    /// Of the first amplitude, in its unit.
+    /// Standard error of the first amplitude, in its unit.
     pub standard_error: f64,
     /// Effects that the records cannot distinguish from it.
     pub rivals: Vec<Rival>,
@@ -353,7 +353,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     }
     if !explained && next_experiment.is_empty() {
         next_experiment.push(
-            "a channel nearer to where the residual arises, or the same run at another speed and load: what is left does not have the form of any effect known here".into(),
+            "a channel nearer to the source of the residual, or the same run at another speed and load: the residual does not have the form of any effect in the catalogue".into(),
         );
     }
     let machine = &found.declared.problem.machine;

@@ -251,7 +251,7 @@ pub fn search<'a>(
                 cut_short = true;
                 break;
             }
-            context.say(&format!("round {round}: looking at hypotheses"));
+            context.say(&format!("round {round}: screening hypotheses"));
             let looked = first
                 .take()
                 .unwrap_or_else(|| looked(measurement, model, &Base::new(&model.problem, &model.fit), context));
@@ -262,12 +262,12 @@ pub fn search<'a>(
         if round == 1
             && let Some(near) = near_the_file(&declared, own, context)
         {
-            context.say("round 1: looking again from the drive's own numbers");
+            context.say("round 1: searching again from the drive's own parameters");
             let looked = looked(measurement, &near, &Base::new(&near.problem, &near.fit), context);
             next.extend(grow(looked, &near, own, context, &mut seen[0], &mut trials, &mut reasons));
         }
         if round == 1 && !next.iter().any(Model::is_near_the_floor) && !context.ends() {
-            context.say("round 1: looking again in short stretches");
+            context.say("round 1: searching again in short stretches");
             let found = from_stretches(measurement, &declared, own, context);
             for m in &found {
                 tell(&mut trials, m.effects[0].identity(), &[], None, stats::rms(&m.left[0]));
@@ -336,7 +336,7 @@ pub fn far_numbers(declared: &Model, best: &Model) -> Vec<String> {
         let path = &declared.problem.machine.slots[g.slot].path;
         let times = libm::exp(to - from);
         format!(
-            "the fit has carried `{path}` to {times:.3} times the file's value: what is missing may hide in it; `low` and `high`, or `spread_percent`, would hold it"
+            "the fit has moved `{path}` to {times:.3} times the file's value: it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it"
         )
     };
     far.map(told).collect()

@@ -41,7 +41,7 @@ fn verdict(r: &Report) -> String {
     match r.outcome {
         Verdict::Named => format!("NAMED: {}", named(true)),
         Verdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
-        Verdict::None => "NONE: no effect known here explains what is left".to_string(),
+        Verdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
     }
 }
 
@@ -79,7 +79,7 @@ fn write_all(t: &mut String, r: &Report) {
             } else {
                 "a fit did not converge"
             };
-            writeln!(t, "PARTIAL: {why}; more may be found, and what is said is less sure")?;
+            writeln!(t, "PARTIAL: {why}; more effects may exist, and the result is less certain")?;
         }
         errors(t, r)?;
         effects(t, r)?;
@@ -134,7 +134,7 @@ fn number(n: &Number) -> String {
     let key = n.path.rsplit('.').next().unwrap_or(&n.path);
     let of = n.record.as_ref().map_or(String::new(), |r| format!(" in {r}"));
     if !n.determined {
-        format!("{key}{of}: not told by what was fitted")
+        format!("{key}{of}: not determined by the fitted data")
     } else if n.standard_error > 0.0 {
         format!("{key}{of} = {} +- {}", short(n.value), short(n.standard_error))
     } else {
@@ -163,7 +163,7 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
         }
         if !e.judged_by_leaving_out.is_empty() {
             let records = e.judged_by_leaving_out.join(", ");
-            writeln!(t, "    what judges does not show it: held against {records}, each left out of the fit in turn")?;
+            writeln!(t, "    the held-out data do not show it: tested on {records}, each left out of the fit in turn")?;
         }
         for path in &e.by_order {
             writeln!(
@@ -309,7 +309,7 @@ pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
                 });
                 let line = at.into_iter().find(|(_, l)| l.split('#').next().is_some_and(|l| l.trim() == header));
                 let Some((start, line)) = line else {
-                    return Err(format!("`{}` has no table `{header}` to stand in", n.path));
+                    return Err(format!("`{}` has no table `{header}` for it", n.path));
                 };
                 inserts.push((start + line.len(), format!("\n{key} = {}", toml_number(n.value))));
             }

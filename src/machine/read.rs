@@ -98,7 +98,7 @@ fn springs(root: &Table<'_>, m: &mut Machine) {
             if names.len() != wanted {
                 let example =
                     if wanted == 1 { "body = \"NAME\"".to_string() } else { "between = [\"A\", \"B\"]".to_string() };
-                t.error(format!("`{}` does not say between what it lies", t.path()), Some(format!("add {example}")));
+                t.error(format!("`{}` does not name the bodies at its ends", t.path()), Some(format!("add {example}")));
             }
             let mut ends = Vec::new();
             for (k, end) in names.iter().take(wanted).enumerate() {
@@ -222,7 +222,7 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
                     "torque" | "force" => {
                         if m.bodies.get(body).is_some_and(|b| b.motion == Motion::Free) {
                             t.error(
-                                format!("`{on}` moves freely: nothing holds it from outside"),
+                                format!("`{on}` moves freely: no external torque or force drives it"),
                                 Some("prescribe its motion with `[inputs.speed.NAME]` or `[speeds.constant.NAME]`, or measure the torque of a coupling with `[sensors.strain_gauge.NAME]`".into()),
                             );
                         }
@@ -232,8 +232,7 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
                 }
             };
             if m.sensors.iter().any(|s| s.name == name) {
-                let help =
-                    "give one of them another name, and `body` or `span` what it reads: effects are put on names";
+                let help = "give one of them another name, and `body` or `span` what it reads: effects refer to names";
                 t.error(format!("two sensors are called `{name}`"), Some(help.into()));
             }
             let gain = slot(m, &t, "gain", 1.0, (-1e12, 1e12), Some(1.0));

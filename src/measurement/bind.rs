@@ -163,7 +163,7 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
         }
         if f.spread.is_some() && value == 0.0 {
             let title = format!("`spread_percent` of `{}`, which is zero", f.path);
-            let help = "a share of nothing says nothing: leave it out, or give the drive a value";
+            let help = "a share of zero is zero: leave it out, or give the drive a value";
             diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some(help.into())));
         }
     }

@@ -30,6 +30,6 @@ pub(super) fn contained<T>(path: &Path, reads: impl FnOnce() -> Result<T, String
     HELD.set(false);
     result.unwrap_or_else(|panic| {
         let said = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-        Err(format!("`{}` is damaged: its reader gave up ({})", path.display(), said.unwrap_or("without a word")))
+        Err(format!("`{}` is damaged: its reader gave up ({})", path.display(), said.unwrap_or("no message")))
     })
 }

@@ -434,7 +434,7 @@ fn check_values(
     let missing = raw.len() - known.len();
     if let Some(far) = known.iter().find(|v| v.abs() > LARGEST_VALUE) {
         let title = format!("channel `{}` has the value {far:e} in record `{}`", channel.name, record.name);
-        let help = "no sensor shows that: leave the field empty where a sample is lost";
+        let help = "no sensor reads that: leave the field empty where a sample is lost";
         diags.push(measurement.places.error(&at, title, Some(help.into())));
     }
     if 5 * missing > raw.len() {
@@ -444,7 +444,7 @@ fn check_values(
         diags.push(measurement.places.error(&at, title, Some(help.into())));
     } else if known.iter().all(|v| Some(v) == known.first()) {
         let title = format!("channel `{}` is constant in record `{}`", channel.name, record.name);
-        diags.push(measurement.places.error(&at, title, Some("it tells nothing: take it away".into())));
+        diags.push(measurement.places.error(&at, title, Some("it contains no information: remove it".into())));
     }
 }
 
@@ -512,7 +512,7 @@ fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>)
     let judges = data.segments.iter().any(|s| s.judge_from < s.len());
     if !judges {
         data.warnings.push(
-            "no record judges: the last 30 % of every record will; a record of its own (`use = \"judge\"`) would say more"
+            "no record judges: the last 30 % of every record is held out; a separate record (`use = \"judge\"`) would be a stronger test"
                 .to_string(),
         );
         let n = data.segments.len();

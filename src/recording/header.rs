@@ -105,7 +105,7 @@ fn varint(bytes: &mut &[u8]) -> Option<u64> {
 /// Checks numbers that readers rely on.
 fn check(header: &Header) -> anyhow::Result<()> {
     ensure!(!header.links.is_empty(), "its chain has no links");
-    ensure!(header.step_s.is_finite() && header.step_s > 0.0, "its header says a step of {} s", header.step_s);
+    ensure!(header.step_s.is_finite() && header.step_s > 0.0, "its header states a step of {} s", header.step_s);
     let outlines = header.link_outlines.len();
     for (i, link) in header.links.iter().enumerate() {
         ensure!((link.outline as usize) < outlines, "link {i} has outline {} of {outlines}", link.outline);
@@ -130,7 +130,7 @@ fn check(header: &Header) -> anyhow::Result<()> {
         });
         elements && o.circles.iter().all(|c| [c.x_m, c.y_m, c.radius_m].iter().all(|v| v.is_finite()))
     });
-    ensure!(drawn, "its header has an outline with numbers that are none");
+    ensure!(drawn, "its header has an outline with invalid numbers");
     Ok(())
 }
 

@@ -6,7 +6,7 @@
 //! /pitchline/frame     Frame, every frame    /scene     foxglove.SceneUpdate: outlines once, force arrows at the picture rate
 //! /pitchline/signals   Signals, every frame  /events    foxglove.Log
 //! /pitchline/keyframe  Keyframe              /pitchline/event  Event
-//! /pitchline/impact    Impact, two tooth periods after the touch that it tells of
+//! /pitchline/impact    Impact, two tooth periods after its first contact
 //! ```
 //! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole. A killed run thus leaves a file that is
 //! complete up to the last chunk, and bytes do not depend on timing: two runs of one drive give the same file. Only if

@@ -268,7 +268,7 @@ impl Reader {
                 None => {}
             }
         }
-        let reason = if self.complete { "it is MCAP, of another program" } else { "it ends before its header" };
+        let reason = if self.complete { "it is an MCAP file of another program" } else { "it ends before its header" };
         bail!("{shown} holds no pitchline recording: {reason}")
     }
 
@@ -332,9 +332,7 @@ impl Reader {
         for (channel, stated) in self.counted.clone() {
             let met = self.met.get(&channel).copied().unwrap_or(0);
             if met != stated {
-                self.miss(format!(
-                    "{shown}: it says that it has {stated} messages of channel {channel}, and {met} are there"
-                ));
+                self.miss(format!("{shown}: it states {stated} messages of channel {channel} and contains {met}"));
             }
         }
     }
@@ -558,7 +556,7 @@ fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4
     ensure!(frame.sensors.len() <= n_sensors, "more readings than sensors");
     let r = &frame.rotors;
     let n = r.angle_rad.len();
-    ensure!(n <= n_coordinates, "more rotors than the header tells of");
+    ensure!(n <= n_coordinates, "more rotors than the header states");
     let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
     ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
     Ok(())
@@ -569,7 +567,7 @@ fn check_time(step: u64, t_s: f64, (step_s, t_ns): (f64, u64)) -> anyhow::Result
     let stated_s = step as f64 * step_s;
     // The step number of a run that was continued with another step size is rounded.
     let fits = (t_s - stated_s).abs() <= 1e-9 * stated_s.max(1.0) && nanoseconds(t_s).abs_diff(t_ns) <= 1;
-    ensure!(fits, "a frame of step {step} says {t_s} s and lies at {t_ns} ns, and its step is at {stated_s} s");
+    ensure!(fits, "a frame of step {step} states {t_s} s and has log time {t_ns} ns, but its step is at {stated_s} s");
     Ok(())
 }
 

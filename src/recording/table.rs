@@ -42,9 +42,9 @@ enum Source {
     Frame(for<'a> fn(&Moment<'a>) -> Rows<'a>),
     Event(for<'a> fn(&'a Header, &'a Event) -> Rows<'a>),
     Impact(for<'a> fn(&'a Header, &'a Impact) -> Rows<'a>),
-    /// Of the header: index, body.
+    /// A row per body of the header: index, body.
     Body(for<'a> fn(u32, &'a BodyInfo) -> Rows<'a>),
-    /// Of the header: index, link.
+    /// A row per link of the header: index, link.
     Link(for<'a> fn(&'a Header, u32, &'a LinkInfo) -> Rows<'a>),
 }
 

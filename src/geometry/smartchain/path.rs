@@ -107,7 +107,7 @@ impl std::fmt::Display for TransitionError {
             }
             TransitionError::Pitch(pitch_m) => write!(
                 f,
-                "a pitch of {:e} mm is none; {:e} to {:e} mm work",
+                "a pitch of {:e} mm is not possible; {:e} to {:e} mm work",
                 pitch_m / MM,
                 PITCH_RANGE_M.start() / MM,
                 PITCH_RANGE_M.end() / MM

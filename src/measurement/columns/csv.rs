@@ -84,7 +84,7 @@ impl<R: Read> Lines<R> {
         self.number += 1;
         if read > LONGEST_LINE {
             return Err(format!(
-                ":{}: a line of more than {LONGEST_LINE} bytes: this is no table of numbers",
+                ":{}: a line of more than {LONGEST_LINE} bytes: this is not a table of numbers",
                 self.number
             ));
         }

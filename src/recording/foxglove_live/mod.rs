@@ -55,7 +55,7 @@ impl FoxgloveSink {
         let address = format!("ws://127.0.0.1:{}/{token}", server.port());
         say(&format!("Foxglove: open the connection {address}; waiting for it for {:.0} s", wait.as_secs_f64()));
         live::wait_for(wait, || {
-            anyhow::ensure!(server.was_subscribed(), "nobody has subscribed to a topic");
+            anyhow::ensure!(server.was_subscribed(), "no client has subscribed to a topic");
             Ok(())
         })
         .with_context(|| format!("no Foxglove at {address}"))?;
@@ -103,7 +103,7 @@ impl FoxgloveSink {
         if self.has_client && !has_client {
             let address = self.address.display();
             (self.say)(&format!(
-                "warning: nobody watches at {address} any more; the run goes on, Foxglove may come back"
+                "warning: nobody watches at {address} any more; the run continues, Foxglove may reconnect"
             ));
         }
         self.has_client = has_client;
@@ -180,7 +180,7 @@ impl Sink for FoxgloveSink {
             if refused + closed + left_out > 0 {
                 (self.say)(&format!(
                     "Foxglove: {clients} connections, {refused} more refused, {closed} closed because they stopped reading or \
-                     sent what no viewer sends; {left_out} messages left out for those who read too slowly"
+                     sent invalid messages; {left_out} messages left out for slow readers"
                 ));
             }
         }

@@ -62,7 +62,7 @@ impl Reader {
             && n as usize != self.chunks.len()
             && index.iter().all(|entry| found.contains(&entry.offset))
         {
-            self.miss(format!("{shown}: it says that it has {n} chunks, and {} are there", self.chunks.len()));
+            self.miss(format!("{shown}: it states {n} chunks and contains {}", self.chunks.len()));
         }
         for entry in index {
             // Chunks are sorted by position.
@@ -199,7 +199,7 @@ impl Reader {
                 self.unpacked = target.into_inner();
             }
         }
-        ensure!(self.unpacked.len() as u64 == chunk.unpacked, "{}: it holds less than it says", damaged());
+        ensure!(self.unpacked.len() as u64 == chunk.unpacked, "{}: it contains less than it states", damaged());
         ensure!(
             chunk.crc == 0 || crc32fast::hash(&self.unpacked) == chunk.crc,
             "{}: its checksum does not match",

@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 impl RerunSink {
     /// Shows the run to the viewer at `url`, e.g. `rerun+http://127.0.0.1:9876/proxy`; waits until it is available.
     pub fn connect(url: &str, header: &Header, view: ViewOptions, wait: Duration) -> Result<RerunSink> {
-        let uri: ProxyUri = url.parse().with_context(|| format!("{url} is no address of a Rerun viewer"))?;
+        let uri: ProxyUri = url.parse().with_context(|| format!("{url} is not the address of a Rerun viewer"))?;
         // The crate would try forever without reporting it.
         live::wait_for(wait, || reach(&uri.origin))
             .with_context(|| format!("no Rerun viewer at {url} (start one: rerun --bind 127.0.0.1)"))?;

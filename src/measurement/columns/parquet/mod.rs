@@ -99,7 +99,7 @@ fn column(
             ColumnReader::Int64ColumnReader(r) => take(r, rows, &mut values, |v| v as f64)?,
             ColumnReader::FloatColumnReader(r) => take(r, rows, &mut values, f64::from)?,
             ColumnReader::DoubleColumnReader(r) => take(r, rows, &mut values, |v| v)?,
-            _ => return Err(ParquetError::General("a column of texts where numbers were said to be".into())),
+            _ => return Err(ParquetError::General("a column of texts where numbers were declared".into())),
         }
     }
     if values.len() != rows {

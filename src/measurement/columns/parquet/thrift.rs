@@ -277,7 +277,7 @@ impl<'a> Thrift<'a> {
             (9 | 10, Some(List(shape))) => self.list(Some(*shape), depth + 1),
             (12, None) => self.structure(&[], depth + 1),
             (12, Some(Struct(fields))) => self.structure(fields, depth + 1),
-            (1..=12, Some(_)) => Err(self.wrong("holds something of another kind than the format's")),
+            (1..=12, Some(_)) => Err(self.wrong("contains a value of another type than the format's")),
             _ => Err(self.wrong("holds something unknown")),
         }
     }
