@@ -1,4 +1,4 @@
-//! Closed-form truths: geometry, contact laws, polygon effect, rings, spans.
+//! Checks against closed forms: geometry, contact laws, polygon effect, rings, spans.
 
 mod common;
 
@@ -37,7 +37,7 @@ impl Random {
 
 #[test]
 fn iso_606_teeth_have_the_worked_numbers() {
-    // Worked by hand from ISO 606 for z = 20 and 40 (8 mm, 5 mm) and z = 28 (9.525 mm, 6.35 mm) [mm].
+    // Computed by hand from ISO 606 for z = 20 and 40 (8 mm, 5 mm) and z = 28 (9.525 mm, 6.35 mm) [mm].
     let s = Sprocket::new(spec(20, 8.0, 5.0, GapForm::Min)).expect("a tooth");
     let near = |name: &str, value_m: f64, mm: f64, tolerance_mm: f64| {
         assert!((value_m * 1e3 - mm).abs() < tolerance_mm, "{name}: {} mm, expected {mm}", value_m * 1e3);
@@ -76,7 +76,7 @@ fn every_sprocket_from_9_to_150_teeth_is_closed_smooth_and_inside_its_tip_circle
             let s = Sprocket::new(spec(teeth, 8.0, 5.0, form)).unwrap_or_else(|e| panic!("z = {teeth} {form:?}: {e}"));
             let profile = s.profile().expect("connected");
             for (i, kink) in profile.kinks_rad().iter().enumerate() {
-                // Corners only where flank meets tip land: elements 0 and 3 of each gap.
+                // Corners only between flank and tip land: elements 0 and 3 of each gap.
                 let corner = i % 5 == 0 || i % 5 == 3;
                 assert!(corner || kink.abs() < 1e-9, "z = {teeth}: kink {kink} rad at element {i}");
             }
@@ -118,7 +118,7 @@ fn closest_point_and_offset_agree_along_a_tooth() {
     let mut random = Random(7);
     for _ in 0..2000 {
         let i = random.between(0.0, profile.elements().len() as f64) as usize;
-        // Off the corners, where feet are not unique.
+        // Away from the corners, where feet are not unique.
         let along = random.between(0.05, 0.95);
         let e = profile.elements()[i];
         let d = random.between(-8e-6, 8e-6);
@@ -144,8 +144,8 @@ fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_p
             let all = contour.circle_brute_force(centre, r);
             assert_eq!(all, contour.circle(centre, r), "hierarchy against brute force at {centre}");
             let local = gap_contact(&s, centre, r);
-            // A bush that lies in a gap touches at most one element; deep inside a tooth it may overlap several, and the
-            // local search names one of them.
+            // A bush in a gap contacts at most one element; deep inside a tooth it may overlap several, and the local
+            // search returns one of them.
             match all.as_slice() {
                 [] => assert!(local.touch.penetration_m <= 1e-12, "local search alone touches at {centre}: {local:?}"),
                 several => {
@@ -197,7 +197,8 @@ fn profile_contacts_find_lines_face_to_face_and_corners() {
     assert!(hit[0].corner && (hit[0].penetration_m - 2e-6).abs() < 1e-12);
 }
 
-/// Integrates m d'' = -F(d, d') from first touch at `speed` by fine Runge-Kutta steps; (rebound speed, depth, duration).
+/// Integrates m d'' = -F(d, d') from first contact at `speed` by fine Runge-Kutta steps; returns (rebound speed, depth,
+/// duration).
 fn impact(law: &ContactLaw, mass: f64, speed: f64, steps_in_contact: f64) -> (f64, f64, f64) {
     let radii = PairRadii { bush_m: 2.5e-3, body_m: 13.2e-3 };
     let force = |d: f64, v: f64| law.force(d.max(0.0), v, speed, radii);
@@ -213,7 +214,8 @@ fn impact(law: &ContactLaw, mass: f64, speed: f64, steps_in_contact: f64) -> (f6
         let (next_d, next_v) =
             (d + h / 6.0 * (k1d + 2.0 * k2d + 2.0 * k3d + k4d), v + h / 6.0 * (k1v + 2.0 * k2v + 2.0 * k3v + k4v));
         if v > 0.0 && next_v <= 0.0 {
-            // Deepest point: d + v^2 / (2 |a|) from the step's start, curvature constant over a fraction of a step.
+            // Deepest point: d + v^2 / (2 |a|) from the step's start, with constant curvature over a fraction of a
+            // step.
             deepest = d - v * v / (2.0 * a(d, 0.5 * v));
         }
         if next_d <= 0.0 {
@@ -299,7 +301,7 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
         "chain.joint.stiffness_n_per_m=3e8",
         "run.run_in_ms=40",
         "sprockets.driven.teeth=40",
-        // A driven inertia that the polygon cannot shake, so that the chain follows the driver's polygon.
+        // The polygon effect cannot move a driven inertia this large, so that the chain follows the driver's polygon.
         "sprockets.driven.inertia_kg_m2=1e-4",
     ];
     overrides.extend(NO_FRICTION);
@@ -309,12 +311,12 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     let tooth_period = 2.0 * PI / (omega * 20.0);
     let model = a.model.clone();
     let mut state = a.state.clone();
-    // Height of the joint that runs on, and speed along the tight span of the last joint before it touches.
+    // Height of the joint that runs on, and speed along the tight span of the last joint before contact.
     let (mut speeds, mut heights) = (Vec::new(), Vec::new());
     let direction = model.routes.first().expect("a route").span_after(1).direction;
     let normal = Vec2::new(direction.y, -direction.x);
     watch(&a.model, &mut state, (3.0 * tooth_period / model.step_s) as u64, |state, _| {
-        // Mean over the links of the tight span that touch no tooth.
+        // Mean over the links of the tight span without tooth contact.
         let l = &state.links;
         let span = model.routes.first().expect("a route").span_after(1);
         let along = |i: usize| (Vec2::new(l.x[i], l.y[i]) - span.start).dot(&span.direction);
@@ -336,8 +338,8 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
             .fold(0.0, f64::max);
         heights.push(highest);
     });
-    // Box means over a hundredth of a tooth period take out the ring of the seating impacts (the speed of an impact, p omega,
-    // is a third of the chain's at any speed), and shorten the cusp of |cos| by less than 1 %.
+    // Box means over a hundredth of a tooth period remove the ringing of the seating impacts (the speed of an impact, p
+    // omega, is a third of the chain's at any speed), and shorten the cusp of |cos| by less than 1 %.
     let window = (tooth_period / 100.0 / model.step_s) as usize;
     let smooth: Vec<f64> = speeds.chunks_exact(window).map(|c| c.iter().sum::<f64>() / window as f64).collect();
     let (low, high) = smooth.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -355,7 +357,7 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
     assert!((rise / closed.1 - 1.0).abs() < 0.02, "rise");
 }
 
-/// Of 8 mm, both rows as given.
+/// A chain of 8 mm pitch with both rows as given.
 fn bush_chain(row: RowSpec) -> BushChain {
     BushChain {
         pitch_m: 8e-3,
@@ -406,12 +408,13 @@ fn plain_joint(stiffness_n_per_m: f64) -> LinkJoint {
 
 #[test]
 fn rotating_ring_of_chain_carries_the_centrifugal_tension_of_its_discrete_form() {
-    // N rigid links tangent to a circle: each turns about the axis at the distance r of its middle, so m r w^2 = 2 T sin(pi/N).
+    // N rigid links tangent to a circle: each turns about the axis at the distance r of its middle, so that m r w^2 = 2
+    // T sin(pi/N).
     let (n, m, stiffness) = (40, 3.2e-3, 3e8);
     let model = Model::chain_only(n, uniform_rows(m, 4e-8), plain_joint(stiffness), 0.5e-6);
     let omega = 200.0;
     let half = PI / n as f64;
-    // Polygon of links: middle radius r0 unloaded; the joint stretch u opens it by u / (2 tan half).
+    // Polygon of links: middle radius r0 unloaded; the joint elongation u increases it by u / (2 tan half).
     let mut r = 4e-3 / half.tan();
     let mut tension = 0.0;
     for _ in 0..50 {
@@ -447,7 +450,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
     // w^2 = 4 T sin^2(q/2) / (p [m cos^2(q/2) + (4 J/p^2) sin^2(q/2)]), q = mode pi / N.
     let (span, m, inertia, tension, p) = (12_usize, 3.2e-3, 4e-8, 300.0, 8e-3);
     let stiffness = 1e9;
-    // A closed loop: `span` free links, the others held in a line that leads back.
+    // A closed loop: `span` free links, the others fixed in a line that leads back.
     let n = 2 * span;
     let mut model = Model::chain_only(n, uniform_rows(m, inertia), plain_joint(stiffness), 0.2e-6);
     for i in span..n {
@@ -469,7 +472,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
             let angle = (b - a) / p;
             (state.links.sin[i], state.links.cos[i]) = angle.sin_cos();
         }
-        // The held links lead straight back, so that every joint of the loop is closed.
+        // The fixed links lead straight back, so that every joint of the loop is closed.
         let (first, last) = (span as f64 * pitch + 0.5 * stretch - 0.5 * p, 0.5 * p - 0.5 * stretch);
         for i in span..n {
             let share = (i - span) as f64 / (span - 1) as f64;
@@ -510,7 +513,7 @@ fn tension_falls_along_the_wrap_as_binder_says() {
     overrides.push("speeds.constant.driver.speed_rpm=0.001");
     let mut a = assembled(&drive(&overrides));
     let mut scratch = explicit::Scratch::new(&a.model);
-    // A State that is put together at rest does not know yet what its joints and contacts gave a step ago.
+    // A State assembled at rest does not contain the joint and contact forces of a previous step.
     for _ in 0..200 {
         explicit::step(&a.model, &mut a.state, &mut scratch).expect("holds");
     }
@@ -530,10 +533,10 @@ fn tension_falls_along_the_wrap_as_binder_says() {
         let (ahead, behind) = ((joint + 1) % 90, joint);
         let n = Vec2::new(contacts.normal_x[i], contacts.normal_y[i]);
         let tooth = n * contacts.normal_force_n[i];
-        // The joint force acts on the link ahead; the tooth on the inner link, whichever of the two that is.
+        // The joint force acts on the link ahead; the tooth acts on the inner one of the two links.
         let on_ahead = joint_force(joint) + if link == ahead { tooth } else { Vec2::zeros() };
         let on_behind = -joint_force(joint) + if link == behind { tooth } else { Vec2::zeros() };
-        // Tensions: what pulls each link's end outwards along its chord.
+        // Tensions: forces that pull each link's end outwards along its chord.
         let (t_ahead, t_behind) = (-on_ahead.dot(&chord(ahead)), on_behind.dot(&chord(behind)));
         // T_ahead t_ahead - T_behind t_behind + N n = 0, crossed with n: sin(gamma) over sin(gamma + 2 pi / z).
         let cross = pitchline::geometry::cross;

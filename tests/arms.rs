@@ -1,5 +1,5 @@
-//! Rails and arms against closed forms: statics of an arm, belt friction on a curved guide, an arm's own oscillation, a straight rail
-//! against a straight guide, and contacts that go from arcs to lines.
+//! Rails and arms against closed forms: statics of an arm, belt friction on a curved guide, an arm's own oscillation, a
+//! straight rail compared with a straight guide, and contacts that move from arcs to lines.
 
 mod common;
 
@@ -19,7 +19,7 @@ fn drive(text: &str, sets: &[&str]) -> Drive {
     Drive::parse("test.toml", text, &sets).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Force on the link in front of joint `j`, and where, at rest.
+/// Force on the link ahead of joint `j`, and its point of action, at rest.
 fn joint_at_rest(model: &Model, q: &Configuration, j: usize) -> (Vec2, Vec2) {
     let k = (j + 1) % model.chain.n_links;
     let end = |link: usize, sign: f64| q.links[link].0 + unit(q.links[link].1) * (sign * model.chain.lever[link]);
@@ -28,7 +28,8 @@ fn joint_at_rest(model: &Model, q: &Configuration, j: usize) -> (Vec2, Vec2) {
     (Vec2::new(f.x, f.y), rear)
 }
 
-/// At rest the spring carries the moment of the chain: of the contacts, and of the two spans that leave the rail.
+/// At rest the spring balances the moment of the chain, computed from the contacts and from the two spans that leave
+/// the rail.
 #[test]
 fn an_arm_rests_where_spring_and_chain_balance() {
     for sets in [
@@ -52,7 +53,7 @@ fn an_arm_rests_where_spring_and_chain_balance() {
         let n = model.chain.n_links;
         let ((pull_rear, at_rear), (pull_front, at_front)) =
             (joint_at_rest(&model, q, (first + n - 1) % n), joint_at_rest(&model, q, last));
-        // Its links stand still: what joints pull is what the rail carries.
+        // The links are at rest, so that the rail carries the forces of the joints at its ends.
         let of_spans = cross(at_rear - arm.pivot, pull_rear) - cross(at_front - arm.pivot, pull_front);
         println!(
             "{sets:?}: {} contacts, spring {spring:.6} N m, contacts {of_contacts:.9}, spans {of_spans:.9}, residual {:.1e} N",
@@ -65,12 +66,13 @@ fn an_arm_rests_where_spring_and_chain_balance() {
     }
 }
 
-/// The bush chain with finer links, round a fixed rail that bends the tight span: everything in the drive that is a length of a link is
-/// divided by `finer`. No friction but that of the rail.
+/// The bush chain with finer links, around a fixed rail that bends the tight span: every link length in the drive is
+/// divided by `finer`. The only friction is that of the rail.
 fn capstan(finer: u32, friction: f64) -> Drive {
     let f = f64::from(finer);
     let (radius_mm, half_rad) = (90.0_f64, 0.7_f64);
-    // Round a rail inside the loop, over the middle of the upper span, which runs from the driven sprocket to the driver.
+    // Around a rail inside the loop, over the middle of the upper span, which runs from the driven sprocket to the
+    // driver.
     let (top, x) = (95.0, 119.0);
     let start = (x + radius_mm * half_rad.sin(), top - radius_mm + radius_mm * half_rad.cos());
     let heading = 180.0 - half_rad.to_degrees();
@@ -103,7 +105,8 @@ fn capstan(finer: u32, friction: f64) -> Drive {
     Drive::parse("capstan.toml", &text, &sets).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Ratio of the tensions after and before the rail, of the moving chain without its centrifugal part, and the angle between the spans.
+/// Ratio of the tensions after and before the rail, of the moving chain without its centrifugal part, and the angle
+/// between the spans.
 fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
     let assembly = common::assembled(drive);
     let (model, mut state) = (assembly.model, assembly.state);
@@ -121,7 +124,7 @@ fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
         if step % 7 == 0 {
             let touching = |i: usize| (0..3).any(|set| scratch.memory(Part::Rails(set)).normal_force[i] > 0.0);
             let on: Vec<usize> = (0..n).filter(|i| touching(*i)).collect();
-            // The chain runs over the rail from right to left, its links in the order of their numbers.
+            // The chain runs over the rail from right to left, with its links in the order of their numbers.
             let along = |i: &&usize| state.links.x[**i] - centre.x;
             let first = *on.iter().max_by(|a, b| along(a).total_cmp(&along(b))).expect("touches");
             let last = *on.iter().min_by(|a, b| along(a).total_cmp(&along(b))).expect("touches");
@@ -138,8 +141,8 @@ fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
     (after / before, turn / looks)
 }
 
-/// Eytelwein: T2/T1 = e^(mu theta). A chain's tension runs on the radius R + r of its joints' axis and friction acts on R, so that its
-/// exponent is mu theta R/(R + r); with finer links r goes to zero.
+/// Eytelwein: T2/T1 = e^(mu theta). A chain's tension acts on the radius R + r of its joints' axis and friction acts on
+/// R, so that its exponent is mu theta R/(R + r); with finer links r tends to zero.
 #[test]
 fn friction_on_a_curved_guide_is_that_of_a_belt() {
     let friction = 0.3;
@@ -160,7 +163,7 @@ fn friction_on_a_curved_guide_is_that_of_a_belt() {
         assert!((ratio / of_chain.exp() - 1.0).abs() < 5e-3, "{ratio} against {}", of_chain.exp());
         errors.push(ratio / belt.exp() - 1.0);
     }
-    // Straight line through both to links of no height.
+    // Linear extrapolation from both to links of zero height.
     let limit = 2.0 * errors[1] - errors[0];
     println!("against a belt {errors:?}, in the limit {limit:e}");
     assert!(limit.abs() < 1e-2 && errors[1].abs() < errors[0].abs());
@@ -169,7 +172,7 @@ fn friction_on_a_curved_guide_is_that_of_a_belt() {
     assert!((ratio - 1.0).abs() < 2e-3);
 }
 
-/// An arm away from the chain.
+/// An arm without contact to the chain.
 fn free_arm(step_us: f64) -> Model {
     let text = format!(
         "{}\n[arms.idle]\npivot_x_mm = 60\npivot_y_mm = -150\ninertia_kg_m2 = 1e-4\nspring_nm_per_rad = 300\n\
@@ -182,7 +185,8 @@ fn free_arm(step_us: f64) -> Model {
     model
 }
 
-/// q'' + 2 delta q' + omega0^2 (q - q_free) = 0 from rest: closed form, second order in the step, all of the energy accounted for.
+/// q'' + 2 delta q' + omega0^2 (q - q_free) = 0 from rest: closed form, second order in the step, with a complete
+/// energy balance.
 #[test]
 fn an_arm_swings_as_its_spring_and_damper_say() {
     let (inertia, stiffness, damping, free, start) = (1e-4_f64, 300.0_f64, 0.02_f64, 0.01, 0.06_f64);
@@ -194,7 +198,7 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
     for step_us in [4.0, 2.0, 1.0] {
         let model = free_arm(step_us);
         let arm = model.arms[0].coordinate;
-        // A chain that stands still: the driver is prescribed, so that speed goes too.
+        // A chain at rest: the driver is prescribed, so that its speed is set to zero too.
         let mut still = model.clone();
         still.coordinates[0].motion = pitchline::elements::coordinate::Motion::Prescribed { speed_rad_s: 0.0 };
         let (_, rest) = at_rest(&bundled("bush-20-40", &[])).unwrap_or_else(|e| panic!("{e}"));
@@ -221,7 +225,7 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
             explicit::advance(&still, &mut state, &mut scratch);
         }
         println!("step {step_us} us: {worst:.2e} rad off, lost {lost_j:.6} J, ledger {error_j:.1e} J");
-        // The chain at rest under its preload stays there; what is lost is the arm's.
+        // The chain at rest under its preload stays at rest; all losses are the arm's.
         assert!(error_j.abs() < 1e-4 * lost_j, "{error_j:e} of {lost_j}");
         errors.push(worst);
     }
@@ -231,7 +235,7 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
     }
 }
 
-/// Text of a rail that is the straight guide `k` of a model: its face, and its relief arcs.
+/// Text of a rail equal to the straight guide `k` of a model: its face, and its relief arcs.
 fn rail_like_guide(model: &Model, k: usize) -> String {
     let g = &model.guides[k].geometry;
     let sweep = pitchline::geometry::guide::END_SWEEP_RAD;
@@ -254,7 +258,7 @@ fn rail_like_guide(model: &Model, k: usize) -> String {
     )
 }
 
-/// A straight rail in the place of a straight guide that presses into the span: the same equilibrium.
+/// A straight rail in place of a straight guide that presses into the span gives the same equilibrium.
 #[test]
 fn a_straight_rail_is_a_straight_guide() {
     let (head, _) = BUNDLED[0].1.split_once("[guides.fixed.tight]").expect("there");
@@ -272,14 +276,15 @@ fn a_straight_rail_is_a_straight_guide() {
     let (a, b) = (mean(&rest.tensions_n), mean(&resting.tensions_n));
     let touches = rail_touches(&of_rail, &resting.configuration, &of_rail.rails[0]);
     println!("mean tension {a:.6} N on the guide, {b:.6} N on the rail, {} contacts", touches.len());
-    // A taut chain lies on the two ends of a face. There a rail meets the edges of the plates, a guide knows their ends alone.
+    // A taut chain rests on the two ends of a face. There a rail contacts the edges of the plates, a guide only their
+    // ends.
     assert!(touches.len() >= 2);
     assert!((a / b - 1.0).abs() < 1e-3);
     let worst = rest.tensions_n.iter().zip(&resting.tensions_n).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-2 * a, "{worst}");
 }
 
-/// An arm that swings fast says nothing of lanes without links, which stand a kilometre away: whatever the number of links.
+/// A fast arm must not contact unused lanes, which are placed a kilometre away, for any number of links.
 #[test]
 fn fast_arms_touch_links_alone() {
     for links in [88, 90, 92, 96] {
@@ -298,7 +303,7 @@ fn fast_arms_touch_links_alone() {
     }
 }
 
-/// One arc drawn as several stretches is one arc.
+/// One arc that is split into several stretches is one arc.
 #[test]
 fn arcs_in_several_stretches_are_one() {
     let angle = |sets: &[&str]| {
@@ -319,7 +324,8 @@ fn arcs_in_several_stretches_are_one() {
     }
 }
 
-/// A straight rail that stands in the way: the taut chain bends round the corners at its ends, and no plate lies in it.
+/// A straight rail that deflects the chain: the taut chain bends around the corners at its ends, and no plate
+/// penetrates it.
 #[test]
 fn a_chain_bends_round_the_corners_of_a_rail() {
     let (head, _) = BUNDLED[0].1.split_once("[guides.fixed.tight]").expect("there");

@@ -1,4 +1,4 @@
-//! A small, fixed share of the blind test; all of it is `cargo bench --bench blind`.
+//! A small, fixed share of the blind test; the whole test is `cargo bench --bench blind`.
 
 #[path = "blind/mod.rs"]
 mod blind;
@@ -25,20 +25,22 @@ fn a_share_of_the_blind_cases_is_named_right_and_nothing_is_named_that_is_not_th
     assert!(right >= NAMED, "{right} named");
 }
 
-/// Cases that were named wrong before records were also tried the other way round (72), fitted records judged what those that judge
-/// do not show (87), short stretches were looked at (37), and filters and added bodies had a memory at the start (103).
+/// Cases that were named wrong before records were also started in the other direction (72), fitted records judged
+/// effects that the held-out ones do not show (87), short stretches were used (37), and filters and added bodies had an
+/// initial state (103).
 #[test]
 fn cases_that_need_a_second_look_are_named_right() {
     are_named_right(&[37, 72, 87, 103].map(|number| (Class::Single, number)));
 }
 
-/// With two effects, and a memory at the start. (It and the next one take longest: their names let them begin first.)
+/// With two effects, and an initial state. (This test and the next one take longest: their names make them start
+/// first.)
 #[test]
 fn a_pair_with_a_memory_at_the_start_is_named_right() {
     are_named_right(&[(Class::Double, 9)]);
 }
 
-/// The declared model, without its two effects, fits best as a chain that slips.
+/// The declared model, without its two effects, fits best as a slipping chain.
 #[test]
 #[ignore = "takes 100 s: .ci/run runs it"]
 fn a_pair_without_which_the_chain_seems_to_slip_is_named_right() {
@@ -55,8 +57,8 @@ fn are_named_right(cases: &[(Class, u64)]) {
     }
 }
 
-/// What is not in the catalogue gets no name: a drag by the third power of speed (16), which a quadratic one fits well, and a span
-/// with hysteresis (13), in whose place a hardening one has another size in every record.
+/// Causes outside the catalogue get no name: a drag by the third power of speed (16), which a quadratic one fits well,
+/// and a span with hysteresis (13), for which a hardening span needs another size in every record.
 #[test]
 fn causes_that_the_catalogue_does_not_have_get_no_name() {
     for number in [13, 16] {
@@ -70,6 +72,6 @@ fn causes_that_the_catalogue_does_not_have_get_no_name() {
 /// Cases of each class.
 const SINGLE: u64 = 10;
 const CLEAN: u64 = 6;
-/// Of the ten that have an effect, half of them below three times the noise before, and all after, the free numbers have taken up
-/// what they can; measured: 5.
+/// Of the ten that have an effect, half are below three times the noise before, and all after the free parameters have
+/// absorbed what they can; measured: 5.
 const NAMED: usize = 5;

@@ -1,4 +1,5 @@
-//! The three chains on the 20/40 drive: impacts measured on the driver, against closed forms and the published behaviour.
+//! The three chains on the 20/40 drive: impacts measured on the driver, compared with closed forms and published
+//! behaviour.
 
 use pitchline::assemble::assemble;
 use pitchline::compare::{Plan, Summary, run, verdict};
@@ -23,7 +24,7 @@ fn drive(name: &str, overrides: &[&str]) -> Drive {
     Drive::parse(name, text, &overrides).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Runs drives for `ms` and returns what was measured, with the passes.
+/// Runs drives for `ms` and returns their summaries and passes.
 fn measured(drives: &[Drive], ms: f64) -> Vec<(Summary, Vec<Pass>)> {
     let plan = Plan { duration_s: ms * 1e-3, recorded_s: 0.0, every_s: 1e-3 };
     let runs = run(drives, plan, &AtomicBool::new(false)).unwrap_or_else(|e| panic!("{e}"));
@@ -43,8 +44,9 @@ fn the_abutment_chain_engages_without_impact_where_bush_and_silent_chains_strike
     assert!(claims.iter().all(|c| c.holds));
 }
 
-/// How far approach speeds at the default step and at 0.5 us, as medians of all kinds of contact, may be apart: that much [m/s], and that
-/// share of them. measured: bush of the abutment chain 0.0014 m/s, of the bush chain 0.0019 of 1.57 m/s, all others 0.0009 at most.
+/// Largest difference of approach speeds between the default step and 0.5 us, as medians of all kinds of contact:
+/// absolute [m/s], and relative. measured: bush of the abutment chain 0.0014 m/s, of the bush chain 0.0019 of 1.57 m/s,
+/// all others 0.0009 at most.
 const APPROACH_APART: (f64, f64) = (0.0017, 0.001);
 
 #[test]
@@ -67,13 +69,13 @@ fn the_silent_chain_meets_its_closed_forms() {
     spec.link = SilentLinkForm::standard(8e-3);
     let sprocket = SilentSprocket::new(spec).expect("20 teeth");
     let omega = 3000.0 * 2.0 * std::f64::consts::PI / 60.0;
-    // The kinematics let the span stand still sideways. It is a string, whose last link turns already when it touches: the stiffer
-    // the joints, the nearer the approach speed is to 1 - v/c of the kinematics (1.09, 1.03, 1.02, 0.995 of that at 2e7, 3e7, 5e7,
-    // 1e8 N/m). At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with links of 7.3 g, stands beside the tooth
-    // frequency of 1 kHz, and the forces swing.
+    // The kinematics assume a span without lateral motion. The real span is a string, whose last link already turns at
+    // contact: the stiffer the joints, the nearer the approach speed is to 1 - v/c of the kinematics (1.09, 1.03, 1.02,
+    // 0.995 of that at 2e7, 3e7, 5e7, 1e8 N/m). At 3e7 N/m the tight span's first longitudinal mode, some 1.07 kHz with
+    // links of 7.3 g, is close to the tooth frequency of 1 kHz, and the forces oscillate.
     for (stiffness, as_string, bounds) in [(8e6, false, (0.20, 0.12)), (3e7, true, (0.10, 0.20))] {
         let set = format!("chain.joint.stiffness_n_per_m={stiffness}");
-        // The bush chain with links as heavy, so that the kinds of contact are compared and not the masses.
+        // The bush chain with equally heavy links, so that the kinds of contact are compared and not the masses.
         let masses = ["inner.mass_g", "outer.mass_g", "inner.inertia_g_mm2", "outer.inertia_g_mm2"];
         let mut heavy: Vec<String> = masses
             .iter()
@@ -93,7 +95,7 @@ fn the_silent_chain_meets_its_closed_forms() {
         let speed = flank.approach_median_m_s / expected;
         let impact = flank.approach_median_m_s * (1e8_f64 * 7.3e-3).sqrt();
         let peak = flank.peak_window_n / impact;
-        // Second pitch, counted from the middle of the link, against the frictionless wrap.
+        // Second pitch, counted from the middle of the link, compared with the frictionless wrap.
         let wrap = wrap_statics(&sprocket).expect("an arc");
         let pressing = silent.tight_tension_n - silent.centrifugal_tension_n;
         let second = passes.iter().map(|p| p.mean(Kind::FlankTrailing, 1.5, 2.5)).sum::<f64>() / passes.len() as f64;
@@ -114,8 +116,8 @@ fn the_silent_chain_meets_its_closed_forms() {
 
 #[test]
 fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
-    // Bush: gap G (1 - tau)^3 along the flank's normal, closed when the stretch beyond the design has used it up; guide to
-    // ring: the height of a guide that gives way, over the ring's radius.
+    // Bush: gap G (1 - tau)^3 along the flank's normal, closed by the elongation beyond the design; guide to ring:
+    // height difference of a compliant guide, over the ring's radius.
     let transition = Transition::smooth(20, 8e-3).expect("20 teeth");
     // Pressure angle of the maximum form at 20 teeth, from the tangent.
     let lean = (23.25_f64 + 9.0).to_radians();
@@ -149,13 +151,13 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
             sets.push(format!("contact.{body}.linear.stiffness_n_per_m={contact}"));
         }
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
-        // Over 26 tooth periods the median of the bushes' speeds is good to 2 %.
+        // Over 26 tooth periods the median of the bushes' speeds is accurate to 2 %.
         let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 104e3 * period_s).remove(0);
         let bush = summary.kind(Kind::Bush).expect("bushes touch");
         let stretch_m = (summary.tight_tension_n - design_n) / 3e7;
         let expected = 3.0 * gap_m / period_s * (stretch_m / gap_m).powf(2.0 / 3.0);
         let ring = summary.kind(Kind::RingFront).expect("rings are touched");
-        // The guide gives way to some 20 N, and lies lower by what it is set.
+        // The guide deflects under some 20 N, and lies lower by its setting.
         let delta_m = 22.0 / contact + guide_um * 1e-6;
         let ring_expected = speed * (2.0 * delta_m / (transition.pitch_radius_m - 4.5e-3)).sqrt();
         let ratios = (bush.approach_median_m_s / expected, ring.approach_median_m_s / ring_expected);
@@ -164,8 +166,9 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
              ring {:.4} m/s, closed form {ring_expected:.4} ({:.2})",
             bush.approach_median_m_s, ratios.0, ring.approach_median_m_s, ratios.1
         );
-        // A seated link turns by pi/z to the one ahead, so that a joint's stretch T/K has a share that lowers the link to the ring; the
-        // ring gives way under the front abutment beside. The rear abutment meets it where its own way to the seat is that far.
+        // A seated link is inclined by pi/z to the one ahead, so that a component of a joint's elongation T/K lowers
+        // the link towards the ring; the ring also deflects under the front abutment next to it. The rear abutment
+        // contacts the ring when its remaining distance to the seat equals this lowering.
         let seat = std::f64::consts::PI / 20.0;
         let pressed_n = (summary.tight_tension_n - summary.centrifugal_tension_n) * seat.sin();
         let lowered_m = summary.tight_tension_n / 3e7 * seat.sin() + pressed_n / contact;
@@ -176,17 +179,17 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
             rear / rear_expected,
             lowered_m * 1e6
         );
-        // Least where a bush that lands as fast just before makes the link swing.
+        // Smallest where a bush that lands equally fast just before makes the link oscillate.
         assert!((rear / rear_expected - 1.0).abs() < CLOSED_FORM, "{rear} {rear_expected}");
         assert!((ratios.1 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
-        // The form lets only the joints give way. Contacts of 1e8 N/m give way by a micrometre more, which at 4500 rpm lands bushes 48 %
-        // faster; with stiff ones they land as it says.
+        // The closed form only allows for elastic joints. Contacts of 1e8 N/m add a deflection of a micrometre, which
+        // at 4500 rpm makes bushes land 48 % faster; with stiff contacts it holds.
         assert!(rpm > 3000.0 && contact < 1e9 || (ratios.0 - 1.0).abs() < CLOSED_FORM, "{ratios:?}");
     }
 }
 
-/// Deviation of first-touch speeds from their closed forms. measured: bush -11 to +30 % up to 3000 rpm, ring +1 to +4 %, rear
-/// abutment -25 to +8 %
+/// Deviation of approach speeds from their closed forms. measured: bush -11 to +30 % up to 3000 rpm, ring +1 to +4 %,
+/// rear abutment -25 to +8 %
 const CLOSED_FORM: f64 = 0.31;
 
 #[test]
@@ -195,12 +198,12 @@ fn near_rigid_the_ring_force_follows_the_quasi_static_table() {
     follows_the_table(&[], &transition, &[0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85]);
     // Two levers at once, each with its own force.
     let transition = Transition::over_two_links(20, 8e-3, TwoLinks::default()).expect("20 teeth");
-    // From 1.8 on bushes touch and take their share.
+    // From 1.8 on bushes are in contact and take a share of the load.
     let taus = [0.15, 0.25, 0.45, 0.65, 0.85, 1.15, 1.35, 1.55, 1.75];
     follows_the_table(&[&EQUAL_SPROCKETS[..], &["chain.smartchain.handover=two_links"]].concat(), &transition, &taus);
 }
 
-/// Both sprockets with 20 teeth: over two links rings are round.
+/// Both sprockets with 20 teeth: over two links rings must be round.
 const EQUAL_SPROCKETS: [&str; 5] = [
     "sprockets.driven.teeth=20",
     "sprockets.driven.x_mm=240",
@@ -266,7 +269,7 @@ fn other_members_of_the_synthesis_engage_without_impact_too() {
             s.sequence.unwrap_or(0.0),
             100.0 * s.speed_ripple
         );
-        // As for the default drive; forces of two levers are higher, as the quasi-static ones are.
+        // As for the default drive; forces of two levers are higher, like the quasi-static ones.
         assert!(s.fastest_touch_m_s() < 0.03 * p_omega && s.sequence.is_some_and(|share| share >= 0.99));
         assert!(window < 140.0, "{window}");
     }
@@ -296,8 +299,8 @@ fn flank_pitch_makes_a_half_order_and_pin_pitch_alone_does_not() {
     let bush_rows = ["chain.bush.inner.pitch_mm=8.01".to_string(), "chain.bush.outer.pitch_mm=7.99".to_string()];
     let (plain, plus, minus, pins) = (silent(0.0, 0.0), silent(10.0, 10.0), silent(-10.0, -10.0), silent(10.0, 0.0));
     let bush = case("bush-20-40", &bush_rows);
-    // Bushes on every other link only: loaded joints set the bushes of outer links further apart, half order without any
-    // difference of pitch. Cranked links are all equal.
+    // Bushes on every other link only: loaded joints set the bushes of outer links further apart, which causes a half
+    // order without any difference of pitch. Cranked links are all equal.
     let cranked = "chain.bush.bushes=every_link".to_string();
     let (bush_plain, cranked_plain) = (case("bush-20-40", &[]), case("bush-20-40", std::slice::from_ref(&cranked)));
     let cranked_plus = case("bush-20-40", &[bush_rows.as_slice(), &[cranked]].concat());
@@ -328,7 +331,7 @@ fn flank_pitch_makes_a_half_order_and_pin_pitch_alone_does_not() {
     assert!(plus.tension_half_order_n > 3.5 * cranked_plus.tension_half_order_n);
 }
 
-/// The stiffer the joints, the less the tension of neighbours evens out what their flanks carry.
+/// The stiffer the joints, the less the tension of neighbours equalises the loads of their flanks.
 #[test]
 fn half_order_of_stiff_joints() {
     let stiff = "chain.joint.stiffness_n_per_m=5e7".to_string();
@@ -363,7 +366,8 @@ fn half_order_of_stiff_joints() {
     assert!(plus.tension_half_order_n >= 5.0 * bush.tension_half_order_n);
 }
 
-/// The half order of the tight span's tension sums what both sprockets send, and the length of the loop sets their phase.
+/// The half order of the tight span's tension is the sum from both sprockets; the length of the loop determines their
+/// phase.
 #[test]
 fn half_order_tension_of_a_loop_of_84_links() {
     let case = |chain: &str, rows: &[&str], sets: &[&str]| {
@@ -414,7 +418,7 @@ fn forces_grow_with_speed_where_chains_strike() {
     let [bush, silent, smart] = ["bush-20-40", "silent-20-40", "smartchain-20-40"].map(peaks);
     println!("1000, 3000, 6000 rpm: bush {bush:.0?} N, silent {silent:.0?} N, abutment {smart:.0?} N");
     let growth = |of: [f64; 3]| of[2] - of[0];
-    // measured: 622 and 95 N, the abutment chain's falls by 8.
+    // measured: 622 and 95 N, the abutment chain's decreases by 8.
     assert!(growth(bush) > 400.0 && growth(silent) > 50.0, "{bush:?} {silent:?}");
     assert!(growth(smart) < 0.2 * growth(silent).min(growth(bush)), "{smart:?}");
 }
@@ -433,7 +437,7 @@ fn contours_keep_their_bits_and_their_joules() {
             hashes.push(state.hash());
         }
         assert!(hashes.windows(2).all(|h| h[0] == h[1]), "{name}: {hashes:x?}");
-        // A look at every step instead of every 64 changes no bit.
+        // A refresh at every step instead of every 64 changes no bit.
         let mut state = a.state.clone();
         let mut scratch = Scratch::new(&a.model);
         scratch.refresh_steps = 1;
@@ -462,10 +466,10 @@ fn contours_keep_their_bits_and_their_joules() {
     }
 }
 
-/// Of the work put in over 30 ms.
+/// Relative to the work input over 30 ms.
 const ENERGY_ERROR: f64 = 3e-4;
 
-/// Contact forces on the driver link by link, in every node of a run; where the links are.
+/// Contact forces on the driver link by link, at every node of a run; and positions of the links.
 struct Film {
     forces: Vec<Vec<f64>>,
     places: Vec<Vec<(f64, f64)>>,
@@ -490,7 +494,7 @@ fn filmed(model: &Model, state: &mut State, steps: usize) -> (Film, Scratch) {
     (film, scratch)
 }
 
-/// Nothing is lost any more. (A drive that is assembled so never comes to rest.)
+/// The model without losses. (A drive assembled like this never comes to rest.)
 fn undamped(model: &Model) -> Model {
     let mut model = model.clone();
     for joint in &mut model.chain.joints {
@@ -508,7 +512,8 @@ fn undamped(model: &Model) -> Model {
     model
 }
 
-/// The same node with time running back: velocities belong to half a step before a node, which is now half a step after it.
+/// The same node with reversed time: velocities belong to half a step before a node, which is then half a step after
+/// it.
 fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     let (mut model, mut back) = (model.clone(), state.clone());
     let h = model.step_s;
@@ -535,14 +540,14 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     (model, back)
 }
 
-/// How far a link may be from where it was on the way there, at a sixteenth of the step [m]. measured: bush 0.013 um, silent 0.0007 um, abutment
-/// 0.25 um (0.08 to 0.41 over six starts; 0.1 at a sixty-fourth).
+/// Largest distance of a link from its position on the forward run, at a sixteenth of the step [m]. measured: bush
+/// 0.013 um, silent 0.0007 um, abutment 0.25 um (0.08 to 0.41 over six starts; 0.1 at a sixty-fourth).
 const APART_M: f64 = 0.5e-6;
 
 #[test]
 fn engagement_mirrors_disengagement_when_time_runs_back() {
     let free = ["contact.sprocket.friction=0", "contact.guide.friction=0", "chain.joint.friction=0"];
-    // Abutments without damping bear a shorter step than the default, which reckons with damping.
+    // Abutments without damping need a shorter step than the default, which assumes damping.
     let shorter = [&free[..], &["run.step_us=2"]].concat();
     for (name, sets) in [("bush-20-40", &free[..]), ("silent-20-40", &free), ("smartchain-20-40", &shorter)] {
         let mut errors = Vec::new();
@@ -587,7 +592,7 @@ fn engagement_mirrors_disengagement_when_time_runs_back() {
         }
         let [coarse, middle, fine] = errors[..] else { unreachable!() };
         assert!(fine.0 > 0 && fine.0 == fine.1, "{name}");
-        // What is left is the error of the scheme: it goes with the step.
+        // The remainder is the error of the scheme, which decreases with the step.
         assert!(middle.3 < coarse.3 / 3.0 && fine.3 < middle.3 / 3.0, "{name}");
         assert!(fine.2 < APART_M && fine.3 < 2e-3, "{name}");
     }
@@ -595,7 +600,7 @@ fn engagement_mirrors_disengagement_when_time_runs_back() {
 
 #[test]
 fn silent_drives_of_other_shapes_assemble() {
-    // At 32 and 33 deg toes were once held against the circle of a root beyond its end, and no state stood still.
+    // At 32 and 33 deg toes were once compared with the circle of a root beyond its end, and no equilibrium existed.
     let crown = |radius: &str, at: &str| {
         ["driver", "driven"].map(|s| {
             [

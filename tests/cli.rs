@@ -1,4 +1,4 @@
-//! The program as its user meets it: results, errors, exit codes.
+//! The command-line program: results, errors, exit codes.
 
 use std::process::{Command, Output};
 
@@ -128,7 +128,7 @@ fn geometry_of_silent_chain_prints_the_worked_numbers_and_draws() {
     let line = json(&pitchline(&[&sprocket[..], &["silent-line", "--json"]].concat()));
     assert!(line["contact_distance_mm"].is_null() && line["root_arc_radius_mm"].is_number());
     assert!(stdout(&pitchline(&[&sprocket[..], &["silent-arc"]].concat())).contains("clearance of swinging toe"));
-    // The user's mistakes, each with the way out.
+    // Errors of the user, each with a remedy.
     let refused = |args: &[&str], says: &str| {
         let out = pitchline(args);
         assert_eq!(out.status.code(), Some(2), "{args:?}");
@@ -176,7 +176,7 @@ fn compare_judges_and_records_the_three_chains() {
     assert!(recording.complete && recording.frames.len() > 30);
     assert_eq!(recording.header.links.len(), 270);
     assert_eq!(recording.header.bodies.iter().filter(|b| b.rotor).count(), 6);
-    // Silent and abutment chain lie below the bush chain, and every contact names a body that is there.
+    // Silent and abutment chain lie below the bush chain, and every contact names an existing body.
     let frame = &recording.frames[0];
     assert!(frame.links.y_m[100] < frame.links.y_m[10] && frame.links.y_m[200] < frame.links.y_m[100]);
     assert!(frame.contacts.body.iter().all(|b| (*b as usize) < recording.header.bodies.len()));
@@ -221,7 +221,7 @@ fn drives_check_and_completions_answer() {
     }
 }
 
-/// Bad input: arguments, exit code, what the message must say.
+/// Bad input: arguments, exit code, required message.
 #[test]
 fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -404,7 +404,8 @@ fn shell_words(line: &str) -> Vec<String> {
     words
 }
 
-/// With all their flags: an unknown one, or a value that is none, is an error before the help that is asked for behind them.
+/// The commands are run with all their flags: an unknown flag or an invalid value is an error before `--help` at the
+/// end.
 #[test]
 fn the_commands_of_the_readme_exist() {
     assert_eq!(shell_words("run 'a b' -o x.mcap  # so"), ["run", "a b", "-o", "x.mcap"]);
@@ -422,7 +423,7 @@ fn the_commands_of_the_readme_exist() {
     assert!(seen >= 20, "{seen} commands");
 }
 
-/// Bad input, said so.
+/// Bad input is refused with a message.
 fn refused(args: &[&str], wanted: &str) {
     let out = pitchline(args);
     assert_eq!(out.status.code(), Some(2), "{args:?}: {}", stderr(&out));
@@ -436,7 +437,7 @@ fn the_debugger_answers_on_the_command_line() {
     let (a, b, c, z) = (file("a.mcap"), file("b.mcap"), file("c.mcap"), file("z.mcap"));
     let run = json(&pitchline(&["run", "bush-20-40", "--duration", "12ms", "-o", &a, "--json"]));
     assert_eq!(run["stopped_at_break"], false);
-    // Goes on from the middle: the same States on the same grid.
+    // Continues from the middle: the same States on the same grid.
     let resumed = json(&pitchline(&["run", "--resume", &a, "--at", "6ms", "--duration", "6ms", "-o", &b, "--json"]));
     assert!(resumed["from_s"].as_f64().is_some_and(|t| (t - 6e-3).abs() < 2e-6));
     let out = pitchline(&["diff", &a, &b, "--json"]);
@@ -447,7 +448,7 @@ fn the_debugger_answers_on_the_command_line() {
     assert_eq!(pitchline(&["diff", &a, &a]).status.code(), Some(0));
     assert_eq!(pitchline(&["replay", &a, "--verify"]).status.code(), Some(0));
     assert_eq!(pitchline(&["replay", &b, "--verify"]).status.code(), Some(0));
-    // A branch parts where it begins.
+    // A branch differs from where it begins.
     let changed = ["--set", "loads.constant.driven.torque_nm=25"];
     let branch =
         [&["run", "--resume", &a, "--at", "6ms", "--duration", "3ms", "-o", &c, "--json"], &changed[..]].concat();
@@ -470,7 +471,7 @@ fn the_debugger_answers_on_the_command_line() {
     assert!(why["remainder_share"].as_f64().is_some_and(|r| r < 1e-9));
     let drawing = std::fs::read_to_string(file("why.svg")).expect("a drawing");
     assert!(drawing.starts_with("<svg") && drawing.contains("remainder"));
-    // Breakpoints: stop, and look closer around.
+    // Breakpoints: stop, and record densely around.
     let stopped =
         json(&pitchline(&["run", "bush-20-40", "--no-output", "--break", "contact.normal_force > 580 N", "--json"]));
     assert_eq!((&stopped["stopped_at_break"], stopped["hits"].as_array().map(Vec::len)), (&true.into(), Some(1)));
@@ -501,7 +502,7 @@ fn the_debugger_answers_on_the_command_line() {
     for geometry in ["preload.moves=driver", "sprockets.driven.teeth=41", "sprockets.driver.x_mm=1"] {
         refused(&["run", "--resume", &a, "--no-output", "--set", geometry], "cannot go on from there");
     }
-    // A late impact does not cut the dense window of what came after it short.
+    // A late impact does not shorten the dense window of a later hit.
     let expressions = ["--break", "time > 3.9 ms", "--break", "impact.link == 48 and impact.peak_force > 600 N"];
     let around = [&["run", "bush-20-40", "--duration", "6ms", "--around", "1ms", "-o", &c, "--json"], &expressions[..]];
     json(&pitchline(&around.concat()));
@@ -509,7 +510,7 @@ fn the_debugger_answers_on_the_command_line() {
     let dense = recording.frames.iter().filter(|f| (3.98e-3..4.88e-3).contains(&f.t_s)).count();
     // 0.9 ms at 3.7 us a step.
     assert!(dense > 235, "{dense} frames");
-    // Goes on where it has stopped.
+    // Continues where it has stopped.
     json(&pitchline(&["run", "bush-20-40", "--break", "contact.normal_force > 580 N", "-o", &b, "--json"]));
     let on = ["run", "--resume", &b, "--break", "contact.normal_force > 580 N", "--no-output", "--json"];
     assert!(json(&pitchline(&on))["steps"].as_u64() > Some(100), "not the same hit again");

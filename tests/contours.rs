@@ -1,4 +1,5 @@
-//! Contacts of links' own contours in a run: what the step finds by remembering against the search that knows nothing.
+//! Contacts of links' own contours in a run: the step, which uses its memory, is compared with the search without
+//! memory.
 
 mod common;
 
@@ -45,8 +46,8 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
                         };
                         let touch = body.touch(contour, &pose, rotor, 0.0);
                         let searched = touch.map_or(0.0, |t| t.penetration_m);
-                        // In hollows of lobes the search stops when it turns by less than 3e-7 rad, and arcs there have up to 3.4 m:
-                        // measured 1.6e-15 m.
+                        // In hollows of lobes the search stops when it turns by less than 3e-7 rad, and arcs there have
+                        // up to 3.4 m: measured 1.6e-15 m.
                         let hollow = touch.is_some_and(|t| t.body_radius_m < 0.0);
                         let bound_m = if hollow { 3e-15 } else { 1e-15 };
                         let part = Part::Contours(2 * body.set + usize::from(!front));
@@ -93,14 +94,14 @@ fn what_was_faced_before_changes_no_bit() {
     }
 }
 
-/// Forms of what touches and ways to run it, besides the bundled drives.
+/// Variants of the contours and operating conditions, in addition to the bundled drives.
 const FORMS: [(&str, &[&str]); 8] = [
     ("silent-20-40", &[]),
     ("silent-20-40", &["speeds.constant.driver.speed_rpm=10"]),
     ("silent-20-40", &["speeds.constant.driver.speed_rpm=6000", "chain.silent.inner.pin_pitch_mm=8.01"]),
     ("smartchain-20-40", &["speeds.constant.driver.speed_rpm=10"]),
     ("smartchain-20-40", &["speeds.constant.driver.speed_rpm=-3000"]),
-    // Guides whose ends abutments pass.
+    // Abutments pass the ends of these guides.
     (
         "smartchain-20-40",
         &["guides.fixed.tight.start_mm=40", "guides.fixed.tight.end_mm=40", "guides.fixed.slack.start_mm=30"],
@@ -127,7 +128,7 @@ const HOLLOW: [&str; 6] = [
     "loads.constant.driven.torque_nm=10",
 ];
 
-/// Where everything is looked at in every step nothing is skipped.
+/// If everything is evaluated in every step, no contact was skipped.
 #[test]
 fn blocks_that_are_skipped_touch_nothing() {
     let mut looked_at = 0;

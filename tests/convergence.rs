@@ -8,7 +8,7 @@ use pitchline::model::Model;
 use pitchline::recording::capture::contacts_at;
 use pitchline::state::State;
 
-/// Peaks of all engagements on a sprocket in a window, from a State that is the same for every step size.
+/// Peaks of all engagements on a sprocket in a window, from the same State for every step size.
 fn peaks(
     model: &Model,
     sprocket: u32,
@@ -31,7 +31,7 @@ fn peaks(
             engagements.look(t, &contacts_at(&looking, state, scratch));
         }
     });
-    // What was in contact when the window opened is no engagement.
+    // Contacts that exist at the start of the window are no engagements.
     let begins = window_s.0 + 0.1 * tooth_period_s;
     engagements.done.iter().filter(|e| e.start_s > begins).map(|e| (e.link, e.start_s, e.peak)).collect()
 }
@@ -64,7 +64,7 @@ fn compare(reference: &[(u32, f64, f64)], tried: &[(u32, f64, f64)], errors: &mu
 }
 
 const REFERENCE_STEP_S: f64 = 0.25e-6;
-/// Driver speeds whose tooth periods no step divides [rpm]: the seeds.
+/// Driver speeds whose tooth periods no step divides [rpm], used as seeds.
 const SPEEDS_RPM: [f64; 4] = [3007.3, 3013.9, 3026.1, 3043.8];
 /// Errors of largest and of mean engagement peak at the default step, mean over the seeds [%].
 const PEAK_ERROR_PERCENT: f64 = 1.0;
@@ -96,7 +96,7 @@ fn so_they_do_for_the_abutment_chain_on_its_driven_sprocket() {
     stay_within_one_percent("abutments, driven", 1, &|speed| bundled("smartchain-20-40", speed));
 }
 
-/// `drive`: with overrides.
+/// `drive` builds the drive with overrides.
 fn stay_within_one_percent(name: &str, sprocket: u32, drive: &dyn Fn(&[&str]) -> Drive) {
     let factors: &[f64] =
         if std::env::var_os("PITCHLINE_SCHEME_TABLE").is_some() { &[0.7, 1.0, 1.2, 1.4, 1.7] } else { &[1.0] };
@@ -132,8 +132,8 @@ fn stay_within_one_percent(name: &str, sprocket: u32, drive: &dyn Fn(&[&str]) ->
     }
 }
 
-/// Abutment drives that used to chatter, or nearly: stiffness of contacts with teeth, rings, guides and of joints [N/m]; damping
-/// of contacts and of joints [N s/m]; inertia of a link [g mm2]; torque [Nm].
+/// Abutment drives that chattered in the past, or nearly: stiffness of contacts with teeth, rings, guides and of joints
+/// [N/m]; damping of contacts and of joints [N s/m]; inertia of a link [g mm2]; torque [Nm].
 const ABUTMENTS: [[f64; 8]; 7] = [
     [1.1e8, 4.7e7, 1.6e8, 1.7e7, 197.0, 210.0, 36.0, 6.0],
     [4.9e7, 1.8e8, 1.1e8, 1.4e7, 196.0, 102.0, 35.0, 28.0],
@@ -161,8 +161,8 @@ fn mean_square_on_the_guide(a: &pitchline::assemble::Assembly, step_s: f64) -> f
     sum / steps as f64
 }
 
-/// Links that lie on a guide with both ends give steady forces at the largest step that is allowed. Half as much again is too
-/// much for most: the bound is not idle.
+/// Links that rest on a guide with both ends give steady forces at the largest allowed step. One and a half times this
+/// step is too large for most, so that the bound is not too cautious.
 #[test]
 fn abutments_do_not_chatter_at_the_largest_step() {
     let mut chattering_beyond = 0;

@@ -1,5 +1,4 @@
-//! Going back, stopping, asking why: a recording run again is the recording, hits are those of a scan over every step, forces
-//! add up.
+//! Debugging functions: a repeated run equals its recording, hits equal those of a scan over every step, forces add up.
 
 mod common;
 
@@ -56,7 +55,7 @@ impl Random {
     }
 }
 
-/// Steps of each bundled drive that a test can afford.
+/// Steps of each bundled drive, limited by test time.
 const STEPS: [u64; 5] = [4500, 1500, 1200, 1500, 800];
 
 #[test]
@@ -148,7 +147,7 @@ fn chains(header: &Header) -> Vec<usize> {
     ends.iter().map(|end| end + 1 - header.links[*end].ahead as usize).collect()
 }
 
-/// Bodies and coordinates that turn, with their rows.
+/// Rotating bodies and coordinates, with their rows.
 fn turning(header: &Header) -> Vec<(String, usize)> {
     let bodies = header.bodies.iter().filter_map(|b| Some((b.path.clone(), b.coordinate? as usize)));
     bodies.chain(header.coordinates.iter().cloned().enumerate().map(|(row, path)| (path, row))).collect()
@@ -165,7 +164,7 @@ fn names(header: &Header) -> Names {
 fn hits_are_those_of_a_scan(path: &Path, recording: &mcap::Recording, header: &Header, expressions: &[&str]) {
     for expression in expressions {
         let breakpoint = Breakpoint::parse(expression, &names(header)).expect("a good expression");
-        // From the recording: whatever fulfils it in a frame and not in the one before.
+        // From the recording: everything that fulfils it in a frame and not in the one before.
         let mut expected = Vec::new();
         let mut before = Vec::new();
         for frame in &recording.frames {
@@ -236,7 +235,7 @@ fn hits_are_those_of_a_scan_over_every_step() {
     }
 }
 
-/// Other contact laws, clearance in the joints, links that differ: what the columns of a step are made of changes.
+/// Other contact laws, clearance in the joints, unequal links: these change the composition of a step's columns.
 #[test]
 fn hits_of_other_drives_are_those_of_a_scan_too() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -337,7 +336,7 @@ fn expressions_that_make_no_sense_are_refused_with_a_caret() {
     assert!(Breakpoint::parse(&"!".repeat(4000), &names).is_err());
 }
 
-/// Share of the largest force that may be left over. Measured 2.1e-14; more for other CPUs and links.
+/// Allowed remainder relative to the largest force. Measured 2.1e-14; more for other CPUs and links.
 const REMAINDER: f64 = 1e-9;
 
 #[test]
@@ -367,12 +366,12 @@ fn forces_on_a_link_add_up_to_its_acceleration() {
     println!("largest remainder {worst:.1e} of the largest force");
 }
 
-/// Between the sum of the parts and the speed that the contact remembers [m/s]. Measured 2.4e-14.
+/// Allowed difference between the sum of the parts and the speed stored in the contact memory [m/s]. Measured 2.4e-14.
 const SPEED_OFF_M_S: f64 = 1e-12;
 
 #[test]
 fn approach_speed_is_explained_by_its_parts() {
-    // At the touch itself the parts add up to the closing speed that the contact remembers.
+    // At contact the parts add up to the closing speed stored in the contact memory.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     record(0, &[], &path, 4500, 10);
@@ -409,7 +408,7 @@ fn approach_speed_is_explained_by_its_parts() {
             worst = worst.max((sum - approach.closing_speed_m_s).abs());
             let on_rotor = approach.parts[0].cause.starts_with("articulation");
             let on_bush = [Feature::FrontBush as u32, Feature::RearBush as u32].contains(&impact.feature);
-            // One of them is what is gained until the touch.
+            // One of them is the speed gained until contact.
             let parts = if on_bush {
                 5
             } else if on_rotor {
@@ -418,7 +417,7 @@ fn approach_speed_is_explained_by_its_parts() {
                 3
             };
             assert_eq!(approach.parts.len(), parts, "{approach:?}");
-            // From millimetres on a turning sprocket, not from metres a second of travel.
+            // The speeds come from millimetres on a turning sprocket, not from metres per second of travel.
             assert!(approach.parts.iter().all(|p| p.speed_m_s.abs() < 3.0), "{approach:?}");
             (seen, on_guides) = (seen + 1, on_guides + usize::from(!on_rotor));
         }
@@ -448,7 +447,8 @@ fn committed_recordings_are_reproduced_to_the_bit() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("recordings/samples/{name}.mcap"));
         let stop = AtomicBool::new(false);
         let verdict = verify(&mut Replay::open(&path).expect("opens"), &stop, |_| ()).expect("runs").expect("ends");
-        // Where this fails the numbers of the drive have changed: record the samples anew, and say why in the changelog.
+        // If this fails, the results of the drive have changed: record the samples again, and explain it in the
+        // changelog.
         assert_eq!((verdict.mismatches, verdict.assembled), (0, true), "{name}: {:?}", verdict.first);
         println!("{name}: {} frames, {}", verdict.frames, verdict.state_hash);
     }

@@ -1,5 +1,5 @@
-//! One defect is planted in a drive; `pitchline run` and `pitchline impacts`, at most three commands, name the body, and the tooth
-//! or link.
+//! One defect is planted in a drive. `pitchline run` and `pitchline impacts`, at most three commands, must name the
+//! body, and the tooth or link.
 
 use serde_json::Value;
 use std::path::Path;
@@ -12,7 +12,7 @@ fn pitchline(args: &[&str]) -> Value {
     serde_json::from_slice(&out.stdout).expect("JSON")
 }
 
-/// Records two laps of the chain with values replaced.
+/// Records two laps of the chain with modified values.
 fn record(path: &Path, set: &[&str]) {
     record_of("bush-20-40", 200, path, set);
 }
@@ -24,7 +24,7 @@ fn record_of(drive: &str, ms: u32, path: &Path, set: &[&str]) {
     pitchline(&args);
 }
 
-/// What stands out first, and all of it.
+/// The first suspect, and all suspects.
 fn suspects(path: &Path, against: Option<&Path>) -> Vec<Value> {
     let mut args = vec!["impacts", path.to_str().expect("text")];
     if let Some(other) = against {
@@ -60,7 +60,7 @@ fn one_tooth_or_link_is_named_from_its_recording_alone() {
     }
 }
 
-/// What the start and the end of a run do to its first and last impacts accuses nobody, and few impacts accuse nobody either.
+/// The effect of the start and end of a run on its first and last impacts raises no suspicion, nor do a few impacts.
 #[test]
 fn healthy_drives_are_not_accused_and_other_chains_name_their_link() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -95,7 +95,7 @@ fn what_all_teeth_share_shows_against_a_healthy_recording() {
     record(&good, &[]);
     assert_eq!(suspects(&good, Some(&good)), Vec::<Value>::new());
     for (set, body) in [
-        // The end of a guide 0.2 mm above the chain's line; they stand 0.2 mm below it.
+        // The end of a guide is 0.2 mm above the chain's line; nominally guides are 0.2 mm below it.
         ("guides.fixed.tight.end_lift_um=400", "guides.fixed.tight"),
         ("guides.fixed.slack.end_lift_um=400", "guides.fixed.slack"),
         // Another seat form.
@@ -107,7 +107,7 @@ fn what_all_teeth_share_shows_against_a_healthy_recording() {
         println!("{set}: {}", found[0]["text"]);
         assert_eq!(found[0]["body"], body, "{found:#?}");
     }
-    // Guides that the chain runs on, one end of one of them 0.2 mm too high.
+    // Guides in contact with the chain, one end of one of them 0.2 mm too high.
     let near = ["guides.fixed.tight.clearance_um=0", "guides.fixed.slack.clearance_um=0"];
     record(&good, &near);
     for guide in ["tight", "slack"] {

@@ -47,7 +47,7 @@ fn wider_padding_gives_the_same_bits() {
         let a = assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")));
         let steps = if name == BUNDLED[0].0 { STEPS } else { STEPS / 4 };
         let reference = hash_after(&a, &a.state, &mut Scratch::new(&a.model), steps).0;
-        // Several chains stand on blocks of their own whatever the padding.
+        // Several chains have separate blocks for any padding.
         let alone = a.model.chain.loops.len() == 1;
         for width in [16, 64].into_iter().filter(|_| alone) {
             let mut model = a.model.clone();

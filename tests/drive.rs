@@ -11,7 +11,7 @@ use pitchline::recording::frame::{Energy, Segment};
 use pitchline::state::State;
 use std::f64::consts::PI;
 
-/// Steps of `loops` turns of the chain round the loop.
+/// Steps for this number of loops of the chain.
 fn loop_steps(model: &Model, loops: f64) -> u64 {
     (loops * model.chain.n_links as f64 * 8e-3 / model.chain_speed_m_s() / model.step_s).round() as u64
 }
@@ -23,8 +23,8 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let mut state = a.state;
     let steps = loop_steps(&model, 2.0);
     let start = state.coordinates.angle.clone();
-    // After whole loops every link is back where it was, up to what the mean speed is off: its advance is a whole number of
-    // loops of N nominal pitches, plus the displacement along the span it is in.
+    // After whole loops every link is back at its position, except for the deviation of the mean speed: its advance is
+    // a whole number of loops of N nominal pitches, plus the displacement along its span.
     let before = state.links.clone();
     watch(&a.model, &mut state, steps, |_, _| {});
     let l = &state.links;
@@ -40,15 +40,15 @@ fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
         "ratio {ratio:.8} (1/2), span speed {speed:.6} m/s in nominal pitches (z p n = {:.6} m/s)",
         model.chain_speed_m_s()
     );
-    // A skipped tooth in two loops (nine turns of the driver) would show as 1/180 in both.
+    // A skipped tooth in two loops (nine turns of the driver) would appear as 1/180 in both.
     assert!((ratio / 0.5 - 1.0).abs() < 1e-4, "ratio {ratio}");
     assert!((speed / model.chain_speed_m_s() - 1.0).abs() < 1e-4, "span speed {speed}");
 }
 
 #[test]
 fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that_of_the_assembly() {
-    // Without any friction bending waves stay in the spans and take up chain: the mean rises. A little friction in the joints
-    // takes them away, and none at the contacts keeps the difference what it is.
+    // Without any friction bending waves stay in the spans and shorten the chain: the mean tension rises. A little
+    // friction in the joints damps them; without contact friction the difference stays unchanged.
     let damped = [NO_FRICTION[0], NO_FRICTION[1], "chain.joint.friction=0.02"];
     for (overrides, mean_bound) in [(NO_FRICTION, f64::INFINITY), (damped, 0.03)] {
         let (difference, expected, mean, at_rest) = tensions(&overrides);
@@ -65,7 +65,7 @@ fn tight_minus_slack_is_the_load_over_the_rolling_radius_and_the_mean_stays_that
     }
 }
 
-/// Tight minus slack, load over rolling radius, mean of the loop, mean at rest under load [N], over two loops.
+/// Tight minus slack tension, load over rolling radius, mean of the loop, mean at rest under load [N], over two loops.
 fn tensions(overrides: &[&str]) -> (f64, f64, f64, f64) {
     let a = assembled(&drive(overrides));
     let model = a.model.clone();
@@ -113,18 +113,18 @@ fn mean_tension_stays_that_of_the_static_assembly() {
     assert!((mean / at_rest - 1.0).abs() < 0.03);
 }
 
-/// First touches on the driver over one loop.
+/// First contacts on the driver over one loop.
 #[derive(Default)]
 struct FirstTouches {
     /// Recorded approach speed [m/s].
     approach: Vec<f64>,
-    /// That over |v_rel . n|, the joint's velocity against the sprocket along the actual normal.
+    /// Ratio to |v_rel . n|, the joint's velocity relative to the sprocket along the actual normal.
     along_normal: Vec<f64>,
-    /// |v_rel| over p |omega - w|, w the rate at which the link ahead turns already; and over p omega.
+    /// |v_rel| over p |omega - w|, w the rate at which the link ahead already turns; and over p omega.
     relative: Vec<f64>,
     relative_to_p_omega: Vec<f64>,
     segments: Vec<u32>,
-    /// Of the chain [m/s, kg/m], and of its tight span [N].
+    /// Speed and mass per length of the chain [m/s, kg/m], and tension of its tight span [N].
     speed_m_s: f64,
     kg_per_m: f64,
     tension_n: f64,
@@ -163,7 +163,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
             }
             let (link, front) = (c.link[i] as usize, c.feature[i] == 1);
             let joint = if front { link } else { (link + 89) % 90 };
-            // New when the bush was off this sprocket for two tooth periods.
+            // A first contact if the bush was off this sprocket for two tooth periods.
             let fresh = t - last_seen[joint] > 2.0 * tooth_s;
             last_seen[joint] = t;
             if !fresh || t < 3.0 * tooth_s || c.approach_speed_m_s[i] < 0.12 * 8e-3 * omega {
@@ -173,7 +173,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
             let arm = Vec2::new(l.cos[link], l.sin[link]) * (model.chain.lever[link] * if front { 1.0 } else { -1.0 });
             let d = Vec2::new(l.x[link], l.y[link]) + arm - driver.body.centre;
             let turn = |v: Vec2| Vec2::new(-v.y, v.x);
-            // Velocities before the step in which it touched.
+            // Velocities before the step of first contact.
             let v = Vec2::new(before.vx[link], before.vy[link]) + turn(arm) * before.omega[link] - turn(d) * omega;
             let ahead = before.omega[(joint + 1) % 90];
             touches.approach.push(c.approach_speed_m_s[i]);
@@ -196,9 +196,9 @@ fn median(v: &[f64]) -> f64 {
 #[test]
 fn bushes_strike_with_the_seating_speed_along_the_actual_normal() {
     let p_omega = 8e-3 * 3000.0 * PI / 30.0;
-    // Closed forms for a span that does not turn before it seats: |v_rel| = p omega, and along the normal p omega
-    // sin(2 pi/z + gamma) on the flank (max gap 1.657, min gap 1.304 m/s), p omega cos(pi/z) in the root (2.482 m/s). Here the
-    // link ahead turns already when the bush arrives (the next test says how fast), and |v_rel| is p (omega - w).
+    // Closed forms for a span that does not turn before it seats: |v_rel| = p omega, and along the normal p omega sin(2
+    // pi/z + gamma) on the flank (max gap 1.657, min gap 1.304 m/s), p omega cos(pi/z) in the root (2.482 m/s). Here
+    // the link ahead already turns when the bush arrives (the next test gives its rate), and |v_rel| is p (omega - w).
     for (form, pitch_mm) in [("max", 8.0), ("max", 7.98), ("min", 8.0), ("min", 7.98)] {
         let t = first_touches(&[
             format!("sprockets.driver.gap_form={form}"),
@@ -228,9 +228,9 @@ fn bushes_strike_with_the_seating_speed_along_the_actual_normal() {
     }
 }
 
-/// What leaves the sprocket up the span is a transverse wave of speed c = sqrt(T / rho), T the tension of the tight span: the
-/// joint on the pitch circle accelerates sideways with omega v, so that the link behind it turns at w = omega v / c, and the bush
-/// it carries arrives with p omega (1 - v / c), not p omega. At 3000 rpm v is 8 m/s and c 38 m/s.
+/// The sprocket emits a transverse wave into the span, of speed c = sqrt(T / rho), T the tension of the tight span: the
+/// joint on the pitch circle accelerates laterally with omega v, so that the link behind it turns at w = omega v / c,
+/// and its bush arrives with p omega (1 - v / c), not p omega. At 3000 rpm v is 8 m/s and c 38 m/s.
 #[test]
 fn the_span_is_a_string_and_takes_its_share_of_the_seating_speed() {
     let cases =
@@ -251,12 +251,12 @@ fn the_span_is_a_string_and_takes_its_share_of_the_seating_speed() {
         assert!(t.approach.len() > 60, "{} engagements", t.approach.len());
         // measured: +1 % at 300 rpm, -3 to -5 % above.
         assert!((ratio / expected - 1.0).abs() < 0.06, "{ratio} {expected}");
-        // Slow against the wave, nothing is left but p omega.
+        // At speeds low against the wave speed only p omega remains.
         assert!(rpm > 300 || (ratio - 1.0).abs() < 0.05, "{ratio}");
     }
 }
 
-/// Ledger at the end of 0.2 s with a step.
+/// Energy ledger at the end of 0.2 s with a step.
 fn energy_after(step_us: Option<f64>) -> (f64, Energy) {
     let set = step_us.map(|s| format!("run.step_us={s}"));
     let overrides: Vec<&str> = set.iter().map(String::as_str).collect();
@@ -292,7 +292,7 @@ fn joules_add_up_and_the_error_falls_with_the_step() {
         half * 1e6
     );
     assert!(fraction(&coarse) < 1e-4);
-    // Second order: a quarter, with room for the impacts' random part.
+    // Second order: a quarter, with a margin for the random part of the impacts.
     assert!(fraction(&fine) < 0.5 * fraction(&coarse));
     for lost in
         [fine.lost_pin_damping_j, fine.lost_pin_friction_j, fine.lost_contact_damping_j, fine.lost_contact_friction_j]
@@ -303,7 +303,7 @@ fn joules_add_up_and_the_error_falls_with_the_step() {
 
 #[test]
 fn positions_without_contact_converge_with_the_second_order() {
-    // A ring of chain that turns and wobbles: joints only, with damping.
+    // A loop of chain that turns and oscillates: joints only, with damping.
     let model_at = |h: f64| {
         let a = assembled(&drive_without_guides(&[]));
         let mut joint = a.model.chain.joints[0];
@@ -325,9 +325,9 @@ fn positions_without_contact_converge_with_the_second_order() {
             l.omega[i] = 150.0;
         };
         (0..n).for_each(&mut place);
-        // v(-h/2) = v_0 - h/2 a_0: the leapfrog's own start.
+        // v(-h/2) = v_0 - h/2 a_0: the start of the leapfrog scheme.
         let mut scratch = Scratch::new(&model);
-        // The damping feels the velocity: with a_0 known, a_0 once more.
+        // The damping depends on the velocity: iterates a_0.
         for _ in 0..3 {
             explicit::evaluate(&model, &state, &mut scratch).expect("holds");
             state.links.ax.clone_from(&scratch.ax);
@@ -359,7 +359,7 @@ fn positions_without_contact_converge_with_the_second_order() {
     assert!(order > 1.8 && order < 2.4, "order {order}");
 }
 
-/// Effects on all joints and on guides change what they say, and nothing where they are zero.
+/// Effects on all joints and on guides change the model as specified, and change nothing where they are zero.
 #[test]
 fn effects_on_joints_and_guides_reach_the_model() {
     let model = |sets: &[&str]| common::assembled(&common::drive(sets)).model;
@@ -388,7 +388,7 @@ fn effects_on_joints_and_guides_reach_the_model() {
     assert!(guided.chain.joints[0].friction_arm_m > plain.chain.joints[0].friction_arm_m);
 }
 
-/// What the catalogue says that drives with links take, they take.
+/// Drives with link bodies accept the effects that the catalogue assigns to them.
 #[test]
 fn drives_with_links_take_the_effects_that_say_so() {
     use pitchline::effects::{EFFECTS, On};
@@ -411,7 +411,8 @@ fn drives_with_links_take_the_effects_that_say_so() {
     assert_eq!(taken, 10);
 }
 
-/// Runout is a rigid displacement of the toothing: each gap sees the bush where it would be if the bush had moved the other way.
+/// Runout is a rigid displacement of the toothing: each gap sees the bush as if the bush were displaced in the opposite
+/// direction.
 #[test]
 fn runout_displaces_every_gap_alike() {
     use pitchline::contact::{gap_contact, seat_index};
@@ -445,7 +446,7 @@ fn runout_displaces_every_gap_alike() {
     assert!(compared > 19_000, "{compared}");
 }
 
-/// The step's kernel finds the depths of the exact detection where gaps lie beside their places.
+/// The step's kernel finds the depths of the exact detection for displaced gaps.
 #[test]
 fn kernel_and_exact_detection_agree_on_displaced_gaps() {
     use pitchline::integrate::explicit::{Part, Scratch, advance, evaluate};
@@ -465,7 +466,7 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
             let [(x, _), (y, _)] = scratch.joint_ends();
             for j in (0..model.chain.n_links).filter(|j| scratch.memory(Part::Bushes).age[*j] > 0.0) {
                 let Some((k, tooth)) = scratch.partner(&model, Part::Bushes, j) else { continue };
-                // A bush on the front of its link is where the joint is for the kernel.
+                // The kernel assumes a front bush at the joint.
                 if !model.chain.bush_carrier(j).1 {
                     continue;
                 }
@@ -485,8 +486,9 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
     assert!(touching > 300, "{touching}");
 }
 
-/// Frames look only where the step's windows and blocks say that something may touch, and only into the gap that the kernel holds a
-/// bush to be in. A look at every bush in every gap and at every plate end on every guide finds the same contacts.
+/// Frames only examine pairs that the step's windows and blocks mark as possible contacts, and only the gap that the
+/// kernel assigns to a bush. An exhaustive search of every bush in every gap and every plate end on every guide finds
+/// the same contacts.
 #[test]
 fn frames_hold_every_contact_that_a_look_at_everything_finds() {
     let (teeth, guides) = contacts_hold(common::drive(&[]), 9000);
@@ -501,8 +503,8 @@ fn frames_hold_every_contact_that_a_look_at_everything_finds() {
     assert!(contacts_hold(beside_an_idler(), 3000).0 > 6000);
 }
 
-/// Near the driver, a third sprocket bends the slack span from outside, tips 5 mm apart: bushes pass from one to the other in
-/// windows that both have.
+/// Near the driver, a third sprocket bends the slack span from outside, tips 5 mm apart: bushes move from one to the
+/// other in windows of both.
 fn beside_an_idler() -> pitchline::drive::Drive {
     let (text, _) = pitchline::drive::BUNDLED[0].1.split_once("[guides.fixed.tight]").expect("guides at the end");
     let idler = "[sprockets.idler]\nteeth = 20\nwrap = \"outside\"\nx_mm = 45\ny_mm = -39\ninertia_kg_m2 = 1e-4\n";
@@ -510,7 +512,8 @@ fn beside_an_idler() -> pitchline::drive::Drive {
     pitchline::drive::Drive::parse("idler.toml", &text, &[]).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Holds frames against a look at everything, at every tenth node; returns the numbers of contacts with teeth and with guides.
+/// Compares frames with an exhaustive search, at every tenth node; returns the numbers of contacts with teeth and with
+/// guides.
 fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize) {
     use pitchline::contact::{Contour, gap_contact};
     use pitchline::recording::frame::Feature;
@@ -535,7 +538,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
                     let (link, front) = model.chain.bush_carrier(j);
                     let d = turned(axes, end(link, front) - sprocket.body.centre);
                     let hit = gap_contact(sprocket.geometry.iso().expect("teeth"), d, sprocket.body.bush_radius_m);
-                    // What is nearer to the axis than the root lies in no gap.
+                    // A point nearer to the axis than the root is in no gap.
                     if hit.touch.penetration_m > 0.0 && d.norm() > 0.9 * sprocket.geometry.root_radius_m() {
                         let feature = if front { Feature::FrontBush } else { Feature::RearBush };
                         all.push((link as u32, feature as u32, k as u32, hit.tooth, hit.touch.penetration_m));
@@ -558,7 +561,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
             }
             all.sort_by_key(|r| (r.0, r.1, r.2));
             let c = contacts_at(&model, &state, &scratch);
-            // What does not overlap pushes within the step.
+            // A contact without overlap exerts force within the step.
             assert!((0..c.link.len()).all(|i| c.penetration_m[i] > 0.0 || c.normal_force_n[i] > 0.0));
             let found: Vec<_> = (0..c.link.len())
                 .filter(|i| c.penetration_m[*i] > 0.0)
@@ -576,7 +579,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
     seen.into()
 }
 
-/// A tight joint loses its torque times the angles it turns through: twice 2 pi / z on every sprocket.
+/// A tight joint dissipates its torque times its articulation angles: twice 2 pi / z on every sprocket.
 #[test]
 fn a_tight_joint_loses_its_torque_times_its_turns() {
     use pitchline::integrate::explicit::{Scratch, step};
@@ -600,7 +603,7 @@ fn a_tight_joint_loses_its_torque_times_its_turns() {
     assert!((lost[17] / (0.01 * turns) - 1.0).abs() < 0.1, "{}", lost[17] / (0.01 * turns));
 }
 
-/// Sensors on a drive with links: shafts by their teeth, tensions by the load, torque by the power.
+/// Sensors on a drive with link bodies: shaft speeds follow the teeth, tensions the load, torque the power.
 #[test]
 fn sensors_read_what_the_drive_does() {
     let sensors = "[sensors.tachometer.driven]\n[sensors.torque.driver]\n[sensors.encoder.angle]\nbody = \"driven\"\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n[sensors.strain_gauge.link]\nlink = 12\n";
@@ -619,7 +622,7 @@ fn sensors_read_what_the_drive_does() {
     let angle = series("sensors.encoder.angle");
     let turned = (angle[angle.len() - 1] - angle[0]) / ((angle.len() - 1) as f64 * tracer.step_s());
     assert!((turned / speed - 1.0).abs() < 1e-3, "{turned}");
-    // 20 N m at the driven shaft are 10 at the driver, and what friction takes.
+    // 20 N m at the driven shaft are 10 at the driver, plus friction losses.
     let torque = mean("sensors.torque.driver");
     assert!(torque > 10.0 && torque < 10.6, "{torque}");
     let (tight, slack) = (mean("sensors.strain_gauge.tight"), mean("sensors.strain_gauge.slack"));
@@ -630,7 +633,8 @@ fn sensors_read_what_the_drive_does() {
     assert!(low > 0.0 && low < slack && high > tight, "round the loop it meets both: {low} to {high}");
 }
 
-/// The lumped form has the torsional mode of the drive's linearisation within 3 %, and of what `pitchline lump` prints a machine is read.
+/// The lumped form has the torsional mode of the drive's linearisation within 3 %, and the output of `pitchline lump`
+/// is a valid machine.
 #[test]
 fn a_lumped_drive_has_the_mode_of_its_links() {
     use pitchline::lumping::{lumped_text, lumping};
@@ -645,7 +649,7 @@ fn a_lumped_drive_has_the_mode_of_its_links() {
         let r = l.radius_m[1];
         let stiffness: f64 = l.spans.iter().map(|s| s.stiffness_n_per_m * r * r).sum();
         let omega = (stiffness / l.inertia_kg_m2[1]).sqrt();
-        // Strings of the spans have modes nearby: the shaft's is the one that the sprocket moves most in.
+        // Transverse modes of the spans are nearby: the shaft mode is the one with the largest sprocket motion.
         let near = (-20..=20).filter_map(|i| {
             pitchline::statics::mode_near(&model, &at.configuration, omega * (1.0 + 0.01 * f64::from(i)))
         });

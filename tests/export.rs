@@ -1,5 +1,5 @@
-//! Tables of recordings: every value is the Frame's to the bit, in Parquet and CSV, read by others too; mistakes and full disks
-//! are said and leave nothing behind.
+//! Tables of recordings: every value equals the Frame's to the bit, in Parquet and CSV, also for other readers; errors
+//! and full disks are reported and leave no files behind.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -56,7 +56,7 @@ type Sheet = (Vec<&'static str>, Vec<Vec<Cell>>);
 
 const STAMP: [&str; 4] = ["frame", "step", "t_s", "crank_angle_rad"];
 
-/// Rows of a table of frames: `n` rows a frame, `cells` makes the rest of a row.
+/// Rows of a table of frames: `n` rows per frame, `cells` makes the rest of a row.
 fn per_frame(
     recording: &Recording,
     names: &[&'static str],
@@ -74,7 +74,7 @@ fn per_frame(
     (STAMP.iter().chain(names).copied().collect(), rows)
 }
 
-/// What a table must hold, said here a second time.
+/// Expected content of a table, written independently.
 fn expected(table: &str, recording: &Recording) -> Sheet {
     match table {
         "links" => per_frame(
@@ -258,7 +258,7 @@ fn parquet_rows(path: &Path) -> (Vec<String>, Vec<Vec<Cell>>) {
     (names, rows.map(|r| r.expect("a row").get_column_iter().map(|(_, f)| cell(f)).collect()).collect())
 }
 
-/// Compares a CSV file with what it must hold: its texts, read as the expected cells are.
+/// Compares a CSV file with its expected content: its texts, parsed like the expected cells.
 fn assert_csv(path: &Path, (names, rows): &Sheet) {
     let mut reader = csv::Reader::from_path(path).expect("CSV");
     assert!(reader.headers().expect("names").iter().eq(names.iter().copied()), "{}", path.display());
@@ -352,7 +352,8 @@ fn units_and_meanings_travel_with_the_file() {
     assert_eq!(from_channels, CHANNELS.len(), "every channel is a column");
 }
 
-/// Numbers and texts that are easily lost: signed zero, the smallest and largest, infinities; quotes, commas, new lines.
+/// Numbers and texts that are easily lost: signed zero, the smallest and largest, infinities; quotes, commas, new
+/// lines.
 #[test]
 fn odd_numbers_and_texts_survive() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -374,7 +375,7 @@ fn odd_numbers_and_texts_survive() {
             }
         }
     }
-    // Not a number stays one; Parquet keeps its bits as well.
+    // NaN is preserved; Parquet preserves its bits as well.
     recording.frames[0].links.x_m[0] = f64::from_bits(0x7ff8_0000_0000_beef);
     let path = folder.path().join("nan.parquet");
     written("links", &path, Format::Parquet, &recording);
@@ -549,13 +550,13 @@ fn mistakes_are_said_and_change_nothing() {
     assert_eq!(out.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&out.stderr).contains("none.mcap"));
     assert_eq!(std::fs::read(&own).expect("readable"), before);
-    // Only what was there before, and the folder of the export that found no frame.
+    // Only the earlier files, and the folder of the export that found no frame.
     let mut left: Vec<_> =
         std::fs::read_dir(folder.path()).expect("a folder").flatten().map(|e| e.file_name()).collect();
     left.sort();
     assert_eq!(left, ["a", "half", "links.parquet", "taken.csv"]);
     assert_eq!(std::fs::read_dir(at("a")).expect("a folder").count(), 0);
-    // Tables that were there are replaced.
+    // Existing tables are replaced.
     std::fs::write(at("a/joints.parquet"), "old").expect("writable");
     done(&[&own, "-o", &at("a/"), "--tables", "joints"]);
     assert_parquet(
@@ -570,7 +571,8 @@ fn a_disk_that_runs_full_is_an_error_that_names_the_file_and_leaves_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     for format in Format::ALL {
         let out = folder.path().join(format.name());
-        // 32 blocks of 512 or 1024 bytes a file; the signal that would end the program is switched off, so that writing fails.
+        // 32 blocks of 512 or 1024 bytes per file; the signal that would end the program is ignored, so that writing
+        // fails.
         let script = "trap '' XFSZ; ulimit -f 32; exec \"$@\"";
         let sample = samples().remove(0);
         let args = [env!("CARGO_BIN_EXE_pitchline"), "export", text(&sample), "--format", format.name(), "-o"];
@@ -592,7 +594,7 @@ fn the_help_names_every_table() {
     }
 }
 
-/// The script of docs/recording-format.md, as it stands there, on tables of the samples.
+/// The script of docs/recording-format.md, unchanged, on tables of the samples.
 #[test]
 fn the_documented_script_finds_forces_balanced() {
     let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recording-format.md")).expect("docs");

@@ -1,4 +1,4 @@
-//! Closing the loop: measured machines, planted effects, what records cannot tell, and what is wrong with a file.
+//! Identification: measured machines, planted effects, effects that records cannot distinguish, and errors in files.
 
 use pitchline::identify::identify;
 use pitchline::identify::report::{Report, Verdict};
@@ -36,7 +36,7 @@ fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Report, Str
 
 const ALL: Budget = Budget { runs: None, seconds: None };
 
-/// A bundled measurement beside its data, or None where the data is not at hand.
+/// A bundled measurement next to its data, or None if the data are not available.
 fn measured(name: &str, data: &[&str]) -> Option<(tempfile::TempDir, PathBuf)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = tempfile::tempdir().expect("a folder");
@@ -60,7 +60,7 @@ fn paths(r: &Report) -> Vec<&str> {
     r.effects.iter().map(|e| e.path.as_str()).collect()
 }
 
-/// A pulse pickup's uneven marks, and not runout of a shaft: published as a cyclic error of this machine's magnets.
+/// Uneven marks of a pulse pickup, and not runout of a shaft: published as a cyclic error of this machine's magnets.
 #[test]
 fn the_rowing_flywheel_has_uneven_marks() {
     let Some((_folder, path)) = measured("rowerg", &["rowing_flywheel/Concept2_RowErg_Session_2000meters.csv"]) else {
@@ -89,7 +89,7 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
     assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
-    // A free size for every half record gives much the same one.
+    // A free size for every half record gives nearly the same size.
     let sizes = r.effects.iter().flat_map(|e| &e.sizes).map(|s| s.relative);
     assert!(
         sizes.clone().count() >= 8 && sizes.clone().all(|s| (0.6..1.5).contains(&s)),
@@ -110,8 +110,9 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     assert!(r.transfer.iter().all(|t| t.refused), "{:?}", r.transfer);
 }
 
-/// A rotor under a torque that steps up and down: its speed, with friction that the declared model lacks. The data is made here
-/// by an Euler scheme at a fiftieth of the samples' step with friction as an inequality, so that it is not the model's own.
+/// A rotor under a torque that steps up and down: its speed, with friction that the declared model lacks. The data are
+/// generated here by an Euler scheme at a fiftieth of the sample step with friction as an inequality, independent of
+/// the model's own scheme.
 fn rotor_with_friction(folder: &Path, friction_nm: f64, noise: f64) -> PathBuf {
     let mut seed = 88_172_645_463_325_252_u64;
     let mut random = move || {
@@ -170,7 +171,7 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     let torque = &r.effects[0].parameters[0];
     assert!((torque.value - 0.4).abs() < 4.0 * torque.standard_error + 0.01, "{torque:?}");
     assert!(r.explained, "{:?}", r.noise_floor);
-    // What was left before looks like friction by itself, and nothing is to be said of what is left after.
+    // The residual before looks like friction, and the residual after has no structure.
     let force = &r.diagnosis.forces[0];
     assert!(force.term.starts_with("sign(v)") && force.body == "rotors.disc" && force.share > 0.8, "{force:?}");
     let after = r.diagnosis_after.as_ref().expect("there is an effect");
@@ -186,7 +187,8 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     assert_eq!(again.values[slot], torque.value);
 }
 
-/// A second harmonic of an effect that the drive file has already stands beside it, with its own numbers, and is written so.
+/// A second harmonic of an effect that the drive file already contains is added with its own parameters, and written to
+/// the file.
 #[test]
 fn a_second_harmonic_is_found_beside_the_one_that_is_declared() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -223,7 +225,8 @@ fn a_second_harmonic_is_found_beside_the_one_that_is_declared() {
     assert_eq!(again.placed.iter().filter(|p| p.effect.name == "torque_ripple").count(), 2);
 }
 
-/// Two records of a disc that runs down, each under a drag of its own: the parts that judge are run with their own record's.
+/// Two records of a disc that coasts, each with its own drag: held-out segments are run with the parameters of their
+/// own record.
 #[test]
 fn parts_that_judge_have_the_numbers_of_their_own_record() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -233,7 +236,7 @@ fn parts_that_judge_have_the_numbers_of_their_own_record() {
         for _ in 0..8 {
             let mut v = 60.0_f64;
             while v > 30.0 {
-                // In closed form: v falls by exp(-k/J dq) from mark to mark.
+                // In closed form: v decreases by exp(-k/J dq) from mark to mark.
                 let (turn, rate) = (std::f64::consts::TAU / 6.0, drag / 0.02);
                 let interval_s = ((rate * turn).exp() - 1.0) / (rate * v);
                 v *= (-rate * turn).exp();
@@ -283,8 +286,9 @@ impl Noise {
     }
 }
 
-/// A fan that runs down, told by the time between pulses: drag by the square of speed and a constant load are both missing, and
-/// without one of them the other makes the model stop long before the record does. As it never turns back, the load may be friction.
+/// A fan that coasts, measured by the time between pulses. Quadratic drag and a constant load are both missing, and
+/// without one of them the other makes the model stop long before the record does. As it never reverses, the load may
+/// be friction.
 #[test]
 fn a_fan_that_runs_down_has_drag_and_a_load_that_may_be_friction() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -335,8 +339,8 @@ fn a_fan_that_runs_down_has_drag_and_a_load_that_may_be_friction() {
     }
 }
 
-/// A motor and its load on a shaft that is declared rigid, with friction: what takes friction's place when its law is doubted is no
-/// friction rounded off otherwise.
+/// A motor and its load on a shaft that is declared rigid, with friction: the alternative that replaces friction when
+/// its law is tested must not be the same friction with another smoothing.
 #[test]
 fn friction_beside_a_flexible_shaft_keeps_its_name() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -403,7 +407,7 @@ fn a_clean_record_is_explained_without_a_name_and_the_same_input_gives_the_same_
     assert_eq!(pitchline::render::identify::html(&one), pitchline::render::identify::html(&two));
 }
 
-/// A wave twice a turn whose amplitude grows with the square of speed is seen as that before anything is named.
+/// A wave twice per revolution whose amplitude grows with the square of speed is detected before anything is named.
 #[test]
 fn what_is_left_is_told_by_order_and_speed() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -471,7 +475,7 @@ fn teeth_that_divide_the_links_leave_open_what_they_leave_open() {
     assert!(!says(21, 120) && !says(20, 127));
 }
 
-/// What is wrong with a file, and what has to be said about it.
+/// Errors in a file, and the required messages.
 #[test]
 fn mistakes_are_told_before_a_model_is_run() {
     let good = |folder: &Path| {
@@ -503,7 +507,7 @@ fn mistakes_are_told_before_a_model_is_run() {
         let error = identified(&path, 1, ALL).expect_err(to);
         assert!(error.contains(says), "{to}: no `{says}` in\n{error}");
     }
-    // Units that a file holds are compared with those that are declared.
+    // Units in a file are compared with the declared ones.
     let folder = tempfile::tempdir().expect("a folder");
     let (text, path) = good(folder.path());
     std::fs::write(folder.path().join("bench.mf4"), include_bytes!("data/bench.mf4")).expect("written");

@@ -1,19 +1,20 @@
-//! The work of a step, counted in instructions: repeatable on a noisy machine, so that a slow-down breaks a test.
+//! The work of a step, counted in instructions: repeatable on a noisy machine, so that a slow-down fails a test.
 
 use std::process::Command;
 
-/// Instructions for each link and step of the bundled drive, AVX2 path (valgrind knows no AVX-512), everything included that
-/// grows with the number of steps. When a change moves it, re-measure, and say in the commit why.
+/// Instructions per link and step of the bundled drive, AVX2 path (valgrind does not support AVX-512), including
+/// everything that grows with the number of steps. If a change moves it, measure again, and explain it in the commit.
 const INSTRUCTIONS_PER_LINK_STEP: f64 = 287.2;
-/// Measured twice the same to 1e-4, of abutments to 1 %, since their assembling costs most and varies; the C library's copies differ between systems.
+/// Two measurements agree to 1e-4, for abutments to 1 %, since their assembly costs most and varies; the C library's
+/// copies differ between systems.
 const TOLERANCE: f64 = 0.05;
 
-/// A drive, changes of its values, its number of links, instructions for each link and step, and between which durations they are
+/// A drive, overrides, its number of links, instructions per link and step, and the durations between which they are
 /// counted [ms].
 type Counted = (&'static str, &'static [&'static str], f64, f64, [u32; 2]);
 
-/// The same of drives whose links have contours of their own: silent, abutments on lobes and round rings, abutments that hand over
-/// from link to link.
+/// The same for drives whose links have contours of their own: silent, abutments on lobes and round rings, abutments
+/// that hand over from link to link.
 const CONTOURS: [Counted; 3] = [
     ("silent-20-40", &[], 90.0, 512.3, [2, 4]),
     ("smartchain-20-40", &[], 90.0, 762.0, [2, 12]),
@@ -101,9 +102,9 @@ fn takes_no_more_than_it_did((drive, sets, links, measured, [few_ms, many_ms]): 
     );
 }
 
-/// What is looked at in every step, with the share of a step's instructions it takes [%] on the AVX2 path. User time
-/// on the wider one, alternated with runs without: mostly 0 to 5 %, some readings up to 8, energies 5 to 10 %; beside recording, none
-/// that can be measured. A frame in every step would take as much as four steps.
+/// Expressions evaluated in every step, with their share of a step's instructions [%] on the AVX2 path. User time on
+/// the wider path, alternated with runs without: mostly 0 to 5 %, some readings up to 8, energies 5 to 10 %; with
+/// recording, none that can be measured. A frame in every step would cost as much as four steps.
 const LOOKS: [(&str, f64); 13] = [
     ("energy.error > 10 %", 9.1),
     ("contact.penetration > 1 mm", 4.7),

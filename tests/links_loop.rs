@@ -1,5 +1,5 @@
-//! The loop on drives with links: what one undeclared effect is called, and what is left open. `cargo bench --bench links` runs the
-//! whole table.
+//! Identification of drives with link bodies: the name of one undeclared effect, and its rivals. `cargo bench --bench
+//! links` runs the whole table.
 
 #[path = "links/mod.rs"]
 mod links;
@@ -7,7 +7,7 @@ mod links;
 use links::{CASES, bush, identified, write};
 use pitchline::identify::report::Verdict;
 
-/// A drive whose teeth divide its links: 20 and 40 teeth, 120 links.
+/// A drive whose tooth counts divide its link count: 20 and 40 teeth, 120 links.
 fn locked() -> String {
     bush().replace("links = 90 ", "links = 120 ").replace("x_mm = 238.6", "x_mm = 358.9")
 }
@@ -22,7 +22,7 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
     assert_eq!((r.outcome, found), (Verdict::Named, vec![case.path]));
     let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("outward_um")).expect("its size").value;
     assert!((size - 60.0).abs() < 6.0, "{size}");
-    // What is written back is a drive file that holds the effect.
+    // The written file is a drive file that contains the effect.
     let text = std::fs::read_to_string(folder.path().join("drive.toml")).expect("the drive");
     let declared = pitchline::drive::Drive::parse("drive.toml", &text, &[]).expect("a drive");
     let machine = pitchline::machine::Machine::of_links(&declared);

@@ -1,4 +1,4 @@
-//! Runs that are watched: what a viewer gets is what is recorded, and no viewer can stop a run.
+//! Live runs: a viewer gets the recorded data, and no viewer can stop a run.
 #![cfg(all(unix, feature = "live", feature = "rerun"))]
 
 use foxglove::messages::{FrameTransforms, SceneUpdate};
@@ -25,12 +25,12 @@ fn stderr(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
-/// A port that nobody listens at, most likely still so in a moment.
+/// A port without a listener, most likely still free shortly after.
 fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port()
 }
 
-/// A Rerun server that writes down what it gets. The program is a script that starts the real one: both are ended.
+/// A Rerun server that writes what it receives. The program is a script that starts the real one: both are ended.
 struct Server(Option<Child>);
 
 impl Server {
@@ -67,7 +67,7 @@ impl Drop for Server {
     }
 }
 
-/// Rows of `entity` in an `.rrd`, also one that is still being written.
+/// Rows of `entity` in an `.rrd`, also in one that is still being written.
 fn rows(path: &Path, entity: &str) -> usize {
     let Ok(file) = std::fs::File::open(path) else { return 0 };
     let chunks =
@@ -92,7 +92,7 @@ fn rerun_gets_every_frame() {
     let out = pitchline(&["--duration", "30ms", "-o", path, "--live", &viewer]).output().expect("runs");
     assert!(out.status.success(), "{}", stderr(&out));
     let frames = mcap::read(&kept).expect("recorded as well").frames.len();
-    // The server writes what it has got a little later.
+    // The server writes its data with a small delay.
     let started = Instant::now();
     while rows(&seen, "/state/frame") < frames && started.elapsed() < Duration::from_secs(30) {
         std::thread::sleep(Duration::from_millis(200));
@@ -146,7 +146,7 @@ fn a_viewer_that_is_not_there_is_an_error_and_touches_no_file() {
     }
 }
 
-/// A run that waits for Foxglove, its address behind `ws://`, and what it says from then on.
+/// A run that waits for Foxglove, its address after `ws://`, and its later output.
 fn serving(args: &[&str]) -> (Child, String, JoinHandle<String>) {
     let mut command = pitchline(&["--no-output", "--live", "foxglove=0", "--live-wait", "60s"]);
     let mut run = command.args(args).spawn().expect("runs");
@@ -156,7 +156,7 @@ fn serving(args: &[&str]) -> (Child, String, JoinHandle<String>) {
         assert!(lines.read_line(&mut said).expect("text") > 0, "{said}");
     }
     let address = said.split("ws://").nth(1).expect("an address").split(';').next().expect("its end").to_string();
-    // Read to the end, so that the run never waits for us.
+    // Read to the end, so that the run never waits for this test.
     let rest = std::thread::spawn(move || {
         let mut rest = String::new();
         lines.read_to_string(&mut rest).expect("text");
@@ -165,7 +165,7 @@ fn serving(args: &[&str]) -> (Child, String, JoinHandle<String>) {
     (run, address, rest)
 }
 
-/// As much of a WebSocket client as it takes to listen (RFC 6455).
+/// The part of a WebSocket client that is needed to receive (RFC 6455).
 struct WebSocket(BufReader<TcpStream>);
 
 impl WebSocket {
@@ -215,7 +215,7 @@ impl WebSocket {
     }
 }
 
-/// Subscribes to all topics; messages by topic in the order in which they came.
+/// Subscribes to all topics; messages by topic in order of arrival.
 fn listen(socket: &mut WebSocket) -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut topics: BTreeMap<u32, String> = BTreeMap::new();
     let mut messages: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
@@ -241,7 +241,7 @@ fn listen(socket: &mut WebSocket) -> BTreeMap<String, Vec<Vec<u8>>> {
 
 #[test]
 fn foxglove_gets_the_topics_of_the_archive() {
-    // Slow enough that nothing is left out.
+    // Slow enough that no message is dropped.
     let (mut run, address, _) = serving(&["--duration", "20ms", "--live-speed", "0.02"]);
     let messages = listen(&mut WebSocket::connect(&address));
     assert!(run.wait().expect("ends").success());
@@ -252,7 +252,7 @@ fn foxglove_gets_the_topics_of_the_archive() {
     }
     let header = Header::decode(messages["/pitchline/header"][0].as_slice()).expect("a header");
     assert_eq!((header.drive_name.as_str(), header.links.len()), ("bush-20-40", 90));
-    // Who comes late gets the outlines first, then forces.
+    // A late client gets the outlines first, then forces.
     let scenes: Vec<SceneUpdate> =
         messages["/scene"].iter().map(|m| SceneUpdate::decode(m.as_slice()).expect("a scene")).collect();
     assert_eq!(scenes[0].entities.len(), header.links.len() + header.bodies.len());
@@ -318,7 +318,7 @@ fn the_foxglove_layout_fits_our_topics() {
     let proto = std::fs::read_to_string(format!("{root}/assets/pitchline.proto")).expect("the schema");
     let layout: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let panels = layout["configById"].as_object().expect("panels");
-    // Panels are placed once each, and are of kinds that Foxglove has.
+    // Panels are placed once each, and have kinds that Foxglove supports.
     let mut placed = Vec::new();
     ["first", "second"].iter().for_each(|side| found(&layout["layout"], side, &mut placed));
     let mut placed: Vec<&str> = placed.into_iter().filter_map(serde_json::Value::as_str).collect();
@@ -327,7 +327,7 @@ fn the_foxglove_layout_fits_our_topics() {
     for kind in panels.keys().map(|id| id.split('!').next().unwrap_or_default()) {
         assert!(["3D", "Plot", "RawMessages", "Table", "RosOut"].contains(&kind), "{kind}");
     }
-    // Topics exist, and so do the fields that are picked out of them.
+    // Topics exist, and so do the selected fields.
     let mut paths = Vec::new();
     ["value", "topicPath", "topicToRender"].iter().for_each(|key| found(&layout["configById"], key, &mut paths));
     let mut paths: Vec<&str> = paths.into_iter().filter_map(serde_json::Value::as_str).collect();

@@ -1,4 +1,4 @@
-//! The lumped fidelity and the catalogue of effects: closed forms, order of convergence, and every row by the same rules.
+//! The lumped model and the catalogue of effects: closed forms, order of convergence, and the same rules for every row.
 
 use pitchline::effects::{EFFECTS, Effect, Kind, On, Physics, named};
 use pitchline::machine::simulate::{MOST_STEPS, Samples, Start, Task, run};
@@ -11,7 +11,7 @@ fn machine(text: &str) -> Machine {
     }
 }
 
-/// A drive with everything an effect can be put on.
+/// A drive with all possible targets of effects.
 const ALL: &str = r#"
 title = "everything"
 fidelity = "lumped"
@@ -86,7 +86,7 @@ fn channels(m: &Machine, values: &[f64]) -> Vec<Vec<f64>> {
     }
 }
 
-/// Values of a row: off, or strong enough to be seen.
+/// Parameter values of a row: off, or strong enough to be seen.
 fn values(m: &Machine, effect: &'static Effect, target: pitchline::machine::Target, strong: bool) -> Vec<f64> {
     m.keys(effect, target)
         .iter()
@@ -167,7 +167,7 @@ fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() 
             .into_iter()
             .find(|(n, _)| n != "shaft" || e.on == On::Prescribed)
             .unwrap_or_else(|| panic!("nothing to put {} on", e.name));
-        // A sensor's form (its period) has no off but absence.
+        // A sensor's shape parameter (its period) has no off value.
         if e.name != "sensor_resonance" {
             let (off, _) = m.with(e, &name, target, &values(&m, e, target, false));
             let same = channels(&off, &off.values);
@@ -175,7 +175,7 @@ fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() 
             assert!(bits(&same) == bits(&without), "{} changes a bit where it is off", e.name);
         }
         let (on, _) = m.with(e, &name, target, &values(&m, e, target, true));
-        // A sign-blind sensor shows itself only backwards.
+        // A sign-blind sensor differs only in reverse motion.
         let mut numbers = on.values.clone();
         if e.name == "sign_blind" {
             let gain = on.slot("inputs.torque.motor.gain_nm_per_unit").expect("the gain");
@@ -191,7 +191,7 @@ fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() 
 
 #[test]
 fn dissipative_rows_take_energy_and_never_give_any() {
-    // A free two-mass oscillator: its energy may only fall, and at the end less is left than without.
+    // A free two-mass oscillator: its energy may only decrease, and at the end it is lower than without the effect.
     let text = "fidelity = \"lumped\"\n[rotors.a]\ninertia_kg_m2 = 0.5\nteeth = 20\n[rotors.b]\ninertia_kg_m2 = 0.3\nteeth = 40\n[spans.s]\nbetween = [\"a\", \"b\"]\nfrom_radius_mm = 50.0\nto_radius_mm = 100.0\nstiffness_n_per_m = 20000.0\nfrom_link = 0.0\nto_link = 30.0\n[chain]\nlinks = 90\n[sensors.tachometer.ta]\nbody = \"a\"\n[sensors.tachometer.tb]\nbody = \"b\"\n[sensors.strain_gauge.s]\n";
     let m = machine(text);
     let task = Task {
@@ -217,7 +217,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
             numbers[0] = 100.0;
         }
         let (with, _) = m.with(e, &name, target, &numbers);
-        // Damping forces of a span are no stored energy: the tension of the declared spring alone is.
+        // Damping forces of a span store no energy: only the tension of the declared spring does.
         let series = if matches!(e.physics, Physics::SpanForce(_)) {
             let s = run(&with, &with.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
             (0..2000).map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i]).collect::<Vec<f64>>()
@@ -272,7 +272,7 @@ fn dry_friction_stops_at_a_constant_rate() {
     };
     let start = Start { q: vec![0.5], v: vec![1.0], travel: 0.0 };
     let s = run(&m, &m.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
-    // Sensors stand in the order of the kinds: displacement first.
+    // Sensors are in the order of the kinds: displacement first.
     let (position, speed) = if matches!(m.sensors[0].reads, Reads::Angle(_)) { (&s[0], &s[1]) } else { (&s[1], &s[0]) };
     for i in 0..200 {
         let t = i as f64 * 1e-3;
@@ -281,8 +281,8 @@ fn dry_friction_stops_at_a_constant_rate() {
     }
 }
 
-/// Torque that steps from 0 to 3 N m every second sample and back, through a lag, on a free rotor: what it has given up to a sample
-/// in closed form, for lags far below a sample, of a sample, and of many.
+/// Torque that steps from 0 to 3 N m every second sample and back, through a lag, on a free rotor: its impulse up to a
+/// sample in closed form, for lags far below a sample, of a sample, and of many.
 #[test]
 fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
     let step_s = 2e-3;
@@ -312,7 +312,7 @@ fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
 fn a_free_oscillator_converges_with_the_fourth_order() {
     let text = "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 1.0\n[grounds.g]\nbody = \"s\"\nstiffness_n_per_m = 400.0\n[sensors.displacement.s]\n";
     let m = machine(text);
-    // The step is a tenth of a radian at most; with samples nearer than that it is the samples' own.
+    // The step is at most a tenth of a radian; with closer samples it is the samples' own.
     let error = |step_s: f64| {
         let n = (1.0 / step_s).round() as usize;
         let task = Task {
@@ -332,7 +332,7 @@ fn a_free_oscillator_converges_with_the_fourth_order() {
 
 #[test]
 fn filters_and_delays_do_to_a_ramp_what_they_should() {
-    // A slider pushed by a constant force has a speed that is a ramp.
+    // A slider pushed by a constant force has a linearly increasing speed.
     let text = "fidelity = \"lumped\"\n[sliders.s]\nmass_kg = 2.0\n[loads.constant.s]\nforce_n = -4.0\n[sensors.tachometer.s]\n";
     let m = machine(text);
     let task = Task {
@@ -344,7 +344,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
     let show = |name: &str, value: f64| -> Vec<f64> {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
-        // What lags has a start beside its time.
+        // An effect with a lag has a start parameter besides its time.
         let values = [value, 0.0];
         let (with, _) = m.with(e, &place, target, &values[..e.parameters.len()]);
         run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0)
@@ -357,12 +357,12 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         let exact = 2.0 * (t - 0.02 + 0.02 * (-t / 0.02).exp());
         assert!((lagging[i] - exact).abs() < 1e-10, "{} for {exact} at {t}", lagging[i]);
         assert!((late[i] - 2.0 * (t - 0.0125)).abs() < 1e-10, "{} at {t}", late[i]);
-        // A second-order sensor follows a ramp late by 2 zeta / w once it has rung out.
+        // A second-order sensor follows a ramp with a delay of 2 zeta / w after its ringing has decayed.
         let late_s = 2.0 * 0.1 * 0.03 / (2.0 * std::f64::consts::PI);
         let rings = 2.0 * 0.03 / (2.0 * std::f64::consts::PI) * (-0.1 * 2.0 * std::f64::consts::PI / 0.03 * t).exp();
         assert!((ringing[i] - 2.0 * (t - late_s)).abs() < 1.1 * rings + 1e-6, "{} at {t}", ringing[i]);
     }
-    // A record that begins in the middle of the motion: what a sensor still shows of before is where the ramp came from.
+    // A record that begins in the middle of the motion: the initial output of a sensor continues the ramp from before.
     let start = Start { q: vec![0.0], v: vec![5.0], travel: 0.0 };
     for (name, late_s) in [("low_pass", 0.02), ("latency", 0.0125)] {
         let e = named(name).expect("a row");
@@ -372,7 +372,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
             let shown = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0);
             for (i, shown) in shown.iter().enumerate() {
                 let t = i as f64 * 1e-3;
-                // What it remembers beyond that dies out, or is gone after its time.
+                // An additional initial offset decays, or ends after the delay.
                 let memory = match name {
                     "low_pass" => (-t / late_s).exp(),
                     _ => (1.0 - t / late_s).max(0.0),

@@ -1,4 +1,4 @@
-//! Recordings: what is written is what is read, by our reader and by others'; damage and full disks are said.
+//! Recordings: the written data are read back, by this reader and by others; damage and full disks are reported.
 
 mod common;
 
@@ -22,7 +22,7 @@ fn record(paths: &[&Path], duration_s: f64) -> (Header, Vec<Frame>) {
     let span = Span::new(duration_s, 50e-6, model.step_s);
     let header = capture::header(&drive, &model, &report, span.steps_per_frame);
     let mut sinks: Vec<_> = paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
-    // The same run once more, frames kept.
+    // The same run again, with frames kept.
     let mut twin = state.clone();
     let mut scratch = Scratch::new(&model);
     run(&model, &mut state, &mut scratch, &header, span, &mut sinks, &AtomicBool::new(false), |_| {}).expect("runs");
@@ -242,8 +242,8 @@ fn rerun_verifies_the_view() {
     assert!(out.status.success() && said.contains("chunk"), "{said}");
 }
 
-/// A drive with sensors is recorded; its frames, as a measured file, are columns by the sensors' paths, as they show; tables of the
-/// same recording as CSV and Parquet hold the same numbers.
+/// A drive with sensors is recorded. Its frames, read as a measured file, are columns by the sensors' paths, as
+/// displayed; tables of the same recording as CSV and Parquet contain the same numbers.
 #[test]
 fn recordings_and_tables_are_measured_files() {
     use pitchline::measurement::columns::{Columns, Layout, Memory, Wanted, read};
@@ -277,14 +277,15 @@ fn recordings_and_tables_are_measured_files() {
     let shown: Vec<f64> = speed.iter().map(|v| 2.0 * v).collect();
     assert_eq!(column(&whole, "sensors.tachometer.driven"), shown, "with its gain");
     let torque = column(&whole, "rotors.driver.outer_torque_nm");
-    // Frames show forces at the instant, the step works with means over two steps: far apart only at a frame beside a first touch.
+    // Frames show forces at the instant, the step uses means over two steps: they differ strongly only at a frame next
+    // to a first contact.
     let read_by_sensor = column(&whole, "sensors.torque.driver");
     let mut apart: Vec<f64> = read_by_sensor.iter().zip(&torque).map(|(a, b)| (a - b - 0.5).abs()).collect();
     apart.sort_by(f64::total_cmp);
     let (most, largest) = (apart[apart.len() * 9 / 10], apart[apart.len() - 1]);
     // measured: 0.01 and 2.2 N m
     assert!(most < 0.1 && largest < 5.0, "with its offset: {most}, {largest}");
-    // Tables of sensors hold what they stand at, before gain and errors.
+    // Tables of sensors contain true values, before gain and errors.
     pitchline(&["export", "a.mcap", "-o", "sensors.parquet", "--tables", "sensors"]);
     let readings = column(&columns("sensors.parquet"), "reading");
     let driven: Vec<f64> = readings.chunks(2).map(|of| of[0]).collect();
@@ -298,8 +299,8 @@ fn recordings_and_tables_are_measured_files() {
     assert_eq!(driven, speed);
 }
 
-/// Written by the Python package asammdf 8.8 (MDF 4.10, transposed and deflated): 40 samples of `speed` [rpm], `torque` [N m], `raw` [V]
-/// (16 bits, 0.01 x - 5, sample 3 invalid), and a second group with 8 samples of `pressure` [bar].
+/// Written by the Python package asammdf 8.8 (MDF 4.10, transposed and deflated): 40 samples of `speed` [rpm], `torque`
+/// [N m], `raw` [V] (16 bits, 0.01 x - 5, sample 3 invalid), and a second group with 8 samples of `pressure` [bar].
 const BENCH: &[u8] = include_bytes!("data/bench.mf4");
 
 #[test]
@@ -328,7 +329,7 @@ fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
         assert!((t - 1e-3 * i as f64).abs() < 1e-15, "{t}");
     }
     assert_eq!(parse_mdf(BENCH.to_vec(), Some(1)).expect("readable").rows(), 8);
-    // Cut anywhere, and with bytes changed anywhere: columns or an error.
+    // Truncated anywhere, and with bytes changed anywhere: columns or an error.
     let mut errors = 0;
     for cut in 0..BENCH.len() {
         errors += u32::from(parse_mdf(BENCH[..cut].to_vec(), Some(0)).is_err());
@@ -340,7 +341,7 @@ fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
     assert!(errors as usize > BENCH.len() / 2, "{errors} of {} cuts are errors", BENCH.len());
 }
 
-/// Largest share of the largest force, and of the largest moment, that is left over on any link of a frame.
+/// Largest remainder on any link of a frame, relative to the largest force, and to the largest moment.
 fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
     let (l, n) = (&f.links, f.links.x_m.len());
     let mut left: Vec<[f64; 3]> = (0..n)
@@ -371,7 +372,7 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
         let force = (normal * nx - friction * ny, normal * ny + friction * nx);
         push(c.link[i] as usize, (c.point_link_x_m[i], c.point_link_y_m[i]), force, 0.0);
     }
-    // What the chain gives to sprockets and arms.
+    // Torques of the chain on sprockets and arms.
     for (k, torque_nm) in f.rotors.chain_torque_nm.iter().enumerate() {
         let carried = |i: &usize| header.bodies[c.body[*i] as usize].coordinate == Some(k as u32);
         let own = (0..c.link.len()).filter(carried).map(|i| {
@@ -388,8 +389,8 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
     [most(&|f| f[0].hypot(f[1])) / largest[0], most(&|f| f[2].abs()) / largest[1]]
 }
 
-/// Other laws, links that differ, joints with clearance or hard to turn, guides of their own, sensors: whatever makes a force is in the
-/// columns of a frame. measured: 3e-14 of the largest force, 1e-13 of the largest moment.
+/// Other contact laws, unequal links, joints with clearance or friction, separate guides, sensors: every source of
+/// force is in the columns of a frame. measured: 3e-14 of the largest force, 1e-13 of the largest moment.
 #[test]
 fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\

@@ -1,5 +1,6 @@
-//! Several chains in one drive: chains that share nothing have the bits that each has alone; two stages on a common shaft turn the output at
-//! the product of their ratios, carry torque through it, and send the meshing of both to it.
+//! Several chains in one drive: chains without common parts have the same bits as each chain alone; two stages on a
+//! common shaft turn the output at the product of their ratios, transmit torque through it, and excite it with both
+//! meshing frequencies.
 
 mod common;
 
@@ -17,7 +18,7 @@ fn reduction(sets: &[&str]) -> Drive {
     Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Columns of a State by name, those of one chain cut out of the lanes.
+/// Columns of a State by name, with the lanes of one chain.
 fn columns(
     state: &State,
     lanes: std::ops::Range<usize>,
@@ -32,7 +33,7 @@ fn columns(
     all
 }
 
-/// Two chains with links, joints and loads of their own, side by side in one model.
+/// Two chains with separate links, joints and loads, side by side in one model.
 #[test]
 fn chains_that_share_nothing_have_their_own_bits() {
     let first = common::drive(&[]);
@@ -44,7 +45,7 @@ fn chains_that_share_nothing_have_their_own_bits() {
     let model = Model::join(&both, parts.iter().map(|p| p.model.clone()).collect());
     let loops = model.chain.loops.clone();
     assert_eq!((loops[0].len(), loops[1].len(), model.chain.n_links), (90, 94, 184));
-    // Their States in one.
+    // Their States combined.
     let mut state = State::at_rest(&model.layout());
     let mut joined = state.keyframe();
     for (k, part) in parts.iter().enumerate() {
@@ -56,7 +57,7 @@ fn chains_that_share_nothing_have_their_own_bits() {
             }
         }
     }
-    // The hash of what has just been put together is found by restoring it once with a wrong one.
+    // The hash of the combined State is found by restoring it once with a wrong one.
     let text = state.clone().restore(&joined).expect_err("another hash");
     let hash = text.split_whitespace().nth(4).expect("the hash").trim_end_matches(',');
     joined.state_hash = u64::from_str_radix(hash, 16).expect("hexadecimal");
@@ -80,7 +81,7 @@ fn chains_that_share_nothing_have_their_own_bits() {
     }
 }
 
-/// A quarter: 20/40 twice. Over many turns the output is off by what it swings, not by what it has turned.
+/// A quarter: 20/40 twice. Over many turns the error of the output is its oscillation, without any drift.
 #[test]
 fn the_output_turns_at_the_product_of_the_ratios() {
     let a = assembled(&reduction(&[]));
@@ -89,7 +90,7 @@ fn the_output_turns_at_the_product_of_the_ratios() {
     assert_eq!(q(1), q(2), "driven and pinion sit on one shaft");
     let mut scratch = Scratch::new(&model);
     let start = state.coordinates.angle.clone();
-    // Whole turns of the output, so that the teeth stand as they did.
+    // Whole turns of the output, so that the teeth are at their initial positions.
     let turn_s = 4.0 * 2.0 * std::f64::consts::PI / model.sprockets[0].nominal_speed_rad_s;
     let mut misses = Vec::new();
     for turn in 1..=3 {
@@ -101,13 +102,13 @@ fn the_output_turns_at_the_product_of_the_ratios() {
         println!("after {turn} turns: middle / driver {:.9}, output / driver {:.9}", middle / driver, output / driver);
         misses.push([(middle - 0.5 * driver).abs(), (output - 0.25 * driver).abs()]);
     }
-    // A tooth is 0.16 rad; what is left after any number of turns is the swing.
+    // A tooth is 0.16 rad; the remainder after any number of turns is the oscillation.
     for [middle, output] in misses {
         assert!(middle < 2e-3 && output < 2e-3, "{middle} {output}");
     }
 }
 
-/// Inertia of the shaft times its acceleration is what both chains give it, and the joules add up.
+/// Inertia of the shaft times its acceleration equals the torques of both chains, and the energies add up.
 #[test]
 fn a_shaft_carries_the_torques_of_both_chains() {
     let a = assembled(&reduction(&[]));
@@ -166,7 +167,7 @@ fn amplitude(speed: &[f64], step_s: f64, hz: f64) -> f64 {
     2.0 * re.hypot(im) / n as f64
 }
 
-/// With 19 teeth on the pinion the chains mesh at frequencies that have nothing to do with each other; the output shows both.
+/// With 19 teeth on the pinion the meshing frequencies of the chains are unrelated; the output shows both.
 #[test]
 fn the_last_shaft_shows_the_teeth_of_both_chains() {
     let a = assembled(&reduction(&["sprockets.pinion.teeth=19"]));
@@ -180,7 +181,7 @@ fn the_last_shaft_shows_the_teeth_of_both_chains() {
     }
     let (first_hz, second_hz) = (20.0 * 50.0, 19.0 * 25.0);
     let line = |hz: f64| amplitude(&speed, model.step_s, hz);
-    // Off the lines of both chains, their turns and their sums.
+    // Away from the lines of both chains, their shaft orders and their sums.
     let floor = [437.3, 561.7, 873.9, 1091.3].map(line).into_iter().fold(0.0, f64::max);
     println!("first {:.2e}, second {:.2e}, floor {floor:.2e} rad/s", line(first_hz), line(second_hz));
     assert!(line(first_hz) > 10.0 * floor && line(second_hz) > 100.0 * floor);

@@ -1,4 +1,4 @@
-//! The schema of recordings: `assets/pitchline.desc` is what a protobuf compiler makes of `assets/pitchline.proto`.
+//! The schema of recordings: `assets/pitchline.desc` is the output of a protobuf compiler for `assets/pitchline.proto`.
 
 #[test]
 fn descriptor_is_the_compiled_proto_file() {

@@ -1,4 +1,4 @@
-//! Silent chain: the closed forms of link and tooth, the way to the seat, the forces of a light wrap.
+//! Silent chain: the closed forms of link and tooth, the motion to the seat, the forces of a lightly loaded wrap.
 
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::end_contact::{LinkContour, LinkPose};
@@ -46,7 +46,7 @@ fn near(name: &str, found: f64, expected: f64, tolerance: f64) {
 
 #[test]
 fn links_have_the_worked_numbers() {
-    // f, f_i, r_t, r_c, o_x, D, s_o, s_i, s_i0, y_c, crotch top, toe low [mm], worked out apart from this code.
+    // f, f_i, r_t, r_c, o_x, D, s_o, s_i, s_i0, y_c, crotch top, toe low [mm], computed independently of this code.
     #[rustfmt::skip]
     let rows = [
         (8.0, [3.0, 2.5, 0.8, 1.2, 0.288675, 3.9, 3.233162, 3.521837, -1.591412, -0.471797, 0.728203, -4.7]),
@@ -78,7 +78,7 @@ fn links_have_the_worked_numbers() {
 
 #[test]
 fn sprockets_have_the_worked_numbers() {
-    // R, d, r_v, beta [deg], e, r_b, s_c, r_a, r_f, r_r, K, T, half tip land [mm], worked out apart from this code;
+    // R, d, r_v, beta [deg], e, r_b, s_c, r_a, r_f, r_r, K, T, half tip land [mm], computed independently of this code;
     // arc, then line.
     #[rustfmt::skip]
     let arcs = [
@@ -91,7 +91,7 @@ fn sprockets_have_the_worked_numbers() {
         [27.4261, 27.0095, 27.2871, 10.0, 5.808419, 23.631335, 2.140811, 27.0095, 21.0365, 2.3614, 0.1155, 26.5330,
             -4.103538, 23.272322, 0.118],
     ];
-    // Half a unit of the last digit that is given.
+    // Half a unit of the last given digit.
     #[rustfmt::skip]
     let tolerances = [5e-5, 5e-5, 5e-5, 5e-5, 5e-7, 5e-7, 5e-7, 5e-5, 5e-5, 5e-5, 5e-5, 5e-5, 5e-7, 5e-7, 5e-4];
     let lines =
@@ -129,7 +129,7 @@ fn sprockets_have_the_worked_numbers() {
     }
 }
 
-/// The standard tooth, or, with few teeth, one after what the errors say would do.
+/// The standard tooth, or, with few teeth, one changed as the errors suggest.
 fn made_as_errors_say(mut spec: SilentSprocketSpec) -> SilentSprocket {
     for _ in 0..3 {
         match SilentSprocket::new(spec) {
@@ -160,7 +160,7 @@ fn contours_are_closed_smooth_and_counterclockwise() {
         let l = link_with(8.0, pins_mm, flanks_mm);
         let profile = l.profile().expect("closed");
         smooth("link", &profile);
-        // Teeth to the left of the travel, that is +y.
+        // Teeth are to the left of the travel, at +y.
         let (low, high) = profile.bounds();
         near("back [m]", low.y, -l.form.face_distance_m, 1e-15);
         near("toe [m]", high.y, -l.toe_low_m(), 1e-15);
@@ -191,7 +191,7 @@ fn seated_links_touch_with_both_outer_flanks_for_any_form() {
                 spec.link.flank_angle_rad = angle_deg.to_radians();
                 spec.link.face_distance_m *= 0.97;
                 spec.tip_offset_m = -0.03 * spec.pitch_m;
-                // Steep flanks are long: a small toe would dig into the face.
+                // Steep flanks are long: a small toe would interfere with the face.
                 if angle_deg < 25.0 {
                     spec.link.toe_radius_m = 0.19 * spec.pitch_m;
                 }
@@ -202,7 +202,7 @@ fn seated_links_touch_with_both_outer_flanks_for_any_form() {
                 for gap_m in flank_gaps_m(&l, &s, joint, 0.0) {
                     assert!(gap_m.abs() < SEAT_M, "z = {teeth} {angle_deg} deg {face:?}: {gap_m} m");
                 }
-                // A joint that is not on the pitch circle leaves the seat open by sin alpha per unit.
+                // A joint off the pitch circle leaves the seat open by sin alpha per unit.
                 let lifted = flank_gaps_m(&l, &s, joint * (1.0 + 1e-4), 0.0);
                 assert!(lifted[0] > 1e-7 && lifted[1] > 1e-7, "{lifted:?}");
             }
@@ -210,7 +210,7 @@ fn seated_links_touch_with_both_outer_flanks_for_any_form() {
     }
 }
 
-/// Number of poses per pitch at which clearances are looked for: a minimum between two poses is lower by less than 0.1
+/// Number of poses per pitch at which clearances are evaluated: a minimum between two poses is lower by less than 0.1
 /// um.
 const STEPS: u32 = 180;
 /// Known to whole micrometres, found with a sampled contour [m].
@@ -235,9 +235,9 @@ fn entering_links_clear_the_teeth_by_the_known_amounts() {
         assert_um(&format!("z = {teeth} toe"), arc.toe.gap_m, toe_um);
         assert_um(&format!("z = {teeth} eye"), arc.eye.gap_m, eye_um);
         assert!(arc.inner_flank.gap_m > 400e-6 && arc.crotch.gap_m > 400e-6, "z = {teeth}: {arc:?}");
-        // The outer flanks touch at the seat and nowhere before.
+        // The outer flanks make contact at the seat and nowhere before.
         assert!(arc.outer_flank.gap_m.abs() < 1e-15 && arc.outer_flank.pitches_before_seat == 0.0, "{arc:?}");
-        // What the sprocket checks when it is made is the same gap.
+        // The check of the sprocket's constructor uses the same gap.
         near("toe clearance [m]", sprocket(pitch_mm, teeth, ToothFace::Arc).toe_clearance_m, arc.toe.gap_m, 1e-7);
         let line = entry_clearances(&l, &sprocket(pitch_mm, teeth, ToothFace::Line), STEPS);
         assert_um(&format!("z = {teeth} inner flank"), line.inner_flank.gap_m, inner_um);
@@ -247,8 +247,8 @@ fn entering_links_clear_the_teeth_by_the_known_amounts() {
 
 #[test]
 fn inner_flanks_too_close_to_the_outer_ones_cut_a_straight_tooth_and_clear_an_arc() {
-    // How far the corner of a straight tooth stands beyond the plane of the inner flank at the seat [um], worked by
-    // hand. The plane is longer than the flank: what the corner overlaps there is the crotch arc, deeper still.
+    // Projection of the corner of a straight tooth beyond the plane of the inner flank at the seat [um], computed by
+    // hand. The plane is longer than the flank: there the corner overlaps the crotch arc, even deeper.
     for ((pitch_mm, teeth), plane_um) in CASES.into_iter().zip([161.0, 79.0, 148.0, 200.0]) {
         let mut spec = spec(pitch_mm, teeth, ToothFace::Line);
         spec.link.inside_projection_m = -0.0125 * spec.pitch_m;
@@ -270,7 +270,7 @@ fn inner_flanks_too_close_to_the_outer_ones_cut_a_straight_tooth_and_clear_an_ar
             }
         }
     }
-    // With the face of the link ahead in contact, the inner flank of the next one stands back by -lambda, exactly.
+    // With the face in contact with the link ahead, the inner flank of the next one is set back by -lambda, exactly.
     let mut spec = spec(8.0, 20, ToothFace::Arc);
     spec.link.inside_projection_m = -1e-4;
     let l = SilentLinkContour::new(spec.link, spec.pitch_m, spec.pitch_m).expect("a link");
@@ -281,7 +281,7 @@ fn inner_flanks_too_close_to_the_outer_ones_cut_a_straight_tooth_and_clear_an_ar
 
 #[test]
 fn element_gaps_agree_with_sampled_contours() {
-    // Independent of the pair formulas: points along the link against the nearest point of the whole sprocket.
+    // Independent of the pair formulas: points along the link, each with the nearest point of the whole sprocket.
     const SAMPLES: usize = 150;
     for face in [ToothFace::Arc, ToothFace::Line] {
         let s = sprocket(8.0, 20, face);
@@ -317,7 +317,7 @@ fn element_gaps_agree_with_sampled_contours() {
 
 #[test]
 fn approach_speeds_are_those_of_the_levers() {
-    // v_lead, v_trail [m/s] at 3000 rpm, worked out apart from this code.
+    // v_lead, v_trail [m/s] at 3000 rpm, computed independently of this code.
     let known = [(0.571242, 0.685395), (0.599816, 0.656821), (0.699591, 0.796593), (0.672556, 0.823628)];
     // measured 1.5e-9 relative: central difference of exact gaps.
     const RELATIVE: f64 = 1e-6;
@@ -335,7 +335,7 @@ fn approach_speeds_are_those_of_the_levers() {
             near(&format!("z = {teeth} side {side} [m/s]"), measured, closed[side], RELATIVE * closed[side]);
         }
     }
-    // A straight face has no single speed; a crown that touches at the same place has the same.
+    // A straight face has no single speed; a crown with the same contact point has the same speed.
     assert!(approach_speeds_m_s(&sprocket(8.0, 20, ToothFace::Line), SPEED_RAD_S).is_none());
     let crowned = ToothFace::Crowned { radius_m: 0.2, contact_distance_m: 1.818321e-3 };
     let speeds = approach_speeds_m_s(&sprocket(8.0, 20, crowned), SPEED_RAD_S).expect("one place");
@@ -400,7 +400,7 @@ fn longer_rows_touch_earlier_and_shorter_ones_later() {
 fn pins_alone_leave_the_working_flanks_where_they_are() {
     let s = sprocket(8.0, 20, ToothFace::Arc);
     let (nominal, long, short) = (8.0, 8.01, 7.99);
-    // Pins and contour, pins alone, contour alone: what the pitch of the working flanks gains [um].
+    // Pins and contour, pins alone, contour alone: gain from the pitch of the working flanks [um].
     let rows = [
         ((short, short), (long, long), 10.0),
         ((short, nominal), (long, nominal), 0.0),
@@ -412,8 +412,8 @@ fn pins_alone_leave_the_working_flanks_where_they_are() {
         near("and of the other pair", (working_flank_pitch_m(&row, &ahead) - 8e-3) * 1e6, -gain_um, 1e-9);
         first_contact_on_contours_rad(&ahead, &row, &s).expect("touches") / SPEED_RAD_S * 1e6
     });
-    // The bend at the joint leaves a rest of x sin(pi/z) sin(alpha + pi/z), which the contour alone has the other way
-    // round.
+    // The bend at the joint leaves a remainder of x sin(pi/z) sin(alpha + pi/z), with the opposite sign for the contour
+    // alone.
     let half_pitch_rad = PI / 20.0;
     let rest_us = 10.0 * half_pitch_rad.sin() * (PI / 6.0 + half_pitch_rad).sin() / 0.685395;
     near("pins and contour [us]", shifts[0], 12.83, 0.005);
@@ -454,7 +454,7 @@ fn links_that_cannot_be_are_refused_with_what_would_do() {
     }
     let hollow = SilentLinkForm { toe_radius_m: -1.0, ..standard };
     assert!(matches!(refused(hollow), SilentLinkError::Dimension { name: "the toe radius", .. }));
-    // Flank pitch and pin pitch of a row belong together.
+    // Flank pitch and pin pitch of a row must not differ much.
     let torn = SilentLinkContour::new(standard, 8e-3, 8.5e-3).expect_err("refused");
     assert!(matches!(torn, SilentLinkError::FlankPitch { .. }) && torn.to_string().contains("8.1600 mm"), "{torn}");
 }
@@ -528,7 +528,7 @@ fn rows_have_masses_of_plates_and_pins_or_those_given() {
     for ((found, radius_m), (joint, pin_radius_m)) in even.shape.circles.iter().zip(joints) {
         assert!((found - joint).norm() < 1e-15 && *radius_m == pin_radius_m, "{found} {radius_m}");
     }
-    // By sampling the plate on a grid; pins by hand: of each, half belongs to this link.
+    // By sampling the plate on a grid; pins by hand: half of each belongs to this link.
     let step_m = 2e-5;
     let (low, high) = even.shape.plate.bounds();
     let (mut mass, mut first, mut polar) = (0.0, 0.0, 0.0);
@@ -547,7 +547,7 @@ fn rows_have_masses_of_plates_and_pins_or_those_given() {
     mass += pins;
     polar += pins * (0.5 * 1.2e-3 * 1.2e-3 + 4.005e-3 * 4.005e-3);
     let centre_m = first / mass;
-    // The grid is good to 0.5 %.
+    // The grid is accurate to 0.5 %.
     near("mass [kg]", even.shape.mass_kg, mass, 5e-3 * mass);
     near("centre of mass [m]", even.centre_of_mass_m, centre_m, 5e-3 * 1e-3);
     let inertia = polar - mass * centre_m * centre_m;
@@ -579,7 +579,7 @@ fn links_touch_teeth_where_a_search_over_every_element_finds_it() {
         let Some(LinkContour::Flanks(rows)) = &model.contour else { panic!("flanks") };
         let tau = sprocket.pitch_angle_rad();
         let (mut compared, mut worst) = (0, 0.0_f64);
-        // A lattice that no symmetry of the teeth falls in with.
+        // A lattice that matches no symmetry of the teeth.
         for k in 0..40_000_u32 {
             let share = |step: f64| (f64::from(k) * step).fract();
             let (angle_rad, seated) = sprocket.pose_at_seat(8e-3, tau * (1.1 * share(0.618_034) - 0.05));

@@ -1,4 +1,4 @@
-//! Drawings of recordings: contours where the recording says, arrows to scale, pictures that open.
+//! Drawings of recordings: contours at their recorded poses, arrows to scale, valid pictures.
 
 use pitchline::recording::frame::{Frame, Header, Outline, OutlineElement};
 use pitchline::recording::mcap::{Recording, read};
@@ -55,13 +55,13 @@ fn arrow(data: &str) -> [[f64; 2]; 2] {
     [[0.5 * (n[0] + n[12]), 0.5 * (n[1] + n[13])], [n[6], n[7]]]
 }
 
-/// Turned and shifted by hand, with the C library's trigonometry [mm].
+/// Rotated and shifted independently, with the C library's trigonometry [mm].
 fn placed(pose: Pose, x: f64, y: f64) -> [f64; 2] {
     let (s, c) = pose.angle_rad.sin_cos();
     [1e3 * (pose.x_m + c * x - s * y), 1e3 * (pose.y_m + s * x + c * y)]
 }
 
-/// Largest distance between what the drawing's path and the outline's elements say of ends and radii [mm].
+/// Largest difference of ends and radii between the drawing's path and the outline's elements [mm].
 fn error_mm(data: &str, outline: &Outline, pose: Pose) -> f64 {
     let commands = commands(data);
     let drawn: Vec<_> = commands.iter().filter(|(c, _)| "LA".contains(*c)).collect();
@@ -105,7 +105,7 @@ fn contours_stand_where_the_recording_says() {
         }
         assert_eq!(paths.next(), None, "nothing else is drawn");
         println!("{chain}: {worst:.1e} mm");
-        // Measured 5e-8: half of the last digit written.
+        // Measured 5e-8: half of the last written digit.
         assert!(worst < 1e-6, "{chain}: {worst} mm");
     }
 }
@@ -116,7 +116,7 @@ fn contours_go_through_the_map_to_the_page_with_y_up() {
     let drawing = draw(&recording.header, &[&recording.frames[3]], DRIVE);
     let map = numbers(attributes(&drawing.svg, "class=\"contours\"", "transform")[0]);
     assert!((map[0] - drawing.units_per_mm).abs() < 1e-9 && map[3] == -map[0] && map[1] == 0.0 && map[2] == 0.0);
-    // The feet of contacts, drawn on the page, are where their contours are.
+    // The drawn contact points are on the page where their contours are.
     let contacts = &recording.frames[3].contacts;
     let dots: Vec<&str> = drawing.svg.lines().filter(|l| l.starts_with("<circle") && l.contains("#c8102e")).collect();
     assert_eq!(dots.len(), contacts.link.len());
@@ -127,7 +127,7 @@ fn contours_go_through_the_map_to_the_page_with_y_up() {
     }
 }
 
-/// An arc round (1, 2) mm with radius 3 mm.
+/// An arc around (1, 2) mm with radius 3 mm.
 fn arc(start_rad: f64, sweep_rad: f64) -> OutlineElement {
     let at = |a: f64| (1e-3 + 3e-3 * a.cos(), 2e-3 + 3e-3 * a.sin());
     let ((start_x_m, start_y_m), (end_x_m, end_y_m)) = (at(start_rad), at(start_rad + sweep_rad));
@@ -183,14 +183,14 @@ fn long_arcs_and_full_circles_keep_their_centre() {
         if scale == SCALES[0] {
             assert_eq!(drawn, if degrees.abs() > 315.0 { 2 } else { 1 });
         } else {
-            // A sixth root, because the error of a cubic falls with the sixth power of the sweep: 30.6 degrees.
+            // A sixth root, because the error of a cubic decreases with the sixth power of the sweep: 30.6 degrees.
             let longest = 90.0 * (0.025_f64 / (2.7e-4 * 3.0 * 2e4)).powf(1.0 / 6.0);
             assert_eq!(drawn, (degrees.abs() / longest).ceil() as usize, "{degrees}");
         }
     }
 }
 
-/// Width between the tooth's line and the bush's, across the panel through the foot of the contact, in a PNG.
+/// Distance between the tooth's line and the bush's, across the panel through the contact point, in a PNG.
 #[test]
 fn penetration_is_drawn_as_deep_as_it_is() {
     let recording = recorded("bush");
@@ -198,7 +198,7 @@ fn penetration_is_drawn_as_deep_as_it_is() {
     let drawing = draw(header, &[frame], Options { around: Around::Body(0), width_mm: Some(0.05), joints: false });
     let bytes = pitchline::render::png::encode(&drawing.svg, 2.0).expect("encoded");
     let pixmap = resvg::tiny_skia::Pixmap::decode_png(&bytes).expect("decodes");
-    // The deepest contact of the driver stands in the middle of the panel.
+    // The deepest contact of the driver is at the centre of the panel.
     let c = &frame.contacts;
     let i = (0..c.body.len())
         .filter(|i| c.body[*i] == 0)
@@ -223,7 +223,8 @@ fn penetration_is_drawn_as_deep_as_it_is() {
     let blue = line(&|p| p.red() < 120 && p.blue() > 170);
     let drawn_um = (blue - ink) / per_mm * 1e3;
     println!("penetration {:.3} um, drawn {drawn_um:.3} um", c.penetration_m[i] * 1e6);
-    // Measured 0.007 um off; 0.2 um with arcs of a quarter turn. So near the foot the bush's circle has not left the tooth's.
+    // Measured error 0.007 um; 0.2 um with arcs of a quarter turn. Near the contact point the bush's circle still
+    // coincides with the tooth's.
     assert!((drawn_um - c.penetration_m[i] * 1e6).abs() < 0.06, "2.3 pixels");
 }
 
@@ -239,7 +240,7 @@ fn arrows_have_the_length_and_direction_of_their_forces() {
             let (n, t) = (c.normal_force_n[i], c.tangential_force_n[i]);
             [n * c.normal_x[i] - t * c.normal_y[i], n * c.normal_y[i] + t * c.normal_x[i]]
         };
-        // Arrows below half a unit are dots only.
+        // Arrows below half a unit are drawn as dots.
         let long: Vec<_> = (0..c.link.len()).map(force).filter(|f| f[0].hypot(f[1]) * per_n >= 0.5).collect();
         let drawn = attributes(&drawing.svg, "class=\"contact\"", "d");
         assert!(!drawn.is_empty() && drawn.len() == long.len(), "{} of {}", drawn.len(), long.len());
@@ -248,7 +249,7 @@ fn arrows_have_the_length_and_direction_of_their_forces() {
             assert!((tip[0] - tail[0] - fx * per_n).abs() < 2e-3, "{chain}: {data}");
             assert!((tip[1] - tail[1] + fy * per_n).abs() < 2e-3, "{chain}: {data}");
         }
-        // The legend's arrow is as long as the force that it names.
+        // The legend's arrow has the length of its force.
         for (class, per_n, word) in [
             ("class=\"legend\"", per_n, "N, contact force"),
             ("class=\"legend-joint\"", drawing.joint_units_per_n.expect("joints"), "N, joint force"),
@@ -270,7 +271,8 @@ fn tension_pulls_the_link_ahead_back() {
     assert!((5..=10).contains(&arrows.len()), "{}", arrows.len());
     for data in arrows {
         let [tail, tip] = arrow(data);
-        // The tight span runs to the left, so it pulls to the right; both in the direction of link 35 within 10 degrees.
+        // The tight span runs to the left, so that it pulls to the right; both in the direction of link 35 within 10
+        // degrees.
         let heading = frame.links.angle_rad[35];
         let along = (tip[0] - tail[0]) * heading.cos() - (tip[1] - tail[1]) * heading.sin();
         assert!(along < -0.98 * (tip[0] - tail[0]).hypot(tip[1] - tail[1]), "{data}");
@@ -295,7 +297,7 @@ fn film_strips_have_a_panel_an_instant_with_one_scale() {
         }
         let maps = attributes(&drawing.svg, "class=\"contours\"", "transform");
         assert!(maps.iter().all(|m| numbers(m)[0] == numbers(maps[0])[0]), "one scale");
-        // The view follows the link: it stands in the middle of every panel.
+        // The view follows the link, which is at the centre of every panel.
         for ((map, clip), frame) in maps.iter().zip(clips).zip(&frames) {
             let map = numbers(map);
             let [x, y, w, h] = ["x", "y", "width", "height"].map(|name| numbers(attributes(clip, "rect", name)[0])[0]);

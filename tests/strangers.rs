@@ -1,4 +1,5 @@
-//! Measured files as other programs write them: each holds the numbers of `truth.csv` (see `tests/data/strangers/README.md`).
+//! Measured files written by other programs: each contains the numbers of `truth.csv` (see
+//! `tests/data/strangers/README.md`).
 
 use pitchline::measurement::columns::{Columns, Layout, Memory, Wanted, read};
 use std::path::PathBuf;
@@ -47,7 +48,7 @@ fn text_files_of_spreadsheets_and_test_benches() {
         for key in NAMES {
             assert_eq!(column(&c, key), truth(key), "{name}: {key}");
         }
-        // Said where something was odd, and only there.
+        // A warning for irregular files, and only for these.
         let stray = name.contains("stray_quote");
         assert_eq!(
             c.warnings.iter().any(|w| w.contains("line 102: a quotation mark")),
@@ -60,7 +61,7 @@ fn text_files_of_spreadsheets_and_test_benches() {
     assert_eq!(c.units[1].as_deref(), Some("rpm"));
     let c = columns("csv_excel_german_cp1252.csv", Layout::default(), &["\u{d6}ltemperatur_\u{b0}C"]);
     assert_eq!(column(&c, "\u{d6}ltemperatur_\u{b0}C")[0], 71.55);
-    // What nobody asks for is not kept.
+    // Columns that are not requested are not stored.
     assert!(c.values[1].is_empty() && c.rows() == 200);
 }
 
@@ -145,7 +146,7 @@ fn mdf_as_asammdf_writes_it() {
     }
 }
 
-/// Files that claim or hold more than a program may take.
+/// Files that claim or contain more than a program may allocate.
 #[test]
 fn what_a_file_says_of_itself_takes_no_memory() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -153,7 +154,7 @@ fn what_a_file_says_of_itself_takes_no_memory() {
         read(&folder.path().join(name), Layout::default(), Wanted::All, &mut Memory::of_program(bytes))
     };
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
-    // A line that never ends: two gigabytes of zeros, of which the disk holds none.
+    // A line without end: two gigabytes of zeros in a sparse file.
     let sparse = std::fs::File::create(folder.path().join("zeros.csv")).expect("made");
     sparse.set_len(2 << 30).expect("sparse");
     assert!(read_within("zeros.csv", 1_000_000_000).expect_err("too long").contains("a line of more than"));
@@ -179,7 +180,7 @@ fn what_a_file_says_of_itself_takes_no_memory() {
     assert!(read(&PathBuf::from("/dev/zero"), Layout::default(), Wanted::All, &mut Memory::of_program(1)).is_err());
 }
 
-/// What spreadsheets do to a text file, in words of one line each.
+/// Typical irregularities of spreadsheet exports, one per line.
 #[test]
 fn odd_rows_of_text_files() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -194,25 +195,25 @@ fn odd_rows_of_text_files() {
         let values = c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
         values.iter().map(|v| if v.is_nan() { "-".to_string() } else { v.to_string() }).collect::<Vec<_>>().join(" ")
     };
-    // A text over two lines, in a row and in the names; a comma and a quotation mark within.
+    // A text over two lines, in a row and in the names; with a comma and a quotation mark inside.
     assert_eq!(numbers("t,v,note\n0,1,ok\n0.1,5,\"bump\nagain\"\n0.2,7,\"a, \"\"b\"\"\"\n", true, "v"), "1 5 7");
     assert_eq!(numbers("t,\"Speed\n[rpm]\",torque\n0,1,2\n1,3,4\n", true, "torque"), "2 4");
     // Decimal commas without names.
     assert_eq!(numbers("1,5;2,5\n3,5;4,5\n", false, "2"), "2.5 4.5");
     assert_eq!(numbers("0,001\t1,5\n0,002\t2,5\n", false, "1"), "0.001 0.002");
     assert_eq!(numbers("1,5\n2,6\n", false, "2"), "5 6");
-    // Lost samples keep their place; nothing is made of separators at the end.
+    // Lost samples keep their position; separators at the end are ignored.
     assert_eq!(numbers("a;b\n1;2\n;\n;\n3;4\n;\n;\n", true, "b"), "2 - - 4");
-    // The first row may lack what others have.
+    // The first row may have fewer fields than others.
     assert_eq!(numbers("0,1,\n1,1,5\n", false, "3"), "- 5");
-    // A mark that nobody closes, in the last line and with columns behind it.
+    // A quotation mark that is never closed, in the last line and with columns behind it.
     assert_eq!(numbers("a,b\n1,x\n2,\"y\n", true, "a"), "1 2");
     assert!(parse("a,b,c\n1,\"x\n", true).expect_err("lost").contains("is not closed"));
     assert!(parse(&format!("a,b,c\n1,\"x{}", "\ny".repeat(200)), true).expect_err("lost").contains("within 100 lines"));
     assert!(parse("", true).is_err() && parse("a,b\n", true).is_err() && parse("\n\n#x\n", true).is_err());
 }
 
-/// Found by fuzzing: pages that hold less than they state, on which the library that decodes them panics.
+/// Found by fuzzing: pages that contain less than they state, on which the decoding library panics.
 #[test]
 fn a_library_that_gives_up_is_an_error() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/byte_stream_split.parquet");
@@ -220,8 +221,8 @@ fn a_library_that_gives_up_is_an_error() {
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
 
-/// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one, and a
-/// dictionary of 2^31 numbers, for which it asks the system.
+/// Found by fuzzing: page headers and a footer that state lists of 2^31 elements, which the library skips one by one,
+/// and a dictionary of 2^31 numbers, which it allocates.
 #[test]
 fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
     for (name, why) in [
@@ -236,7 +237,7 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
     }
 }
 
-/// Found by fuzzing: a channel of variable length whose offsets claim 10^14 bytes, which the library asked the system for.
+/// Found by fuzzing: a channel of variable length whose offsets claim 10^14 bytes, which the library allocated.
 #[test]
 fn a_channel_of_variable_length_is_no_column_of_numbers() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/variable_length.mf4");

@@ -1,4 +1,4 @@
-//! Recordings survive: killed runs, cut, flipped and hostile files, full disks.
+//! Recordings survive: killed runs, truncated, bit-flipped and hostile files, full disks.
 
 use pitchline::recording::frame::{FORMAT_VERSION, Header};
 use pitchline::recording::mcap;
@@ -15,7 +15,7 @@ fn sample(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("recordings/samples/{name}-20-40.mcap"))
 }
 
-/// Reads all of a file; the number of messages, or why not.
+/// Reads a whole file; returns the number of messages, or the error.
 fn read(path: &Path) -> Result<usize, String> {
     let mut reader = Reader::open(path).map_err(|e| format!("{e:#}"))?;
     let mut messages = 0;
@@ -26,7 +26,8 @@ fn read(path: &Path) -> Result<usize, String> {
     result.map(|()| messages).map_err(|e| format!("{e:#}"))
 }
 
-/// Most wall time that a killed run may lose [s], and what an overloaded machine takes longer to hand a chunk to the disk.
+/// Largest wall time that a killed run may lose [s], and the additional delay of an overloaded machine in writing a
+/// chunk.
 const LARGEST_LOSS_S: f64 = 0.2;
 const SLOW_MACHINE_S: f64 = 0.3;
 
@@ -36,7 +37,8 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
     let mut worst = 0.0_f64;
     let mut opened = 0;
     let mut late = 0;
-    // A fast drive, one with few frames a second, and frames so far apart that only impacts and events come between them.
+    // A fast drive, one with few frames per second, and frames so far apart that only impacts and events come between
+    // them.
     for (drive, kills, every) in [("bush-20-40", 42, "50us"), ("smartchain-20-40", 4, "50us"), ("bush-20-40", 4, "1s")]
     {
         for kill in 0..kills {
@@ -49,7 +51,7 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
                 .stderr(Stdio::null())
                 .spawn()
                 .expect("starts");
-            // From when its file exists on.
+            // Time counts from the creation of its file.
             let waiting = Instant::now();
             while !path.exists() && waiting.elapsed() < Duration::from_secs(120) {
                 std::thread::sleep(Duration::from_millis(2));
@@ -76,11 +78,11 @@ fn a_run_killed_at_any_moment_leaves_a_file_that_opens() {
     println!(
         "{opened} killed runs opened; at most {worst:.3} s between the last write and the end, {late} times more than allowed"
     );
-    // A machine that does something else may hold a run up, but not often.
+    // A busy machine may delay a run, but not often.
     assert!(late <= 2 && worst < LARGEST_LOSS_S + SLOW_MACHINE_S);
 }
 
-/// 130 means that files are finished: a second Ctrl-C that cuts them short ends with 1 and says so.
+/// Exit code 130 means that files are finished: a second Ctrl-C that truncates them ends with 1 and reports it.
 #[cfg(unix)]
 #[test]
 fn interrupted_runs_finish_their_files_or_say_that_they_did_not() {
@@ -145,7 +147,7 @@ fn cut_files_are_read_up_to_their_last_whole_chunk_and_repaired() {
     std::fs::write(&cut, &bytes[..bytes.len() - 4000]).expect("writable");
     let out =
         Command::new(PROGRAM).args(["replay", "--repair"]).arg(&cut).arg("-o").arg(&mended).output().expect("runs");
-    // Done, with something lost.
+    // Done, with reported losses.
     assert_eq!(out.status.code(), Some(3), "{}", String::from_utf8_lossy(&out.stderr));
     let (before, after) = (mcap::read(&cut).expect("readable"), mcap::read(&mended).expect("readable"));
     assert!(after.complete && after.frames == before.frames && !after.frames.is_empty());
@@ -201,7 +203,7 @@ fn hostile_files_are_refused_in_bounded_memory() {
         let length = content.len() as u64;
         hostile(6, length, &content)
     };
-    // A bomb: 60 MB of zeros in a few kB, and one that says so falsely.
+    // A decompression bomb: 60 MB of zeros in a few kB, and one with a false size.
     let bomb = zstd::encode_all(std::io::Cursor::new(vec![0_u8; 60 << 20]), 19).expect("packs");
     let inner_lie = {
         // An unpacked record of 2^63 bytes inside a chunk.
@@ -235,7 +237,7 @@ fn hostile_files_are_refused_in_bounded_memory() {
     let view = folder.path().join("a.rrd");
     std::fs::write(&view, b"RRF2").expect("writable");
     assert!(Reader::open(&view).err().expect("refused").to_string().contains("give the .mcap"));
-    // A header whose columns do not fit each other must not be indexed blindly.
+    // A header with inconsistent columns must not cause invalid indexing.
     let links = vec![Default::default(); 3];
     let link_outlines = vec![Default::default()];
     let header = Header {
@@ -278,7 +280,7 @@ fn a_disk_that_fills_up_keeps_what_was_written() {
 
 #[test]
 fn recordings_of_the_longest_chains_can_be_read() {
-    // 2000 links with two contacts each: 128 such frames in one chunk would be more than a reader unpacks.
+    // 2000 links with two contacts each: 128 such frames in one chunk would exceed a reader's limit.
     let (links, rows) = (2000, 4000);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("long.mcap");

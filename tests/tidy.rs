@@ -1,4 +1,4 @@
-//! Rules that keep the code readable, kept true.
+//! Rules that keep the code readable.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ fn files_open_with_what_they_are_and_leave_nothing_open() {
         let text = std::fs::read_to_string(&path).expect("readable");
         let shown = path.strip_prefix(root()).unwrap_or(&path).display();
         assert!(text.starts_with("//!"), "{shown} does not say what it is");
-        // Spelled apart, so that this file does not find itself.
+        // Split, so that this file does not match itself.
         for word in ["todo", "unimplemented"]
             .map(|w| format!("{w}!("))
             .iter()
@@ -79,7 +79,7 @@ fn architecture_names_files_that_exist_and_stays_short() {
 
 #[test]
 fn modules_use_only_what_stands_above_them() {
-    // The order of reading; a module may use those before it.
+    // The order of reading; a module may only use modules before it.
     let order = [
         "units",
         "diag",
@@ -110,7 +110,7 @@ fn modules_use_only_what_stands_above_them() {
         "render",
         "cli",
     ];
-    // The most particular entry that fits.
+    // The most specific matching entry.
     let place = |module: &str| {
         let fits = |m: &str| module == m || module.starts_with(&format!("{m}::"));
         (0..order.len()).filter(|i| fits(order[*i])).max_by_key(|i| order[*i].len())

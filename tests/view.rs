@@ -1,4 +1,4 @@
-//! `pitchline view`: what it serves, what it starts, what it leaves behind.
+//! `pitchline view`: served content, started programs, remaining files.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -64,7 +64,7 @@ fn an_archive_converts_to_what_the_run_would_have_written() {
     assert!(compared.status.success(), "the two differ");
 }
 
-/// A viewer that only says that it was started.
+/// A viewer that only reports that it was started.
 #[cfg(all(unix, feature = "rerun"))]
 fn fake_viewer(folder: &Path, version: &str, then: &str) -> PathBuf {
     let path = folder.join(format!("rerun-{version}"));
@@ -104,7 +104,7 @@ mod web {
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
-    /// `pitchline view --web` and the host that it says.
+    /// Runs `pitchline view --web`; returns the process and the host that it prints.
     fn serve(recording: &Path, temporary: &Path) -> (Child, String, String) {
         let mut command = pitchline();
         command.arg("view").arg("--web").arg(recording).env("TMPDIR", temporary);
