@@ -1,5 +1,5 @@
-//! Inputs as attackers and accidents make them, generated from seeds: no panic, no hang, no memory beyond what is stated, and no
-//! answer that differs without a word. `fuzz/attack/` has more of them, for hours.
+//! Inputs by attackers and accidents, generated from seeds: no panic, no hang, no memory beyond the stated limits, and
+//! no wrong answer without a message. `fuzz/attack/` contains more of them, for hours.
 #![cfg(unix)]
 
 mod outputs;
@@ -13,10 +13,10 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_pitchline");
-/// Nothing takes longer.
+/// Time limit of a run.
 const LONGEST: Duration = Duration::from_secs(10);
 
-/// Numbers that look like chance and are the same for the same seed (Steele and others 2014, SplitMix64).
+/// Pseudorandom numbers that depend only on the seed (Steele and others 2014, SplitMix64).
 struct Random(u64);
 
 impl Random {
@@ -44,7 +44,7 @@ fn sample() -> PathBuf {
     root().join("recordings/samples/bush-20-40.mcap")
 }
 
-/// Runs the program; it must end in time, by itself, without a panic, and say why where it fails.
+/// Runs the program; it must end in time, by itself, without a panic, and print a message if it fails.
 fn run(folder: &Path, args: &[&str]) -> Output {
     let started = Instant::now();
     let mut child = Command::new(PROGRAM)
@@ -55,7 +55,7 @@ fn run(folder: &Path, args: &[&str]) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .expect("starts");
-    // Read at the side: a full pipe would hold it.
+    // Read on another thread, because a full pipe would block the program.
     let mut stderr = child.stderr.take().expect("piped");
     let errors = std::thread::spawn(move || {
         let mut bytes = Vec::new();

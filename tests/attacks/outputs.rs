@@ -1,4 +1,5 @@
-//! Outputs by every name: none of them is ever an input, and what was there before stays until it is replaced as a whole.
+//! Outputs under every name: none of them is ever an input, and an existing file remains until its replacement is
+//! complete.
 
 use super::{PROGRAM, run, sample};
 use std::io::Read;
@@ -6,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Another name of a file, of every kind that there is.
+/// Other names of a file, of every possible kind.
 fn other_names(folder: &Path, name: &str) -> Vec<String> {
     let extension = Path::new(name).extension().expect("an ending").to_str().expect("text");
     let at = |name: &str| folder.join(name);
@@ -118,7 +119,7 @@ fn a_file_that_may_not_grow_is_an_error_and_opens() {
     assert!(said.contains("cannot write a.mcap") && said.contains("is kept in a.mcap"), "{said}");
     let opened = run(folder.path(), &["impacts", "a.mcap"]);
     assert_eq!(opened.status.code(), Some(3), "{}", String::from_utf8_lossy(&opened.stderr));
-    // A drawing is whole, or not there.
+    // A drawing is complete, or does not exist.
     std::fs::copy(sample(), folder.path().join("in.mcap")).expect("copied");
     let out = Command::new("bash")
         .args(["-c", "ulimit -f 8; exec \"$0\" snapshot in.mcap --at 0.1ms -o s.svg", PROGRAM])
@@ -163,7 +164,7 @@ fn a_pipe_that_nobody_reads_is_given_up() {
     let said = String::from_utf8_lossy(&out.stderr);
     assert_eq!(out.status.code(), Some(1), "{said}");
     assert!(said.contains("waiting for") && said.contains("nobody reads this pipe"), "{said}");
-    // One that is read gets everything.
+    // A pipe with a reader receives everything.
     let (from, to) = (folder.path().join("p.mcap"), folder.path().join("q.mcap"));
     let reader = std::thread::spawn(move || std::fs::write(to, std::fs::read(from).expect("read")).expect("written"));
     assert!(run(folder.path(), &["run", "bush-20-40", "--duration", "1ms", "-o", "p.mcap"]).status.success());
@@ -215,7 +216,7 @@ fn wild_command_lines_are_refused_with_a_reason() {
             args.push(random.of(&values));
         }
         args.push(random.of(&values));
-        // A run that is asked for is short.
+        // A run, if the case contains one, is short.
         if args[0] == "run" {
             args.extend(["--duration", "0.1ms", "--no-output"]);
         }

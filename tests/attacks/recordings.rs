@@ -1,5 +1,5 @@
-//! Recordings that were cut, flipped, or unpacked, changed and packed again: what is read of them is what was written, or
-//! somebody says that it is not.
+//! Recordings that were truncated, bit-flipped, or unpacked, changed and packed again: the data read equal the data
+//! written, or a message reports the difference.
 
 use super::{Random, run, sample};
 use mcap::records::op;
@@ -8,7 +8,7 @@ use std::path::Path;
 
 const EVERYTHING: Wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
 
-/// All that a recording says, and what its reader says that it lacks.
+/// The content of a recording, and the data that its reader reports as missing.
 fn read(path: &Path) -> Result<(Vec<String>, Vec<String>), String> {
     let mut reader = Reader::open(path).map_err(|e| format!("{e:#}"))?;
     let mut all = vec![format!("{:?}", reader.header())];
@@ -24,7 +24,7 @@ fn read(path: &Path) -> Result<(Vec<String>, Vec<String>), String> {
     Ok((all, reader.missing().to_vec()))
 }
 
-/// Records of a file behind its magic bytes: kind and content.
+/// Records of a file after its magic bytes: kind and content.
 fn records(bytes: &[u8]) -> Vec<(u8, Vec<u8>)> {
     let mut at = mcap::MAGIC.len();
     let mut all = Vec::new();
@@ -43,7 +43,7 @@ fn put(into: &mut Vec<u8>, kind: u8, content: &[u8]) {
     into.extend(content);
 }
 
-/// The file again with its chunks changed from within, their checksums right, its table of contents as it was or left out.
+/// The file with its chunks changed inside, with correct checksums, and with its table of contents kept or left out.
 fn repacked(bytes: &[u8], with_contents: bool, mut change: impl FnMut(usize, &mut Vec<(u8, Vec<u8>)>)) -> Vec<u8> {
     let mut file = mcap::MAGIC.to_vec();
     let mut chunks = 0;
@@ -75,7 +75,7 @@ fn repacked(bytes: &[u8], with_contents: bool, mut change: impl FnMut(usize, &mu
     file
 }
 
-/// Topic of a message by the number of its channel in our files: frames are the second.
+/// Channel number of frames in these files.
 const FRAMES: u16 = 2;
 
 fn is_frame((kind, content): &(u8, Vec<u8>)) -> bool {
@@ -97,7 +97,7 @@ fn cut_and_flipped_recordings_never_answer_otherwise_in_silence() {
             bytes.truncate(random.below(whole.len()));
         } else {
             for _ in 0..=random.below(3) {
-                // Half of them where the table of contents stands.
+                // Half of them in the table of contents.
                 let from = if random.below(2) == 0 { whole.len() - 4000 } else { 0 };
                 let at = from + random.below(whole.len() - from);
                 bytes[at] ^= 1 << random.below(8);
@@ -136,7 +136,7 @@ fn recordings_packed_again_never_answer_otherwise_in_silence() {
         let mut left = random.below(20);
         let mut changed = false;
         let bytes = repacked(&whole, with_contents, |_, inside| {
-            // The first and the last frame may be left out by whoever runs less: that nobody can tell.
+            // The first and the last frame may be left out, as in a shorter run, which cannot be detected.
             let frames: Vec<usize> = (0..inside.len()).filter(|i| is_frame(&inside[*i])).collect();
             if changed || frames.len() < 4 || left > n_frames(inside) {
                 left = left.saturating_sub(1);
@@ -171,7 +171,7 @@ fn a_chunk_that_is_none_any_more_is_missed_by_every_verb() {
     let recorded = run(folder.path(), &["run", "bush-20-40", "--duration", "8ms", "-o", "whole.mcap"]);
     assert!(recorded.status.success());
     let whole = std::fs::read(at("whole.mcap")).expect("a recording");
-    // The third chunk gets a kind that nobody knows; then another file is cut in its middle.
+    // The third chunk gets an unknown kind; then another file is truncated in its middle.
     let mut place = mcap::MAGIC.len();
     let mut chunks = Vec::new();
     for (kind, content) in records(&whole) {

@@ -1,4 +1,4 @@
-//! Whoever connects: pages from elsewhere, programs that never read, heads without an end.
+//! Hostile clients: foreign web pages, programs that never read, request heads without an end.
 
 use super::{PROGRAM, sample};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -20,7 +20,7 @@ fn connect(port: u16) -> TcpStream {
     stream
 }
 
-/// Sends until the other side has had enough, at most `most` bytes.
+/// Sends until the other side closes the connection, at most `most` bytes.
 fn flood(stream: &mut TcpStream, piece: &[u8], most: usize) -> usize {
     let mut sent = 0;
     while sent < most && stream.write_all(piece).is_ok() {
@@ -84,7 +84,7 @@ fn the_web_server_survives_whoever_connects() {
     let sent = flood(&mut stream, &[b'a'; 65_536], 64 << 20);
     assert!(sent < 64 << 20, "{sent} bytes of a head were taken");
     good();
-    // Many requests at once, nobody reads the answers; many connections that say nothing.
+    // Many requests at once whose answers are not read; many connections that send nothing.
     let mut stream = connect(port);
     let request = format!("GET /re_viewer.js HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n").repeat(200);
     stream.set_write_timeout(Some(Duration::from_millis(300))).expect("a limit");
@@ -105,7 +105,7 @@ fn the_web_server_survives_whoever_connects() {
     assert_eq!(view.wait().expect("ends").code(), Some(130));
 }
 
-/// A live run, its port, its token, and what it says from then on.
+/// A live run, its port, its token, and its later output.
 fn live(duration: &str) -> (Child, u16, String, JoinHandle<String>) {
     let mut run = Command::new(PROGRAM)
         .args([
@@ -140,7 +140,7 @@ fn live(duration: &str) -> (Child, u16, String, JoinHandle<String>) {
     (run, port, token, rest)
 }
 
-/// Shakes hands; the stream and the first line of the answer.
+/// Performs the handshake; returns the stream and the first line of the answer.
 fn greet(port: u16, path: &str, headers: &str) -> (TcpStream, String) {
     let mut stream = connect(port);
     let request = format!(
@@ -205,7 +205,7 @@ fn a_live_run_ends_in_its_own_time_whoever_connects() {
     }
     let started = Instant::now();
     assert!((1..=8).contains(&clients.len()), "{} clients", clients.len());
-    // Whoever sends what no viewer sends is closed, and nobody else notices.
+    // A client that sends invalid data is disconnected, and the others are not affected.
     let mut rude = clients.pop().expect("a client");
     let _sent = rude.write_all(&frame(2, &vec![0; 1 << 20]));
     let mut lying = clients.pop().expect("a client");
@@ -232,7 +232,8 @@ fn a_live_run_ends_in_its_own_time_whoever_connects() {
     let said = said.join().expect("read");
     println!("{took:?}, {peak_kb} kB: {said}");
     assert!(status.success(), "{said}");
-    // A second of this drive takes 0.6 to 2 s here; nobody is waited for longer than the two seconds of the goodbye.
+    // A second of this drive takes 0.6 to 2 s here; at the end the run waits for at most the two seconds of the closing
+    // handshake.
     assert!(took < Duration::from_secs(30) && peak_kb < 300_000, "{took:?}, {peak_kb} kB");
     assert!(said.contains("messages left out") && said.contains("refused"), "{said}");
 }

@@ -1,4 +1,4 @@
-//! Texts that people write, and tables that machines write, with mistakes of every kind.
+//! Texts by people, and tables by machines, with errors of every kind.
 
 use super::{Random, root};
 use pitchline::breakpoint::{Breakpoint, Names};
@@ -198,7 +198,7 @@ fn measured_files_are_read_or_refused_within_their_memory() {
     assert!(fine > 50 && refused > 50);
 }
 
-/// Records of a disc that a motor turns, with one thing about them that no bench would write.
+/// Records of a disc that a motor drives, each with one property that no test bench would produce.
 #[test]
 fn records_far_from_any_machine_end_in_an_answer_or_a_reason() {
     let folder = tempfile::tempdir().expect("a folder");

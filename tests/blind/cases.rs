@@ -7,8 +7,8 @@ use super::numbers::{Random, dot};
 use super::weighing::{Bench, outside};
 use super::{COARSE, Case, Class, MARK, Truth, fine};
 
-/// Effects that this kind of machine shows: those that its free numbers take over (a gauge's gain where all forces are free)
-/// are left out, and those that need another motion (friction's sign on a chain that never turns back).
+/// Effects that this kind of machine shows. Left out are those that its free parameters absorb (a gauge's gain where
+/// all forces are free), and those that need another motion (friction's sign on a chain that never reverses).
 pub(super) fn laws(kind: Kind) -> Vec<(Law, &'static [usize])> {
     use Law::{
         Alternate, Attached, Backlash, Constant, Coulomb, DeadZone, Drift, Encoder, Gain, GainCurve, Hardening,
@@ -45,14 +45,14 @@ pub(super) fn laws(kind: Kind) -> Vec<(Law, &'static [usize])> {
     }
 }
 
-/// What a case is to hold.
+/// Planned content of a case.
 struct Draft {
     kind: Kind,
     wish: Wish,
     laws: Vec<(Law, usize, Option<f64>)>,
 }
 
-/// By number, so that every effect has its turn on every machine.
+/// By number, so that every effect occurs on every machine.
 fn single(turn: u64, random: &mut Random) -> Draft {
     let all: Vec<(Kind, Law, &[usize])> = [Kind::One, Kind::Two, Kind::Chain]
         .into_iter()
@@ -93,7 +93,7 @@ fn out_of_catalogue(number: u64, random: &mut Random) -> Draft {
 fn confusable(number: u64, random: &mut Random) -> Draft {
     let none = Wish::default();
     let (kind, wish, law) = match number % 7 {
-        // On a linear machine with one sensor a delay is a delay, wherever it sits.
+        // On a linear machine with one sensor all positions of a delay are equivalent.
         0 => (Kind::One, none, (random.pick(&[Law::InputDelay, Law::Latency]), 0, None)),
         1 => (Kind::One, none, (random.pick(&[Law::Lag, Law::LowPass]), 0, None)),
         2 => match random.chance(0.5) {
@@ -101,19 +101,19 @@ fn confusable(number: u64, random: &mut Random) -> Draft {
             false if random.chance(0.5) => (Kind::Two, none, (Law::InputOffset, 0, None)),
             false => (Kind::Two, none, (Law::Constant, random.below(2), None)),
         },
-        // Friction of what never turns back is a constant load.
+        // Without reversal, friction is a constant load.
         3 => {
             let wish = Wish { one_way: true, ..none };
             (Kind::One, wish, (random.pick(&[Law::Coulomb, Law::DeadZone, Law::Constant]), 0, None))
         }
-        // One speed, one channel: whatever comes back once a turn.
+        // One speed, one channel: everything that repeats once per revolution.
         4 => {
             let teeth = Some([19, 15 + 2 * random.below(10) as u32 + u32::from(random.chance(0.5)) * 16]);
             let wish = Wish { one_speed: true, one_channel: true, teeth, ..none };
             let (law, at) = random.pick(&[(Law::Encoder, 0), (Law::Runout, 1), (Law::Ripple, 1)]);
             (Kind::Chain, wish, (law, at, Some(1.0)))
         }
-        // As many teeth on both: both turn alike.
+        // Equal tooth counts: both bodies turn alike.
         5 => {
             let z = 15 + random.below(12) as u32;
             (Kind::Chain, Wish { teeth: Some([z, z]), one_channel: true, ..none }, (Law::Runout, random.below(2), None))
@@ -130,7 +130,7 @@ fn confusable(number: u64, random: &mut Random) -> Draft {
 
 fn draft(class: Class, number: u64, attempt: u64, random: &mut Random) -> Draft {
     match class {
-        // After many failures on one effect, the next one.
+        // After many failures with one effect, the next one.
         Class::Single => single(number + attempt / 40, random),
         Class::Double => double(random),
         Class::Outside => out_of_catalogue(number, random),
@@ -142,7 +142,7 @@ fn draft(class: Class, number: u64, attempt: u64, random: &mut Random) -> Draft 
     }
 }
 
-/// One attempt at a case; None where no believable size makes a mark of the size that was drawn.
+/// One attempt at a case; None if no plausible size gives the drawn magnitude.
 pub(super) fn attempted(class: Class, number: u64, attempt: u64, random: &mut Random) -> Option<Case> {
     let draft = draft(class, number, attempt, random);
     let bench = Bench::new(draft.kind, draft.wish, random);
@@ -183,7 +183,7 @@ pub(super) fn attempted(class: Class, number: u64, attempt: u64, random: &mut Ra
     })
 }
 
-/// What each fault leaves, and who leaves the same; None where the class is missed.
+/// The contribution of each fault, and its rivals; None if the class is not met.
 fn weighed(bench: &Bench, faults: &[Fault], shown: &[f64], class: Class) -> Option<(Vec<Truth>, Vec<String>)> {
     let mut truth = Vec::new();
     let mut rivals: Vec<String> = Vec::new();
@@ -213,7 +213,7 @@ fn weighed(bench: &Bench, faults: &[Fault], shown: &[f64], class: Class) -> Opti
         return None;
     }
     if let [a, b] = marks.as_slice() {
-        // Two effects that leave one mark are one.
+        // Two effects with the same contribution count as one.
         let along = dot(a, b);
         if along * along > 0.7 * dot(a, a) * dot(b, b) {
             return None;

@@ -1,4 +1,4 @@
-//! The effects this code knows, their sizes and where they act.
+//! The effects known to this code, their sizes and places.
 
 use super::machine::Machine;
 use super::numbers::Random;
@@ -62,17 +62,17 @@ pub(super) enum On {
     Channel,
 }
 
-/// How an effect is written in files.
+/// Notation of an effect in files.
 pub(super) struct Row {
     pub(super) law: Law,
     pub(super) name: &'static str,
     pub(super) part: Part,
     pub(super) on: On,
-    /// Key of its size on what turns, and on what slides.
+    /// Key of its size for rotating and for sliding bodies.
     pub(super) key: [&'static str; 2],
     /// The key's unit in SI.
     pub(super) unit: f64,
-    /// Keys of its form.
+    /// Keys of its shape parameters.
     pub(super) more: &'static [[&'static str; 2]],
 }
 
@@ -133,7 +133,7 @@ pub(super) const ROWS: [Row; 34] = [
     row(Law::Mass, "changing_mass", Part::Outside, On::Body, "size", 1.0),
 ];
 
-/// Rows stand in the order of their laws.
+/// Rows are in the order of their laws.
 const _: () = {
     let mut i = 0;
     while i < ROWS.len() {
@@ -149,10 +149,10 @@ pub(super) struct Fault {
     /// Body or channel.
     pub(super) at: usize,
     pub(super) size: f64,
-    /// Speeds, order, frequency and damping: what the law says.
+    /// Speeds, order, frequency and damping, depending on the law.
     pub(super) form: [f64; 2],
     pub(super) phase: f64,
-    /// Friction that holds until it is overcome.
+    /// Friction that sticks until it is overcome.
     pub(super) sticks: bool,
 }
 
@@ -180,7 +180,7 @@ impl Fault {
         let (row, path) = (self.row(), self.path(m));
         let which = usize::from(m.slides && row.on == On::Body);
         let mut sizes = vec![(format!("{path}.{}", row.key[which]), self.size / row.unit)];
-        // A speed at which friction sticks is no number of a rule that holds.
+        // A speed at which friction sticks is not a parameter of the sticking rule.
         if !self.sticks {
             let more = row.more.iter().zip(self.form);
             sizes.extend(more.map(|(keys, value)| (format!("{path}.{}", keys[which]), value)));
@@ -188,7 +188,7 @@ impl Fault {
         sizes
     }
 
-    /// Waves for one turn of its body, of what comes back by angle.
+    /// Waves per revolution of its body, for effects that repeat by angle.
     pub(super) fn order(&self, m: &Machine) -> Option<f64> {
         let z = f64::from(m.teeth[self.at.min(1)]);
         match self.law {
@@ -200,13 +200,13 @@ impl Fault {
         }
     }
 
-    /// The same for one link of the chain, or for one turn where there is none.
+    /// The same per link of the chain, or per revolution if there is none.
     pub(super) fn waves(&self, m: &Machine) -> Option<f64> {
         let body = if self.row().on == On::Channel { m.sensed(self.at)? } else { self.at };
         self.order(m).map(|n| n / f64::from(m.teeth[body]))
     }
 
-    /// Length that it adds to the span's path, over sin.
+    /// Length that it adds to the span's path, divided by sin.
     pub(super) fn path_amplitude(&self) -> Option<f64> {
         match self.law {
             Law::Runout | Law::ToothPitch | Law::Polygon => Some(self.size),
@@ -215,7 +215,7 @@ impl Fault {
         }
     }
 
-    /// Cannot be negative.
+    /// Whether it cannot be negative.
     pub(super) fn one_signed(&self) -> bool {
         use Law::{
             Backlash, Coulomb, DeadZone, InputDelay, Lag, Latency, LowPass, Quadratic, Saturation, Stribeck, Viscous,
@@ -225,7 +225,7 @@ impl Fault {
     }
 }
 
-/// Usual sizes, from a run without effects.
+/// Typical sizes, from a run without effects.
 pub(super) struct Scale {
     pub(super) speed: [f64; 2],
     pub(super) torque: f64,
@@ -237,7 +237,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// A size at which an effect is seen, and the largest that is believable.
+    /// A detectable size of an effect, and the largest plausible one.
     pub(super) fn size(&self, m: &Machine, f: &Fault) -> (f64, f64) {
         let body = f.at.min(1);
         let v = self.speed[body].max(1e-12);
@@ -253,7 +253,7 @@ impl Scale {
             Law::Hardening => (0.1 * m.stiffness / self.stretch, 3.0 * m.stiffness / self.stretch),
             Law::Hysteresis => (0.2 * m.stiffness, 2.0 * m.stiffness),
             Law::GainCurve => (0.1 / u, 0.35 / u),
-            // One over its limit.
+            // Reciprocal of its limit.
             Law::Saturation => (0.3 / u, 2.0 / u),
             Law::DeadZone => (0.1 * u, u),
             Law::InputOffset => (0.1 * u, u),
@@ -271,7 +271,7 @@ impl Scale {
     }
 }
 
-/// An effect of chance form at its usual size.
+/// An effect of random shape at its typical size.
 pub(super) fn fault(law: Law, at: usize, m: &Machine, scale: &Scale, random: &mut Random) -> Fault {
     let v = scale.speed[at.min(1)];
     let form = match law {
@@ -281,7 +281,7 @@ pub(super) fn fault(law: Law, at: usize, m: &Machine, scale: &Scale, random: &mu
         Law::ToothPitch => [2.0 + random.below(3) as f64, 0.0],
         Law::Encoder | Law::Fluctuation => [1.0 + random.below(2) as f64, 0.0],
         Law::Attached => [m.rate_hz * random.log_between(0.015, 0.1), random.log_between(0.02, 0.15)],
-        // Share of the usual stretch at which it yields.
+        // Fraction of the typical stretch at which it yields.
         Law::Hysteresis => [scale.stretch * random.between(0.2, 0.8), 0.0],
         Law::Intermittent | Law::Cubic => [0.7 * v, 0.0],
         _ => [0.0; 2],

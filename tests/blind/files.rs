@@ -7,12 +7,12 @@ use super::{Class, DRIVE_FILE};
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 
-/// How a case is put into files.
+/// Form in which a case is written to files.
 pub(super) struct Written {
     /// The drive as its file declares it.
     pub(super) declared: Machine,
     pub(super) free: Vec<Number>,
-    /// How well the file says that its numbers are known [percent].
+    /// Uncertainty of the file's parameters [percent].
     pub(super) spread: Option<f64>,
     /// Correlation of neighbours in the noise.
     pub(super) colour: f64,
@@ -32,7 +32,7 @@ impl Written {
         }
         let wrong = class == Class::Clean && number % 3 == 1;
         if wrong && bench.m.kind == Kind::One && random.chance(0.5) {
-            // Inertia and loss take it over.
+            // Inertia and loss absorb it.
             declared.gain *= 1.0 + random.sign() * random.between(0.15, 0.35);
         } else if wrong {
             let n = random.pick(&free);
@@ -44,7 +44,7 @@ impl Written {
         Written { declared, free, spread, colour, one_file, time_column, rpm: !bench.m.slides && random.chance(0.3) }
     }
 
-    /// A wrong gain stretches all that it drives.
+    /// A wrong gain scales all parameters that it drives.
     pub(super) fn numbers(&self, m: &Machine) -> Vec<(String, f64)> {
         let mut found = m.clone();
         let stretch = self.declared.gain / m.gain;

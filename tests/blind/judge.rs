@@ -1,4 +1,4 @@
-//! Holds what `identify` says of blind cases against what they were made with.
+//! Compares the results of `identify` for blind cases with the truth.
 
 use super::blind::{Case, Class, case};
 use pitchline::identify::fit::parallel;
@@ -11,21 +11,21 @@ use pitchline::measurement::columns::Memory;
 use pitchline::measurement::segments::load;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
-/// What became of a case.
+/// Result of a case.
 pub struct Outcome {
     pub class: Class,
-    /// Three times above the floor after the best change of all free numbers, and told apart by these records (but for the class
-    /// that is not).
+    /// Three times above the floor after the best change of all free parameters, and distinguishable in these records
+    /// (except for the class that is not).
     pub clear: bool,
     /// The first name is the truth.
     pub first: bool,
     /// The truth is named, or in the set.
     pub in_set: bool,
-    /// Something is named that is not there.
+    /// Something is named that does not exist.
     pub false_name: bool,
     pub ambiguous: bool,
     pub set_size: usize,
-    /// Of the named ones: parameters inside their 95 % interval, and all of them.
+    /// For the named effects: parameters inside their 95 % interval, and all parameters.
     pub covered: (usize, usize),
     pub explained_wrongly: bool,
     pub both: bool,
@@ -58,7 +58,7 @@ fn report_of(c: &Case) -> Result<Report, String> {
     identify(&measurement, &machine, &data, &context)
 }
 
-/// Paths of two effects are the same but for names that a drive file leaves free.
+/// Whether paths of two effects are equal, except for names that a drive file leaves free.
 fn same(a: &str, b: &str) -> bool {
     let words = |p: &str| p.trim_end_matches('+').splitn(3, '.').map(str::to_string).collect::<Vec<_>>();
     let (a, b) = (words(a), words(b));
@@ -132,7 +132,7 @@ fn outcome(class: Class, number: u64) -> Outcome {
             all.collect::<Vec<_>>().join(" ")
         })
         .collect();
-    // Of the squared error above the floor on what judges, what stays.
+    // Remaining share of the squared held-out error above the floor.
     let above = |all: &[ChannelError]| -> f64 {
         let whole = all.iter().filter(|e| e.record.is_none()).zip(&r.noise_floor);
         whole.map(|(e, f)| ((e.held_out.unwrap_or(0.0) / f.noise_floor).powi(2) - 1.0).max(0.0)).sum()
@@ -152,7 +152,7 @@ fn outcome(class: Class, number: u64) -> Outcome {
     o
 }
 
-/// Some cases of a class, on all cores; each is told as soon as it is done.
+/// Some cases of a class, on all cores; `done` is called as soon as each is finished.
 pub fn outcomes(class: Class, numbers: std::ops::Range<u64>, done: impl Fn(&Outcome) + Sync) -> Vec<Outcome> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     parallel((numbers.end - numbers.start) as usize, threads, |i| {
@@ -219,8 +219,8 @@ impl Table {
         self.runs.push(o.runs);
     }
 
-    /// Share of clear cases of a class whose first name is the truth, whose set holds it, and of all in which something false is
-    /// named.
+    /// Share of clear cases of a class whose first name is the truth, whose set contains it, and share of all cases
+    /// with a false name.
     pub fn shares(&self, class: Class) -> (f64, f64, f64) {
         let Some(r) = self.all.iter().find(|r| r.class == class) else { return (0.0, 0.0, 0.0) };
         let of = |a: usize, b: usize| a as f64 / b.max(1) as f64;

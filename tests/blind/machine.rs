@@ -1,4 +1,4 @@
-//! A machine at random, and what its file says of it.
+//! A random machine, and its declaration.
 
 use super::numbers::Random;
 use std::f64::consts::PI;
@@ -10,7 +10,7 @@ pub(super) enum Kind {
     Chain,
 }
 
-/// The drive as it is, but for effects.
+/// The true drive without effects.
 #[derive(Clone, Debug)]
 pub(super) struct Machine {
     pub(super) kind: Kind,
@@ -23,26 +23,26 @@ pub(super) struct Machine {
     pub(super) radius: [f64; 2],
     pub(super) teeth: [u32; 2],
     pub(super) links: u32,
-    /// First and last link of the span at the start, where the file tells them.
+    /// First and last link of the span at the start, if the file states them.
     pub(super) span_links: Option<(u32, u32)>,
-    /// Torque or force for one unit of the input's column.
+    /// Torque or force per unit of the input's column.
     pub(super) gain: f64,
     pub(super) rate_hz: f64,
-    /// Inputs stay until the next sample.
+    /// Inputs stay constant until the next sample.
     pub(super) hold: bool,
-    /// Usual speed of the first body, usual torque.
+    /// Typical speed of the first body, typical torque.
     pub(super) speed: f64,
     pub(super) torque: f64,
     pub(super) channels: usize,
 }
 
-/// What a case asks of its machine beyond chance.
+/// Requirements of a case on its random machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wish {
     pub(super) teeth: Option<[u32; 2]>,
-    /// Never turns back.
+    /// Never reverses.
     pub(super) one_way: bool,
-    /// Turns back, but not often.
+    /// Reverses, but not often.
     pub(super) biased: bool,
     /// One record at one speed.
     pub(super) one_speed: bool,
@@ -66,7 +66,7 @@ fn driven_machine(kind: Kind, wish: Wish, random: &mut Random) -> Machine {
     };
     let inertia = [first, if kind == Kind::Two { first * random.log_between(0.3, 3.0) } else { 0.0 }];
     let whole: f64 = inertia.iter().sum();
-    // A thousand samples hold 4 to 20 time constants.
+    // A thousand samples contain 4 to 20 time constants.
     let loss = whole / (1000.0 / rate_hz * random.between(0.05, 0.25));
     let lossy = if kind == Kind::Two { random.below(2) } else { 0 };
     let mut viscous = [0.0; 2];
@@ -106,7 +106,7 @@ fn chain_machine(wish: Wish, random: &mut Random) -> Machine {
     let radius = teeth.map(|z| pitch * f64::from(z) / (2.0 * PI));
     let inertia = random.log_between(1e-3, 5e-2);
     let omega = 2.0 * PI * rate_hz * random.log_between(0.03, 0.1);
-    // A tenth of the sampling rate is the usual rate of teeth.
+    // The typical tooth frequency is a tenth of the sampling rate.
     let speed = 2.0 * PI * 0.11 * rate_hz / f64::from(teeth[0]);
     let load = radius[1] * random.log_between(50.0, 300.0);
     let driven_speed = speed * radius[0] / radius[1];
@@ -150,7 +150,7 @@ fn links_for(teeth: [u32; 2], random: &mut Random) -> u32 {
     };
     let least = (teeth[0] + teeth[1]) / 2 + 30;
     let found: Vec<u32> = (least..least + 80).filter(|n| fits(*n)).collect();
-    // A prime number of teeth leaves nothing between.
+    // A prime number of teeth leaves no other choice.
     if found.is_empty() { least } else { random.pick(&found) }
 }
 
@@ -192,13 +192,13 @@ impl Machine {
         }
     }
 
-    /// Last body: where a load sits.
+    /// Last body, which carries the load.
     pub(super) fn last(&self) -> usize {
         usize::from(self.kind != Kind::One)
     }
 }
 
-/// A number that the measurement file frees.
+/// A parameter that the measurement file frees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Number {
     Inertia(usize),
@@ -209,7 +209,7 @@ pub(super) enum Number {
 }
 
 impl Machine {
-    /// The torque's gain fixes the scale, so that of two inertias one is free.
+    /// The torque's gain fixes the scale, so that only one of two inertias is free.
     pub(super) fn numbers(&self, wish: Wish) -> Vec<Number> {
         match self.kind {
             Kind::One => vec![Number::Inertia(0), Number::Viscous(0)],
@@ -217,7 +217,7 @@ impl Machine {
                 let lossy = usize::from(self.viscous[1] > 0.0);
                 vec![Number::Inertia(0), Number::Viscous(lossy), Number::Stiffness, Number::Damping]
             }
-            // Without a gauge nothing tells forces.
+            // Without a gauge forces are unknown.
             Kind::Chain if wish.one_speed => vec![Number::Viscous(1), Number::Stiffness],
             Kind::Chain if wish.one_channel => vec![Number::Viscous(1), Number::Stiffness, Number::Damping],
             Kind::Chain => {

@@ -1,9 +1,9 @@
 //! Blind cases for `pitchline identify`: measured records of drives whose deviation from what is declared is known.
 //!
-//! Nothing here comes from pitchline. The equations are those of the catalogue's rows, written again and stepped another way:
-//! Heun's rule at 20 or 40 steps a sample where the product takes Runge and Kutta's of fourth order, friction by a rule that
-//! sticks or by tanh, filters by their exact decay, delays as shifted series. Every record runs for a while before it is
-//! recorded, so that filters, delays and hidden springs carry a history that the file does not tell.
+//! This code is independent of pitchline. The equations are those of the catalogue's rows, implemented again with
+//! another scheme: Heun's rule at 20 or 40 steps a sample where the product uses fourth-order Runge-Kutta, friction by
+//! a sticking rule or by tanh, filters by their exact decay, delays as shifted series. Every record runs for a while
+//! before it is recorded, so that filters, delays and hidden springs have a history that the file does not contain.
 //!
 //! ```text
 //! one    J v' = g u - c v                                                    v measured; a rotor or a slider
@@ -12,8 +12,9 @@
 //! chain  v1 measured as input         J2 v2' = r2 F - c2 v2 - T              v2, F measured
 //!        F = k l + d l'   l = r1 q1 - r2 q2 + what runs out of true
 //! ```
-//! All values are SI inside. What a case cannot tell apart is found by its own means: the effect's mark with the directions of
-//! all free numbers and starts taken away, and whether another effect leaves the same mark.
+//! All values are SI inside. Effects that a case cannot distinguish are found independently: from the effect's
+//! contribution with the directions of all free parameters and initial states projected out, and from other effects
+//! with the same contribution.
 #![allow(dead_code)] // each test uses its own part
 
 mod cases;
@@ -40,26 +41,27 @@ pub enum Class {
     Single,
     /// None.
     Clean,
-    /// A cause that the catalogue does not hold.
+    /// A cause outside the catalogue.
     Outside,
-    /// One effect, and at least one other that the records cannot tell from it.
+    /// One effect, and at least one other that the records cannot distinguish from it.
     Confusable,
     /// Two effects of different parts.
     Double,
 }
 
-/// What is in the drive and not in its file.
+/// A deviation of the drive from its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// `effects.NAME.TARGET`; of class Outside `outside.NAME.TARGET`.
+    /// `effects.NAME.TARGET`; for class Outside `outside.NAME.TARGET`.
     pub path: String,
     /// Path and value of every parameter, in the unit of its key.
     pub sizes: Vec<(String, f64)>,
-    /// Root mean square of what it adds to the channel that shows it best, over that channel's noise.
+    /// Root mean square of its contribution to the channel that shows it best, over that channel's noise.
     pub over_floor: f64,
-    /// The same on what fits, after the best change (linear) of all free numbers and starts.
+    /// The same on the fitting data, after the best change (linear) of all free parameters and initial states.
     pub after_fit: f64,
-    /// Length of that mark in standard deviations of noise, all channels and samples together: below 3 nobody can find it.
+    /// Length of this contribution in standard deviations of noise, all channels and samples together: below 3 it
+    /// cannot be found.
     pub sigmas: f64,
 }
 
@@ -72,13 +74,13 @@ pub struct Case {
     /// Name and content of every measured file.
     pub csvs: Vec<(String, String)>,
     pub truth: Vec<Truth>,
-    /// Path and value of every number that is free: where a fit ends that lacks nothing.
+    /// Path and value of every free parameter: the result of a fit with the complete model.
     pub numbers: Vec<(String, f64)>,
-    /// Paths that explain these records as well as the truth; only effects are asked that this file knows.
+    /// Paths that explain these records as well as the truth; only effects known to this file are considered.
     pub rivals: Vec<String>,
 }
 
-/// The case of this class and number: always the same.
+/// The case of this class and number, always the same.
 pub fn case(class: Class, number: u64) -> Case {
     let mut random = Random::new(1 + class as u64, number);
     for attempt in 0..400 {
@@ -89,15 +91,16 @@ pub fn case(class: Class, number: u64) -> Case {
     panic!("no case of {class:?} {number} in 400 attempts");
 }
 
-/// Steps for one sample of what is written. Against four times as many the records move by 0.03 of the noise at most.
+/// Steps per sample of the written records. Compared with four times as many, the records change by 0.03 of the noise
+/// at most.
 const FINE: usize = 20;
-/// The same of a chain's machine, whose gauge shows the span's own swing.
+/// The same for a chain's machine, whose gauge shows the span's own oscillation.
 const FINE_CHAIN: usize = 40;
-/// Of what only weighs it.
+/// Steps per sample when a case is only weighed.
 const COARSE: usize = 3;
 fn fine(kind: Kind) -> usize {
     if kind == Kind::Chain { FINE_CHAIN } else { FINE }
 }
 
-/// Smallest and largest mark of an effect over the noise floor.
+/// Smallest and largest contribution of an effect over the noise floor.
 const MARK: (f64, f64) = (0.5, 20.0);

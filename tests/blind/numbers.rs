@@ -7,7 +7,7 @@ pub(super) struct Random(u64);
 
 impl Random {
     pub(super) fn new(class: u64, number: u64) -> Random {
-        // A few rounds of splitmix, so that neighbours share nothing.
+        // A few rounds of splitmix, so that neighbouring seeds are uncorrelated.
         let mut x = class.wrapping_mul(0xD6E8_FEB8_6659_FD93) ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
         for _ in 0..3 {
             x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -69,7 +69,7 @@ pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The series at a place between its values; its first one before its start.
+/// The series at a position between its values; the first value before its start.
 pub(super) fn at_place(series: &[f64], place: f64) -> f64 {
     let place = place.clamp(0.0, series.len().saturating_sub(1) as f64);
     let low = place as usize;

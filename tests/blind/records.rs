@@ -1,24 +1,24 @@
-//! Records at random: inputs, speeds, lengths.
+//! Random records: inputs, speeds, lengths.
 
 use super::machine::{Kind, Machine, Wish};
 use super::numbers::{Random, mean, rms};
 use std::f64::consts::PI;
 
-/// What happens in a record, but for the machine.
+/// A record without the machine.
 #[derive(Clone, Debug)]
 pub(super) struct Record {
     pub(super) judges: bool,
     /// Samples before it, and in it.
     pub(super) lead: usize,
     pub(super) n: usize,
-    /// True time between samples: the recorder's clock is off.
+    /// True time between samples: the recorder's clock has an error.
     pub(super) step_s: f64,
-    /// The input at every sample from the lead's start on: torque in its column's unit, or the driver's speed.
+    /// The input at every sample from the start of the lead on: torque in its column's unit, or the driver's speed.
     pub(super) input: Vec<f64>,
-    /// Angles from which what is fixed in angle counts.
+    /// Initial angles for effects that are fixed in angle.
     pub(super) angle0: [f64; 2],
     pub(super) v0: [f64; 2],
-    /// Of causes outside the catalogue: a load, a switch, a place and its width.
+    /// For causes outside the catalogue: a load, a switch, a position and its width.
     pub(super) walk: Vec<f64>,
     pub(super) gate: Vec<f64>,
     pub(super) bump: [f64; 2],
@@ -27,7 +27,7 @@ pub(super) struct Record {
 pub(super) fn records(m: &Machine, wish: Wish, random: &mut Random) -> Vec<Record> {
     let clock = random.between(-1e-4, 1e-4);
     let step_s = 1.0 / (m.rate_hz * (1.0 + clock));
-    // Rates of teeth, of the sampling rate: what judges is another speed.
+    // Tooth frequencies relative to the sampling rate; the held-out records have another speed.
     let mut paces = [random.between(0.07, 0.1), random.between(0.13, 0.16), random.between(0.1, 0.13)];
     if random.chance(0.5) {
         paces.swap(0, 2);
@@ -55,7 +55,7 @@ pub(super) fn records(m: &Machine, wish: Wish, random: &mut Random) -> Vec<Recor
         .collect()
 }
 
-/// Steps of chance height and length in both directions, and a swept sine.
+/// Steps of random height and length in both directions, and a swept sine.
 fn torques(m: &Machine, wish: Wish, count: usize, random: &mut Random) -> Vec<f64> {
     let strength = m.torque / m.gain * random.between(0.7, 1.3);
     let bias = match (wish.one_way, wish.biased) {
@@ -70,7 +70,7 @@ fn torques(m: &Machine, wish: Wish, count: usize, random: &mut Random) -> Vec<f6
     (0..count)
         .map(|i| {
             if left == 0 {
-                // More often than not it turns back.
+                // It usually reverses.
                 let sign = if random.chance(0.7) { -level.signum() } else { level.signum() };
                 level = sign * random.between(0.2, 1.0);
                 left = 20 + random.below(130);
@@ -83,7 +83,7 @@ fn torques(m: &Machine, wish: Wish, count: usize, random: &mut Random) -> Vec<f6
         .collect()
 }
 
-/// A driver's speed that changes slowly, and hums from low to high.
+/// A driver's speed that changes slowly, with a vibration from low to high frequency.
 pub(super) fn speeds(m: &Machine, wish: Wish, middle: f64, count: usize, random: &mut Random) -> Vec<f64> {
     if wish.one_speed {
         return vec![middle; count];
@@ -91,7 +91,7 @@ pub(super) fn speeds(m: &Machine, wish: Wish, middle: f64, count: usize, random:
     let period = count as f64 * random.between(0.5, 1.3);
     let (start, swing) = (random.between(0.0, 2.0 * PI), random.between(0.08, 0.18));
     let (hum, mut phase) = (random.between(0.003, 0.01), 0.0_f64);
-    // Where little damps, less of it shows the resonance.
+    // With little damping a smaller vibration shows the resonance.
     let hum = hum * (m.damping / m.stiffness * m.rate_hz).clamp(0.3, 1.0);
     (0..count)
         .map(|i| {
@@ -118,7 +118,7 @@ pub(super) fn random_walk(count: usize, random: &mut Random) -> Vec<f64> {
     walk
 }
 
-/// On and off for chance times.
+/// On and off for random times.
 fn telegraph(count: usize, random: &mut Random) -> Vec<f64> {
     let (mut on, mut left) = (0.0, 0);
     (0..count)

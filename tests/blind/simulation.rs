@@ -1,4 +1,4 @@
-//! Stepping a machine with its effects, by a scheme and friction laws of its own.
+//! Simulation of a machine with its effects, with an independent scheme and independent friction laws.
 
 use super::effects::{Fault, Law, On};
 use super::machine::{Kind, Machine};
@@ -6,7 +6,7 @@ use super::numbers::at_place;
 use super::records::Record;
 use std::f64::consts::PI;
 
-/// Angles, speeds, and what a hysteresis remembers. The third body is one that an effect attaches.
+/// Angles, speeds, and the state of a hysteresis. The third body is one that an effect attaches.
 #[derive(Clone, Copy, Debug, Default)]
 struct State {
     q: [f64; 3],
@@ -14,19 +14,19 @@ struct State {
     z: f64,
 }
 
-/// What drives at an instant.
+/// Inputs at an instant.
 #[derive(Clone, Copy, Debug, Default)]
 struct At {
     torque: f64,
-    /// Of a driver whose speed is given.
+    /// For a driver with prescribed speed.
     speed: f64,
     walk: f64,
     gate: f64,
-    /// Of the record that has passed.
+    /// Elapsed share of the record.
     share: f64,
 }
 
-/// What acts.
+/// Forces and rates.
 #[derive(Clone, Copy, Debug, Default)]
 struct Act {
     force: [f64; 3],
@@ -80,7 +80,7 @@ impl Scene<'_> {
         speed
     }
 
-    /// The spring between both bodies; work that lengthens it is taken from who lengthens it.
+    /// The spring between both bodies; work that lengthens it is taken from the body that lengthens it.
     fn spring(&self, x: &State, v: &[f64; 3], a: &mut Act) {
         let m = self.m;
         let mut slope = [m.radius[0], -m.radius[1]];
@@ -96,14 +96,14 @@ impl Scene<'_> {
         let mut tension = m.stiffness * stretch + m.damping * rate;
         for f in self.faults {
             match f.law {
-                // Within the gap nothing carries, the damper neither.
+                // Within the gap no force acts, also from the damper.
                 Law::Backlash => {
                     let play = stretch.abs() - 0.5 * f.size;
                     tension = if play > 0.0 { m.stiffness * play.copysign(stretch) + m.damping * rate } else { 0.0 };
                 }
                 Law::Hardening => tension += f.size * stretch * stretch.abs(),
                 Law::Hysteresis => {
-                    // Bouc 1967, Wen 1976: elastic at first, then it yields at the form's stretch.
+                    // Bouc 1967, Wen 1976: elastic at first, then it yields at the stretch in `form`.
                     let yields = if rate * x.z > 0.0 { x.z.abs() / f.form[0] } else { 0.0 };
                     a.z_rate = rate * (1.0 - yields);
                     tension += f.size * x.z;
@@ -145,13 +145,13 @@ impl Scene<'_> {
                 a.force[b] += pull;
                 a.force[2] -= pull;
             }
-            // What leaves takes its momentum along.
+            // The lost mass takes its momentum along.
             Law::Mass => a.inertia[b] *= 1.0 + t * at.share,
             _ => {}
         }
     }
 
-    /// Friction that sticks, implicit: it stops what it can stop.
+    /// Friction that sticks, implicit: it stops a body if it can within the step.
     fn dry(&self, x: &mut State, h: f64) {
         for f in self.faults.iter().filter(|f| f.sticks) {
             let most = h * f.size / self.m.inertia[f.at];
@@ -160,7 +160,7 @@ impl Scene<'_> {
         }
     }
 
-    /// Heun's rule between two halves of dry friction; returns what acted at the start.
+    /// Heun's rule between two halves of dry friction; returns the forces at the start.
     fn step(&self, x: &mut State, from: &At, to: &At, h: f64) -> Act {
         self.dry(x, 0.5 * h);
         let a = self.act(x, from);
@@ -223,7 +223,7 @@ impl Scene<'_> {
         u
     }
 
-    /// An instant, but for the torque; `part` of a sample after `sample`.
+    /// Inputs at an instant, without the torque; `part` of a sample after `sample`.
     fn at(&self, sample: usize, part: f64) -> At {
         let (rec, next) = (self.rec, (sample + 1).min(self.rec.gate.len() - 1));
         let between = |series: &[f64]| series[sample] + part * (series[next] - series[sample]);
@@ -232,7 +232,7 @@ impl Scene<'_> {
         At { torque: 0.0, speed, walk: between(&rec.walk), gate: rec.gate[sample], share: share.clamp(0.0, 1.0) }
     }
 
-    /// What a channel's sensor makes of its quantity, at all steps.
+    /// Output of a channel's sensor for its quantity, at all steps.
     pub(super) fn sensor(&self, channel: usize, y: &mut Vec<f64>, angle: &[f64], h: f64) {
         for f in self.faults.iter().filter(|f| f.row().on == On::Channel && f.at == channel) {
             match f.law {
@@ -263,14 +263,14 @@ impl Scene<'_> {
     }
 }
 
-/// A number of the start that no file tells.
+/// An initial value that no file contains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Nudge {
     Speed(usize, f64),
     Angle(usize, f64),
 }
 
-/// What a record would show without noise.
+/// Noise-free record.
 pub(super) struct Run {
     pub(super) channels: Vec<Vec<f64>>,
     /// Angle of the last body.

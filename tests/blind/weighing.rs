@@ -1,4 +1,4 @@
-//! What an effect leaves once everything free has had its change, and who leaves the same.
+//! Contribution of an effect after all free parameters have been adjusted, and its rivals.
 
 use super::effects::{Fault, Law, Scale};
 use super::machine::{Kind, Machine, Wish, machine};
@@ -8,7 +8,7 @@ use super::simulation::{Nudge, Run, Scene, run};
 use super::{COARSE, MARK};
 use std::f64::consts::PI;
 
-/// What a bench shows with some effects: what one more is held against.
+/// Output of a bench with some effects, with which an additional one is compared.
 pub(super) struct Beside<'a> {
     bench: &'a Bench,
     faults: Vec<Fault>,
@@ -18,7 +18,7 @@ pub(super) struct Beside<'a> {
 }
 
 impl Beside<'_> {
-    /// What one effect more adds, over noise.
+    /// Contribution of one additional effect, over noise.
     pub(super) fn mark(&self, added: &Fault) -> Vec<f64> {
         let with: Vec<Fault> = self.faults.iter().copied().chain([*added]).collect();
         let with = self.bench.shows(&self.bench.m, &with, self.parts, None, self.judging);
@@ -50,7 +50,7 @@ impl Bench {
             let high = run.angle.iter().copied().fold(f64::MIN, f64::max);
             rec.bump = [run.angle[run.angle.len() / 2], 0.12 * (high - low).max(1e-9)];
         }
-        // What changes within records is the signal: a mean carries no more.
+        // The signal is its variation within records; a mean carries no more information.
         let signal: Vec<f64> = (0..m.channels)
             .map(|c| {
                 let spreads = runs.iter().map(|r| {
@@ -95,7 +95,7 @@ impl Bench {
         all
     }
 
-    /// Root mean square of the channel that shows it best, of a difference over noise.
+    /// Root mean square of a difference over noise, for the channel that shows it best.
     pub(super) fn best(&self, difference: &[f64], judging: bool) -> f64 {
         let n = self.m.channels;
         let mut sums = vec![(0.0, 0.0); n];
@@ -110,7 +110,7 @@ impl Bench {
         sums.iter().map(|(s, n)| (s / f64::max(*n, 1.0)).sqrt()).fold(0.0, f64::max)
     }
 
-    /// Where each record's share of a difference begins and ends, of those that fit.
+    /// Range of each fitting record in a difference.
     fn slices(&self) -> Vec<std::ops::Range<usize>> {
         let mut at = 0;
         let fitting = self.records.iter().filter(|r| !r.judges);
@@ -128,7 +128,7 @@ impl Bench {
         Beside { bench: self, faults: faults.to_vec(), parts, judging, shown }
     }
 
-    /// The fault at the size that leaves a mark of `target`; None where no believable size does.
+    /// The fault at the size that gives a contribution of `target`; None if no plausible size does.
     pub(super) fn sized(&self, others: &[Fault], fault: &Fault, target: f64) -> Option<Fault> {
         let mut fault = *fault;
         let beside = self.beside(others, COARSE, false);
@@ -147,7 +147,7 @@ impl Bench {
             if (ratio - 1.0).abs() < 0.03 {
                 return Some(fault);
             }
-            // What is bounded by play or friction begins with nothing.
+            // An effect limited by play or friction is zero at small sizes.
             fault.size *= ratio.clamp(0.05, 8.0);
             if fault.size.abs() > most {
                 fault.size = most.copysign(fault.size);
@@ -157,7 +157,7 @@ impl Bench {
         (found.is_finite() && (found / target - 1.0).abs() < 0.3).then_some(fault)
     }
 
-    /// Directions in which free numbers and starts move what fits: orthonormal.
+    /// Orthonormal directions in which free parameters and initial states change the fitting data.
     pub(super) fn frame(&self, beside: &Beside) -> Vec<Vec<f64>> {
         let others = &beside.faults;
         let less = |a: Vec<f64>| -> Vec<f64> { a.iter().zip(&beside.shown).map(|(a, b)| a - b).collect() };
@@ -191,14 +191,14 @@ impl Bench {
     }
 }
 
-/// A column in this range, and nothing elsewhere.
+/// A column restricted to this range, zero elsewhere.
 fn only(column: &[f64], range: std::ops::Range<usize>) -> Vec<f64> {
     let mut own = vec![0.0; column.len()];
     own[range.clone()].copy_from_slice(&column[range]);
     own
 }
 
-/// A column without its share along the frame.
+/// A column minus its projection onto the frame.
 pub(super) fn outside(column: &[f64], frame: &[Vec<f64>]) -> Vec<f64> {
     let mut rest = column.to_vec();
     for direction in frame {
@@ -208,11 +208,11 @@ pub(super) fn outside(column: &[f64], frame: &[Vec<f64>]) -> Vec<f64> {
     rest
 }
 
-/// Two marks differ where what is left of one after the other is longer than this [standard deviations, squared].
+/// Two contributions differ if the remainder of one after the other is longer than this [standard deviations, squared].
 const TELLING: f64 = 12.0;
 
 impl Bench {
-    /// Paths of effects that leave the mark of `fault` as well, beside others.
+    /// Paths of effects that give the same contribution as `fault`, beside others.
     pub(super) fn rivals(&self, beside: &Beside, fault: &Fault, mark: &[f64], frame: &[Vec<f64>]) -> Vec<String> {
         let whole = dot(mark, mark);
         let own = fault.path(&self.m);
@@ -233,7 +233,7 @@ impl Bench {
         found
     }
 
-    /// Effects that could be mistaken for this one: of the same waves, or without waves as it is.
+    /// Effects that could be mistaken for this one: with the same waves, or without waves like it.
     fn alternatives(&self, fault: &Fault) -> Vec<Fault> {
         use Law::{Alternate, Encoder, Fluctuation, Polygon, Ripple, Runout, ToothPitch, Unbalance};
         let (m, v) = (&self.m, self.scale.speed);
@@ -279,7 +279,7 @@ impl Bench {
         for c in 0..m.channels {
             [Law::Latency, Law::LowPass, Law::Gain, Law::Offset, Law::Drift].iter().for_each(|law| add(*law, c, 0.0));
         }
-        // One time for another.
+        // One delay for another.
         let late = |f: &Fault| matches!(f.law, Law::InputDelay | Law::Lag | Law::Latency | Law::LowPass);
         if late(fault) {
             all.iter_mut().filter(|f| late(f)).for_each(|f| f.size = fault.size);
@@ -287,18 +287,18 @@ impl Bench {
         all
     }
 
-    /// Squared length that a rival of best size leaves of a mark.
+    /// Squared length of a contribution that remains after a rival of best size.
     fn left_by_size(&self, beside: &Beside, mut rival: Fault, mark: &[f64], frame: &[Vec<f64>]) -> f64 {
         let whole = dot(mark, mark);
-        // A fit is held to less than what is believable.
+        // A fit has narrower limits than the plausible range.
         let most = 10.0 * self.scale.size(&self.m, &rival).1;
         let mut least = whole;
-        // Marks do not grow quite as sizes do: a few rounds find the size.
+        // Contributions are not quite proportional to sizes: a few rounds find the size.
         for round in 0..6 {
             let raw = beside.mark(&rival);
             let own = outside(&raw, frame);
             let (size, all) = (dot(&own, &own), dot(&raw, &raw));
-            // What free numbers take over leaves nothing but rounding.
+            // If free parameters absorb it, only rounding is left.
             if !size.is_finite() || size < 1e-8 * all || size == 0.0 {
                 break;
             }
@@ -327,7 +327,7 @@ impl Bench {
             slices.iter().flat_map(|range| waves.iter().map(|w| outside(&only(w, range.clone()), frame))).collect();
         let Some(fit) = least_squares(&columns, mark) else { return f64::MAX };
         let sizes: Vec<f64> = fit.chunks(2).map(|x| x[0].hypot(x[1])).collect();
-        // The size that all records share, by how well each tells it.
+        // The common size of all records, weighted by their information.
         let weights: Vec<f64> = columns.chunks(2).map(|c| dot(&c[0], &c[0]) + dot(&c[1], &c[1])).collect();
         let size = dot(&weights, &sizes) / weights.iter().sum::<f64>();
         let mut left = mark.to_vec();
@@ -339,7 +339,7 @@ impl Bench {
     }
 }
 
-/// The x that brings the columns nearest to `right`; by Gauss and Jordan, few columns that are hardly alike.
+/// The least-squares solution for `right`; by Gauss and Jordan, for few columns that are nearly independent.
 fn least_squares(columns: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
     let n = columns.len();
     let mut a: Vec<Vec<f64>> = columns.iter().map(|c| columns.iter().map(|d| dot(c, d)).collect()).collect();

@@ -1,4 +1,4 @@
-//! What several tests share: assembling the bundled drive with overrides, watching a run step by step, engagements.
+//! Shared by several tests: assembling the bundled drive with overrides, watching a run step by step, engagements.
 #![allow(dead_code)] // each test file uses its own part
 
 use pitchline::assemble::{Assembly, assemble};
@@ -15,7 +15,7 @@ pub fn drive(overrides: &[&str]) -> Drive {
     bundled(BUNDLED[0].0, overrides)
 }
 
-/// A bundled drive, likewise.
+/// A bundled drive with overrides.
 pub fn bundled(name: &str, overrides: &[&str]) -> Drive {
     let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
     let (name, text) = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive");
@@ -46,7 +46,7 @@ pub fn assembled(drive: &Drive) -> Assembly {
     }
 }
 
-/// Runs `steps` steps and shows every node to `look`.
+/// Runs `steps` steps and passes every node to `look`.
 pub fn watch(model: &Model, state: &mut State, steps: u64, mut look: impl FnMut(&State, &Scratch)) {
     let mut scratch = Scratch::new(model);
     for _ in 0..steps {
@@ -69,13 +69,13 @@ pub struct Engagement {
     pub link: u32,
     pub front: bool,
     pub start_s: f64,
-    /// Approach speed at first touch [m/s].
+    /// Approach speed at first contact [m/s].
     pub approach: f64,
-    /// Normal of the tooth there.
+    /// Normal of the tooth at the contact.
     pub normal: (f64, f64),
-    /// Sliding speed along the tooth at first touch [m/s].
+    /// Sliding speed along the tooth at first contact [m/s].
     pub slide: f64,
-    /// Largest normal force within two tooth periods [N], between nodes as at them.
+    /// Largest normal force within two tooth periods [N], between nodes as well as at them.
     pub peak: f64,
 }
 
@@ -112,7 +112,7 @@ impl EngagementWatch {
                 continue;
             }
             let key = (c.link[i], c.feature[i]);
-            // New when the bush was out of this sprocket for two tooth periods.
+            // A new engagement if the bush was off this sprocket for two tooth periods.
             let fresh = self.last_seen.get(&key).is_none_or(|last| t_s - last > self.window_s);
             self.last_seen.insert(key, t_s);
             if fresh {

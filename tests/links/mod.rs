@@ -1,4 +1,4 @@
-//! Records made by a drive with links and one effect that its file does not declare: three speeds, noise of 1 %.
+//! Records from a drive with link bodies and one effect that its file does not declare: three speeds, noise of 1 %.
 
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::identify::identify;
@@ -14,17 +14,17 @@ use pitchline::sensing::Tracer;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
-/// An effect, how it is set, and the paths that name it.
+/// An effect, its overrides, and the paths that name it.
 pub struct Case {
     pub name: &'static str,
-    /// Set in the drive that makes the records, and in the one that is declared.
+    /// Set in the drive that makes the records, and in the declared one.
     pub both: &'static [&'static str],
     /// Set in the drive that makes the records.
     pub truth: &'static [&'static str],
     pub path: &'static str,
 }
 
-/// The guide pressed into the chain, so that what it does can be felt.
+/// The guide is pressed into the chain, so that its effects are measurable.
 const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-500"];
 
 pub const CASES: [Case; 9] = [
@@ -79,7 +79,8 @@ pub const CASES: [Case; 9] = [
     },
 ];
 
-/// What is measured: speed of the driven shaft, torque at the driver, tension of both spans; force of the guide where it is pressed in.
+/// Sensors: speed of the driven shaft, torque at the driver, tension of both spans; force of the guide if it is pressed
+/// in.
 pub const SENSORS: &str = "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n\n[sensors.force.guide]\nguide = \"tight\"\n";
 
 const CHANNELS: [(&str, &str, &str); 5] = [
@@ -111,7 +112,7 @@ impl Random {
 
 /// The declared drive's text.
 pub fn declared(text: &str, both: &[&str]) -> String {
-    // Values are put into the text, so that the file is what a user would write.
+    // Values are written into the text, so that the file looks like a user's.
     let mut table: toml::Table = format!("{text}{SENSORS}").parse().expect("TOML");
     for set in both {
         let (path, value) = set.split_once('=').expect("path=value");
@@ -153,7 +154,7 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
                 let series = tracer.readings(sensor);
                 let values: Vec<f64> =
                     (0..SAMPLES).map(|i| between(series, i as f64 / RATE_HZ / tracer.step_s())).collect();
-                // What an effect does to the signal: the encoder's wave alone is used here, written out anew.
+                // Signal effects: only the encoder's wave is used here, implemented independently.
                 let values = if c == 0 { encoder(&real, &values) } else { values };
                 let rms = (values.iter().map(|v| v * v).sum::<f64>() / SAMPLES as f64).sqrt();
                 values.iter().map(|v| v + 0.01 * rms * random.normal()).collect()
@@ -172,7 +173,7 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
     std::fs::write(folder.join("measured.toml"), measurement).expect("written");
 }
 
-/// Speed as an encoder with a wave in its marks shows it.
+/// Speed as displayed by an encoder with a wave in its marks.
 fn encoder(real: &Drive, values: &[f64]) -> Vec<f64> {
     let Some(signal) = real.signals.first() else { return values.to_vec() };
     let mut angle = signal.values[1];
@@ -185,7 +186,7 @@ fn encoder(real: &Drive, values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Identifies what is in `folder`.
+/// Identifies the measurement in `folder`.
 pub fn identified(folder: &Path, threads: usize) -> Result<Report, String> {
     let path = folder.join("measured.toml");
     let text = std::fs::read_to_string(&path).map_err(|e| e.to_string())?;

@@ -1,4 +1,4 @@
-//! Path and contour against an independent computation.
+//! Path and contour compared with an independent computation.
 
 use super::*;
 
@@ -168,7 +168,7 @@ fn golden_contour() {
             // Into the link and mirrored in the table, outwards here.
             let error = (p.normal - Vec2::new(-nx, ny)).norm();
             assert!(error < 2e-8, "tau {tau}: normal off by {error:e}"); // measured 8e-9: the table is by differences
-            // The arcs keep to it.
+            // The arcs follow it.
             let distance = abutment.front.closest_to_point(p.point + p.normal * 1e-3).distance_m - 1e-3;
             assert!(distance.abs() < 5e-9, "tau {tau}: arcs off by {distance:e} m");
         }

@@ -1,4 +1,4 @@
-//! The kernel that remembers what abutments faced, against the searches that know nothing.
+//! The kernel with memory of the arcs that abutments faced, compared with the searches without memory.
 
 use crate::{Random, abutment, smooth};
 use pitchline::elements::arc_lanes::{Foot, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
@@ -82,7 +82,7 @@ fn supports_are_those_of_the_search_whatever_was_faced_before() {
     assert!(kept > POSES / 20, "{kept}");
 }
 
-/// Poses of links that come in, hand over and wrap, off by micrometres and milliradians.
+/// Poses of links that arrive, hand over and wrap, displaced by micrometres and milliradians.
 #[test]
 fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
     let (mut kept, mut searched, mut alone, mut farthest_m) = (0, 0, 0, 0.0_f64);
@@ -108,7 +108,7 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
                 }
                 let lean = ring.lean(near.point - axis, turn);
                 let of_lane = |lanes: &PairLanes, i| lanes.contact(i, (axis.x, axis.y), (turn.x, turn.y), lean);
-                // From nothing, and from every lane that remembers something else.
+                // Without memory, and with a wrong memory in every lane.
                 let mut cold = PairLanes::default();
                 let found = cold.search(0, (contour, &sure), &ring, axis, turn);
                 for i in 0..LANES {

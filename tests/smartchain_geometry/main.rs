@@ -1,4 +1,4 @@
-//! The geometry of abutment chains against numbers of an independent computation.
+//! The geometry of abutment chains compared with an independent computation.
 //!
 //! `golden` tables: Python 3 program of double precision, 2 sigma^3 - sigma^2 = kappa solved by bisection, contours as
 //! envelopes of the ring circle, p = 8 mm, a = 4.5 mm, 3000 rpm at 20 teeth (T = 1 ms); approach frame, SI units.
@@ -22,7 +22,7 @@ const PERIOD_S: f64 = 1e-3;
 /// Golden numbers have 17 digits from another implementation.
 const GOLDEN_M: f64 = 1e-9;
 
-/// Numbers that look like chance and are the same for the same seed (Steele and others 2014, SplitMix64).
+/// Pseudorandom numbers that depend only on the seed (Steele and others 2014, SplitMix64).
 struct Random(u64);
 
 impl Random {
@@ -52,13 +52,13 @@ fn from_rear_joint(point: Vec2) -> Vec2 {
     Vec2::new(point.x + 0.5 * PITCH_M, -point.y)
 }
 
-/// Of a member that is less inclined than the smooth one, at 20 teeth.
+/// An abutment for a member that is less inclined than the smooth one, at 20 teeth.
 fn hollow(inclination_deg: f64) -> Abutment {
     let t = Transition::new(20, PITCH_M, Inclination::Given(inclination_deg * DEG)).expect("a member");
     Abutment::new(t, spec(4.5e-3)).expect("an abutment with a hollow")
 }
 
-/// Handed over within two links, with the least peak of jerk.
+/// Hand-over within two links, with the smallest peak of jerk.
 fn over_two_links(teeth: u32) -> Abutment {
     let t = Transition::over_two_links(teeth, PITCH_M, TwoLinks::default()).expect("a path");
     Abutment::new(t, spec(4.5e-3)).expect("an abutment")
@@ -151,8 +151,8 @@ fn ring_touches_the_front_abutment_for_two_periods_and_never_enters_the_rear() {
         }
     }
     let rear = |tau: f64| abutment(20).ring_gap_m(Side::Rear, tau) / MM;
-    // The rear gap is the lift of the rear joint off its seat but for second order: 312.5 um one period before it
-    // seats.
+    // The rear gap is the lift of the rear joint off its seat, except for second-order terms: 312.5 um one period
+    // before it seats.
     assert!((rear(1.0) - 0.3126).abs() < 1e-3, "{}", rear(1.0));
     assert!((rear(1.5) - 0.042).abs() < 5e-4, "{}", rear(1.5));
     assert!(rear(2.0).abs() < 1e-5);
@@ -163,7 +163,7 @@ fn nothing_enters_the_guide() {
     for abutment in [abutment(20), over_two_links(20), hollow(3.7), hollow(3.0)] {
         outside_of_the_guide(&abutment);
     }
-    // On the straight span the support along the normal of the guide is the flat; where there is a hollow, what is behind it.
+    // On the straight span the support along the normal of the guide is the flat; with a hollow, the part behind it.
     for (abutment, from_joint) in
         [(abutment(20), 3e-3..4e-3), (over_two_links(20), 5e-3..7e-3), (hollow(3.0), 0.0..3e-3)]
     {
@@ -184,11 +184,11 @@ fn outside_of_the_guide(abutment: &Abutment) {
         for profile in &profiles {
             for p in profile.elements().iter().flat_map(|e| [0.0, 0.25, 0.5, 0.75, 1.0].map(|s| e.point(s))) {
                 let from_axis = pitchline::geometry::rotated(p - link.axis.position, link.turn_rad);
-                // Below the line of joints the guide ends over the axis; its face is at the ring's top, and lower where
+                // Below the line of joints the guide ends over the axis; its face is at the ring's top, and lower if
                 // the contour rises behind a hollow.
                 if from_axis.x <= 0.0 {
                     let face = abutment.transition.line_height_m - abutment.guide_height_m;
-                    // Hollow ones dig in a little, and say how far.
+                    // Hollow ones penetrate slightly, by the stated overlap.
                     let gap_m = -from_axis.y - face;
                     assert!(gap_m > -5e-9 - abutment.guide_overlap_m, "tau {}: {gap_m:e}", f64::from(k) * 1e-3);
                 }
@@ -231,7 +231,7 @@ fn parameters_that_do_not_work_are_told_from_those_that_do() {
     assert!((4.56..5.0).contains(&(to_rad / DEG)), "{}", to_rad / DEG);
     assert!(made(to_rad / DEG - 1e-6).is_ok() && made(to_rad / DEG + 1e-6).is_err());
     assert!(Abutment::new(at(5.0), spec(least_distance_m * 1.001)).is_ok(), "{least_distance_m}");
-    // Below the smooth member there is a hollow, down to where it leaves nothing to rest on.
+    // Below the smooth member there is a hollow, down to a limit without support.
     let free = [made(4.0), made(3.0), made(2.0)].map(|a| a.expect("a hollow").front.hollow_radius_m());
     assert!(free[0] > free[1] && free[1] > free[2], "{free:?}");
     // 55 mm at its start, by an independent computation; the first arc is the mean of a piece.
@@ -306,7 +306,7 @@ fn search_agrees(abutment: &Abutment) {
                 .fold(f64::NEG_INFINITY, f64::max);
             let (height, point) = contour.support(direction);
             assert!(
-                // What spans a hollow bulges by some 5 nm.
+                // The span over a hollow bulges by some 5 nm.
                 (height - highest).abs() < if contour.hollow_radius_m().is_finite() { 6e-9 } else { 2e-9 }
                     && (point.dot(&direction) - height).abs() < 1e-15,
                 "{k} {height} {highest}"

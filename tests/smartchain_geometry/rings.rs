@@ -72,7 +72,7 @@ fn plain_ring_shows_what_the_lobes_are_for() {
     let chain = abutment(20);
     let t = smooth(40);
     let link = t.link(0.0);
-    // The lowest radius is 63 um below the plain ring's: it lifts the link by that at the start of the hand-over.
+    // The lowest radius is 63 um below the plain ring's: it lifts the link by this at the start of the hand-over.
     let gap = chain.front.closest_to_point(link.axis.position).distance_m - (t.pitch_radius_m - 4.5e-3);
     assert!((gap * 1e6 + 63.1).abs() < 0.1, "{gap:e}");
 }
@@ -85,7 +85,7 @@ fn the_quick_search_for_a_lobe_finds_what_looking_at_every_element_finds() {
     let ring = LobedRing::new(&abutment, transition).expect("a ring");
     let mut touching = 0;
     for k in 0..4000_u32 {
-        // Approach, transition and wrap, a few micrometres and milliradians off.
+        // Approach, transition and wrap, displaced by a few micrometres and milliradians.
         let tau = -0.3 + 3.0 * f64::from(k) / 4000.0;
         let off = f64::from(k % 7) - 3.0;
         let axis = transition.link(tau).axis.position + Vec2::new(2e-6 * off, -1.5e-6 * f64::from(k % 5));

@@ -36,8 +36,9 @@ fn two_link_transition_is_smooth_in_acceleration() {
         }
         assert!((greatest - 1.0).abs() < 2e-3, "{greatest}");
     }
-    // Stated with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk hangs on
-    // digits beyond those given: 2.31 to 4.5 within their rounding, 2.70 with the numbers as they stand; the least is 2.269.
+    // Stated with the example: largest acceleration w^2 R, largest jerk 2.28 w^3 R (11.1 over one link). The jerk
+    // depends on digits beyond the given ones: 2.31 to 4.5 within their rounding, 2.70 with the numbers as given; the
+    // smallest is 2.269.
     println!(
         "largest jerk: {:.4} as stated, {:.4} found, one link {:.2}",
         stated.peak_jerk(),
@@ -46,9 +47,9 @@ fn two_link_transition_is_smooth_in_acceleration() {
     );
     assert!((2.2..3.0).contains(&stated.peak_jerk()), "{}", stated.peak_jerk());
     assert!(best.peak_jerk() < 2.28 && best.peak_jerk() > 2.26, "{}", best.peak_jerk());
-    // At the places that are looked at; 11.1 is at the start.
+    // At the sampled points; 11.1 is at the start.
     assert!((10.0..11.1).contains(&smooth(20).peak_jerk()), "{}", smooth(20).peak_jerk());
-    // It lies where nothing near is better.
+    // It is a local minimum.
     let at = [best.rise_m(), best.handover_angle_rad, best.line_end_x_m];
     for (k, by) in [(0, 1e-6), (0, -1e-6), (1, 1e-4), (1, -1e-4), (2, 1e-5), (2, -1e-5)] {
         let mut moved = at;
