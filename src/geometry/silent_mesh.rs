@@ -8,10 +8,10 @@
 //! speed of the sprocket:
 //!
 //! ```text
-//! gap of the trailing flank    H (cos t - 1) + l sin t       t: turn left to the seat
+//! gap of the trailing flank    H (cos t - 1) + l sin t       t: remaining turn to the seat
 //! approach at the seat         v_lead = w s      v_trail = w l
 //! first contact early by t/w   H (cos t - 1) + l sin t = x cos alpha, x: how much further back the trailing flank lies
-//! stretched by T/K             the same with x = T/K, approach w (l cos t - H sin t) there
+//! elongated by T/K             the same with x = T/K, approach w (l cos t - H sin t) there
 //! ```
 //! Wrap without friction, every link supported by its trailing flank alone, forces decreasing by the factor q per link:
 //! with t = tau, sigma = s/p, A = cos alpha cos t - sigma sin t, B = cos alpha sin t + sigma cos t, k = sigma - sin

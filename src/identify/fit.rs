@@ -1,7 +1,7 @@
 //! Bounded least squares for many segments with local parameters: Levenberg-Marquardt on the Schur complement.
 //!
 //! ```text
-//! minimise sum over parts |r_k(g, l_k)|^2 + sum over priors ((g - g_0) / s)^2
+//! minimise sum over segments |r_k(g, l_k)|^2 + sum over priors ((g - g_0) / s)^2
 //! ```
 //! The Jacobian of every segment comes from forward differences, with columns for globals and locals. Locals are
 //! eliminated segment by segment, so that a thousand segments cost a thousand small systems. A parameter at a bound
