@@ -26,7 +26,7 @@ fn pass(p: &[f64], u: &mut [f64], step_s: f64, held: bool) {
 }
 
 /// Mean of the lagged input over every step, for an input that is constant during a step: a lag that is short against
-/// the step is felt only through its impulse. The lag starts at the first value plus `beyond`.
+/// the step acts only through its impulse. The lag starts at the first value plus `beyond`.
 fn means(u: &mut [f64], time_s: f64, step_s: f64, beyond: f64) {
     if time_s <= 0.0 || u.is_empty() {
         return;

@@ -75,8 +75,8 @@ const WORTH_A_NAME: f64 = 0.95;
 /// effects of machines with several causes.
 const MOST: f64 = 2.0 / 3.0;
 const MOST_FAR: f64 = 0.4;
-/// Close to the noise floor an effect is also named if it removes half of the error above the floor, provided that this
-/// is at least a hundredth of the error and of its square.
+/// Close to the noise floor an effect is also named if it removes half of the squared error above the floor, provided
+/// that it lowers the error by a hundredth and that the squared error exceeds the floor by a hundredth.
 const HALF: f64 = 0.5;
 const LITTLE: f64 = 0.01;
 /// An effect must explain three times as much as a sham, or leave at most this fraction of what the sham leaves.

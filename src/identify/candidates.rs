@@ -408,8 +408,9 @@ pub fn all(
 /// Factor by which a shape parameter may change from its start in both directions.
 const FORM_RANGE: f64 = 12.0;
 
-/// A seed that raises the cost by more than this factor stops the machine or makes it run away. It then gives the fit
-/// no direction, because the other parameters have not yet adapted.
+/// Ratio of the cost with the full seed to that with the share `HARDLY_ANY` of it, above which the seed stops the
+/// machine or makes it run away. Such a seed gives the fit no direction, because the other parameters have not yet
+/// adapted. The shares `SHORTENED` are then tried.
 const RUNS_AWAY: f64 = 10.0;
 const SHORTENED: [f64; 3] = [0.5, 0.2, 0.05];
 const HARDLY_ANY: f64 = 1e-3;
