@@ -1,5 +1,5 @@
-//! A sprocket with radial runout `amplitude` of its pitch circle: the path of every span at it is longer by e sin(theta
-//! + phase).
+//! A sprocket with radial runout e (`amplitude`) of its pitch circle: every span at it is longer by e sin(theta +
+//! phase).
 
 use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
