@@ -250,7 +250,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     let moved = preloads.filter_map(axis).collect();
     let resting = |arm: &ArmModel| {
         let angle_rad = loaded.configuration.coordinates[arm.coordinate];
-        let spring_torque_nm = model.coordinates[arm.coordinate].spring.torque_nm(angle_rad);
+        let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
     let report = AssemblyReport {

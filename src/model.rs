@@ -16,7 +16,7 @@ use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, PreloadSpec, RailSpec, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
-use crate::elements::coordinate::{Coordinate, Motion, TorsionSpring};
+use crate::elements::coordinate::{Coordinate, Motion, Spring};
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::link_joint::LinkJoint;
@@ -439,7 +439,7 @@ impl Model {
             loops: self.chain.loops.clone(),
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
-            has_dampers: self.coordinates.iter().any(|c| c.spring.damping_nm_s_per_rad > 0.0),
+            has_dampers: self.coordinates.iter().any(|c| c.spring.damping > 0.0),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),
@@ -464,10 +464,10 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
         motion: match spec.outer {
             OuterSpec::Speed { .. } => Motion::Prescribed { speed_rad_s: s.nominal_speed_rad_s },
             OuterSpec::Load { inertia_kg_m2, torque_nm } => {
-                Motion::Free { inertia_kg_m2, torque_nm: -torque_nm * sense * spec.wrap.sign() }
+                Motion::Free { inertia: inertia_kg_m2, load: -torque_nm * sense * spec.wrap.sign() }
             }
         },
-        spring: TorsionSpring::default(),
+        spring: Spring::default(),
         nominal_speed_rad_s: s.nominal_speed_rad_s,
         reach_m: s.geometry.pitch_radius_m(),
     };
@@ -487,11 +487,11 @@ fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>)
         });
         coordinates.push(Coordinate {
             path: format!("arms.{}", spec.name),
-            motion: Motion::Free { inertia_kg_m2: spec.inertia_kg_m2, torque_nm: 0.0 },
-            spring: TorsionSpring {
-                stiffness_nm_per_rad: spec.spring_nm_per_rad,
-                free_rad: spec.spring_torque_nm / spec.spring_nm_per_rad,
-                damping_nm_s_per_rad: spec.damping_nm_s_per_rad,
+            motion: Motion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
+            spring: Spring {
+                stiffness: spec.spring_nm_per_rad,
+                free: spec.spring_torque_nm / spec.spring_nm_per_rad,
+                damping: spec.damping_nm_s_per_rad,
             },
             nominal_speed_rad_s: 0.0,
             reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),

@@ -318,10 +318,10 @@ impl<'a> Problem<'a> {
         }
         for (c, index) in free.iter().enumerate() {
             let coordinate = &model.coordinates[*index];
-            let (torque, angle) = (coordinate.outer_torque_nm() * load_factor, q.coordinates[*index]);
+            let (torque, angle) = (coordinate.load() * load_factor, q.coordinates[*index]);
             s.energy += coordinate.spring.energy_j(angle) - torque * angle;
-            s.rotor_gradient[c] -= torque + coordinate.spring.torque_nm(angle);
-            s.rotor_diagonal[c] += coordinate.spring.stiffness_nm_per_rad;
+            s.rotor_gradient[c] -= torque + coordinate.spring.force(angle);
+            s.rotor_diagonal[c] += coordinate.spring.stiffness;
         }
         for sprocket in &model.sprockets {
             let column = free.iter().position(|k| *k == sprocket.coordinate);

@@ -41,7 +41,7 @@ fn an_arm_rests_where_spring_and_chain_balance() {
         let drive = drive(BUNDLED[3].1, sets);
         let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
         let (arm, rail, q) = (&model.arms[0], &model.rails[0], &rest.configuration);
-        let spring = model.coordinates[arm.coordinate].spring.torque_nm(q.coordinates[arm.coordinate]);
+        let spring = model.coordinates[arm.coordinate].spring.force(q.coordinates[arm.coordinate]);
         let touches = rail_touches(&model, q, rail);
         let mut of_contacts = 0.0;
         for (_, _, t) in &touches {

@@ -115,14 +115,14 @@ impl Ledger {
             work_out_j += work_out;
             match coordinate.motion {
                 Motion::Prescribed { .. } => work_in_j -= chain * (0.5 * h * speed),
-                Motion::Free { inertia_kg_m2, torque_nm } => {
-                    kinetic_j += 0.5 * inertia_kg_m2 * speed * speed;
-                    work_out_j -= torque_nm * (0.5 * h * speed);
+                Motion::Free { inertia, load } => {
+                    kinetic_j += 0.5 * inertia * speed * speed;
+                    work_out_j -= load * (0.5 * h * speed);
                 }
             }
             spring_j += coordinate.spring.energy_j(r.angle[k]);
             if let Some(lost) = r.lost.get(k) {
-                damper_j += lost + coordinate.spring.damping_nm_s_per_rad * speed * (0.5 * h * speed);
+                damper_j += lost + coordinate.spring.damping * speed * (0.5 * h * speed);
             }
         }
         let (elastic_j, lost_j) = (elastic_j + spring_j, lost_j + damper_j);

@@ -1,24 +1,25 @@
-//! Coordinates: the numbers that sprockets and arms turn by, and what acts on them besides the chain.
+//! Coordinates: the numbers that sprockets, shafts and arms turn by, and the forces on them besides the chain's.
 //!
 //! ```text
-//! prescribed   q' = const                                       work in  = -T_chain q' dt
-//! free         J q'' = T_chain + T + k (q_free - q) - c q'      work out = -T q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
+//! prescribed   q' = const                                       work in  = -Q_chain q' dt
+//! free         I q'' = Q_chain + Q + k (q_free - q) - c q'
+//!              work out = -Q q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
 //! ```
-//! T_chain is the torque of all chain contacts on the bodies that the coordinate carries; T is constant: the load of a sprocket points
-//! against the sense in which the chain turns it. The damper sees the speed at the node, the mean of the speeds half a step before and
-//! after, so that it takes exactly the energy that it is said to take, at any step. During run-in a second damper pulls the speed towards
-//! its nominal value.
+//! q is an angle [rad], I an inertia [kg m2], a force a torque [N m]; for a coordinate that slides, q is a way [m], I a mass [kg] and a force a
+//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries; Q is constant: the load of a sprocket
+//! points against the sense in which the chain turns it. The damper sees the speed at the node, the mean of the speeds half a step before and after, so that it takes
+//! exactly the energy that it is said to take, at any step. During run-in a second damper pulls the speed towards its nominal value.
 
 /// One number that moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coordinate {
-    /// In the drive file: the sprocket or arm that it turns.
+    /// In the drive file: the sprocket, shaft or arm that it turns.
     pub path: String,
     pub motion: Motion,
-    pub spring: TorsionSpring,
+    pub spring: Spring,
     /// Its speed when the chain moves at its nominal speed [rad/s].
     pub nominal_speed_rad_s: f64,
-    /// Distance from the axis at which the chain acts, at most [m]: makes ways and forces of angles and torques.
+    /// Largest distance from the axis at which the chain acts [m]: converts angles and torques into ways and forces.
     pub reach_m: f64,
 }
 
@@ -28,68 +29,72 @@ pub enum Motion {
     /// Speed prescribed [rad/s], counterclockwise positive.
     Prescribed { speed_rad_s: f64 },
     Free {
-        inertia_kg_m2: f64,
-        /// Constant torque from outside [N m], counterclockwise positive; negative of the load for a sprocket that turns
+        /// Inertia [kg m2] or mass [kg].
+        inertia: f64,
+        /// Constant force from outside [N m, N], in the sense of the coordinate; negative of the load for a sprocket that turns
         /// counterclockwise.
-        torque_nm: f64,
+        load: f64,
     },
 }
 
-/// Torsion spring with a damper beside it, between a coordinate and the ground.
+/// Spring with a damper beside it, between a coordinate and the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct TorsionSpring {
-    pub stiffness_nm_per_rad: f64,
-    /// Angle at which it is free of torque [rad].
-    pub free_rad: f64,
-    pub damping_nm_s_per_rad: f64,
+pub struct Spring {
+    /// [N m/rad, N/m].
+    pub stiffness: f64,
+    /// Where it is free of force [rad, m].
+    pub free: f64,
+    /// [N m s/rad, N s/m].
+    pub damping: f64,
 }
 
-impl TorsionSpring {
-    /// Torque on the coordinate [N m].
+impl Spring {
+    /// Force on the coordinate at `at` [N m, N].
     #[inline(always)]
-    pub fn torque_nm(&self, angle_rad: f64) -> f64 {
-        self.stiffness_nm_per_rad * (self.free_rad - angle_rad)
+    pub fn force(&self, at: f64) -> f64 {
+        self.stiffness * (self.free - at)
     }
 
-    /// Stored [J].
+    /// Stored at `at` [J].
     #[inline(always)]
-    pub fn energy_j(&self, angle_rad: f64) -> f64 {
-        0.5 * self.stiffness_nm_per_rad * (self.free_rad - angle_rad) * (self.free_rad - angle_rad)
+    pub fn energy_j(&self, at: f64) -> f64 {
+        0.5 * self.stiffness * (self.free - at) * (self.free - at)
     }
 
     /// Whether there is one.
     pub fn is_present(&self) -> bool {
-        *self != TorsionSpring::default()
+        *self != Spring::default()
     }
 }
 
 impl Coordinate {
-    /// Inverse inertia [1/(kg m2)]; zero where the motion is prescribed.
+    /// Inverse inertia [1/(kg m2), 1/kg]; zero where the motion is prescribed.
     #[inline(always)]
     pub fn inverse_inertia(&self) -> f64 {
         match self.motion {
             Motion::Prescribed { .. } => 0.0,
-            Motion::Free { inertia_kg_m2, .. } => 1.0 / inertia_kg_m2,
+            Motion::Free { inertia, .. } => 1.0 / inertia,
         }
     }
 
-    /// Constant torque from outside [N m].
+    /// Constant force from outside [N m, N].
     #[inline(always)]
-    pub fn outer_torque_nm(&self) -> f64 {
+    pub fn load(&self) -> f64 {
         match self.motion {
             Motion::Prescribed { .. } => 0.0,
-            Motion::Free { torque_nm, .. } => torque_nm,
+            Motion::Free { load, .. } => load,
         }
     }
 
-    /// Torque of what prescribes its motion, or of its load, spring and damper [N m], at an angle and a speed, `chain_nm` that of the chain.
-    pub fn outer_torque_on(&self, angle_rad: f64, speed_rad_s: f64, chain_nm: f64) -> f64 {
+    /// Force of what prescribes its motion, or of its load, spring and damper [N m, N], at a place and a speed. `chain`: force of the
+    /// chain.
+    pub fn outer_force(&self, at: f64, speed: f64, chain: f64) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => -chain_nm,
-            Motion::Free { torque_nm, .. } if self.spring.is_present() => {
-                torque_nm + self.spring.torque_nm(angle_rad) - self.spring.damping_nm_s_per_rad * speed_rad_s
+            Motion::Prescribed { .. } => -chain,
+            Motion::Free { load, .. } if self.spring.is_present() => {
+                load + self.spring.force(at) - self.spring.damping * speed
             }
-            Motion::Free { torque_nm, .. } => torque_nm,
+            Motion::Free { load, .. } => load,
         }
     }
 
@@ -97,16 +102,16 @@ impl Coordinate {
         matches!(self.motion, Motion::Free { .. })
     }
 
-    /// Angular acceleration at a node [rad/s2]: `angle_rad` there, `omega_rad_s` half a step before it, `torque_nm` of the chain.
+    /// Acceleration at a node [rad/s2, m/s2]. `at`: the coordinate there; `speed`: half a step before it; `force`: of the chain.
     #[inline(always)]
-    pub fn acceleration(&self, step_s: f64, angle_rad: f64, omega_rad_s: f64, torque_nm: f64) -> f64 {
+    pub fn acceleration(&self, step_s: f64, at: f64, speed: f64, force: f64) -> f64 {
         match self.motion {
             Motion::Prescribed { .. } => 0.0,
-            Motion::Free { inertia_kg_m2, torque_nm: outer_nm } => {
-                let TorsionSpring { damping_nm_s_per_rad: c, .. } = self.spring;
-                let torque = torque_nm + outer_nm + self.spring.torque_nm(angle_rad);
-                // Speed at the node: omega + h/2 alpha.
-                (torque - c * omega_rad_s) * (1.0 / (inertia_kg_m2 + 0.5 * step_s * c))
+            Motion::Free { inertia, load } => {
+                let Spring { damping: c, .. } = self.spring;
+                let force = force + load + self.spring.force(at);
+                // Speed at the node: v + h/2 a.
+                (force - c * speed) * (1.0 / (inertia + 0.5 * step_s * c))
             }
         }
     }

@@ -329,17 +329,17 @@ fn rates<const YIELDS: bool>(step: f64, (omega, inverse_inertia): (f64, f64), la
 
 /// Age and approach speed of a contact after a step, and what it lost.
 #[derive(Clone, Copy)]
-pub(super) struct Kept {
-    pub(super) age: f64,
-    pub(super) approach: f64,
-    pub(super) lost: f64,
+pub(crate) struct Kept {
+    pub(crate) age: f64,
+    pub(crate) approach: f64,
+    pub(crate) lost: f64,
 }
 
 /// Age up to which a touch may only have been foreseen [steps]. measured: with 2, touches of the abutment chain's guide keep a wrong speed.
 const FORESEEN_STEPS: f64 = 8.0;
 
 #[inline(always)]
-pub(super) fn remembered(
+pub(crate) fn remembered(
     penetration: f64,
     free_rate: f64,
     law: contact_law::StepForce,

@@ -437,10 +437,10 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
         let mean = 0.5 * (before + after);
         match coordinate.motion {
             Motion::Prescribed { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
-            Motion::Free { torque_nm, .. } => r.work_out[k] -= torque_nm * mean * h,
+            Motion::Free { load, .. } => r.work_out[k] -= load * mean * h,
         }
         if let Some(lost) = r.lost.get_mut(k) {
-            *lost += coordinate.spring.damping_nm_s_per_rad * mean * mean * h;
+            *lost += coordinate.spring.damping * mean * mean * h;
         }
         r.omega[k] = after;
         r.alpha[k] = scratch.coordinate_alpha[k];

@@ -425,7 +425,7 @@ fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     fill(&mut rotors.speed_rad_s, (0..model.coordinates.len()).map(|k| node.speed(k)));
     fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
     let outer = model.coordinates.iter().enumerate().map(|(k, coordinate)| {
-        coordinate.outer_torque_on(state.coordinates.angle[k], node.speed(k), scratch.chain_torque[k])
+        coordinate.outer_force(state.coordinates.angle[k], node.speed(k), scratch.chain_torque[k])
     });
     fill(&mut rotors.outer_torque_nm, outer);
 }
@@ -481,14 +481,14 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
         e.work_out_j += state.coordinates.work_out[k];
         match coordinate.motion {
             Motion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
-            Motion::Free { inertia_kg_m2, torque_nm } => {
-                e.kinetic_j += 0.5 * inertia_kg_m2 * speed.powi(2);
-                e.work_out_j -= torque_nm * half_step_turn;
+            Motion::Free { inertia, load } => {
+                e.kinetic_j += 0.5 * inertia * speed.powi(2);
+                e.work_out_j -= load * half_step_turn;
             }
         }
         e.elastic_spring_j += coordinate.spring.energy_j(state.coordinates.angle[k]);
         if let Some(lost) = state.coordinates.lost.get(k) {
-            e.lost_spring_damping_j += lost + coordinate.spring.damping_nm_s_per_rad * speed * half_step_turn;
+            e.lost_spring_damping_j += lost + coordinate.spring.damping * speed * half_step_turn;
         }
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();

@@ -1,0 +1,750 @@
+//! Hydraulic networks: chambers behind pistons, reservoirs, and passages between them; the tensioner's inside.
+//!
+//! ```text
+//! chamber      w' = sum of Q in,  p from w phi(p) = V(q)        w: oil [m3 at ambient pressure], phi: elements::oil; so
+//!              p' = (B/V) (sum Q - V'), B the effective bulk modulus, V = V_0 + sum A q over its pistons
+//! orifice      Q = C_d A sqrt(2/rho) dp / (dp^2 + dp_c^2)^(1/4),  dp_c = (rho/2) (Re_c mu / (rho D C_d))^2
+//! annular leak Q = pi d c^3 (1 + 1.5 e^2) dp / (12 mu l) + b v,   b = pi d c / 2
+//! check ball   orifice of A(x) = 1/sqrt(1/A_slit^2 + 1/A_seat^2), A_slit = pi r s (1 + R/D),  and + b v,
+//!              b = pi r^2 - 2 C_d A_slit (A/A_slit)^2 r/D
+//! ```
+//! Q flows from the first end to the second with dp = p_first - p_second. The orifice is Merritt's (1967, section 3.4): turbulent above dp_c,
+//! laminar with C_d = delta sqrt(Re) below, Re_c = (C_d/delta)^2. d, c, l, e: diameter, radial gap, length and relative eccentricity of a
+//! plunger in its bore (Merritt, section 2.5). A ball of radius R on an edge of radius r, lifted by x: D = sqrt((h + x)^2 + r^2) from the edge to
+//! its centre, h = sqrt(R^2 - r^2), slit s = D - R, frustum of the slit pi s (r + r R/D). The oil flows at its density at ambient pressure.
+//!
+//! **Walls.** A wall that moves with v along a passage (the plunger's skin, the ball) drags b v through it and feels b dp: the same b, so that the
+//! power of the one is that of the other. Of a plunger: half of the gap's area (Couette), with its force on the skin; the shear, mu pi d l v
+//! / (c sqrt(1 - e^2)), is a damper of its coordinate. With A the plunger's own area, the gap so makes a piston of the mean diameter. Of a
+//! ball: the seat's area less the momentum of the jet (flow force, Merritt, section 5.6, velocity coefficient 1).
+//!
+//! **Losses.** A passage loses Q (h_first - h_second) - b v dp, h the enthalpy of [`super::oil`]; a reservoir gives Q h. So the ledger holds
+//! whatever the pressures are.
+//!
+//! **A step.** Passages may be a hundred times faster than a step: the oil of all chambers moves together by ROS2 (Verwer, Spee, Blom & Hundsdorfer,
+//! SIAM J. Sci. Comput. 20 (1999), 1456), gamma = 1 - 1/sqrt(2): second order, L-stable, with the exact Jacobian and the pistons' speed in it.
+//! It is computed by passage, so that no oil is lost but by rounding. Forces on pistons are those of the pressures at the node, which follow
+//! from oil and place: a conservative spring of k_h = B A^2 / V while the passages stand still.
+
+use super::oil::Oil;
+use nalgebra::{SMatrix, SVector};
+use std::f64::consts::PI;
+
+/// Most chambers and passages of a drive.
+pub const MOST_CHAMBERS: usize = 8;
+pub const MOST_PASSAGES: usize = 24;
+
+/// Re_c of a sharp-edged round orifice: (0.611/0.2)^2. Source: Merritt 1967, eq. 3-42.
+pub const TRANSITION_REYNOLDS: f64 = 9.3;
+
+const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
+
+/// Chambers, reservoirs and what joins them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    pub oil: Oil,
+    pub chambers: Vec<Chamber>,
+    pub reservoirs: Vec<Reservoir>,
+    pub passages: Vec<Passage>,
+}
+
+/// A volume of oil at one pressure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chamber {
+    pub name: String,
+    /// With all coordinates at zero [m3].
+    pub volume_m3: f64,
+    /// Coordinates that make it larger, and by which area [m2].
+    pub pistons: Vec<(usize, f64)>,
+    /// Gauge pressure at rest, where a run begins [Pa].
+    pub start_pa: f64,
+}
+
+/// A gauge pressure that nothing changes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reservoir {
+    pub name: String,
+    pub pressure_pa: f64,
+}
+
+/// An end of a passage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    Chamber(usize),
+    Reservoir(usize),
+}
+
+/// What oil flows through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Passage {
+    /// In the drive file.
+    pub path: String,
+    pub ends: [End; 2],
+    pub law: FlowLaw,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FlowLaw {
+    Orifice(Orifice),
+    /// Conductance [m3/(s Pa)], and the coordinate whose wall moves along it from the first end to the second, with its b [m2].
+    Leak {
+        conductance: f64,
+        wall: Option<(usize, f64)>,
+    },
+    Check(CheckBall),
+}
+
+/// A round hole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orifice {
+    pub diameter_m: f64,
+    pub discharge: f64,
+    pub transition_reynolds: f64,
+}
+
+/// A ball on the edge of a seat; it opens from the first end to the second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CheckBall {
+    /// Its lift [m].
+    pub coordinate: usize,
+    pub seat_radius_m: f64,
+    pub ball_radius_m: f64,
+    pub discharge: f64,
+    pub transition_reynolds: f64,
+}
+
+/// Annular gap between a plunger and its bore.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AnnularGap {
+    pub diameter_m: f64,
+    pub gap_m: f64,
+    pub length_m: f64,
+    /// Distance of the axes over the gap, 0 to below 1.
+    pub eccentricity: f64,
+}
+
+impl AnnularGap {
+    /// [m3/(s Pa)].
+    pub fn conductance(&self, viscosity_pa_s: f64) -> f64 {
+        let AnnularGap { diameter_m: d, gap_m: c, length_m: l, eccentricity: e } = *self;
+        PI * d * c * c * c * (1.0 + 1.5 * e * e) / (12.0 * viscosity_pa_s * l)
+    }
+
+    /// b of the moving skin [m2].
+    pub fn wall_m2(&self) -> f64 {
+        0.5 * PI * self.diameter_m * self.gap_m
+    }
+
+    /// Shear of the moving skin [N s/m].
+    pub fn damping_n_s_per_m(&self, viscosity_pa_s: f64) -> f64 {
+        let AnnularGap { diameter_m: d, gap_m: c, length_m: l, eccentricity: e } = *self;
+        viscosity_pa_s * PI * d * l / (c * libm::sqrt(1.0 - e * e))
+    }
+}
+
+/// Flow at one pressure difference.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Flow {
+    /// Without what walls drag [m3/s].
+    pub rate_m3_s: f64,
+    /// Its derivative by the pressure difference [m3/(s Pa)].
+    pub slope: f64,
+}
+
+/// Of an orifice with this area and hydraulic diameter.
+fn orifice_flow(oil: &Oil, area_m2: f64, diameter_m: f64, (discharge, reynolds): (f64, f64), drop_pa: f64) -> Flow {
+    if area_m2 <= 0.0 {
+        return Flow::default();
+    }
+    let slow = reynolds * oil.viscosity_pa_s / (oil.density_kg_m3 * diameter_m * discharge);
+    let transition_pa = 0.5 * oil.density_kg_m3 * slow * slow;
+    let square = drop_pa * drop_pa + transition_pa * transition_pa;
+    let fourth = libm::sqrt(libm::sqrt(square));
+    let scale = discharge * area_m2 * libm::sqrt(2.0 / oil.density_kg_m3);
+    Flow { rate_m3_s: scale * drop_pa / fourth, slope: scale * (1.0 - 0.5 * drop_pa * drop_pa / square) / fourth }
+}
+
+/// The opening of a lifted ball: areas of slit and both in series [m2], width of the slit [m], and the jet's share along the axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Opening {
+    slit_m2: f64,
+    area_m2: f64,
+    width_m: f64,
+    cosine: f64,
+}
+
+impl CheckBall {
+    fn opening(&self, lift_m: f64) -> Option<Opening> {
+        if lift_m <= 0.0 {
+            return None;
+        }
+        let (r, ball) = (self.seat_radius_m, self.ball_radius_m);
+        let height = libm::sqrt(ball * ball - r * r) + lift_m;
+        let distance = libm::sqrt(height * height + r * r);
+        let width_m = distance - ball;
+        let slit_m2 = PI * r * width_m * (1.0 + ball / distance);
+        let seat_m2 = PI * r * r;
+        let area_m2 = slit_m2 * seat_m2 / libm::sqrt(slit_m2 * slit_m2 + seat_m2 * seat_m2);
+        Some(Opening { slit_m2, area_m2, width_m, cosine: r / distance })
+    }
+
+    /// b of the ball [m2].
+    pub fn wall_m2(&self, lift_m: f64) -> f64 {
+        let seat_m2 = PI * self.seat_radius_m * self.seat_radius_m;
+        let Some(o) = self.opening(lift_m) else { return seat_m2 };
+        let share = o.area_m2 / o.slit_m2;
+        seat_m2 - 2.0 * self.discharge * o.slit_m2 * share * share * o.cosine
+    }
+
+    fn flow(&self, oil: &Oil, lift_m: f64, drop_pa: f64) -> Flow {
+        let Some(o) = self.opening(lift_m) else { return Flow::default() };
+        let diameter_m = f64::min(2.0 * o.width_m, 2.0 * self.seat_radius_m);
+        orifice_flow(oil, o.area_m2, diameter_m, (self.discharge, self.transition_reynolds), drop_pa)
+    }
+}
+
+impl FlowLaw {
+    /// At a pressure difference, coordinates standing at `q`.
+    pub fn flow(&self, oil: &Oil, q: &[f64], drop_pa: f64) -> Flow {
+        match self {
+            FlowLaw::Orifice(o) => {
+                let area_m2 = 0.25 * PI * o.diameter_m * o.diameter_m;
+                orifice_flow(oil, area_m2, o.diameter_m, (o.discharge, o.transition_reynolds), drop_pa)
+            }
+            FlowLaw::Leak { conductance, .. } => Flow { rate_m3_s: conductance * drop_pa, slope: *conductance },
+            FlowLaw::Check(check) => check.flow(oil, q[check.coordinate], drop_pa),
+        }
+    }
+
+    /// The coordinate of a wall that moves along it, and its b [m2].
+    pub fn wall(&self, q: &[f64]) -> Option<(usize, f64)> {
+        match self {
+            FlowLaw::Orifice(_) => None,
+            FlowLaw::Leak { wall, .. } => *wall,
+            FlowLaw::Check(check) => Some((check.coordinate, check.wall_m2(q[check.coordinate]))),
+        }
+    }
+}
+
+/// What the oil of a drive remembers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OilState {
+    /// Per chamber: oil in it [m3 at ambient pressure], and its gauge pressure at the node [Pa].
+    pub oil_m3: Vec<f64>,
+    pub pressure_pa: Vec<f64>,
+    /// Per reservoir: oil that has come into it since the recording began [m3], and its work since the ledger was opened [J].
+    pub inflow_m3: Vec<f64>,
+    pub work_j: Vec<f64>,
+    /// Per passage: lost since the ledger was opened [J].
+    pub lost_j: Vec<f64>,
+}
+
+impl OilState {
+    /// Lengths that a network needs; none without one.
+    pub fn new(network: Option<&Network>) -> OilState {
+        let Some(n) = network else { return OilState::default() };
+        OilState {
+            oil_m3: vec![0.0; n.chambers.len()],
+            pressure_pa: vec![0.0; n.chambers.len()],
+            inflow_m3: vec![0.0; n.reservoirs.len()],
+            work_j: vec![0.0; n.reservoirs.len()],
+            lost_j: vec![0.0; n.passages.len()],
+        }
+    }
+}
+
+/// How coordinates move over a step: where they stand at its node, at the next one and half-way, and their mean speed.
+#[derive(Clone, Copy, Debug)]
+pub struct Way<'a> {
+    pub from: &'a [f64],
+    pub to: &'a [f64],
+    /// Lifts and walls are taken from here.
+    pub middle: &'a [f64],
+    pub speed: &'a [f64],
+}
+
+impl Network {
+    /// Volume of a chamber [m3].
+    pub fn volume_m3(&self, chamber: usize, q: &[f64]) -> f64 {
+        let c = &self.chambers[chamber];
+        c.pistons.iter().fold(c.volume_m3, |volume, (k, area)| volume + area * q[*k])
+    }
+
+    /// Fills all chambers at their start pressures.
+    pub fn fill(&self, q: &[f64], state: &mut OilState) {
+        for (i, c) in self.chambers.iter().enumerate() {
+            state.oil_m3[i] = self.volume_m3(i, q) / self.oil.at(c.start_pa).volume;
+            state.pressure_pa[i] = c.start_pa;
+        }
+    }
+
+    /// Pressure of an end [Pa].
+    fn pressure(&self, end: End, chambers_pa: &[f64]) -> f64 {
+        match end {
+            End::Chamber(i) => chambers_pa[i],
+            End::Reservoir(i) => self.reservoirs[i].pressure_pa,
+        }
+    }
+
+    fn drop_pa(&self, passage: &Passage, chambers_pa: &[f64]) -> f64 {
+        self.pressure(passage.ends[0], chambers_pa) - self.pressure(passage.ends[1], chambers_pa)
+    }
+
+    /// Adds the forces of the oil on coordinates at a node [N].
+    pub fn add_forces(&self, q: &[f64], state: &OilState, forces: &mut [f64]) {
+        for (c, pressure_pa) in self.chambers.iter().zip(&state.pressure_pa) {
+            for (k, area) in &c.pistons {
+                forces[*k] += area * pressure_pa;
+            }
+        }
+        for p in &self.passages {
+            if let Some((k, wall_m2)) = p.law.wall(q) {
+                forces[k] += wall_m2 * self.drop_pa(p, &state.pressure_pa);
+            }
+        }
+    }
+
+    /// Force of the oil on a coordinate with all chambers at their start pressures [N].
+    pub fn rest_force(&self, coordinate: usize) -> f64 {
+        let at_start: Vec<f64> = self.chambers.iter().map(|c| c.start_pa).collect();
+        let on = |of: &[(usize, f64)]| of.iter().filter(|(k, _)| *k == coordinate).map(|(_, area)| area).sum::<f64>();
+        let pistons: f64 = self.chambers.iter().map(|c| on(&c.pistons) * c.start_pa).sum();
+        let walls = self.passages.iter().filter_map(|p| match p.law {
+            FlowLaw::Leak { wall: Some((k, wall_m2)), .. } if k == coordinate => {
+                Some(wall_m2 * self.drop_pa(p, &at_start))
+            }
+            _ => None,
+        });
+        pistons + walls.sum::<f64>()
+    }
+
+    /// Flow through a passage at a node, with what its wall drags along [m3/s].
+    pub fn flow_m3_s(&self, passage: usize, q: &[f64], speed: &dyn Fn(usize) -> f64, state: &OilState) -> f64 {
+        let p = &self.passages[passage];
+        let dragged = p.law.wall(q).map_or(0.0, |(k, wall_m2)| wall_m2 * speed(k));
+        p.law.flow(&self.oil, q, self.drop_pa(p, &state.pressure_pa)).rate_m3_s + dragged
+    }
+
+    /// Energy in the oil of all chambers [J].
+    pub fn stored_j(&self, state: &OilState) -> f64 {
+        state.oil_m3.iter().zip(&state.pressure_pa).map(|(oil, p)| oil * self.oil.stored(*p)).sum()
+    }
+
+    /// Stiffness of the oil behind a coordinate with all its chambers closed [N/m], at a pressure at which the air does not count.
+    pub fn stiffness_n_per_m(&self, coordinate: usize, q: &[f64]) -> f64 {
+        let of = |(i, c): (usize, &Chamber)| {
+            let area: f64 = c.pistons.iter().filter(|(k, _)| *k == coordinate).map(|(_, area)| area).sum();
+            area * area * self.oil.bulk_modulus_pa / self.volume_m3(i, q)
+        };
+        self.chambers.iter().enumerate().map(of).sum()
+    }
+
+    /// Moves the oil on from a node to the next.
+    pub fn advance(&self, step_s: f64, way: Way<'_>, state: &mut OilState) {
+        let n = self.chambers.len();
+        let q = way.middle;
+        let begin = self.look(way.from, q, way.speed, &state.oil_m3, &state.pressure_pa);
+        let gh = GAMMA * step_s;
+        let mut matrix = SMatrix::<f64, MOST_CHAMBERS, MOST_CHAMBERS>::identity();
+        for (p, f) in self.passages.iter().zip(&begin.flows) {
+            for (row, sign) in p.ends.iter().zip([-1.0, 1.0]) {
+                let End::Chamber(i) = *row else { continue };
+                for (column, by) in p.ends.iter().zip([1.0, -1.0]) {
+                    let End::Chamber(j) = *column else { continue };
+                    matrix[(i, j)] -= gh * sign * by * f.slope * begin.by_oil[j];
+                }
+            }
+        }
+        let solver = matrix.lu();
+        let solve = |rates: &[f64; MOST_PASSAGES]| -> Option<[f64; MOST_CHAMBERS]> {
+            let sums = SVector::<f64, MOST_CHAMBERS>::from(self.into_chambers(rates));
+            solver.solve(&sums).map(Into::into)
+        };
+        // A difference of pressures at the ends of a passage, of values per chamber.
+        let across = |p: &Passage, of: &dyn Fn(usize) -> f64| {
+            let at = |end: End| match end {
+                End::Chamber(i) => of(i),
+                End::Reservoir(_) => 0.0,
+            };
+            at(p.ends[0]) - at(p.ends[1])
+        };
+        let nothing = [0.0; MOST_PASSAGES];
+        let (mut right, mut by_time) = (nothing, nothing);
+        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+            by_time[e] = gh * f.slope * across(p, &|i| begin.by_volume[i] * begin.volume_rate[i]);
+            right[e] = f.rate_m3_s + by_time[e];
+        }
+        let Some(first) = solve(&right) else {
+            state.pressure_pa.fill(f64::NAN);
+            return;
+        };
+        let mut flows_1 = nothing;
+        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+            flows_1[e] = right[e] + gh * f.slope * across(p, &|i| begin.by_oil[i] * first[i]);
+        }
+        let mut oil = [0.0; MOST_CHAMBERS];
+        for i in 0..n {
+            oil[i] = state.oil_m3[i] + step_s * first[i];
+        }
+        let end = self.look(way.to, q, way.speed, &oil[..n], &state.pressure_pa);
+        for (e, f) in end.flows[..self.passages.len()].iter().enumerate() {
+            right[e] = f.rate_m3_s - by_time[e] - 2.0 * flows_1[e];
+        }
+        let Some(second) = solve(&right) else {
+            state.pressure_pa.fill(f64::NAN);
+            return;
+        };
+        let mut flows = nothing;
+        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+            let flow_2 = right[e] + gh * f.slope * across(p, &|i| begin.by_oil[i] * second[i]);
+            flows[e] = 1.5 * flows_1[e] + 0.5 * flow_2;
+        }
+        self.move_oil(step_s, way, q, &flows, state);
+    }
+
+    /// Moves oil through passages, and books what that takes.
+    fn move_oil(&self, step_s: f64, way: Way<'_>, q: &[f64], flows: &[f64; MOST_PASSAGES], state: &mut OilState) {
+        let mut before = [0.0; MOST_CHAMBERS];
+        before[..state.pressure_pa.len()].copy_from_slice(&state.pressure_pa);
+        for (i, sum) in self.into_chambers(flows).iter().enumerate().take(self.chambers.len()) {
+            state.oil_m3[i] += step_s * sum;
+            let volume = self.volume_m3(i, way.to) / state.oil_m3[i];
+            state.pressure_pa[i] = self.oil.pressure_pa(volume, state.pressure_pa[i]);
+        }
+        for (e, p) in self.passages.iter().enumerate() {
+            let moved_m3 = step_s * flows[e];
+            let mean =
+                |of: &dyn Fn(&[f64], End) -> f64, end: End| 0.5 * (of(&before, end) + of(&state.pressure_pa, end));
+            let pressure = |pa: &[f64], end: End| self.pressure(end, pa);
+            let enthalpy = |pa: &[f64], end: End| self.oil.enthalpy(self.pressure(end, pa));
+            let [a, b] = p.ends;
+            let by_wall = p.law.wall(q).map_or(0.0, |(k, wall_m2)| {
+                step_s * wall_m2 * way.speed[k] * (mean(&pressure, a) - mean(&pressure, b))
+            });
+            state.lost_j[e] += moved_m3 * (mean(&enthalpy, a) - mean(&enthalpy, b)) - by_wall;
+            for (end, sign) in [(a, 1.0), (b, -1.0)] {
+                if let End::Reservoir(r) = end {
+                    state.inflow_m3[r] -= sign * moved_m3;
+                    state.work_j[r] += sign * moved_m3 * self.oil.enthalpy(self.reservoirs[r].pressure_pa);
+                }
+            }
+        }
+    }
+
+    /// Sums of flows into the chambers.
+    fn into_chambers(&self, flows: &[f64; MOST_PASSAGES]) -> [f64; MOST_CHAMBERS] {
+        let mut sums = [0.0; MOST_CHAMBERS];
+        for (p, flow) in self.passages.iter().zip(flows) {
+            for (end, sign) in p.ends.iter().zip([-1.0, 1.0]) {
+                if let End::Chamber(i) = *end {
+                    sums[i] += sign * flow;
+                }
+            }
+        }
+        sums
+    }
+
+    /// Pressures, their derivatives and flows. `at`: where coordinates stand; `q`: where those of lifts and walls do.
+    fn look(&self, at: &[f64], q: &[f64], speed: &[f64], oil_m3: &[f64], near_pa: &[f64]) -> Look {
+        let mut look = Look::default();
+        for (i, c) in self.chambers.iter().enumerate() {
+            let volume_m3 = self.volume_m3(i, at);
+            let pressure = self.oil.pressure_pa(volume_m3 / oil_m3[i], near_pa[i]);
+            let state = self.oil.at(pressure);
+            look.pressure_pa[i] = pressure;
+            look.by_volume[i] = 1.0 / (oil_m3[i] * state.slope_per_pa);
+            look.by_oil[i] = -state.volume * look.by_volume[i];
+            look.volume_rate[i] = c.pistons.iter().map(|(k, area)| area * speed[*k]).sum();
+        }
+        for (e, p) in self.passages.iter().enumerate() {
+            let mut flow = p.law.flow(&self.oil, q, self.drop_pa(p, &look.pressure_pa));
+            if let Some((k, wall_m2)) = p.law.wall(q) {
+                flow.rate_m3_s += wall_m2 * speed[k];
+            }
+            look.flows[e] = flow;
+        }
+        look
+    }
+}
+
+/// A network at one instant.
+struct Look {
+    pressure_pa: [f64; MOST_CHAMBERS],
+    /// Derivatives of the pressure by volume [Pa/m3] and by oil.
+    by_volume: [f64; MOST_CHAMBERS],
+    by_oil: [f64; MOST_CHAMBERS],
+    /// [m3/s].
+    volume_rate: [f64; MOST_CHAMBERS],
+    flows: [Flow; MOST_PASSAGES],
+}
+
+impl Default for Look {
+    fn default() -> Look {
+        let zero = [0.0; MOST_CHAMBERS];
+        Look {
+            pressure_pa: zero,
+            by_volume: zero,
+            by_oil: zero,
+            volume_rate: zero,
+            flows: [Flow::default(); MOST_PASSAGES],
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::units::sin_cos;
+
+    const AREA_M2: f64 = 1.0e-4;
+    const VOLUME_M3: f64 = 2.0e-6;
+
+    fn oil(air_share: f64) -> Oil {
+        Oil { density_kg_m3: 850.0, viscosity_pa_s: 0.02, bulk_modulus_pa: 1.5e9, air_share, air_exponent: 1.3 }
+    }
+
+    /// One chamber behind a piston (coordinate 0), one reservoir at ambient pressure, and a passage from the one to the other.
+    fn network(air_share: f64, law: Option<FlowLaw>) -> Network {
+        Network {
+            oil: oil(air_share),
+            chambers: vec![Chamber {
+                name: "high".into(),
+                volume_m3: VOLUME_M3,
+                pistons: vec![(0, AREA_M2)],
+                start_pa: 0.0,
+            }],
+            reservoirs: vec![Reservoir { name: "sump".into(), pressure_pa: 0.0 }],
+            passages: law
+                .into_iter()
+                .map(|law| Passage { path: "a".into(), ends: [End::Chamber(0), End::Reservoir(0)], law })
+                .collect(),
+        }
+    }
+
+    fn filled(network: &Network) -> OilState {
+        let mut state = OilState::new(Some(network));
+        network.fill(&[0.0], &mut state);
+        state
+    }
+
+    fn leak(conductance: f64) -> FlowLaw {
+        FlowLaw::Leak { conductance, wall: None }
+    }
+
+    /// Moves the piston along `place`, and calls `look` with the time and the state after every step.
+    fn move_piston(
+        n: &Network,
+        (step_s, steps): (f64, usize),
+        place: impl Fn(f64) -> f64,
+        mut look: impl FnMut(f64, &OilState),
+    ) -> OilState {
+        let mut state = filled(n);
+        for i in 0..steps {
+            let (from, to) = ([place(i as f64 * step_s)], [place((i + 1) as f64 * step_s)]);
+            let speed = [(to[0] - from[0]) / step_s];
+            n.advance(
+                step_s,
+                Way { from: &from, to: &to, middle: &[0.5 * (from[0] + to[0])], speed: &speed },
+                &mut state,
+            );
+            look((i + 1) as f64 * step_s, &state);
+        }
+        state
+    }
+
+    /// A closed chamber is a spring of k_h = B A^2 / V.
+    #[test]
+    fn a_closed_chamber_is_a_spring() {
+        let n = network(0.0, None);
+        let step = 1e-9;
+        let pressed = |way: f64| move_piston(&n, (1e-6, 1), |t| way * t / 1e-6, |_, _| ()).pressure_pa[0];
+        let stiffness = AREA_M2 * (pressed(-step) - pressed(step)) / (2.0 * step);
+        let known = 1.5e9 * AREA_M2 * AREA_M2 / VOLUME_M3;
+        assert!((stiffness / known - 1.0).abs() < 1e-6, "{stiffness:e} {known:e}");
+        assert!((n.stiffness_n_per_m(0, &[0.0]) / known - 1.0).abs() < 1e-14);
+    }
+
+    /// Under a sine the chamber with a leak has k_h j w tau / (1 + j w tau), tau = R V / B: most loss at 1/tau, and there k_h/2.
+    #[test]
+    fn loss_is_largest_at_the_inverse_time_constant() {
+        let k = 1.5e9 * AREA_M2 * AREA_M2 / VOLUME_M3;
+        let tau = 1e-3;
+        let n = network(0.0, Some(leak(VOLUME_M3 / (1.5e9 * tau))));
+        let amplitude = 1e-9;
+        for ratio in [0.3, 1.0, 3.0] {
+            let (period, per) = (2.0 * PI * tau / ratio, 2000);
+            let step = period / f64::from(per);
+            let (mut sine, mut cosine) = (0.0, 0.0);
+            let periods = 6 + (8.0 * tau / period) as usize;
+            move_piston(
+                &n,
+                (step, periods * per as usize),
+                |t| amplitude * sin_cos(ratio * t / tau).0,
+                |t, s| {
+                    if t > (periods - 1) as f64 * period + 0.5 * step {
+                        let (sin, cos) = sin_cos(ratio * t / tau);
+                        // The force that the piston takes.
+                        let force = -AREA_M2 * s.pressure_pa[0];
+                        sine += 2.0 / f64::from(per) * force * sin;
+                        cosine += 2.0 / f64::from(per) * force * cos;
+                    }
+                },
+            );
+            let known = k * amplitude * ratio / (1.0 + ratio * ratio);
+            assert!((cosine / known - 1.0).abs() < 1e-4, "loss at {ratio}: {cosine:e} {known:e}");
+            assert!((sine / (known * ratio) - 1.0).abs() < 1e-4, "storage at {ratio}: {sine:e}");
+        }
+    }
+
+    /// A mass that a force presses onto the oil of a chamber, from rest: oil, place and speed after a time, and what the ledger misses [J].
+    fn sink(n: &Network, (mass, force): (f64, f64), step: f64, time: f64) -> (OilState, f64, f64, f64) {
+        let mut state = filled(n);
+        let begin = n.stored_j(&state);
+        let acceleration = |x: f64, state: &OilState| {
+            let mut forces = [0.0];
+            n.add_forces(&[x], state, &mut forces);
+            (forces[0] - force) / mass
+        };
+        let (mut x, mut v) = (0.0, -0.5 * step * acceleration(0.0, &state));
+        for _ in 0..(time / step).round() as usize {
+            v += step * acceleration(x, &state);
+            let to = x + step * v;
+            n.advance(step, Way { from: &[x], to: &[to], middle: &[0.5 * (x + to)], speed: &[v] }, &mut state);
+            x = to;
+        }
+        let at_node = v + 0.5 * step * acceleration(x, &state);
+        let lost: f64 = state.lost_j.iter().sum();
+        let given: f64 = state.work_j.iter().sum();
+        let stored = n.stored_j(&state) - begin + 0.5 * mass * at_node * at_node;
+        let missing = given - force * x - lost - stored;
+        (state, x, at_node, missing)
+    }
+
+    /// A plunger under a constant force sinks at F / (A^2 R), A of the mean diameter where its skin moves along the gap; a tenth more gap
+    /// makes it 1.331 times as fast.
+    #[test]
+    fn leak_down_is_that_of_the_annular_gap() {
+        let viscosity = 0.02;
+        let mut speeds = Vec::new();
+        for gap_m in [30e-6, 33e-6] {
+            let gap = AnnularGap { diameter_m: 11.28e-3, gap_m, length_m: 20e-3, eccentricity: 0.5 };
+            let conductance = gap.conductance(viscosity);
+            let mut n = network(0.0, Some(FlowLaw::Leak { conductance, wall: Some((0, gap.wall_m2())) }));
+            // At the pressure that carries the force: what rings about the speed is small from the start.
+            n.chambers[0].start_pa = 300.0 / (AREA_M2 + gap.wall_m2());
+            let (_, x, v, error) = sink(&n, (0.05, 300.0), 2e-6, 60e-3);
+            let area = AREA_M2 + gap.wall_m2();
+            let known = -300.0 / (area * area) * conductance;
+            assert!((v / known - 1.0).abs() < 2e-3, "{gap_m}: {v} {known}");
+            assert!(error.abs() < 1e-6 * (300.0 * x).abs(), "{error:e} of {:e}", 300.0 * x);
+            speeds.push(v * area * area);
+        }
+        assert!((speeds[1] / speeds[0] - 1.331).abs() < 4e-3, "{speeds:?}");
+    }
+
+    /// Steps of 8, 4, 2 us against 0.25 us: pressure and place of a plunger on an orifice are of second order, and so is the ledger.
+    #[test]
+    fn steps_are_of_second_order() {
+        let orifice = Orifice { diameter_m: 0.8e-3, discharge: 0.7, transition_reynolds: TRANSITION_REYNOLDS };
+        let n = network(0.01, Some(FlowLaw::Orifice(orifice)));
+        let run = |step: f64| sink(&n, (0.05, 200.0), step, 2e-3);
+        let (fine, x, ..) = run(0.25e-6);
+        let errors: Vec<[f64; 3]> = [8e-6, 4e-6, 2e-6]
+            .map(|step| {
+                let (state, at, _, ledger) = run(step);
+                [(state.pressure_pa[0] - fine.pressure_pa[0]).abs(), (at - x).abs(), ledger.abs()]
+            })
+            .to_vec();
+        println!("{errors:?}");
+        for pair in errors.windows(2) {
+            for (coarse, finer) in pair[0].iter().zip(pair[1]) {
+                assert!((2.5..=7.0).contains(&(coarse / finer)), "{errors:?}");
+            }
+        }
+    }
+
+    /// Oil goes from one place to the other and nowhere else, whatever the passages, two chambers in a row among them.
+    #[test]
+    fn oil_is_conserved() {
+        let orifice = Orifice { diameter_m: 1.2e-3, discharge: 0.7, transition_reynolds: TRANSITION_REYNOLDS };
+        let mut n = network(0.03, Some(leak(2e-13)));
+        n.chambers.push(Chamber { name: "low".into(), volume_m3: 5e-6, pistons: Vec::new(), start_pa: 2e5 });
+        n.reservoirs.push(Reservoir { name: "gallery".into(), pressure_pa: 3e5 });
+        for (path, ends) in [("b", [End::Chamber(1), End::Chamber(0)]), ("c", [End::Reservoir(1), End::Chamber(1)])] {
+            n.passages.push(Passage { path: path.into(), ends, law: FlowLaw::Orifice(orifice) });
+        }
+        let start: f64 = filled(&n).oil_m3.iter().sum();
+        let mut most = 0.0_f64;
+        let end = move_piston(
+            &n,
+            (4e-6, 20_000),
+            |t| 0.3e-3 * sin_cos(900.0 * t).0,
+            |_, s| {
+                let all: f64 = s.oil_m3.iter().chain(&s.inflow_m3).sum();
+                most = most.max((all / start - 1.0).abs());
+            },
+        );
+        let moved: f64 = end.inflow_m3.iter().map(|v| v.abs()).sum();
+        println!("largest error {most:e} of the oil, {moved:e} m3 moved");
+        assert!(most < 1e-12 && moved > 0.01 * start, "{most:e} {moved:e}");
+        assert!(end.lost_j.iter().all(|l| *l > 0.0), "{:?}", end.lost_j);
+    }
+
+    /// A passage that is a thousand times faster than the step: the pressure is what flow and speed ask for, at once and without ringing.
+    #[test]
+    fn fast_passages_do_not_ring() {
+        let tau = 1e-9;
+        let conductance = VOLUME_M3 / (1.5e9 * tau);
+        let n = network(0.0, Some(leak(conductance)));
+        let speed = 0.01;
+        let mut seen = Vec::new();
+        move_piston(&n, (4e-6, 50), |t| -speed * t, |_, s| seen.push(s.pressure_pa[0]));
+        let known = AREA_M2 * speed / conductance;
+        for (i, p) in seen.iter().enumerate().skip(3) {
+            assert!((p / known - 1.0).abs() < 2e-3, "step {i}: {p} {known}");
+        }
+    }
+
+    /// The orifice's ends: turbulent C_d A sqrt(2 dp/rho); laminar C_d = 0.2 sqrt(Re), Q = 2 (0.2)^2 A D dp / mu.
+    #[test]
+    fn orifices_are_turbulent_and_laminar() {
+        let (o, oil) = (Orifice { diameter_m: 1e-3, discharge: 0.611, transition_reynolds: 9.332_025 }, oil(0.0));
+        let area = 0.25 * PI * 1e-6;
+        let law = FlowLaw::Orifice(o);
+        let turbulent = law.flow(&oil, &[], 1e7).rate_m3_s;
+        assert!((turbulent / (0.611 * area * libm::sqrt(2e7 / 850.0)) - 1.0).abs() < 1e-3, "{turbulent:e}");
+        let laminar = law.flow(&oil, &[], 1.0).rate_m3_s;
+        assert!((laminar / (2.0 * 0.04 * area * 1e-3 / 0.02) - 1.0).abs() < 1e-3, "{laminar:e}");
+        for drop in [-2e5, -300.0, 0.0, 5e3, 1e6] {
+            let (d, f) = (1e-4 * (f64::abs(drop) + 10.0), |p: f64| law.flow(&oil, &[], p).rate_m3_s);
+            let slope = (f(drop + d) - f(drop - d)) / (2.0 * d);
+            assert!((law.flow(&oil, &[], drop).slope / slope - 1.0).abs() < 1e-5, "{drop}");
+        }
+    }
+
+    /// A ball's slit is the frustum between edge and sphere: against the distance of many points of the edge's normal plane.
+    #[test]
+    fn a_ball_opens_by_its_frustum() {
+        let check = CheckBall {
+            coordinate: 0,
+            seat_radius_m: 2e-3,
+            ball_radius_m: 2.5e-3,
+            discharge: 0.7,
+            transition_reynolds: TRANSITION_REYNOLDS,
+        };
+        assert_eq!(check.flow(&oil(0.0), 0.0, 1e5), Flow::default());
+        assert!((check.wall_m2(-1e-6) / (PI * 4e-6) - 1.0).abs() < 1e-14);
+        let o = check.opening(0.4e-3).expect("open");
+        // Centre 1.5 mm over the seat when closed: 1.9 mm now.
+        let distance = libm::hypot(1.9e-3, 2e-3);
+        assert!((o.width_m - (distance - 2.5e-3)).abs() < 1e-15);
+        let touching = 2e-3 * 2.5e-3 / distance;
+        assert!((o.slit_m2 - PI * o.width_m * (2e-3 + touching)).abs() < 1e-18);
+        assert!(o.area_m2 < o.slit_m2 && o.area_m2 < PI * 4e-6);
+        // The jet always leaves the oil some force on the ball.
+        for lift in [1e-6, 1e-4, 1e-3, 1e-2] {
+            assert!(check.wall_m2(lift) > 0.0 && check.wall_m2(lift) < PI * 4e-6, "{lift}");
+        }
+    }
+}

@@ -1,0 +1,341 @@
+//! Parts that touch each other and no chain: the tip of a slider on the pad of an arm, stops, a ball on its seat.
+//!
+//! Each is one contact along the normal n of a gap g(q) of at most two coordinates:
+//! ```text
+//! stop            g = sense (limit - q) lever
+//! tip, flat pad   g = n.(C - O) - offset - r          n turns with the arm, C moves along the slider's direction d
+//! tip, round pad  g = |D| - r - R,  D = C - c, n = D/|D|   c turns with the arm
+//! ```
+//! O: pivot, C and r: centre and radius of the tip, c and R: of the pad. With J = dg/dq and H its second derivatives, closing speed -J.q',
+//! inverse effective mass w = sum J^2/I, generalised force +F J: the force opens the gap, and its power is that on the gap. Forces are means
+//! over the step after [`super::contact_law`], from the accelerations that all else gives in this step; touches of one coordinate reckon with
+//! those before them. Friction after [`super::friction`] along the tangent, n turned by +90 degrees.
+
+use super::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
+use super::friction;
+use super::tooth_contact::remembered;
+use crate::geometry::{Vec2, perp, rotated};
+
+/// Two parts that may touch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Touch {
+    /// In the drive file: `sliders.NAME.tip` and so on.
+    pub path: String,
+    pub shape: TouchShape,
+    pub law: ContactLaw,
+    pub friction: f64,
+    pub stick_speed_m_s: f64,
+    /// Radii of curvature, for laws that depend on them.
+    pub radii: PairRadii,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TouchShape {
+    /// An end of a coordinate's way; `sense` 1: above, -1: below. `lever_m`: distance of the stop from the axis; 1 for what slides.
+    Stop {
+        coordinate: usize,
+        limit: f64,
+        sense: f64,
+        lever_m: f64,
+    },
+    Tip {
+        slider: usize,
+        centre: Vec2,
+        direction: Vec2,
+        radius_m: f64,
+        arm: usize,
+        pivot: Vec2,
+        pad: Pad,
+    },
+}
+
+/// What a tip rests on, in the frame of its arm: origin in the pivot, as drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pad {
+    /// All points p with normal.p = offset.
+    Flat {
+        normal: Vec2,
+        offset_m: f64,
+    },
+    Round {
+        centre: Vec2,
+        radius_m: f64,
+    },
+}
+
+/// A gap where the coordinates stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gap {
+    /// Negative: overlap [m].
+    pub gap_m: f64,
+    /// The coordinates it depends on; a stop has one, twice, the second without effect.
+    pub coordinates: [usize; 2],
+    /// dg/dq, and second derivatives: of the first, mixed, of the second.
+    pub slope: [f64; 2],
+    pub bend: [f64; 3],
+    /// Speed of the first part against the second along the tangent, per speed of the coordinates.
+    pub slide: [f64; 2],
+    /// Where they touch, and the normal out of the second part.
+    pub point: Vec2,
+    pub normal: Vec2,
+}
+
+impl TouchShape {
+    pub fn gap(&self, q: &[f64]) -> Gap {
+        match *self {
+            TouchShape::Stop { coordinate, limit, sense, lever_m } => Gap {
+                gap_m: sense * (limit - q[coordinate]) * lever_m,
+                coordinates: [coordinate; 2],
+                slope: [-sense * lever_m, 0.0],
+                bend: [0.0; 3],
+                slide: [0.0; 2],
+                point: Vec2::zeros(),
+                normal: Vec2::zeros(),
+            },
+            TouchShape::Tip { slider, centre, direction, radius_m, arm, pivot, pad } => {
+                let from_pivot = centre + direction * q[slider] - pivot;
+                let angle = q[arm];
+                let (gap_m, normal, by_arm, bend) = match pad {
+                    Pad::Flat { normal, offset_m } => {
+                        let n = rotated(normal, angle);
+                        let turn = perp(n);
+                        let bend = [0.0, turn.dot(&direction), -n.dot(&from_pivot)];
+                        (n.dot(&from_pivot) - offset_m - radius_m, n, turn.dot(&from_pivot), bend)
+                    }
+                    Pad::Round { centre: pad_centre, radius_m: pad_m } => {
+                        let c = rotated(pad_centre, angle);
+                        let d = from_pivot - c;
+                        let distance = d.norm();
+                        let n = d / distance;
+                        let t = perp(n);
+                        let (along, back) = (t.dot(&direction), -t.dot(&perp(c)));
+                        let bend =
+                            [along * along / distance, along * back / distance, n.dot(&c) + back * back / distance];
+                        (distance - radius_m - pad_m, n, -n.dot(&perp(c)), bend)
+                    }
+                };
+                let touching = from_pivot - normal * radius_m;
+                Gap {
+                    gap_m,
+                    coordinates: [slider, arm],
+                    slope: [normal.dot(&direction), by_arm],
+                    bend,
+                    slide: [perp(normal).dot(&direction), -normal.dot(&touching)],
+                    point: pivot + touching,
+                    normal,
+                }
+            }
+        }
+    }
+}
+
+/// How coordinates move at a node as far as one touch is concerned: speeds half a step before it, accelerations there by all else, inverse
+/// inertias; of the gap's two coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moving {
+    pub speed: [f64; 2],
+    pub acceleration: [f64; 2],
+    pub inverse_inertia: [f64; 2],
+}
+
+/// What a touch remembers of the step before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Past {
+    pub normal_force: f64,
+    pub age: f64,
+    pub approach: f64,
+}
+
+/// What a touch does over one step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TouchStep {
+    /// Means over the step [N].
+    pub normal_force: f64,
+    pub tangential_force: f64,
+    /// Generalised forces on the two coordinates.
+    pub forces: [f64; 2],
+    /// Rate of penetration and sliding speed at the node [m/s].
+    pub rate: f64,
+    pub slide: f64,
+    pub age: f64,
+    pub approach: f64,
+    /// Over the step [J].
+    pub lost_damping: f64,
+    pub lost_friction: f64,
+}
+
+fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+impl Touch {
+    /// The touch over a step about a node.
+    pub fn step(&self, step_s: f64, gap: &Gap, moving: &Moving, past: Past) -> TouchStep {
+        let half = 0.5 * step_s;
+        // Speeds at the node without this touch.
+        let speed: [f64; 2] = std::array::from_fn(|i| moving.speed[i] + half * moving.acceleration[i]);
+        let mobility = |by: [f64; 2]| dot([by[0] * by[0], by[1] * by[1]], moving.inverse_inertia);
+        let [first, mixed, second] = gap.bend;
+        let turning = first * speed[0] * speed[0] + 2.0 * mixed * speed[0] * speed[1] + second * speed[1] * speed[1];
+        let input = StepInput {
+            penetration: -gap.gap_m,
+            free_rate: -dot(gap.slope, speed),
+            free_acceleration: -dot(gap.slope, moving.acceleration) - turning,
+            mobility: mobility(gap.slope),
+            past_force: past.normal_force,
+            approach: past.approach,
+            step: step_s,
+        };
+        let law: StepForce = match self.law {
+            ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c } => {
+                linear_step(k, c, input, past.age > 0.0)
+            }
+            ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => quadrature_step(&self.law, self.radii, input),
+        };
+        let kept = remembered(input.penetration, input.free_rate, law, step_s, (past.age, past.approach));
+        let normal_force = if kept.age > 0.0 { law.mean_force } else { 0.0 };
+        let sliding = half * mobility(gap.slide);
+        let free = dot(gap.slide, speed);
+        let tangential_force = friction::solved_force(self.friction, normal_force, free, self.stick_speed_m_s, sliding);
+        let slide = free + sliding * tangential_force;
+        TouchStep {
+            normal_force,
+            tangential_force,
+            forces: std::array::from_fn(|i| normal_force * gap.slope[i] + tangential_force * gap.slide[i]),
+            rate: law.rate,
+            slide,
+            age: kept.age,
+            approach: kept.approach,
+            lost_damping: kept.lost,
+            lost_friction: -tangential_force * slide * step_s,
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::geometry::unit;
+
+    fn tip(pad: Pad) -> TouchShape {
+        TouchShape::Tip {
+            slider: 0,
+            centre: Vec2::new(0.08, -0.055),
+            direction: unit(1.4),
+            radius_m: 5e-3,
+            arm: 1,
+            pivot: Vec2::new(0.04, -0.06),
+            pad,
+        }
+    }
+
+    fn pads() -> [Pad; 2] {
+        let normal = unit(1.4 + std::f64::consts::PI);
+        [Pad::Flat { normal, offset_m: -0.03 }, Pad::Round { centre: Vec2::new(0.045, 0.03), radius_m: 0.02 }]
+    }
+
+    /// First and second derivatives of gaps against differences; the gap against distances of circles and lines; slides against the
+    /// velocities of both bodies in the point of contact.
+    #[test]
+    fn derivatives_are_those_of_the_gap() {
+        for shape in pads().map(tip) {
+            for q in [[0.0, 0.0], [1.5e-3, 0.03], [-2e-3, -0.08]] {
+                let g = shape.gap(&q);
+                let at = |ds: f64, da: f64| shape.gap(&[q[0] + ds, q[1] + da]).gap_m;
+                let (s, a) = (1e-6, 1e-5);
+                let slope = [(at(s, 0.0) - at(-s, 0.0)) / (2.0 * s), (at(0.0, a) - at(0.0, -a)) / (2.0 * a)];
+                assert!(
+                    (slope[0] - g.slope[0]).abs() < 1e-8 && (slope[1] - g.slope[1]).abs() < 1e-9,
+                    "{g:?} {slope:?}"
+                );
+                let mixed = (at(s, a) - at(s, -a) - at(-s, a) + at(-s, -a)) / (4.0 * s * a);
+                let (s, a) = (1e-4, 1e-3);
+                let bend = [
+                    (at(s, 0.0) - 2.0 * g.gap_m + at(-s, 0.0)) / (s * s),
+                    mixed,
+                    (at(0.0, a) - 2.0 * g.gap_m + at(0.0, -a)) / (a * a),
+                ];
+                for (found, known) in bend.iter().zip(g.bend) {
+                    assert!((found - known).abs() < 1e-3 * (known.abs() + 1.0), "{shape:?}: {bend:?} {:?}", g.bend);
+                }
+                let TouchShape::Tip { direction, pivot, .. } = shape else { unreachable!("a tip") };
+                let tangent = perp(g.normal);
+                assert!((g.slide[0] - tangent.dot(&direction)).abs() < 1e-15);
+                assert!((g.slide[1] + tangent.dot(&perp(g.point - pivot))).abs() < 1e-15);
+            }
+        }
+    }
+
+    /// A slider strikes an arm without damping: the peak is v sqrt(k m), 1/m = J_s^2/m_s + J_a^2/I, at 1, 0.5, 0.25 us; both give way, nothing
+    /// is lost.
+    #[test]
+    fn a_tip_strikes_an_arm() {
+        let (mass, inertia, stiffness, speed) = (0.02, 2e-4, 1e7, 0.4);
+        for shape in pads().map(tip) {
+            let law = ContactLaw::Linear { stiffness_n_per_m: stiffness, damping_n_s_per_m: 0.0 };
+            let radii = PairRadii { bush_m: 5e-3, body_m: f64::INFINITY };
+            let touch = Touch { path: "a".into(), shape, law, friction: 0.0, stick_speed_m_s: 0.1, radii };
+            // Where they just do not touch.
+            let mut start = 0.0;
+            for _ in 0..50 {
+                let g = shape.gap(&[start, 0.0]);
+                start -= (g.gap_m - 1e-7) / g.slope[0];
+            }
+            let g = shape.gap(&[start, 0.0]);
+            let w = g.slope[0] * g.slope[0] / mass + g.slope[1] * g.slope[1] / inertia;
+            let closing = -g.slope[0].signum() * speed;
+            let known = (g.slope[0] * closing).abs() * f64::sqrt(stiffness / w);
+            let inverse_inertia = [1.0 / mass, 1.0 / inertia];
+            let errors = [1e-6, 0.5e-6, 0.25e-6].map(|h| {
+                let (mut q, mut v) = ([start, 0.0], [closing, 0.0]);
+                let mut past = Past { normal_force: 0.0, age: 0.0, approach: 0.0 };
+                let mut peak = 0.0_f64;
+                let period = std::f64::consts::PI / f64::sqrt(stiffness * w);
+                for _ in 0..(1.5 * period / h) as usize {
+                    let moving = Moving { speed: v, acceleration: [0.0; 2], inverse_inertia };
+                    let step = touch.step(h, &shape.gap(&q), &moving, past);
+                    peak = peak.max(step.normal_force);
+                    past = Past { normal_force: step.normal_force, age: step.age, approach: step.approach };
+                    for i in 0..2 {
+                        v[i] += h * step.forces[i] * inverse_inertia[i];
+                        q[i] += h * v[i];
+                    }
+                }
+                assert!((past.approach, past.age) == (0.0, 0.0), "it has parted");
+                let kinetic = 0.5 * (mass * v[0] * v[0] + inertia * v[1] * v[1]);
+                assert!((kinetic / (0.5 * mass * speed * speed) - 1.0).abs() < 2e-3, "{kinetic:e}");
+                (peak / known - 1.0).abs()
+            });
+            println!("peak {known:.2} N: errors {errors:?}");
+            assert!(errors[0] < 4e-3 && errors[2] < 5e-4, "{errors:?}");
+        }
+    }
+
+    /// A ball dropped on its stop with the restitution law comes back with the share that was asked for.
+    #[test]
+    fn stops_give_back_what_their_law_says() {
+        let law = ContactLaw::Power {
+            stiffness_n_per_m_n: 5e9,
+            exponent: 1.5,
+            hysteresis: crate::elements::contact_law::restitution_hysteresis(0.5),
+        };
+        let shape = TouchShape::Stop { coordinate: 0, limit: -1e-3, sense: -1.0, lever_m: 1.0 };
+        let radii = PairRadii { bush_m: 3e-3, body_m: f64::INFINITY };
+        let touch = Touch { path: "a".into(), shape, law, friction: 0.0, stick_speed_m_s: 0.1, radii };
+        let (mut q, mut v) = ([-1e-3 + 1.23e-6], -1.0);
+        let mut past = Past { normal_force: 0.0, age: 0.0, approach: 0.0 };
+        let h = 0.2e-6;
+        let mut lost = 0.0;
+        for _ in 0..1000 {
+            let moving = Moving { speed: [v, v], acceleration: [0.0; 2], inverse_inertia: [1.0 / 2e-4, 0.0] };
+            let step = touch.step(h, &shape.gap(&q), &moving, past);
+            past = Past { normal_force: step.normal_force, age: step.age, approach: step.approach };
+            lost += step.lost_damping;
+            v += h * step.forces[0] / 2e-4;
+            q[0] += h * v;
+        }
+        assert!((v - 0.5).abs() < 0.01, "{v}");
+        assert!((lost / (0.5 * 2e-4 * 0.75) - 1.0).abs() < 0.03, "{lost:e}");
+    }
+}
