@@ -411,16 +411,21 @@ fn the_commands_of_the_readme_exist() {
     assert_eq!(shell_words("run 'a b' -o x.mcap  # so"), ["run", "a b", "-o", "x.mcap"]);
     let flags = pitchline(&["run", "bush-20-40", "--no-such-flag", "--help"]);
     assert_eq!(flags.status.code(), Some(2));
-    let readme = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/README.md")).expect("README.md");
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let chapters = std::fs::read_dir(root.join("docs")).expect("docs").flatten().map(|entry| entry.path());
+    let mut pages: Vec<_> = chapters.filter(|path| path.extension().is_some_and(|e| e == "md")).collect();
+    pages.sort();
+    pages.push(root.join("README.md"));
     let mut seen = 0;
-    for line in readme.lines().filter_map(|l| l.trim().strip_prefix("$ pitchline ")) {
+    let text: Vec<String> = pages.iter().map(|page| std::fs::read_to_string(page).expect("a page")).collect();
+    for line in text.iter().flat_map(|t| t.lines()).filter_map(|l| l.trim().strip_prefix("$ pitchline ")) {
         let words = shell_words(line);
         let args: Vec<&str> = words.iter().map(String::as_str).chain(["--help"]).collect();
         let out = pitchline(&args);
         assert!(out.status.success(), "{line}: {}", stderr(&out));
         seen += 1;
     }
-    assert!(seen >= 20, "{seen} commands");
+    assert!(seen >= 40, "{seen} commands");
 }
 
 /// Bad input is refused with a message.
