@@ -11,8 +11,10 @@
 use crate::diag::Report;
 use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
+use crate::elements::coordinate::CoordinateKind;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
+use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
@@ -39,6 +41,8 @@ pub struct AssemblyReport {
     pub moved: Vec<MovedAxis>,
     /// Arms under load at rest.
     pub arms: Vec<RestingArm>,
+    /// Sliders likewise.
+    pub sliders: Vec<RestingSlider>,
     /// Mean tension of the first chain at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
     pub preload_n: f64,
     pub preload_low_n: f64,
@@ -76,6 +80,14 @@ pub struct RestingArm {
     pub spring_torque_nm: f64,
 }
 
+/// Where a slider rests, from where it is drawn [m], and the force of its tip there [N].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RestingSlider {
+    pub slider: String,
+    pub position_m: f64,
+    pub tip_force_n: f64,
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
@@ -83,10 +95,15 @@ impl AssemblyReport {
         let mut lines: Vec<String> = self.moved.iter().map(axis).collect();
         lines.extend(self.arms.iter().map(|a| {
             let degrees = a.angle_rad.to_degrees();
-            format!(
-                "arm {} = {degrees:.4} deg from its drawn position, its spring {:.4} N m",
-                a.arm, a.spring_torque_nm
-            )
+            let spring = match a.spring_torque_nm {
+                0.0 => String::new(),
+                torque => format!(", its spring {torque:.4} N m"),
+            };
+            format!("arm {} = {degrees:.4} deg from its drawn position{spring}", a.arm)
+        }));
+        lines.extend(self.sliders.iter().map(|s| {
+            let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
+            format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
         }));
         lines.extend([
             format!(
@@ -171,6 +188,7 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
         tensions.push(tensions_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_oil(drive);
     let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
@@ -207,6 +225,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
         models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_oil(drive);
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
 }
@@ -256,6 +275,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     let report = AssemblyReport {
         moved,
         arms: model.arms.iter().map(resting).collect(),
+        sliders: resting_sliders(&model, &loaded.configuration),
         preload_n: mean(&tensions),
         preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
         preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
@@ -271,6 +291,23 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         tension_drift,
     };
     Ok(Assembly { model, state, report })
+}
+
+/// Sliders with their tips, at rest.
+fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
+    let tips = model.touches.iter().filter_map(|t| match t.shape {
+        TouchShape::Tip { slider, .. } => Some((slider, t)),
+        TouchShape::Stop { .. } => None,
+    });
+    let of = |(coordinate, touch): (usize, &Touch)| {
+        let slider = model.sliders.iter().find(|s| s.coordinate == coordinate);
+        RestingSlider {
+            slider: slider.map_or_else(String::new, |s| s.name.clone()),
+            position_m: q.coordinates[coordinate],
+            tip_force_n: touch.law.elastic(-touch.shape.gap(&q.coordinates).gap_m, touch.radii).force_n,
+        }
+    };
+    tips.map(of).collect()
 }
 
 /// No chain at rest may run through a rail, nor lie loose under an arm whose spring turns it away.
@@ -313,7 +350,7 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
         return refuse(
             format!("arms.{name}.spring_torque_nm"),
             format!("the spring of arm `{name}` does not tighten the chain"),
-            "its torque is counterclockwise positive: turn its sign, or make it larger",
+            "its torque is counterclockwise positive: turn its sign, or make it larger; or press it with a slider",
         );
     }
     Ok(())
@@ -420,8 +457,25 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             coordinates[model.sprockets[k].coordinate].get_or_insert(angle);
         }
     }
-    Ok(Configuration { links, coordinates: coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect() })
+    let mut coordinates: Vec<f64> = coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect();
+    lay_tips(model, &mut coordinates);
+    Ok(Configuration { links, coordinates })
 }
+
+/// Sliders where their tips just touch their arms.
+fn lay_tips(model: &Model, coordinates: &mut [f64]) {
+    for touch in &model.touches {
+        if let TouchShape::Tip { slider, .. } = touch.shape {
+            for _ in 0..TIP_ITERATIONS {
+                let gap = touch.shape.gap(coordinates);
+                coordinates[slider] -= gap.gap_m / gap.slope[0];
+            }
+        }
+    }
+}
+
+/// Steps of Newton's method for the place of a tip; some five are needed.
+const TIP_ITERATIONS: u32 = 20;
 
 /// A chain laid on its route: poses of its links, angles of its sprockets.
 struct Laid {
@@ -493,6 +547,9 @@ fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError>
     for (k, rate) in coordinate_rates.iter().enumerate() {
         state.coordinates.omega[k] = rate * omega;
     }
+    if let Some(oil) = &model.oil {
+        oil.fill(&at.configuration.coordinates, &mut state.oil);
+    }
     Ok(state)
 }
 
@@ -505,7 +562,8 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
     }
     for (k, angle) in q.coordinates.iter().enumerate() {
         let (s, c) = sin_cos(*angle);
-        (state.coordinates.angle[k], state.coordinates.cos[k], state.coordinates.sin[k]) = (wrap_angle(*angle), c, s);
+        let place = if model.coordinates[k].kind == CoordinateKind::Turns { wrap_angle(*angle) } else { *angle };
+        (state.coordinates.angle[k], state.coordinates.cos[k], state.coordinates.sin[k]) = (place, c, s);
     }
     state
 }
@@ -594,7 +652,7 @@ fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(
     state.step = 0;
     state.clear_ledger();
     // Angles are counted from the start of the recording; cosine and sine stay as they are.
-    for angle in &mut state.coordinates.angle {
+    for angle in &mut state.coordinates.angle[..model.n_turning()] {
         *angle = wrap_angle(*angle);
     }
     Ok(watch.result(model))

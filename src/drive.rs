@@ -6,6 +6,7 @@
 
 mod chains;
 mod check;
+pub mod mechanism;
 mod read;
 pub mod reader;
 pub mod sensors;
@@ -20,16 +21,18 @@ use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::GapForm;
+use mechanism::{OilSpec, SliderSpec};
 use reader::{Places, Reader};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 5] = [
+pub const BUNDLED: [(&str, &str); 6] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
     ("arm-20-40", include_str!("../assets/drives/arm-20-40.toml")),
     ("reduction-20-40-20-40", include_str!("../assets/drives/reduction-20-40-20-40.toml")),
+    ("tensioner-20-40", include_str!("../assets/drives/tensioner-20-40.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.
@@ -81,6 +84,10 @@ pub struct Drive {
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
     pub arms: Vec<ArmSpec>,
+    pub sliders: Vec<SliderSpec>,
+    /// Tips of sliders on arms; None without sliders.
+    pub tip_contact: Option<ContactSpec>,
+    pub oil: Option<OilSpec>,
     pub rails: Vec<RailSpec>,
     pub preload: PreloadSpec,
     pub effects: Effects,

@@ -135,7 +135,12 @@ pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
         for s in &drive.sensors {
             let line = match s.reads {
                 SensorReads::Span(k) => format!("span = \"{}\"\n", l.spans[k].name),
-                SensorReads::Link(_) | SensorReads::Guide(_) => continue,
+                SensorReads::Link(_)
+                | SensorReads::Guide(_)
+                | SensorReads::Slider(_)
+                | SensorReads::Tip(_)
+                | SensorReads::Pressure(_)
+                | SensorReads::Flow(_) => continue,
                 SensorReads::Angle(k)
                 | SensorReads::Speed(k)
                 | SensorReads::Acceleration(k)

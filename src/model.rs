@@ -5,9 +5,11 @@
 //! multiple of the lane width, so that loops over them need no remainder.
 
 mod chain;
+mod mechanism;
 mod place;
 
 pub use chain::ChainModel;
+pub use mechanism::SliderModel;
 use place::route_diag;
 pub use place::{Placed, place};
 
@@ -16,9 +18,10 @@ use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, PreloadSpec, RailSpec, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
-use crate::elements::coordinate::{Coordinate, Motion, Spring};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
+use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
@@ -197,6 +200,9 @@ pub struct Model {
     pub rails: Vec<RailModel>,
     /// Parts that touch each other and no chain.
     pub touches: Vec<Touch>,
+    pub sliders: Vec<SliderModel>,
+    /// Oil of tensioners.
+    pub oil: Option<Network>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
     pub end_bodies: Vec<EndBody>,
@@ -251,7 +257,8 @@ impl Model {
         let mut coordinates = build_coordinates(drive, &sprockets, sense);
         let arms = build_arms(drive, placed, &mut coordinates);
         let rails = build_rails(drive, placed, &arms);
-        let touches = build_stops(drive, &arms);
+        let mut touches = build_stops(drive, &arms);
+        let sliders = mechanism::build_sliders(drive, &arms, &mut coordinates, &mut touches);
         let guides = build_guides(drive, &route, placed);
         let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
         check_clearances(drive, &sprockets, &guides, &mut diags);
@@ -295,6 +302,8 @@ impl Model {
             arms,
             rails,
             touches,
+            sliders,
+            oil: None,
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -319,6 +328,8 @@ impl Model {
             arms: Vec::new(),
             rails: Vec::new(),
             touches: Vec::new(),
+            sliders: Vec::new(),
+            oil: None,
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -343,6 +354,7 @@ impl Model {
             arms: Vec::new(),
             rails: Vec::new(),
             touches: Vec::new(),
+            sliders: Vec::new(),
             line_end_m: Vec::new(),
             driver: drive.driver(),
             chain_speeds_m_s: Vec::new(),
@@ -373,12 +385,23 @@ impl Model {
                 joined.sprockets.push(SprocketModel { chain, coordinate, ..s.clone() });
             }
         }
+        // What turns stands before what slides: behind the sprockets' coordinates come those of all arms, then those of all sliders.
+        let n_arms: usize = alone.iter().map(|m| m.arms.len()).sum();
+        let mut next_slider = joined.coordinates.len() + n_arms;
+        let mut sliding = Vec::new();
         for (chain, model) in alone.into_iter().enumerate() {
-            let first_arm = joined.coordinates.len();
-            let sprockets = model.sprockets.len();
-            // Behind its sprockets' coordinates come those of its arms.
-            let moved = |q: usize| first_arm + q - sprockets;
-            joined.coordinates.extend(model.coordinates.into_iter().skip(sprockets));
+            let (first_arm, first_slider) = (joined.coordinates.len(), next_slider);
+            let (sprockets, arms) = (model.sprockets.len(), model.arms.len());
+            let moved = |q: usize| {
+                let own = q - sprockets;
+                if own < arms { first_arm + own } else { first_slider + own - arms }
+            };
+            let mut own = model.coordinates.into_iter().skip(sprockets);
+            joined.coordinates.extend(own.by_ref().take(arms));
+            sliding.extend(own);
+            next_slider += model.sliders.len();
+            let sliders = model.sliders.into_iter();
+            joined.sliders.extend(sliders.map(|s| SliderModel { coordinate: moved(s.coordinate), ..s }));
             joined.arms.extend(model.arms.into_iter().map(|a| ArmModel { coordinate: moved(a.coordinate), ..a }));
             joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
             let rails = model.rails.into_iter();
@@ -391,6 +414,7 @@ impl Model {
             joined.row_ranges.push(first_row..joined.rows.len());
             joined.routes.extend(model.routes);
         }
+        joined.coordinates.extend(sliding);
         joined
     }
 
@@ -452,6 +476,7 @@ impl Model {
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),
             n_touches: self.touches.len(),
+            n_oil: self.oil.as_ref().map_or([0; 3], Network::lengths),
         }
     }
 
@@ -470,6 +495,7 @@ impl Model {
 fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> Vec<Coordinate> {
     let of = |(spec, s): (&SprocketDrive, &SprocketModel)| Coordinate {
         path: format!("sprockets.{}", s.name),
+        kind: CoordinateKind::Turns,
         motion: match spec.outer {
             OuterSpec::Speed { .. } => Motion::Prescribed { speed_rad_s: s.nominal_speed_rad_s },
             OuterSpec::Load { inertia_kg_m2, torque_nm } => {
@@ -479,6 +505,8 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
         spring: Spring::default(),
         nominal_speed_rad_s: s.nominal_speed_rad_s,
         reach_m: s.geometry.pitch_radius_m(),
+        rest_load: 0.0,
+        is_held_at_rest: false,
     };
     drive.sprockets.iter().zip(sprockets).map(of).collect()
 }
@@ -496,14 +524,17 @@ fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>)
         });
         coordinates.push(Coordinate {
             path: format!("arms.{}", spec.name),
+            kind: CoordinateKind::Turns,
             motion: Motion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
             spring: Spring {
                 stiffness: spec.spring_nm_per_rad,
-                free: spec.spring_torque_nm / spec.spring_nm_per_rad,
+                free: if spec.spring_nm_per_rad > 0.0 { spec.spring_torque_nm / spec.spring_nm_per_rad } else { 0.0 },
                 damping: spec.damping_nm_s_per_rad,
             },
             nominal_speed_rad_s: 0.0,
             reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
+            rest_load: 0.0,
+            is_held_at_rest: false,
         });
     }
     arms

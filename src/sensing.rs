@@ -3,6 +3,7 @@
 use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
+use crate::elements::touch::TouchShape;
 use crate::integrate::explicit::{self, Part, Scratch};
 use crate::model::Model;
 use crate::state::State;
@@ -25,6 +26,18 @@ pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads)
             0.5 * (along(state, scratch, i, i) + along(state, scratch, i, model.chain.previous(i)))
         }
         SensorReads::Guide(k) => guide_force(model, scratch, k),
+        SensorReads::Slider(k) => r.angle[model.sliders[k].coordinate],
+        SensorReads::Tip(k) => {
+            let is_tip =
+                |s: &TouchShape| matches!(s, TouchShape::Tip { slider, .. } if *slider == model.sliders[k].coordinate);
+            let touch = model.touches.iter().position(|t| is_tip(&t.shape));
+            touch.map_or(f64::NAN, |i| explicit::touches::normal_force(scratch, i))
+        }
+        SensorReads::Pressure(k) => state.oil.pressure_pa[k],
+        SensorReads::Flow(k) => {
+            let speed = |q: usize| r.omega[q] + 0.5 * model.step_s * scratch.coordinate_alpha()[q];
+            model.oil.as_ref().map_or(f64::NAN, |oil| oil.flow_m3_s(k, &r.angle, &speed, &state.oil))
+        }
     }
 }
 

@@ -78,6 +78,32 @@ pub struct CoordinateState {
     pub lost: Vec<f64>,
 }
 
+/// What the oil of a drive remembers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OilState {
+    /// Per chamber: oil in it [m3 at ambient pressure], and its gauge pressure at the node [Pa].
+    pub oil_m3: Vec<f64>,
+    pub pressure_pa: Vec<f64>,
+    /// Per reservoir: oil that has come into it since the recording began [m3], and its work since the ledger was opened [J].
+    pub inflow_m3: Vec<f64>,
+    pub work_j: Vec<f64>,
+    /// Per passage: lost since the ledger was opened [J].
+    pub lost_j: Vec<f64>,
+}
+
+impl OilState {
+    /// For so many chambers, reservoirs and passages.
+    pub fn new([chambers, reservoirs, passages]: [usize; 3]) -> OilState {
+        OilState {
+            oil_m3: vec![0.0; chambers],
+            pressure_pa: vec![0.0; chambers],
+            inflow_m3: vec![0.0; reservoirs],
+            work_j: vec![0.0; reservoirs],
+            lost_j: vec![0.0; passages],
+        }
+    }
+}
+
 /// Lengths of a State's columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Layout {
@@ -93,6 +119,8 @@ pub struct Layout {
     pub contour_sets: [bool; 3],
     /// Number of pairs of parts that may touch each other and no chain.
     pub n_touches: usize,
+    /// Numbers of chambers, reservoirs and passages of oil.
+    pub n_oil: [usize; 3],
 }
 
 /// Where inert links are put [m]: out of reach of everything.
@@ -121,6 +149,8 @@ pub struct State {
     pub contour_ends: [ContactMemory; 6],
     /// Parts that touch each other and no chain, in the order of the Model. Empty where a drive has none.
     pub touches: ContactMemory,
+    /// Oil of chambers. Empty where a drive has none.
+    pub oil: OilState,
     pub coordinates: CoordinateState,
 }
 
@@ -164,8 +194,17 @@ impl ContactMemory {
 impl State {
     /// All links at the origin, at rest; inert lanes far away.
     pub fn at_rest(layout: &Layout) -> State {
-        let Layout { padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets, n_touches, .. } =
-            *layout;
+        let Layout {
+            padded_len,
+            n_coordinates,
+            has_dampers,
+            guide_sides,
+            rail_sides,
+            contour_sets,
+            n_touches,
+            n_oil,
+            ..
+        } = *layout;
         let zeros = || vec![0.0; padded_len];
         let of_coordinates = || vec![0.0; n_coordinates];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
@@ -198,6 +237,7 @@ impl State {
             rail_plates: std::array::from_fn(|i| ends(rail_sides[i / 3])),
             contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
             touches: ContactMemory::new(n_touches),
+            oil: OilState::new(n_oil),
             coordinates: CoordinateState {
                 angle: of_coordinates(),
                 cos: vec![1.0; n_coordinates],
@@ -226,6 +266,7 @@ impl State {
             rail_plates,
             contour_ends,
             touches,
+            oil,
             coordinates,
         } = self;
         let n = *lanes;
@@ -301,6 +342,17 @@ impl State {
         for (name, column) in named {
             f(ColumnName { set: "coordinates", name }, column);
         }
+        let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
+        let named = [
+            ("volume", oil_m3),
+            ("pressure", pressure_pa),
+            ("inflow", inflow_m3),
+            ("work_reservoir", work_j),
+            ("lost_flow", lost_j),
+        ];
+        for (name, column) in named.into_iter().filter(|_| !oil_m3.is_empty()) {
+            f(ColumnName { set: "oil", name }, column);
+        }
     }
 
     /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`].
@@ -369,6 +421,7 @@ impl State {
             rail_plates,
             contour_ends,
             touches,
+            oil,
             coordinates,
         } = self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
@@ -383,6 +436,8 @@ impl State {
         let per_link = columns.len();
         let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost } = coordinates;
         columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost]);
+        let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
+        columns.extend([oil_m3, pressure_pa, inflow_m3, work_j, lost_j]);
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {
             let len = if i < per_link { n.min(column.len()) } else { column.len() };
             f(name, &mut column[..len]);
@@ -406,7 +461,7 @@ impl State {
     /// Opens a new ledger: losses and work start from zero.
     pub fn clear_ledger(&mut self) {
         self.for_each_column_mut(|name, column| {
-            if name.name.starts_with("lost_") || name.name.starts_with("work_") {
+            if name.name.starts_with("lost_") || name.name.starts_with("work_") || name.name == "inflow" {
                 column.fill(0.0);
             }
         });

@@ -7,6 +7,7 @@
 
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
+use crate::elements::coordinate::CoordinateKind;
 use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::elements::touch::Touch;
@@ -74,7 +75,9 @@ struct System {
 
 /// Indices of the coordinates that are free.
 fn free_coordinates(model: &Model) -> Vec<usize> {
-    (0..model.coordinates.len()).filter(|k| model.coordinates[*k].is_free()).collect()
+    (0..model.coordinates.len())
+        .filter(|k| model.coordinates[*k].is_free() && !model.coordinates[*k].is_held_at_rest)
+        .collect()
 }
 
 /// Finds the equilibrium near `start`, loads scaled by `load_factor`.
@@ -321,7 +324,9 @@ impl<'a> Problem<'a> {
         }
         for (c, index) in free.iter().enumerate() {
             let coordinate = &model.coordinates[*index];
-            let (torque, angle) = (coordinate.load() * load_factor, q.coordinates[*index]);
+            // The constant springs of sliders are no loads.
+            let share = if coordinate.kind == CoordinateKind::Turns { load_factor } else { 1.0 };
+            let (torque, angle) = (coordinate.load() * share + coordinate.rest_load, q.coordinates[*index]);
             s.energy += coordinate.spring.energy_j(angle) - torque * angle;
             s.rotor_gradient[c] -= torque + coordinate.spring.force(angle);
             s.rotors[(c, c)] += coordinate.spring.stiffness;

@@ -17,7 +17,7 @@ CHAIN_RUN = ["run", "drive.toml", "--duration", "0.2ms", "--no-output"]
 
 
 def drives(case: Case) -> None:
-    name = case.rng.choices(["bush", "silent", "smartchain", "arm", "reduction-20-40"], [6, 3, 1, 5, 5])[0]
+    name = case.rng.choices(["bush", "silent", "smartchain", "arm", "reduction-20-40", "tensioner"], [6, 3, 1, 5, 5, 5])[0]
     text = (case.world.repository / f"assets/drives/{name}-20-40.toml").read_text("utf-8")
     for _ in range(case.rng.choice([1, 1, 1, 2, 4])):
         text = mutate_toml(case.rng, text)

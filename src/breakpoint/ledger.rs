@@ -125,6 +125,11 @@ impl Ledger {
                 damper_j += lost + coordinate.spring.damping * speed * (0.5 * h * speed);
             }
         }
+        if let Some(oil) = &model.oil {
+            spring_j += oil.stored_j(&state.oil);
+            damper_j += state.oil.lost_j.iter().sum::<f64>();
+            work_in_j += state.oil.work_j.iter().sum::<f64>();
+        }
         let [touching_j, damping_j, friction_j] = touches::energies(model, state, scratch);
         let (elastic_j, lost_j) = (elastic_j + spring_j + touching_j, lost_j + damper_j + damping_j + friction_j);
         let stored_j = kinetic_j + elastic_j;

@@ -60,6 +60,8 @@ impl Drive {
         if let PreloadSpec::Arm(a) = &mut alone.preload {
             *a = arm(*a);
         }
+        alone.sliders.retain(|s| kept.contains(&s.arm));
+        alone.sliders.iter_mut().for_each(|s| s.arm = arm(s.arm));
         alone.guides.retain(|g| own.contains(&g.span));
         alone.guides.iter_mut().for_each(|g| g.span -= own.start);
         alone.rails.retain(|r| own.contains(&r.span));

@@ -352,6 +352,22 @@ impl Drive {
                 );
             }
         }
+        for arm in self.arms.iter().filter(|a| a.spring_nm_per_rad == 0.0 && a.spring_torque_nm != 0.0) {
+            mistakes.add(
+                &format!("arms.{}.spring_torque_nm", arm.name),
+                format!("arm `{}` has no spring for its torque", arm.name),
+                "give it `spring_nm_per_rad`",
+            );
+        }
+        for (index, arm) in self.arms.iter().enumerate() {
+            if arm.spring_nm_per_rad == 0.0 && self.sliders.iter().all(|s| s.arm != index) {
+                mistakes.add(
+                    &format!("arms.{}", arm.name),
+                    format!("nothing holds arm `{}`", arm.name),
+                    "give it `spring_nm_per_rad` and `spring_torque_nm`, or a slider that `presses` on it",
+                );
+            }
+        }
         for arm in &self.arms {
             if let (Some(low), Some(high)) = (arm.low_rad, arm.high_rad)
                 && low >= high

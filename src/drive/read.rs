@@ -2,12 +2,12 @@
 //! unknown.
 
 use super::reader::{Places, Table};
-use super::sensors;
 use super::{
     ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
     JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
     TightJoint,
 };
+use super::{mechanism, sensors};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -36,10 +36,14 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     // What is the drive's own where it has one chain stands in the chain's table where it has several.
     let first = chains.first().map_or(root, |(_, t)| t);
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
-    let stop_table = first.table("contact").table("stop");
+    let contacts = first.table("contact");
+    let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
     let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
     let arms = read_arms(root, &names);
     let stop_contact = read_stops(&stop_table, &arms);
+    let sliders = mechanism::read_sliders(root, &names, &arms);
+    let tip_contact = mechanism::read_tips(&tip_table, &sliders, |t| read_contact(t, DEFAULT_CONTACT_LENGTH_M));
+    let oil = mechanism::read_oil(root, &sliders);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
     let guides = read_guides(&guide_table, &spans);
@@ -59,10 +63,16 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
+    let last = |path: &'_ String| -> usize { path.rfind('.').map_or(0, |dot| dot + 1) };
+    let parts = sensors::Parts {
+        sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
+        chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
+        passages: oil.iter().flat_map(|o| &o.passages).map(|p| &p.path[last(&p.path)..]).collect(),
+    };
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
-    let sensors = sensors::sensors(root, &names, driver, &guide_names);
+    let sensors = sensors::sensors(root, &names, driver, &guide_names, &parts);
     let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
     let run_table = root.table("run");
     let run = RunSpec {
@@ -93,6 +103,9 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         sprockets,
         guides,
         arms,
+        sliders,
+        tip_contact,
+        oil,
         rails,
         preload,
         effects,
@@ -626,8 +639,8 @@ fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
         all.push(ArmSpec {
             pivot: Vec2::new(t.required("pivot_x_mm", MM, -1e5..=1e5), t.required("pivot_y_mm", MM, -1e5..=1e5)),
             inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e3),
-            spring_nm_per_rad: t.required("spring_nm_per_rad", 1.0, 1e-6..=1e6),
-            spring_torque_nm: t.required("spring_torque_nm", 1.0, -1e5..=1e5),
+            spring_nm_per_rad: t.number("spring_nm_per_rad", 1.0, 0.0..=1e6).unwrap_or(0.0),
+            spring_torque_nm: t.number("spring_torque_nm", 1.0, -1e5..=1e5).unwrap_or(0.0),
             damping_nm_s_per_rad: t.number("damping_nm_s_per_rad", 1.0, 0.0..=1e5).unwrap_or(0.0),
             low_rad: t.number("low_deg", DEG, -180.0..=180.0),
             high_rad: t.number("high_deg", DEG, -180.0..=180.0),

@@ -30,6 +30,12 @@ pub enum SensorReads {
     Link(usize),
     /// Sum of the normal forces on this guide [N].
     Guide(usize),
+    /// Way of this slider from where it is drawn [m], and the force of its tip [N].
+    Slider(usize),
+    Tip(usize),
+    /// Gauge pressure in this chamber [Pa], and flow through this passage from its first end to its second [m3/s].
+    Pressure(usize),
+    Flow(usize),
 }
 
 impl SensorReads {
@@ -40,7 +46,10 @@ impl SensorReads {
             SensorReads::Speed(_) => "rad/s",
             SensorReads::Acceleration(_) => "rad/s^2",
             SensorReads::Torque(_) => "N m",
-            SensorReads::Span(_) | SensorReads::Link(_) | SensorReads::Guide(_) => "N",
+            SensorReads::Span(_) | SensorReads::Link(_) | SensorReads::Guide(_) | SensorReads::Tip(_) => "N",
+            SensorReads::Slider(_) => "m",
+            SensorReads::Pressure(_) => "Pa",
+            SensorReads::Flow(_) => "m^3/s",
         }
     }
 }
@@ -63,7 +72,24 @@ pub fn is_signal(effect: &Effect) -> bool {
 }
 
 /// Kinds that lumped drives alone have.
-const LUMPED_ONLY: [&str; 2] = ["pulse_pickup", "displacement"];
+const LUMPED_ONLY: [&str; 1] = ["pulse_pickup"];
+
+/// Names of sliders, chambers and passages.
+pub(super) struct Parts<'a> {
+    pub(super) sliders: Vec<&'a str>,
+    pub(super) chambers: Vec<&'a str>,
+    pub(super) passages: Vec<&'a str>,
+}
+
+/// What reads a slider, a chamber or a passage.
+fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> SensorReads {
+    let on = |key: &str| t.text(key).unwrap_or_else(|| name.to_string());
+    match kind {
+        "displacement" => SensorReads::Slider(index(t, "slider", &on("body"), &parts.sliders)),
+        "pressure" => SensorReads::Pressure(index(t, "chamber", &on("chamber"), &parts.chambers)),
+        _ => SensorReads::Flow(index(t, "passage", &on("passage"), &parts.passages)),
+    }
+}
 
 /// Reads `[sensors.KIND.NAME]`.
 pub(super) fn sensors(
@@ -71,6 +97,7 @@ pub(super) fn sensors(
     sprockets: &[String],
     driver: Option<&str>,
     guides: &[&str],
+    parts: &Parts<'_>,
 ) -> Vec<SensorSpec> {
     let table = root.table("sensors");
     let mut all: Vec<SensorSpec> = Vec::new();
@@ -83,11 +110,26 @@ pub(super) fn sensors(
             );
         }
     }
-    for kind in ["encoder", "tachometer", "accelerometer", "torque", "strain_gauge", "force"] {
+    for kind in [
+        "encoder",
+        "tachometer",
+        "accelerometer",
+        "torque",
+        "strain_gauge",
+        "force",
+        "displacement",
+        "pressure",
+        "flow",
+    ] {
         let of_kind = table.table(kind);
         for (name, t) in of_kind.tables() {
             let reads = match kind {
                 "strain_gauge" => tension(&t, sprockets),
+                "displacement" | "pressure" | "flow" => of_mechanism(&t, kind, &name, parts),
+                "force" if t.has("tip") => {
+                    let on = t.text("tip").unwrap_or_default();
+                    SensorReads::Tip(index(&t, "slider", &on, &parts.sliders))
+                }
                 "force" => {
                     let on = t.text("guide").unwrap_or_else(|| name.clone());
                     SensorReads::Guide(index(&t, "guide", &on, guides))

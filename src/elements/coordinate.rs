@@ -1,4 +1,4 @@
-//! Coordinates: the numbers that sprockets, shafts and arms turn by, and the forces on them besides the chain's.
+//! Coordinates: the numbers that sprockets, shafts and arms turn by and sliders move by, and the forces on them besides the chain's.
 //!
 //! ```text
 //! prescribed   q' = const                                       work in  = -Q_chain q' dt
@@ -6,21 +6,33 @@
 //!              work out = -Q q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
 //! ```
 //! q is an angle [rad], I an inertia [kg m2], a force a torque [N m]; for a coordinate that slides, q is a way [m], I a mass [kg] and a force a
-//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries, Q_parts that of parts that touch each other ([`super::touch`]); Q is constant: the load of a sprocket
+//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries, Q_parts that of parts that touch each other ([`super::touch`]) and of oil ([`super::hydraulics`]); Q is constant: the load of a sprocket
 //! points against the sense in which the chain turns it. The damper sees the speed at the node, the mean of the speeds half a step before and after, so that it takes
 //! exactly the energy that it is said to take, at any step. During run-in a second damper pulls the speed towards its nominal value.
 
 /// One number that moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coordinate {
-    /// In the drive file: the sprocket, shaft or arm that it turns.
+    /// In the drive file: the sprocket, shaft, arm, slider or ball that it moves.
     pub path: String,
+    pub kind: CoordinateKind,
     pub motion: Motion,
     pub spring: Spring,
-    /// Its speed when the chain moves at its nominal speed [rad/s].
+    /// Its speed when the chain moves at its nominal speed [rad/s]; zero for what slides.
     pub nominal_speed_rad_s: f64,
-    /// Largest distance from the axis at which the chain acts [m]: converts angles and torques into ways and forces.
+    /// Largest distance from the axis at which the chain acts [m]: converts angles and torques into ways and forces. 1 for what slides.
     pub reach_m: f64,
+    /// Constant force in place of the oil's where the drive is assembled at rest [N m, N].
+    pub rest_load: f64,
+    /// Stands still while the drive is assembled at rest: a ball on its seat.
+    pub is_held_at_rest: bool,
+}
+
+/// How a coordinate moves what it carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CoordinateKind {
+    Turns,
+    Slides,
 }
 
 /// What rules a coordinate.

@@ -27,6 +27,7 @@
 //! from oil and place: a conservative spring of k_h = B A^2 / V while the passages stand still.
 
 use super::oil::Oil;
+use crate::state::OilState;
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::PI;
 
@@ -226,33 +227,6 @@ impl FlowLaw {
     }
 }
 
-/// What the oil of a drive remembers.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OilState {
-    /// Per chamber: oil in it [m3 at ambient pressure], and its gauge pressure at the node [Pa].
-    pub oil_m3: Vec<f64>,
-    pub pressure_pa: Vec<f64>,
-    /// Per reservoir: oil that has come into it since the recording began [m3], and its work since the ledger was opened [J].
-    pub inflow_m3: Vec<f64>,
-    pub work_j: Vec<f64>,
-    /// Per passage: lost since the ledger was opened [J].
-    pub lost_j: Vec<f64>,
-}
-
-impl OilState {
-    /// Lengths that a network needs; none without one.
-    pub fn new(network: Option<&Network>) -> OilState {
-        let Some(n) = network else { return OilState::default() };
-        OilState {
-            oil_m3: vec![0.0; n.chambers.len()],
-            pressure_pa: vec![0.0; n.chambers.len()],
-            inflow_m3: vec![0.0; n.reservoirs.len()],
-            work_j: vec![0.0; n.reservoirs.len()],
-            lost_j: vec![0.0; n.passages.len()],
-        }
-    }
-}
-
 /// How coordinates move over a step: where they stand at its node, at the next one and half-way, and their mean speed.
 #[derive(Clone, Copy, Debug)]
 pub struct Way<'a> {
@@ -264,6 +238,11 @@ pub struct Way<'a> {
 }
 
 impl Network {
+    /// Numbers of chambers, reservoirs and passages.
+    pub fn lengths(&self) -> [usize; 3] {
+        [self.chambers.len(), self.reservoirs.len(), self.passages.len()]
+    }
+
     /// Volume of a chamber [m3].
     pub fn volume_m3(&self, chamber: usize, q: &[f64]) -> f64 {
         let c = &self.chambers[chamber];
@@ -523,7 +502,7 @@ mod tests {
     }
 
     fn filled(network: &Network) -> OilState {
-        let mut state = OilState::new(Some(network));
+        let mut state = OilState::new(network.lengths());
         network.fill(&[0.0], &mut state);
         state
     }

@@ -408,7 +408,11 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     if !model.touches.is_empty() {
         std::mem::swap(&mut state.touches, &mut scratch.touches);
     }
+    if model.oil.is_some() {
+        scratch.places_before.copy_from_slice(&state.coordinates.angle);
+    }
     advance_coordinates(model, state, scratch);
+    touches::advance_oil(model, state, scratch);
     state.step += 1;
 }
 

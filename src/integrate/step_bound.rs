@@ -6,6 +6,7 @@
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
+//! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
 //! w = 1/m + l^2/J, the inverse effective mass of a link's end; w_j = max(1/m, l^2/J) of the lightest link. The constants of
@@ -84,6 +85,15 @@ pub fn step_bound(model: &Model) -> StepBound {
         }
     }
     let nowhere = vec![0.0; model.coordinates.len()];
+    for s in &model.sliders {
+        let Some(oil) = &model.oil else { break };
+        let stiffness =
+            oil.stiffness_n_per_m(s.coordinate, &nowhere) * model.coordinates[s.coordinate].inverse_inertia();
+        if stiffness > 0.0 {
+            let cause = format!("oil behind slider {}", s.name);
+            bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause });
+        }
+    }
     for touch in &model.touches {
         let gap = touch.shape.gap(&nowhere);
         let by = |i: usize| gap.slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();

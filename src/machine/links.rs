@@ -1,7 +1,7 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{Body, Linked, Loop, Machine, Motion, Placed, Reads, Sensor, Slot, Target};
+use super::{Body, Linked, Loop, Machine, Motion, PartQuantity, Placed, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::{Drive, OuterSpec};
 use crate::effects::{Effect, Kind, On, Parameter};
@@ -75,6 +75,10 @@ impl Machine {
                 SensorReads::Span(k) => Reads::Span(k),
                 SensorReads::Link(i) => Reads::Link(i),
                 SensorReads::Guide(k) => Reads::Guide(k),
+                SensorReads::Slider(_) => Reads::Part(PartQuantity::Displacement),
+                SensorReads::Tip(_) => Reads::Part(PartQuantity::Force),
+                SensorReads::Pressure(_) => Reads::Part(PartQuantity::Pressure),
+                SensorReads::Flow(_) => Reads::Part(PartQuantity::Flow),
             };
             let (name, path, unit) = (s.name.clone(), s.path.clone(), s.unit.clone());
             m.sensors.push(Sensor { name, path, reads, gain, unit });

@@ -140,6 +140,17 @@ pub enum Reads {
     Span(usize),
     Link(usize),
     Guide(usize),
+    /// With link bodies: of a slider, a chamber or a passage.
+    Part(PartQuantity),
+}
+
+/// What a sensor reads of a slider [m, N], of a chamber [Pa] or of a passage [m3/s].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PartQuantity {
+    Displacement,
+    Force,
+    Pressure,
+    Flow,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -258,7 +269,7 @@ impl Machine {
         match self.sensors[sensor].reads {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
             Reads::Pulses { body, .. } => Some(body),
-            Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => None,
+            Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => None,
         }
     }
 }

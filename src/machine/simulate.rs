@@ -270,7 +270,7 @@ fn sampled(
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
                 // Only for drives with link bodies.
-                Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (f64::NAN, 0),
+                Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
             angles[c].push(q_before[body]);

@@ -1,6 +1,6 @@
 //! Units of measured columns.
 
-use crate::machine::{Machine, Reads};
+use crate::machine::{Machine, PartQuantity, Reads};
 use crate::units::{DEG, RPM};
 use std::f64::consts::PI;
 
@@ -16,6 +16,8 @@ pub enum Quantity {
     Acceleration,
     Force,
     Torque,
+    Pressure,
+    Flow,
 }
 
 impl Quantity {
@@ -30,12 +32,22 @@ impl Quantity {
             Quantity::Acceleration => "an acceleration",
             Quantity::Force => "a force",
             Quantity::Torque => "a torque",
+            Quantity::Pressure => "a pressure",
+            Quantity::Flow => "a flow",
         }
     }
 }
 
 /// Every unit: name, quantity, size in SI.
-pub const UNITS: [(&str, Quantity, f64); 37] = [
+pub const UNITS: [(&str, Quantity, f64); 45] = [
+    ("Pa", Quantity::Pressure, 1.0),
+    ("kPa", Quantity::Pressure, 1e3),
+    ("MPa", Quantity::Pressure, 1e6),
+    ("bar", Quantity::Pressure, 1e5),
+    ("m^3/s", Quantity::Flow, 1.0),
+    ("mm^3/s", Quantity::Flow, 1e-9),
+    ("cm^3/s", Quantity::Flow, 1e-6),
+    ("l/min", Quantity::Flow, 1e-3 / 60.0),
     ("s", Quantity::Time, 1.0),
     ("ms", Quantity::Time, 1e-3),
     ("us", Quantity::Time, 1e-6),
@@ -104,6 +116,10 @@ pub fn shows(m: &Machine, sensor: usize) -> (Quantity, &'static str) {
             }
         },
         Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (Quantity::Force, "N"),
+        Reads::Part(PartQuantity::Displacement) => (Quantity::Length, "m"),
+        Reads::Part(PartQuantity::Force) => (Quantity::Force, "N"),
+        Reads::Part(PartQuantity::Pressure) => (Quantity::Pressure, "Pa"),
+        Reads::Part(PartQuantity::Flow) => (Quantity::Flow, "m^3/s"),
         Reads::Reaction(b) if slides(b) => (Quantity::Force, "N"),
         Reads::Reaction(_) => (Quantity::Torque, "N m"),
     }

@@ -421,10 +421,12 @@ fn fill_contacts(chain: &ChainModel, rows: &Rows, c: &mut Contacts) {
 
 fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     let Node { model, state, scratch, .. } = *node;
-    fill(&mut rotors.angle_rad, state.coordinates.angle.iter().copied());
-    fill(&mut rotors.speed_rad_s, (0..model.coordinates.len()).map(|k| node.speed(k)));
-    fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
-    let outer = model.coordinates.iter().enumerate().map(|(k, coordinate)| {
+    // Sliders are no rotors: sensors read them.
+    let n = model.n_turning();
+    fill(&mut rotors.angle_rad, state.coordinates.angle[..n].iter().copied());
+    fill(&mut rotors.speed_rad_s, (0..n).map(|k| node.speed(k)));
+    fill(&mut rotors.chain_torque_nm, scratch.chain_torque[..n].iter().copied());
+    let outer = model.coordinates[..n].iter().enumerate().map(|(k, coordinate)| {
         coordinate.outer_force(
             state.coordinates.angle[k],
             node.speed(k),
@@ -497,6 +499,11 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
         }
     }
     let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
+    if let Some(oil) = &model.oil {
+        e.elastic_spring_j += oil.stored_j(&state.oil);
+        e.lost_spring_damping_j += state.oil.lost_j.iter().sum::<f64>();
+        e.work_in_j += state.oil.work_j.iter().sum::<f64>();
+    }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
     (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
     let (pin_damping, pin_friction) = scratch.joint_powers();
@@ -657,7 +664,7 @@ pub fn header_of(
         assembly,
         parent: None,
         ledger_origin: None,
-        coordinates: model.coordinates.iter().map(|c| c.path.clone()).collect(),
+        coordinates: model.coordinates[..model.n_turning()].iter().map(|c| c.path.clone()).collect(),
         sensors: drive
             .sensors
             .iter()

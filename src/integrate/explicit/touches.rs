@@ -1,17 +1,21 @@
-//! The part of a step that concerns parts which touch each other and no chain: stops of arms.
+//! The part of a step that concerns parts which touch each other and no chain, and oil: stops, tips of sliders, balls, chambers.
 
 use super::Scratch;
+use crate::elements::hydraulics::Way;
 use crate::elements::touch::{Moving, Past};
 use crate::model::Model;
 use crate::state::State;
 
-/// Forces of all touches on the coordinates, one touch after the other: each reckons with those before it.
+/// Forces of oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
-    if model.touches.is_empty() {
+    if model.touches.is_empty() && model.oil.is_none() {
         return;
     }
     scratch.parts_force.fill(0.0);
     let q = &state.coordinates;
+    if let Some(oil) = &model.oil {
+        oil.add_forces(&q.angle, &state.oil, &mut scratch.parts_force);
+    }
     for (i, touch) in model.touches.iter().enumerate() {
         let gap = touch.shape.gap(&q.angle);
         let moving = Moving {
@@ -31,6 +35,22 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
         now.lost_damping[i] = before.lost_damping[i] + step.lost_damping;
         now.lost_friction[i] = before.lost_friction[i] + step.lost_friction;
     }
+}
+
+/// Moves the oil on, after the coordinates have moved from where `scratch` has kept them.
+pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratch) {
+    let Some(oil) = &model.oil else { return };
+    let (from, q) = (&scratch.places_before, &state.coordinates);
+    for ((middle, a), b) in scratch.places_between.iter_mut().zip(from).zip(&q.angle) {
+        *middle = 0.5 * (a + b);
+    }
+    let way = Way { from, to: &q.angle, middle: &scratch.places_between, speed: &q.omega };
+    oil.advance(model.step_s, way, &mut state.oil);
+}
+
+/// Force of a touch on its parts along the normal [N].
+pub(crate) fn normal_force(scratch: &Scratch, touch: usize) -> f64 {
+    scratch.touches.normal_force[touch]
 }
 
 /// Energies of the touches at the node: stored, lost to damping, lost to friction [J].

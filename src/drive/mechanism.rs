@@ -1,0 +1,305 @@
+//! Sliders and oil of a drive: what they are, and their keys, units and ranges.
+
+use super::reader::Table;
+use super::{ArmSpec, ContactSpec};
+use crate::elements::hydraulics::{AnnularGap, MOST_CHAMBERS, MOST_PASSAGES, TRANSITION_REYNOLDS};
+use crate::elements::oil::Oil;
+use crate::geometry::Vec2;
+use crate::units::{DEG, MM, UM};
+use std::f64::consts::PI;
+
+/// A body that slides along a line and presses on an arm with its tip: the plunger of a tensioner.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SliderSpec {
+    pub name: String,
+    /// Centre of the tip's rounding, where it is drawn, and the direction in which the slider moves out.
+    pub centre: Vec2,
+    pub direction_rad: f64,
+    pub mass_kg: f64,
+    pub spring_n_per_m: f64,
+    /// Force of the spring where it is drawn, outwards positive [N].
+    pub spring_n: f64,
+    pub damping_n_s_per_m: f64,
+    /// Ends of its way from where it is drawn [m].
+    pub low_m: Option<f64>,
+    pub high_m: Option<f64>,
+    pub tip_radius_m: f64,
+    /// Index of the arm that it presses on.
+    pub arm: usize,
+    /// Radius of the arm's pad; None: flat. It touches the tip in the middle where both are drawn.
+    pub pad_radius_m: Option<f64>,
+    /// Turn of the pad's normal from the direction against the slider's [rad].
+    pub pad_rad: f64,
+}
+
+/// Oil, and all that it is in and flows through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OilSpec {
+    pub oil: Oil,
+    pub chambers: Vec<ChamberSpec>,
+    pub reservoirs: Vec<(String, f64)>,
+    pub passages: Vec<PassageSpec>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChamberSpec {
+    pub name: String,
+    /// Where all is drawn [m3].
+    pub volume_m3: f64,
+    /// The slider that is its piston, and its bore [m].
+    pub piston: Option<(String, f64)>,
+    /// Gauge pressure at rest [Pa].
+    pub start_pa: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassageSpec {
+    pub path: String,
+    /// Names of chambers or reservoirs.
+    pub ends: [String; 2],
+    pub law: PassageLaw,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum PassageLaw {
+    Orifice {
+        diameter_m: f64,
+        discharge: f64,
+        transition_reynolds: f64,
+    },
+    /// `slider`: the plunger in the bore.
+    Leak {
+        gap: AnnularGap,
+        slider: Option<String>,
+    },
+    Check(CheckSpec),
+}
+
+/// A ball on its seat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CheckSpec {
+    pub seat_radius_m: f64,
+    pub ball_radius_m: f64,
+    pub mass_kg: f64,
+    pub lift_m: f64,
+    pub spring_n_per_m: f64,
+    /// Force of the spring on the closed ball [N].
+    pub spring_n: f64,
+    pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+    pub discharge: f64,
+    pub transition_reynolds: f64,
+}
+
+/// Discharge coefficient of sharp edges. Source: Merritt 1967, section 3.4, 0.61; short bores have more.
+const DISCHARGE: f64 = 0.61;
+
+pub(super) fn read_sliders(root: &Table<'_>, taken: &[String], arms: &[ArmSpec]) -> Vec<SliderSpec> {
+    let table = root.table("sliders");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        if taken.contains(&name) || arms.iter().any(|a| a.name == name) {
+            t.error(format!("a slider and another body are called `{name}`"), Some("give it another name".into()));
+        }
+        let arm = t.text("presses").map_or_else(
+            || {
+                t.error(format!("slider `{name}` presses on nothing"), Some("add `presses = \"ARM\"`".into()));
+                0
+            },
+            |arm| {
+                arms.iter().position(|a| a.name == arm).unwrap_or_else(|| {
+                    let known: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
+                    let help = format!("arms: {}", known.join(", "));
+                    t.error_at("presses", format!("no arm is called `{arm}`"), Some(help));
+                    0
+                })
+            },
+        );
+        let (low_m, high_m) = (t.number("low_mm", MM, -1e4..=1e4), t.number("high_mm", MM, -1e4..=1e4));
+        if let (Some(low), Some(high)) = (low_m, high_m)
+            && low >= high
+        {
+            t.error_at("high_mm", format!("slider `{name}` has no way between its stops"), None);
+        }
+        all.push(SliderSpec {
+            centre: Vec2::new(t.required("x_mm", MM, -1e5..=1e5), t.required("y_mm", MM, -1e5..=1e5)),
+            direction_rad: t.required("direction_deg", DEG, -360.0..=360.0),
+            mass_kg: t.required("mass_g", 1e-3, 1e-2..=1e6),
+            spring_n_per_m: t.number("spring_n_per_mm", 1e3, 0.0..=1e6).unwrap_or(0.0),
+            spring_n: t.number("spring_n", 1.0, -1e6..=1e6).unwrap_or(0.0),
+            damping_n_s_per_m: t.number("damping_n_s_per_m", 1.0, 0.0..=1e6).unwrap_or(0.0),
+            low_m,
+            high_m,
+            tip_radius_m: t.number("tip_radius_mm", MM, 0.01..=1e4).unwrap_or(DEFAULT_TIP_RADIUS_M),
+            arm,
+            pad_radius_m: t.number("pad_radius_mm", MM, 0.1..=1e5),
+            pad_rad: t.number("pad_deg", DEG, -80.0..=80.0).unwrap_or(0.0),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+/// Rounding of a plunger's tip where none is given [m]. assumed.
+const DEFAULT_TIP_RADIUS_M: f64 = 5.0 * MM;
+
+/// `[oil]`, `[chambers.NAME]`, `[reservoirs.NAME]`, `[passages.KIND.NAME]`; None where there is no chamber.
+pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSpec> {
+    let tables = ["oil", "chambers", "reservoirs", "passages"].map(|name| root.table(name));
+    let [oil_table, chamber_table, reservoir_table, passage_table] = &tables;
+    if !chamber_table.is_present() {
+        for t in tables.iter().filter(|t| t.is_present()) {
+            let help = "add `[chambers.NAME]` with its `volume_mm3`";
+            t.error(format!("`{}` without a chamber", t.path()), Some(help.into()));
+        }
+        return None;
+    }
+    let oil = Oil {
+        density_kg_m3: oil_table.required("density_kg_per_m3", 1.0, 300.0..=3000.0),
+        viscosity_pa_s: oil_table.required("viscosity_mpa_s", 1e-3, 0.1..=1e5),
+        bulk_modulus_pa: oil_table.required("bulk_modulus_gpa", 1e9, 0.01..=100.0),
+        air_share: oil_table.number("air_percent", 1e-2, 0.0..=50.0).unwrap_or(0.0),
+        air_exponent: oil_table.number("air_exponent", 1.0, 1.0..=1.67).unwrap_or(1.4),
+    };
+    oil_table.finish();
+    let mut reservoirs = Vec::new();
+    for (name, t) in reservoir_table.tables() {
+        reservoirs.push((name, t.required("pressure_bar", BAR, -0.9..=1e4)));
+        t.finish();
+    }
+    reservoir_table.finish();
+    let slider = |t: &Table<'_>| {
+        t.text("slider").map(|name| {
+            if sliders.iter().all(|s| s.name != name) {
+                let known: Vec<&str> = sliders.iter().map(|s| s.name.as_str()).collect();
+                let help = format!("sliders: {}", known.join(", "));
+                t.error_at("slider", format!("no slider is called `{name}`"), Some(help));
+            }
+            name
+        })
+    };
+    let mut chambers = Vec::new();
+    for (name, t) in chamber_table.tables() {
+        let bore_m = t.number("bore_mm", MM, 0.1..=1e4);
+        let piston = slider(&t).map(|slider| {
+            if bore_m.is_none() {
+                t.error(format!("chamber `{name}` has a slider and no bore"), Some("add `bore_mm = ...`".into()));
+            }
+            (slider, bore_m.unwrap_or(f64::NAN))
+        });
+        chambers.push(ChamberSpec {
+            volume_m3: t.required("volume_mm3", 1e-9, 1e-3..=1e12),
+            piston,
+            start_pa: t.number("pressure_bar", BAR, -0.9..=1e4).unwrap_or(0.0),
+            name,
+        });
+        t.finish();
+    }
+    chamber_table.finish();
+    let nodes: Vec<String> =
+        chambers.iter().map(|c| c.name.clone()).chain(reservoirs.iter().map(|(n, _)| n.clone())).collect();
+    let mut passages = Vec::new();
+    for kind in ["orifice", "leak", "check"] {
+        let of_kind = passage_table.table(kind);
+        for (_, t) in of_kind.tables() {
+            let ends = read_ends(&t, &nodes);
+            let law = match kind {
+                "orifice" => PassageLaw::Orifice {
+                    diameter_m: t.required("diameter_mm", MM, 1e-3..=1e3),
+                    discharge: t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
+                    transition_reynolds: t
+                        .number("transition_reynolds", 1.0, 1.0..=5000.0)
+                        .unwrap_or(TRANSITION_REYNOLDS),
+                },
+                "leak" => PassageLaw::Leak {
+                    gap: AnnularGap {
+                        diameter_m: t.required("diameter_mm", MM, 0.1..=1e4),
+                        gap_m: t.required("gap_um", UM, 0.1..=1e4),
+                        length_m: t.required("length_mm", MM, 0.01..=1e4),
+                        eccentricity: t.number("eccentricity", 1.0, 0.0..=0.99).unwrap_or(0.0),
+                    },
+                    slider: slider(&t),
+                },
+                _ => PassageLaw::Check(read_check(&t)),
+            };
+            passages.push(PassageSpec { path: t.path().to_string(), ends, law });
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    passage_table.finish();
+    for (what, n, most) in [("chambers", chambers.len(), MOST_CHAMBERS), ("passages", passages.len(), MOST_PASSAGES)] {
+        if n > most {
+            root.error(format!("{n} {what}: at most {most} are computed"), None);
+        }
+    }
+    for c in &chambers {
+        if passages.iter().all(|p| !p.ends.contains(&c.name)) {
+            let help = "add a passage `between` it and a reservoir";
+            chamber_table.error(format!("chamber `{}` has no way in", c.name), Some(help.into()));
+        }
+    }
+    Some(OilSpec { oil, chambers, reservoirs, passages })
+}
+
+fn read_ends(t: &Table<'_>, nodes: &[String]) -> [String; 2] {
+    let between = t.texts("between").unwrap_or_default();
+    match <[String; 2]>::try_from(between) {
+        Ok([a, b]) if a != b && nodes.contains(&a) && nodes.contains(&b) => [a, b],
+        _ => {
+            t.error(
+                format!("`{}` does not say between what it lies", t.path()),
+                Some(format!("add `between = [\"A\", \"B\"]` with two of {}", nodes.join(", "))),
+            );
+            [String::new(), String::new()]
+        }
+    }
+}
+
+fn read_check(t: &Table<'_>) -> CheckSpec {
+    let seat_radius_m = 0.5 * t.required("seat_mm", MM, 0.1..=1e3);
+    let ball_radius_m = 0.5 * t.required("ball_mm", MM, 0.1..=1e3);
+    if ball_radius_m <= seat_radius_m {
+        t.error("the ball falls through its seat".into(), Some("make `ball_mm` larger than `seat_mm`".into()));
+    }
+    // Steel where it is not given.
+    let steel_kg = 7850.0 * 4.0 / 3.0 * PI * ball_radius_m * ball_radius_m * ball_radius_m;
+    CheckSpec {
+        seat_radius_m,
+        ball_radius_m,
+        mass_kg: t.number("mass_g", 1e-3, 1e-3..=1e4).unwrap_or(steel_kg),
+        lift_m: t.required("lift_mm", MM, 1e-3..=100.0),
+        spring_n_per_m: t.number("spring_n_per_mm", 1e3, 0.0..=1e4).unwrap_or(0.0),
+        spring_n: t.number("spring_n", 1.0, 0.0..=1e4).unwrap_or(0.0),
+        stiffness_n_per_m: t.number("stiffness_n_per_m", 1.0, 1e3..=1e10).unwrap_or(1e7),
+        damping_n_s_per_m: t.number("damping_n_s_per_m", 1.0, 0.0..=1e6).unwrap_or(5.0),
+        discharge: t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
+        transition_reynolds: t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
+    }
+}
+
+/// [Pa].
+const BAR: f64 = 1e5;
+
+/// Tips of sliders on arms, and sliders on their stops: `[contact.tip]`.
+pub(super) fn read_tips(
+    t: &Table<'_>,
+    sliders: &[SliderSpec],
+    read: impl Fn(&Table<'_>) -> ContactSpec,
+) -> Option<ContactSpec> {
+    match (sliders.is_empty(), t.is_present()) {
+        (true, false) => None,
+        (true, true) => {
+            t.error("no slider touches anything".into(), Some("add `[sliders.NAME]`".into()));
+            None
+        }
+        (false, false) => {
+            let help = "add `[contact.tip]` with a law, e.g. `[contact.tip.linear]`";
+            t.error("a slider has a tip, and nothing says how hard it is".into(), Some(help.into()));
+            None
+        }
+        (false, true) => Some(read(t)),
+    }
+}

@@ -1,0 +1,205 @@
+//! Sliders, what they touch, and the oil behind them.
+
+use super::{ArmModel, Model, STOP_RADIUS_M};
+use crate::drive::Drive;
+use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, SliderSpec};
+use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
+use crate::elements::hydraulics::{Chamber, CheckBall, End, FlowLaw, Network, Orifice, Passage, Reservoir};
+use crate::elements::touch::{Pad, Touch, TouchShape};
+use crate::geometry::{rotated, unit};
+use std::f64::consts::PI;
+
+/// A slider of the model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SliderModel {
+    pub name: String,
+    pub coordinate: usize,
+}
+
+/// Appends the coordinates of sliders and their touches.
+pub(super) fn build_sliders(
+    drive: &Drive,
+    arms: &[ArmModel],
+    coordinates: &mut Vec<Coordinate>,
+    touches: &mut Vec<Touch>,
+) -> Vec<SliderModel> {
+    let mut sliders = Vec::new();
+    for spec in &drive.sliders {
+        let coordinate = coordinates.len();
+        coordinates.push(slider_coordinate(drive, spec));
+        sliders.push(SliderModel { name: spec.name.clone(), coordinate });
+        let Some(contact) = &drive.tip_contact else { continue };
+        let touch = |what: &str, shape: TouchShape, friction: f64, bush_m: f64, body_m: f64| Touch {
+            path: format!("sliders.{}.{what}", spec.name),
+            shape,
+            law: contact.law,
+            friction,
+            stick_speed_m_s: contact.stick_speed_m_s,
+            radii: PairRadii { bush_m, body_m },
+        };
+        let (arm, direction) = (&arms[spec.arm], unit(spec.direction_rad));
+        let normal = -rotated(direction, spec.pad_rad);
+        let foot = spec.centre - normal * spec.tip_radius_m - arm.pivot;
+        let pad = match spec.pad_radius_m {
+            None => Pad::Flat { normal, offset_m: normal.dot(&foot) },
+            Some(radius_m) => Pad::Round { centre: foot - normal * radius_m, radius_m },
+        };
+        let shape = TouchShape::Tip {
+            slider: coordinate,
+            centre: spec.centre,
+            direction,
+            radius_m: spec.tip_radius_m,
+            arm: arm.coordinate,
+            pivot: arm.pivot,
+            pad,
+        };
+        touches.push(touch(
+            "tip",
+            shape,
+            contact.friction,
+            spec.tip_radius_m,
+            spec.pad_radius_m.unwrap_or(f64::INFINITY),
+        ));
+        for (key, limit, sense) in [("low_mm", spec.low_m, -1.0), ("high_mm", spec.high_m, 1.0)] {
+            let Some(limit) = limit else { continue };
+            let shape = TouchShape::Stop { coordinate, limit, sense, lever_m: 1.0 };
+            touches.push(touch(key, shape, 0.0, STOP_RADIUS_M, f64::INFINITY));
+        }
+    }
+    sliders
+}
+
+/// What a spring of this stiffness and this force at zero gives: a spring, or a constant force where it is not stiff.
+fn spring(stiffness: f64, force: f64, damping: f64) -> (Spring, f64) {
+    let (free, load) = if stiffness > 0.0 { (force / stiffness, 0.0) } else { (0.0, force) };
+    (Spring { stiffness, free, damping }, load)
+}
+
+fn slider_coordinate(drive: &Drive, spec: &SliderSpec) -> Coordinate {
+    let (mut damping, mut rest_load) = (spec.damping_n_s_per_m, 0.0);
+    if let Some(oil) = &drive.oil {
+        let is_own = |name: &String| *name == spec.name;
+        for p in &oil.passages {
+            if let PassageLaw::Leak { gap, slider: Some(name) } = &p.law
+                && is_own(name)
+            {
+                damping += gap.damping_n_s_per_m(oil.oil.viscosity_pa_s);
+            }
+        }
+        rest_load = network(oil, &|name| is_own(&name.to_string()).then_some(0), 1).rest_force(0);
+    }
+    let (spring, load) = spring(spec.spring_n_per_m, spec.spring_n, damping);
+    Coordinate {
+        path: format!("sliders.{}", spec.name),
+        kind: CoordinateKind::Slides,
+        motion: Motion::Free { inertia: spec.mass_kg, load },
+        spring,
+        nominal_speed_rad_s: 0.0,
+        reach_m: 1.0,
+        rest_load,
+        is_held_at_rest: false,
+    }
+}
+
+/// The network, its balls on coordinates from `first_ball` on. Pistons that are not there are left out.
+fn network(spec: &OilSpec, slider: &dyn Fn(&str) -> Option<usize>, first_ball: usize) -> Network {
+    let end = |name: &String| {
+        let chamber = spec.chambers.iter().position(|c| c.name == *name);
+        let reservoir = || spec.reservoirs.iter().position(|(r, _)| r == name).unwrap_or(0);
+        chamber.map_or_else(|| End::Reservoir(reservoir()), End::Chamber)
+    };
+    let mut ball = first_ball;
+    let mut passages = Vec::new();
+    for p in &spec.passages {
+        let law = match &p.law {
+            PassageLaw::Orifice { diameter_m, discharge, transition_reynolds } => FlowLaw::Orifice(Orifice {
+                diameter_m: *diameter_m,
+                discharge: *discharge,
+                transition_reynolds: *transition_reynolds,
+            }),
+            PassageLaw::Leak { gap, slider: wall } => FlowLaw::Leak {
+                conductance: gap.conductance(spec.oil.viscosity_pa_s),
+                wall: wall.as_deref().and_then(slider).map(|k| (k, gap.wall_m2())),
+            },
+            PassageLaw::Check(c) => {
+                ball += 1;
+                FlowLaw::Check(CheckBall {
+                    coordinate: ball - 1,
+                    seat_radius_m: c.seat_radius_m,
+                    ball_radius_m: c.ball_radius_m,
+                    discharge: c.discharge,
+                    transition_reynolds: c.transition_reynolds,
+                })
+            }
+        };
+        passages.push(Passage { path: p.path.clone(), ends: [end(&p.ends[0]), end(&p.ends[1])], law });
+    }
+    let piston = |(name, bore_m): &(String, f64)| slider(name).map(|k| (k, 0.25 * PI * bore_m * bore_m));
+    Network {
+        oil: spec.oil,
+        chambers: spec
+            .chambers
+            .iter()
+            .map(|c| Chamber {
+                name: c.name.clone(),
+                volume_m3: c.volume_m3,
+                pistons: c.piston.iter().filter_map(piston).collect(),
+                start_pa: c.start_pa,
+            })
+            .collect(),
+        reservoirs: spec
+            .reservoirs
+            .iter()
+            .map(|(name, pressure_pa)| Reservoir { name: name.clone(), pressure_pa: *pressure_pa })
+            .collect(),
+        passages,
+    }
+}
+
+impl Model {
+    /// Puts the oil of a drive in, and the balls of its check valves.
+    pub fn add_oil(&mut self, drive: &Drive) {
+        let Some(spec) = &drive.oil else { return };
+        let slider = |name: &str| self.sliders.iter().find(|s| s.name == name).map(|s| s.coordinate);
+        let network = network(spec, &slider, self.coordinates.len());
+        for p in &spec.passages {
+            if let PassageLaw::Check(ball) = &p.law {
+                self.add_ball(&p.path, ball);
+            }
+        }
+        self.oil = Some(network);
+    }
+
+    fn add_ball(&mut self, path: &str, ball: &CheckSpec) {
+        let coordinate = self.coordinates.len();
+        let (spring, load) = spring(ball.spring_n_per_m, -ball.spring_n, 0.0);
+        self.coordinates.push(Coordinate {
+            path: path.to_string(),
+            kind: CoordinateKind::Slides,
+            motion: Motion::Free { inertia: ball.mass_kg, load },
+            spring,
+            nominal_speed_rad_s: 0.0,
+            reach_m: 1.0,
+            rest_load: 0.0,
+            is_held_at_rest: true,
+        });
+        let law =
+            ContactLaw::Linear { stiffness_n_per_m: ball.stiffness_n_per_m, damping_n_s_per_m: ball.damping_n_s_per_m };
+        for (key, limit, sense) in [("seat", 0.0, -1.0), ("stop", ball.lift_m, 1.0)] {
+            self.touches.push(Touch {
+                path: format!("{path}.{key}"),
+                shape: TouchShape::Stop { coordinate, limit, sense, lever_m: 1.0 },
+                law,
+                friction: 0.0,
+                stick_speed_m_s: 0.1,
+                radii: PairRadii { bush_m: ball.ball_radius_m, body_m: f64::INFINITY },
+            });
+        }
+    }
+
+    /// Number of coordinates that turn: they stand before those that slide.
+    pub fn n_turning(&self) -> usize {
+        self.coordinates.iter().take_while(|c| c.kind == CoordinateKind::Turns).count()
+    }
+}
