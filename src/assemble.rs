@@ -545,6 +545,11 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
             memory.age[link] = 1.0;
         }
     }
+    for (i, touch) in model.touches.iter().enumerate() {
+        let gap_m = touch.shape.gap(&q.coordinates).gap_m;
+        state.touches.normal_force[i] = touch.law.elastic(-gap_m, touch.radii).force_n;
+        state.touches.age[i] = if gap_m < 0.0 { 1.0 } else { 0.0 };
+    }
     let mut finder = EndFinder::new(model);
     let l = &state.links;
     let poses = LinkPoses::new(model.chain.lanes, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));

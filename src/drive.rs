@@ -70,6 +70,8 @@ pub struct Drive {
     pub guide_contact: ContactSpec,
     /// Abutments on rings.
     pub ring_contact: ContactSpec,
+    /// Arms on their stops; None where no arm has any.
+    pub stop_contact: Option<ContactSpec>,
     /// The chains behind the first.
     pub more: Vec<ChainPart>,
     /// Names of all chains where there are several.
@@ -252,6 +254,10 @@ pub struct ArmSpec {
     /// Torque of the spring on the arm in the position in which it is drawn, counterclockwise positive [N m].
     pub spring_torque_nm: f64,
     pub damping_nm_s_per_rad: f64,
+    /// Ends of its way from where it is drawn [rad], and how far from the pivot its stops are [m].
+    pub low_rad: Option<f64>,
+    pub high_rad: Option<f64>,
+    pub stop_radius_m: f64,
 }
 
 /// A guide of arcs and lines, along the way from one sprocket to the next.

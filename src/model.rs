@@ -22,6 +22,7 @@ use crate::elements::guide_contact::GuideBody;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
+use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
@@ -194,6 +195,8 @@ pub struct Model {
     pub guides: Vec<GuideModel>,
     pub arms: Vec<ArmModel>,
     pub rails: Vec<RailModel>,
+    /// Parts that touch each other and no chain.
+    pub touches: Vec<Touch>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
     pub end_bodies: Vec<EndBody>,
@@ -248,6 +251,7 @@ impl Model {
         let mut coordinates = build_coordinates(drive, &sprockets, sense);
         let arms = build_arms(drive, placed, &mut coordinates);
         let rails = build_rails(drive, placed, &arms);
+        let touches = build_stops(drive, &arms);
         let guides = build_guides(drive, &route, placed);
         let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
         check_clearances(drive, &sprockets, &guides, &mut diags);
@@ -290,6 +294,7 @@ impl Model {
             guides,
             arms,
             rails,
+            touches,
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -313,6 +318,7 @@ impl Model {
             guides: Vec::new(),
             arms: Vec::new(),
             rails: Vec::new(),
+            touches: Vec::new(),
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -336,6 +342,7 @@ impl Model {
             guides: Vec::new(),
             arms: Vec::new(),
             rails: Vec::new(),
+            touches: Vec::new(),
             line_end_m: Vec::new(),
             driver: drive.driver(),
             chain_speeds_m_s: Vec::new(),
@@ -376,6 +383,7 @@ impl Model {
             joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
             let rails = model.rails.into_iter();
             joined.rails.extend(rails.map(|r| RailModel { chain, coordinate: r.coordinate.map(moved), ..r }));
+            joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.moved(moved), ..t }));
             joined.line_end_m.extend(model.line_end_m);
             joined.chain_speeds_m_s.extend(model.chain_speeds_m_s);
             let first_row = joined.rows.len();
@@ -443,6 +451,7 @@ impl Model {
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),
+            n_touches: self.touches.len(),
         }
     }
 
@@ -499,6 +508,29 @@ fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>)
     }
     arms
 }
+
+/// Both ends of the way of every arm that has them.
+fn build_stops(drive: &Drive, arms: &[ArmModel]) -> Vec<Touch> {
+    let Some(contact) = &drive.stop_contact else { return Vec::new() };
+    let mut stops = Vec::new();
+    for (spec, arm) in drive.arms.iter().zip(arms) {
+        for (key, limit, sense) in [("low_deg", spec.low_rad, -1.0), ("high_deg", spec.high_rad, 1.0)] {
+            let Some(limit) = limit else { continue };
+            stops.push(Touch {
+                path: format!("arms.{}.{key}", spec.name),
+                shape: TouchShape::Stop { coordinate: arm.coordinate, limit, sense, lever_m: spec.stop_radius_m },
+                law: contact.law,
+                friction: 0.0,
+                stick_speed_m_s: contact.stick_speed_m_s,
+                radii: PairRadii { bush_m: STOP_RADIUS_M, body_m: f64::INFINITY },
+            });
+        }
+    }
+    stops
+}
+
+/// Radius of curvature of a stop, for laws that depend on it [m]. assumed.
+const STOP_RADIUS_M: f64 = 5e-3;
 
 /// Reach of an arm that carries nothing [m].
 const SHORTEST_ARM_M: f64 = 1e-3;

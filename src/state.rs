@@ -91,6 +91,8 @@ pub struct Layout {
     pub guide_sides: [bool; 2],
     pub rail_sides: [bool; 2],
     pub contour_sets: [bool; 3],
+    /// Number of pairs of parts that may touch each other and no chain.
+    pub n_touches: usize,
 }
 
 /// Where inert links are put [m]: out of reach of everything.
@@ -117,6 +119,8 @@ pub struct State {
     pub rail_plates: [ContactMemory; 6],
     /// Ends of links' own contours: per set of `elements::end_contact` front, rear. Empty where a drive has none.
     pub contour_ends: [ContactMemory; 6],
+    /// Parts that touch each other and no chain, in the order of the Model. Empty where a drive has none.
+    pub touches: ContactMemory,
     pub coordinates: CoordinateState,
 }
 
@@ -160,7 +164,8 @@ impl ContactMemory {
 impl State {
     /// All links at the origin, at rest; inert lanes far away.
     pub fn at_rest(layout: &Layout) -> State {
-        let Layout { padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets, .. } = *layout;
+        let Layout { padded_len, n_coordinates, has_dampers, guide_sides, rail_sides, contour_sets, n_touches, .. } =
+            *layout;
         let zeros = || vec![0.0; padded_len];
         let of_coordinates = || vec![0.0; n_coordinates];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
@@ -192,6 +197,7 @@ impl State {
             guide_ends: [ends(guide_sides[0]), ends(guide_sides[0]), ends(guide_sides[1]), ends(guide_sides[1])],
             rail_plates: std::array::from_fn(|i| ends(rail_sides[i / 3])),
             contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
+            touches: ContactMemory::new(n_touches),
             coordinates: CoordinateState {
                 angle: of_coordinates(),
                 cos: vec![1.0; n_coordinates],
@@ -219,6 +225,7 @@ impl State {
             guide_ends,
             rail_plates,
             contour_ends,
+            touches,
             coordinates,
         } = self;
         let n = *lanes;
@@ -262,8 +269,10 @@ impl State {
             "inner_rear",
             "face_front",
             "face_rear",
+            "touches",
         ];
-        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends);
+        let touches = Some(touches).filter(|t| !t.is_empty());
+        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(touches);
         for (set, memory) in sets.into_iter().zip(memories) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             let named = [
@@ -359,13 +368,15 @@ impl State {
             guide_ends,
             rail_plates,
             contour_ends,
+            touches,
             coordinates,
         } = self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
         columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
-        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends) {
+        let touches = Some(touches).filter(|t| !t.is_empty());
+        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(touches) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }

@@ -9,6 +9,7 @@ use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::elements::rail_contact::{PlatePart, law_radius_m};
+use crate::elements::touch::Touch;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{Model, RailModel};
@@ -66,7 +67,8 @@ struct System {
     /// Per free sprocket: its column over the links.
     columns: Vec<Vec<Vector3<f64>>>,
     rotor_gradient: DVector<f64>,
-    rotor_diagonal: DVector<f64>,
+    /// Block of the free coordinates.
+    rotors: DMatrix<f64>,
     energy: f64,
 }
 
@@ -215,10 +217,11 @@ pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
     let (mut stiffness, mut inertia) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
     for a in 0..n {
         for b in 0..n {
-            stiffness[(a, b)] = whole.columns[a].iter().zip(&shapes[b]).map(|(c, x)| c.dot(x)).sum();
+            let moved: f64 = whole.columns[a].iter().zip(&shapes[b]).map(|(c, x)| c.dot(x)).sum();
+            stiffness[(a, b)] = moved + whole.rotors[(a, b)];
             inertia[(a, b)] = kinetic(model, &shapes[a], &shapes[b]);
         }
-        stiffness[(a, a)] += whole.rotor_diagonal[a];
+
         let own = model.coordinates[a].inverse_inertia();
         inertia[(a, a)] += if own > 0.0 { 1.0 / own } else { 0.0 };
     }
@@ -245,7 +248,7 @@ pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f
     }
     let rotor = |k: usize| 1.0 / model.coordinates[free[k]].inverse_inertia();
     for k in 0..free.len() {
-        system.rotor_diagonal[k] -= shift * rotor(k);
+        system.rotors[(k, k)] -= shift * rotor(k);
     }
     let mut links = vec![Vector3::zeros(); c.lanes];
     let mut rotors = DVector::from_element(free.len(), 1.0);
@@ -310,7 +313,7 @@ impl<'a> Problem<'a> {
             next: vec![Matrix3::zeros(); n],
             columns: vec![vec![Vector3::zeros(); n]; free.len()],
             rotor_gradient: DVector::zeros(free.len()),
-            rotor_diagonal: DVector::zeros(free.len()),
+            rotors: DMatrix::zeros(free.len(), free.len()),
             energy: 0.0,
         };
         for j in model.chain.links() {
@@ -321,7 +324,7 @@ impl<'a> Problem<'a> {
             let (torque, angle) = (coordinate.load() * load_factor, q.coordinates[*index]);
             s.energy += coordinate.spring.energy_j(angle) - torque * angle;
             s.rotor_gradient[c] -= torque + coordinate.spring.force(angle);
-            s.rotor_diagonal[c] += coordinate.spring.stiffness;
+            s.rotors[(c, c)] += coordinate.spring.stiffness;
         }
         for sprocket in &model.sprockets {
             let column = free.iter().position(|k| *k == sprocket.coordinate);
@@ -365,8 +368,33 @@ impl<'a> Problem<'a> {
         for rail in &model.rails {
             add_rail(model, q, rail, free, &mut s);
         }
+        for touch in &model.touches {
+            add_touch(touch, q, free, &mut s);
+        }
         add_end_contacts(model, q, (free, finder), &mut s);
         s
+    }
+}
+
+/// Parts that touch each other: penetration = -gap.
+fn add_touch(touch: &Touch, q: &Configuration, free: &[usize], s: &mut System) {
+    let gap = touch.shape.gap(&q.coordinates);
+    let elastic = touch.law.elastic(-gap.gap_m, touch.radii);
+    if elastic.force_n <= 0.0 {
+        return;
+    }
+    s.energy += elastic.energy_j;
+    let columns = gap.coordinates.map(|k| free.iter().position(|f| *f == k));
+    let [first, mixed, second] = gap.bend;
+    let bend = [[first, mixed], [mixed, second]];
+    for (i, row) in columns.iter().enumerate() {
+        let Some(row) = *row else { continue };
+        s.rotor_gradient[row] -= elastic.force_n * gap.slope[i];
+        for (j, column) in columns.iter().enumerate() {
+            let Some(column) = *column else { continue };
+            s.rotors[(row, column)] +=
+                elastic.stiffness_n_per_m * gap.slope[i] * gap.slope[j] - elastic.force_n * bend[i][j];
+        }
     }
 }
 
@@ -430,7 +458,7 @@ fn add_end_contact(
         s.diagonal[link][(2, axis)] -= force * t;
     }
     let Some((column, offset)) = rotor else { return };
-    s.rotor_diagonal[column] -= 2.0 * force * normal.dot(&offset);
+    s.rotors[(column, column)] -= 2.0 * force * normal.dot(&offset);
     let turn = Vec2::new(normal.y, -normal.x);
     let mixed = Vector3::new(turn.x, turn.y, turn.dot(&perp(arm)));
     s.columns[column][link] += force * (Vector3::new(0.0, 0.0, normal.dot(&offset)) - mixed);
@@ -491,7 +519,7 @@ fn add_contact(
     let swing = perp(offset);
     let (g_r, h_r) = (normal.dot(&swing), -tangent.dot(&swing));
     s.rotor_gradient[column] += force * g_r;
-    s.rotor_diagonal[column] += stiffness * g_r * g_r + force * (bend_per_m * h_r * h_r + normal.dot(&offset));
+    s.rotors[(column, column)] += stiffness * g_r * g_r + force * (bend_per_m * h_r * h_r + normal.dot(&offset));
     let turn = Vec2::new(normal.y, -normal.x);
     let mixed = Vector3::new(turn.x, turn.y, turn.dot(&t));
     s.columns[column][link] += stiffness * g_r * g + force * (bend_per_m * h_r * h + mixed);
@@ -582,9 +610,9 @@ impl System {
         }
         for (k, column) in self.columns.iter().enumerate() {
             let along: f64 = column.iter().zip(links).map(|(c, x)| c.dot(x)).sum();
-            sum += rotors[k] * (2.0 * along + self.rotor_diagonal[k] * rotors[k]);
+            sum += rotors[k] * (2.0 * along);
         }
-        sum
+        sum + rotors.dot(&(&self.rotors * rotors))
     }
 
     /// Largest unbalanced force [N].
@@ -674,7 +702,10 @@ impl System {
                     small[(at, 3 * own + r)] = column[l.end][r];
                 }
             }
-            small[(at, at)] = self.rotor_diagonal[k] + shift * 1e-3;
+            for other in 0..self.columns.len() {
+                small[(at, of_loops + other)] = self.rotors[(k, other)];
+            }
+            small[(at, at)] += shift * 1e-3;
             small_rhs[at] = rotor_rhs[k];
         }
         for i in inner.iter().cloned().flatten() {

@@ -345,6 +345,63 @@ fn a_chain_bends_round_the_corners_of_a_rail() {
     }
 }
 
+/// With its stop 1 degree before the place where spring and chain balance, an arm rests on it: spring, chain and stop balance, and go on to do
+/// so in every step of a run; what the stop stores and takes is in the ledger.
+#[test]
+fn an_arm_rests_on_its_stop() {
+    let text = BUNDLED[3].1;
+    let (free_model, free) = at_rest(&drive(text, &[])).unwrap_or_else(|e| panic!("{e}"));
+    let free_rad = free.configuration.coordinates[free_model.arms[0].coordinate];
+    let limit_deg = (free_rad - 0.01_f64).to_degrees();
+    let sets = [
+        &format!("arms.tensioner.high_deg={limit_deg}")[..],
+        "arms.tensioner.low_deg=-20", // not reached
+        "arms.tensioner.stop_radius_mm=25",
+    ];
+    let stops = "[contact.stop.linear]\nstiffness_n_per_m = 1e7\ndamping_n_s_per_m = 50\n";
+    let drive = drive(&format!("{text}\n{stops}"), &sets);
+    let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
+    let (q, arm) = (&rest.configuration, model.arms[0].coordinate);
+    let spring = model.coordinates[arm].spring.force(q.coordinates[arm]);
+    let rail = &model.rails[0];
+    let chain: f64 = rail_touches(&model, q, rail)
+        .iter()
+        .map(|(_, _, t)| {
+            let radii = PairRadii { bush_m: t.link_radius_m, body_m: t.body_radius_m };
+            -cross(t.point, t.normal * rail.body.law.elastic(t.penetration_m, radii).force_n)
+        })
+        .sum();
+    let depth_m = 25e-3 * (q.coordinates[arm] - limit_deg.to_radians());
+    let stop = -1e7 * depth_m * 25e-3;
+    println!("spring {spring:.6}, chain {chain:.6}, stop {stop:.6} N m");
+    assert!(stop < -0.1 && (spring + chain + stop).abs() < 1e-6 * spring.abs());
+
+    let mut assembly = pitchline::assemble::assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
+    let (model, state) = (&assembly.model, &mut assembly.state);
+    let mut scratch = Scratch::new(model);
+    let mut camera = Camera::default();
+    let (mut most, mut touching, mut steps) = (0.0_f64, 0, 0);
+    let mut energy = None;
+    while (state.step as f64) * model.step_s < 20e-3 {
+        explicit::evaluate(model, state, &mut scratch).unwrap_or_else(|e| panic!("{e}"));
+        let frame = camera.take(model, state, &scratch);
+        let force = frame.rotors.chain_torque_nm[arm] + frame.rotors.outer_torque_nm[arm];
+        let inertia = 1.0 / model.coordinates[arm].inverse_inertia();
+        most = most.max((force - inertia * scratch.coordinate_alpha()[arm]).abs());
+        touching += u32::from(scratch.parts_force()[arm] < 0.0);
+        steps += 1;
+        energy = Some(frame.energy);
+        explicit::advance(model, state, &mut scratch);
+    }
+    let energy = energy.expect("a frame");
+    println!(
+        "forces against J alpha {most:.1e} N m; on the stop in {touching} of {steps} steps; energy error {:.1e} of {:.1} J",
+        energy.error_j, energy.work_in_j
+    );
+    assert!(most < 1e-12 && touching > steps / 2);
+    assert!(energy.error_j.abs() < 1e-4 * energy.work_in_j);
+}
+
 #[test]
 fn arms_and_rails_that_make_no_sense_are_refused_where_they_stand() {
     let text = BUNDLED[3].1;
@@ -357,6 +414,7 @@ fn arms_and_rails_that_make_no_sense_are_refused_where_they_stand() {
         ("guides.rail.slack.radii_mm=[60, 5, 60]", "turns by more than"),
         ("preload.tension_n=100", "the arm's spring sets the tension"),
         ("preload.moves=nobody", "is no sprocket and no arm"),
+        ("arms.tensioner.high_deg=5", "nothing says how hard they are"),
     ] {
         let parsed = Drive::parse("arm.toml", text, &[set.to_string()]);
         let report = match parsed {

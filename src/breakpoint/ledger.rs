@@ -5,7 +5,7 @@ use crate::elements::contact_law::ContactLaw;
 use crate::elements::coordinate::Motion;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
-use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::explicit::{Part, Scratch, touches};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
@@ -125,7 +125,8 @@ impl Ledger {
                 damper_j += lost + coordinate.spring.damping * speed * (0.5 * h * speed);
             }
         }
-        let (elastic_j, lost_j) = (elastic_j + spring_j, lost_j + damper_j);
+        let [touching_j, damping_j, friction_j] = touches::energies(model, state, scratch);
+        let (elastic_j, lost_j) = (elastic_j + spring_j + touching_j, lost_j + damper_j + damping_j + friction_j);
         let stored_j = kinetic_j + elastic_j;
         let (e, blur_j) = &mut self.now;
         *blur_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());

@@ -334,7 +334,7 @@ impl Values for StepValues<'_> {
                             return Some(torque);
                         }
                         let (angle, speed) = (self.state.coordinates.angle[k], self.coordinate_speed(k));
-                        Some(coordinate.outer_force(angle, speed, torque))
+                        Some(coordinate.outer_force(angle, speed, torque, self.scratch.parts_force()[k]))
                     }
                 }
             }

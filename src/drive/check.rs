@@ -352,6 +352,17 @@ impl Drive {
                 );
             }
         }
+        for arm in &self.arms {
+            if let (Some(low), Some(high)) = (arm.low_rad, arm.high_rad)
+                && low >= high
+            {
+                mistakes.add(
+                    &format!("arms.{}.high_deg", arm.name),
+                    format!("arm `{}` has no way between its stops", arm.name),
+                    "make `high_deg` larger than `low_deg`",
+                );
+            }
+        }
         if let PreloadSpec::Arm(arm) = self.preload
             && !self.rails.iter().any(|r| r.arm == Some(arm))
         {

@@ -36,8 +36,10 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     // What is the drive's own where it has one chain stands in the chain's table where it has several.
     let first = chains.first().map_or(root, |(_, t)| t);
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
+    let stop_table = first.table("contact").table("stop");
     let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
     let arms = read_arms(root, &names);
+    let stop_contact = read_stops(&stop_table, &arms);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
     let guides = read_guides(&guide_table, &spans);
@@ -84,6 +86,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         tooth_contact,
         guide_contact,
         ring_contact,
+        stop_contact,
         more,
         chain_names,
         shafts,
@@ -626,12 +629,35 @@ fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
             spring_nm_per_rad: t.required("spring_nm_per_rad", 1.0, 1e-6..=1e6),
             spring_torque_nm: t.required("spring_torque_nm", 1.0, -1e5..=1e5),
             damping_nm_s_per_rad: t.number("damping_nm_s_per_rad", 1.0, 0.0..=1e5).unwrap_or(0.0),
+            low_rad: t.number("low_deg", DEG, -180.0..=180.0),
+            high_rad: t.number("high_deg", DEG, -180.0..=180.0),
+            stop_radius_m: t.number("stop_radius_mm", MM, 0.1..=1e4).unwrap_or(DEFAULT_STOP_RADIUS_M),
             name,
         });
         t.finish();
     }
     table.finish();
     all
+}
+
+/// Distance of an arm's stops from its pivot where none is given [m]. assumed: of the size of a tensioner arm's boss.
+const DEFAULT_STOP_RADIUS_M: f64 = 30.0 * MM;
+
+/// The contact of arms with their stops: `[contact.stop]`, where an arm has any.
+fn read_stops(t: &Table<'_>, arms: &[ArmSpec]) -> Option<ContactSpec> {
+    let has = arms.iter().any(|a| a.low_rad.is_some() || a.high_rad.is_some());
+    if !has {
+        if t.is_present() {
+            t.error("no arm has stops".into(), Some("give one `low_deg` or `high_deg`".into()));
+        }
+        return None;
+    }
+    if !t.is_present() {
+        let help = "add `[contact.stop]` with a law, e.g. `[contact.stop.linear]`";
+        t.error("an arm has stops, and nothing says how hard they are".into(), Some(help.into()));
+        return None;
+    }
+    Some(read_contact(t, DEFAULT_CONTACT_LENGTH_M))
 }
 
 /// The sprocket that the way of `span = ["a", "b"]` leaves.

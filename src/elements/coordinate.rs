@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! prescribed   q' = const                                       work in  = -Q_chain q' dt
-//! free         I q'' = Q_chain + Q + k (q_free - q) - c q'
+//! free         I q'' = Q_chain + Q_parts + Q + k (q_free - q) - c q'
 //!              work out = -Q q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
 //! ```
 //! q is an angle [rad], I an inertia [kg m2], a force a torque [N m]; for a coordinate that slides, q is a way [m], I a mass [kg] and a force a
-//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries; Q is constant: the load of a sprocket
+//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries, Q_parts that of parts that touch each other ([`super::touch`]); Q is constant: the load of a sprocket
 //! points against the sense in which the chain turns it. The damper sees the speed at the node, the mean of the speeds half a step before and after, so that it takes
 //! exactly the energy that it is said to take, at any step. During run-in a second damper pulls the speed towards its nominal value.
 
@@ -86,15 +86,15 @@ impl Coordinate {
         }
     }
 
-    /// Force of what prescribes its motion, or of its load, spring and damper [N m, N], at a place and a speed. `chain`: force of the
-    /// chain.
-    pub fn outer_force(&self, at: f64, speed: f64, chain: f64) -> f64 {
+    /// Force of what prescribes its motion, or of its load, spring, damper and touching parts [N m, N], at a place and a speed. `chain`,
+    /// `parts`: forces of the chain and of touching parts.
+    pub fn outer_force(&self, at: f64, speed: f64, chain: f64, parts: f64) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => -chain,
+            Motion::Prescribed { .. } => -chain - parts,
             Motion::Free { load, .. } if self.spring.is_present() => {
-                load + self.spring.force(at) - self.spring.damping * speed
+                load + parts + self.spring.force(at) - self.spring.damping * speed
             }
-            Motion::Free { load, .. } => load,
+            Motion::Free { load, .. } => load + parts,
         }
     }
 
@@ -102,7 +102,7 @@ impl Coordinate {
         matches!(self.motion, Motion::Free { .. })
     }
 
-    /// Acceleration at a node [rad/s2, m/s2]. `at`: the coordinate there; `speed`: half a step before it; `force`: of the chain.
+    /// Acceleration at a node [rad/s2, m/s2]. `at`: the coordinate there; `speed`: half a step before it; `force`: of chain and parts.
     #[inline(always)]
     pub fn acceleration(&self, step_s: f64, at: f64, speed: f64, force: f64) -> f64 {
         match self.motion {

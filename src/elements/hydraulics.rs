@@ -357,7 +357,7 @@ impl Network {
         }
         let solver = matrix.lu();
         let solve = |rates: &[f64; MOST_PASSAGES]| -> Option<[f64; MOST_CHAMBERS]> {
-            let sums = SVector::<f64, MOST_CHAMBERS>::from(self.into_chambers(rates));
+            let sums = SVector::<f64, MOST_CHAMBERS>::from(self.sums_of_chambers(rates));
             solver.solve(&sums).map(Into::into)
         };
         // A difference of pressures at the ends of a passage, of values per chamber.
@@ -406,7 +406,7 @@ impl Network {
     fn move_oil(&self, step_s: f64, way: Way<'_>, q: &[f64], flows: &[f64; MOST_PASSAGES], state: &mut OilState) {
         let mut before = [0.0; MOST_CHAMBERS];
         before[..state.pressure_pa.len()].copy_from_slice(&state.pressure_pa);
-        for (i, sum) in self.into_chambers(flows).iter().enumerate().take(self.chambers.len()) {
+        for (i, sum) in self.sums_of_chambers(flows).iter().enumerate().take(self.chambers.len()) {
             state.oil_m3[i] += step_s * sum;
             let volume = self.volume_m3(i, way.to) / state.oil_m3[i];
             state.pressure_pa[i] = self.oil.pressure_pa(volume, state.pressure_pa[i]);
@@ -432,7 +432,7 @@ impl Network {
     }
 
     /// Sums of flows into the chambers.
-    fn into_chambers(&self, flows: &[f64; MOST_PASSAGES]) -> [f64; MOST_CHAMBERS] {
+    fn sums_of_chambers(&self, flows: &[f64; MOST_PASSAGES]) -> [f64; MOST_CHAMBERS] {
         let mut sums = [0.0; MOST_CHAMBERS];
         for (p, flow) in self.passages.iter().zip(flows) {
             for (end, sign) in p.ends.iter().zip([-1.0, 1.0]) {

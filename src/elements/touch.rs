@@ -81,6 +81,19 @@ pub struct Gap {
 }
 
 impl TouchShape {
+    /// The same where coordinates have other numbers.
+    #[must_use]
+    pub fn moved(self, number: impl Fn(usize) -> usize) -> TouchShape {
+        match self {
+            TouchShape::Stop { coordinate, limit, sense, lever_m } => {
+                TouchShape::Stop { coordinate: number(coordinate), limit, sense, lever_m }
+            }
+            TouchShape::Tip { slider, centre, direction, radius_m, arm, pivot, pad } => {
+                TouchShape::Tip { slider: number(slider), centre, direction, radius_m, arm: number(arm), pivot, pad }
+            }
+        }
+    }
+
     pub fn gap(&self, q: &[f64]) -> Gap {
         match *self {
             TouchShape::Stop { coordinate, limit, sense, lever_m } => Gap {

@@ -28,6 +28,7 @@ mod parts;
 pub(crate) mod rails;
 mod scratch;
 mod teeth;
+pub(crate) mod touches;
 pub(crate) mod watch;
 mod windows;
 
@@ -184,6 +185,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     }
     links::feel(model, state, scratch);
     links::joints(model, state, scratch);
+    touches::forces(model, state, scratch);
     coordinate_accelerations(model, state, scratch);
 }
 
@@ -361,12 +363,19 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f
 
 #[inline(always)]
 fn coordinate_accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
-    let q = &state.coordinates;
-    for (k, coordinate) in model.coordinates.iter().enumerate() {
-        let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], scratch.chain_torque[k]);
-        let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
-        scratch.coordinate_alpha[k] = if coordinate.is_free() { own - pull } else { 0.0 };
+    for k in 0..model.coordinates.len() {
+        scratch.coordinate_alpha[k] = coordinate_acceleration(model, state, scratch, k);
     }
+}
+
+/// Acceleration of a coordinate by the chain and by the parts that have been looked at so far.
+#[inline(always)]
+fn coordinate_acceleration(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
+    let (q, coordinate) = (&state.coordinates, &model.coordinates[k]);
+    let force = scratch.chain_torque[k] + scratch.parts_force[k];
+    let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], force);
+    let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
+    if coordinate.is_free() { own - pull } else { 0.0 }
 }
 
 #[inline(always)]
@@ -395,6 +404,9 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     // 36 empty columns where there are no contours.
     if model.contour.is_some() {
         std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
+    }
+    if !model.touches.is_empty() {
+        std::mem::swap(&mut state.touches, &mut scratch.touches);
     }
     advance_coordinates(model, state, scratch);
     state.step += 1;

@@ -83,6 +83,12 @@ pub fn step_bound(model: &Model) -> StepBound {
             bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
         }
     }
+    let nowhere = vec![0.0; model.coordinates.len()];
+    for touch in &model.touches {
+        let gap = touch.shape.gap(&nowhere);
+        let by = |i: usize| gap.slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
+        bounds.extend(contact_bounds(&touch.path, &touch.law, touch.radii, by(0) + by(1)));
+    }
     // Of all loops the stiffest and the most damped; abutments run on one loop alone.
     let stiffest = |f: &dyn Fn(&LinkJoint) -> f64| chain.joints.iter().map(f).fold(0.0_f64, f64::max);
     let joint = &LinkJoint {

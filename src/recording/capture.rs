@@ -19,7 +19,7 @@ use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::explicit::{Part, Scratch, touches};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -425,7 +425,12 @@ fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     fill(&mut rotors.speed_rad_s, (0..model.coordinates.len()).map(|k| node.speed(k)));
     fill(&mut rotors.chain_torque_nm, scratch.chain_torque.iter().copied());
     let outer = model.coordinates.iter().enumerate().map(|(k, coordinate)| {
-        coordinate.outer_force(state.coordinates.angle[k], node.speed(k), scratch.chain_torque[k])
+        coordinate.outer_force(
+            state.coordinates.angle[k],
+            node.speed(k),
+            scratch.chain_torque[k],
+            scratch.parts_force()[k],
+        )
     });
     fill(&mut rotors.outer_torque_nm, outer);
 }
@@ -491,7 +496,9 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
             e.lost_spring_damping_j += lost + coordinate.spring.damping * speed * half_step_turn;
         }
     }
-    e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum();
+    let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
+    e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
+    (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
     let (pin_damping, pin_friction) = scratch.joint_powers();
     let own = |column: &[f64]| match column {
         [] => 0.0,

@@ -119,6 +119,9 @@ pub struct Scratch {
     pub coordinate_alpha: Vec<f64>,
     /// Torque of the chain on each coordinate, mean over the step [N m].
     pub chain_torque: Vec<f64>,
+    /// What touching parts remember, and their force on each coordinate, mean over the step [N m].
+    pub(super) touches: ContactMemory,
+    pub(super) parts_force: Vec<f64>,
 }
 
 /// One value per joint, and the last joint's again before the first's: of the joint behind every link, and of the one before it.
@@ -328,6 +331,8 @@ impl Scratch {
             joint_alpha: column(),
             coordinate_alpha: vec![0.0; model.coordinates.len()],
             chain_torque: vec![0.0; model.coordinates.len()],
+            touches: ContactMemory::new(model.touches.len()),
+            parts_force: vec![0.0; model.coordinates.len()],
         }
     }
 
@@ -339,6 +344,11 @@ impl Scratch {
     /// Angular acceleration of every coordinate [rad/s2].
     pub fn coordinate_alpha(&self) -> &[f64] {
         &self.coordinate_alpha
+    }
+
+    /// Force of touching parts on every coordinate [N m].
+    pub fn parts_force(&self) -> &[f64] {
+        &self.parts_force
     }
 
     /// Torque of the chain on every coordinate [N m].

@@ -1,0 +1,48 @@
+//! The part of a step that concerns parts which touch each other and no chain: stops of arms.
+
+use super::Scratch;
+use crate::elements::touch::{Moving, Past};
+use crate::model::Model;
+use crate::state::State;
+
+/// Forces of all touches on the coordinates, one touch after the other: each reckons with those before it.
+pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
+    if model.touches.is_empty() {
+        return;
+    }
+    scratch.parts_force.fill(0.0);
+    let q = &state.coordinates;
+    for (i, touch) in model.touches.iter().enumerate() {
+        let gap = touch.shape.gap(&q.angle);
+        let moving = Moving {
+            speed: gap.coordinates.map(|k| q.omega[k]),
+            acceleration: gap.coordinates.map(|k| super::coordinate_acceleration(model, state, scratch, k)),
+            inverse_inertia: gap.coordinates.map(|k| model.coordinates[k].inverse_inertia()),
+        };
+        let before = &state.touches;
+        let past = Past { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
+        let step = touch.step(model.step_s, &gap, &moving, past);
+        for (k, force) in gap.coordinates.into_iter().zip(step.forces) {
+            scratch.parts_force[k] += force;
+        }
+        let now = &mut scratch.touches;
+        (now.normal_force[i], now.tangential_force[i]) = (step.normal_force, step.tangential_force);
+        (now.age[i], now.approach[i]) = (step.age, step.approach);
+        now.lost_damping[i] = before.lost_damping[i] + step.lost_damping;
+        now.lost_friction[i] = before.lost_friction[i] + step.lost_friction;
+    }
+}
+
+/// Energies of the touches at the node: stored, lost to damping, lost to friction [J].
+pub(crate) fn energies(model: &Model, state: &State, scratch: &Scratch) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    let (past, now) = (&state.touches, &scratch.touches);
+    for (i, touch) in model.touches.iter().enumerate() {
+        let gap_m = touch.shape.gap(&state.coordinates.angle).gap_m;
+        sums[0] += touch.law.elastic(-gap_m, touch.radii).energy_j;
+        // Totals before and after this step: at the node in its middle, their mean.
+        sums[1] += 0.5 * (past.lost_damping[i] + now.lost_damping[i]);
+        sums[2] += 0.5 * (past.lost_friction[i] + now.lost_friction[i]);
+    }
+    sums
+}
