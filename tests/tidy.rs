@@ -78,6 +78,33 @@ fn architecture_names_files_that_exist_and_stays_short() {
 }
 
 #[test]
+fn links_of_the_documentation_lead_somewhere_and_every_chapter_is_in_the_summary() {
+    let mut pages: Vec<PathBuf> = ["README", "ARCHITECTURE", "CHANGELOG", "CONTRIBUTING", "SECURITY"]
+        .iter()
+        .map(|name| root().join(format!("{name}.md")))
+        .collect();
+    let summary = std::fs::read_to_string(root().join("docs/SUMMARY.md")).expect("docs/SUMMARY.md");
+    for path in std::fs::read_dir(root().join("docs")).expect("docs").flatten().map(|entry| entry.path()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if path.extension().is_some_and(|e| e == "md") {
+            assert!(name == "SUMMARY.md" || summary.contains(&format!("({name})")), "docs/SUMMARY.md lacks {name}");
+            pages.push(path);
+        }
+    }
+    let mut links = 0;
+    for page in pages {
+        let text = std::fs::read_to_string(&page).expect("a page");
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let file = link.split('#').next().unwrap_or_default();
+            let to = page.parent().expect("a folder").join(file);
+            assert!(link.contains("://") || file.is_empty() || to.exists(), "{} links {link}", page.display());
+            links += 1;
+        }
+    }
+    assert!(links > 30, "{links} links");
+}
+
+#[test]
 fn modules_use_only_what_stands_above_them() {
     // The order of reading; a module may only use modules before it.
     let order = [
