@@ -205,6 +205,17 @@ pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSp
         let of_kind = passage_table.table(kind);
         for (_, t) in of_kind.tables() {
             let ends = read_ends(&t, &nodes);
+            if kind == "leak"
+                && let (Some(gap), Some(d)) =
+                    (t.number("gap_um", UM, 0.1..=1e4), t.number("diameter_mm", MM, 0.1..=1e4))
+                && gap > WIDEST_GAP * d
+            {
+                t.error_at(
+                    "gap_um",
+                    "the gap is too wide for a flow along a narrow slit".into(),
+                    Some("at most a tenth of the diameter; an orifice is wider".into()),
+                );
+            }
             let law = match kind {
                 "orifice" => PassageLaw::Orifice {
                     diameter_m: t.required("diameter_mm", MM, 1e-3..=1e3),
@@ -279,6 +290,9 @@ fn read_check(t: &Table<'_>) -> CheckSpec {
         transition_reynolds: t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
     }
 }
+
+/// Widest gap over the diameter: beyond it the slit is not narrow.
+const WIDEST_GAP: f64 = 0.1;
 
 /// [Pa].
 const BAR: f64 = 1e5;
