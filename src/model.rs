@@ -15,7 +15,7 @@ pub use place::{Placed, place};
 
 use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
-use crate::drive::{ChainSpec, Drive, OuterSpec, PreloadSpec, RailSpec, SprocketDrive};
+use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
@@ -25,7 +25,7 @@ use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
-use crate::elements::touch::{Touch, TouchShape};
+use crate::elements::touch::Touch;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
@@ -255,9 +255,9 @@ impl Model {
             })
             .collect();
         let mut coordinates = build_coordinates(drive, &sprockets, sense);
-        let arms = build_arms(drive, placed, &mut coordinates);
+        let arms = mechanism::build_arms(drive, placed, &mut coordinates);
         let rails = build_rails(drive, placed, &arms);
-        let mut touches = build_stops(drive, &arms);
+        let mut touches = mechanism::build_stops(drive, &arms);
         let sliders = mechanism::build_sliders(drive, &arms, &mut coordinates, &mut touches);
         let guides = build_guides(drive, &route, placed);
         let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
@@ -510,61 +510,6 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
     };
     drive.sprockets.iter().zip(sprockets).map(of).collect()
 }
-
-/// Appends the coordinates of arms.
-fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
-    let mut arms = Vec::new();
-    for (index, spec) in drive.arms.iter().enumerate() {
-        let carried = || placed.rails.iter().zip(&drive.rails).filter(|(_, r)| r.arm == Some(index));
-        arms.push(ArmModel {
-            name: spec.name.clone(),
-            pivot: spec.pivot,
-            coordinate: coordinates.len(),
-            start_rad: if drive.preload == PreloadSpec::Arm(index) { placed.turn_rad } else { 0.0 },
-        });
-        coordinates.push(Coordinate {
-            path: format!("arms.{}", spec.name),
-            kind: CoordinateKind::Turns,
-            motion: Motion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
-            spring: Spring {
-                stiffness: spec.spring_nm_per_rad,
-                free: if spec.spring_nm_per_rad > 0.0 { spec.spring_torque_nm / spec.spring_nm_per_rad } else { 0.0 },
-                damping: spec.damping_nm_s_per_rad,
-            },
-            nominal_speed_rad_s: 0.0,
-            reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
-            rest_load: 0.0,
-            is_held_at_rest: false,
-        });
-    }
-    arms
-}
-
-/// Both ends of the way of every arm that has them.
-fn build_stops(drive: &Drive, arms: &[ArmModel]) -> Vec<Touch> {
-    let Some(contact) = &drive.stop_contact else { return Vec::new() };
-    let mut stops = Vec::new();
-    for (spec, arm) in drive.arms.iter().zip(arms) {
-        for (key, limit, sense) in [("low_deg", spec.low_rad, -1.0), ("high_deg", spec.high_rad, 1.0)] {
-            let Some(limit) = limit else { continue };
-            stops.push(Touch {
-                path: format!("arms.{}.{key}", spec.name),
-                shape: TouchShape::Stop { coordinate: arm.coordinate, limit, sense, lever_m: spec.stop_radius_m },
-                law: contact.law,
-                friction: 0.0,
-                stick_speed_m_s: contact.stick_speed_m_s,
-                radii: PairRadii { bush_m: STOP_RADIUS_M, body_m: f64::INFINITY },
-            });
-        }
-    }
-    stops
-}
-
-/// Radius of curvature of a stop, for laws that depend on it [m]. assumed.
-const STOP_RADIUS_M: f64 = 5e-3;
-
-/// Reach of an arm that carries nothing [m].
-const SHORTEST_ARM_M: f64 = 1e-3;
 
 fn build_rails(drive: &Drive, placed: &Placed, arms: &[ArmModel]) -> Vec<RailModel> {
     let contact = &drive.guide_contact;

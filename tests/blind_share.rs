@@ -72,6 +72,6 @@ fn causes_that_the_catalogue_does_not_have_get_no_name() {
 /// Cases of each class.
 const SINGLE: u64 = 10;
 const CLEAN: u64 = 6;
-/// Of the ten that have an effect, half are below three times the noise before, and all after the free parameters have
-/// absorbed what they can; measured: 5.
+/// Ten machines have an effect. Half of the effects are below three times the noise before the fit, and all of them are after it, because
+/// the free parameters absorb what they can. measured: 5 are named.
 const NAMED: usize = 5;

@@ -139,7 +139,7 @@ pub fn sensors(args: &SensorsArgs) -> Result<Outcome, Failure> {
     for (kind, reads, unit) in SENSOR_KINDS {
         text += &format!("[sensors.{kind}.NAME]{:<w$} {reads} ({unit})\n", "", w = 14_usize.saturating_sub(kind.len()));
     }
-    text += "\nkeys: `body`, `span` or `guide` where NAME is not its name, `gain`, `unit` for a unit of its own, `marks` of a pulse pickup\nwith links: `span = [\"A\", \"B\"]` or `link = 12` of a strain gauge; no pulse pickup, no displacement\n";
+    text += "\nkeys: `body`, `span` or `guide` where NAME is not its name, `gain`, `unit` for a unit of its own, `marks` of a pulse pickup\nwith links: `span = [\"A\", \"B\"]` or `link = 12` of a strain gauge, `tip = \"SLIDER\"` of a force; no pulse pickup\nwith links alone: [sensors.pressure.NAME] of a chamber (Pa), [sensors.flow.NAME] through a passage (m^3/s); keys `chamber`, `passage`\n";
     text += &format!("units of measured columns: {}\n", UNITS.map(|(n, ..)| n).join(", "));
     text += "their errors are effects: `pitchline effects`, part sensor\n";
     print_out(&text)

@@ -1,9 +1,11 @@
-//! Sliders and oil of a drive: what they are, and their keys, units and ranges.
+//! Arms, sliders and oil of a drive: their keys, units and ranges, and what sliders and oil are.
 
 use super::reader::Table;
+use super::sensors::Parts;
 use super::{ArmSpec, ContactSpec};
-use crate::elements::hydraulics::{AnnularGap, MOST_CHAMBERS, MOST_PASSAGES, TRANSITION_REYNOLDS};
+use crate::elements::hydraulics::{MOST_CHAMBERS, MOST_PASSAGES};
 use crate::elements::oil::Oil;
+use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
 use crate::geometry::Vec2;
 use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
@@ -94,6 +96,54 @@ pub struct CheckSpec {
 /// Discharge coefficient of sharp edges. Source: Merritt 1967, section 3.4, 0.61; short bores have more.
 const DISCHARGE: f64 = 0.61;
 
+pub(super) fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
+    let table = root.table("arms");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        if sprockets.contains(&name) {
+            t.error(format!("an arm and a sprocket are called `{name}`"), Some("give the arm another name".into()));
+        }
+        all.push(ArmSpec {
+            pivot: Vec2::new(t.required("pivot_x_mm", MM, -1e5..=1e5), t.required("pivot_y_mm", MM, -1e5..=1e5)),
+            inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e3),
+            spring_nm_per_rad: t.number("spring_nm_per_rad", 1.0, 0.0..=1e6).unwrap_or(0.0),
+            spring_torque_nm: t.number("spring_torque_nm", 1.0, -1e5..=1e5).unwrap_or(0.0),
+            damping_nm_s_per_rad: t.number("damping_nm_s_per_rad", 1.0, 0.0..=1e5).unwrap_or(0.0),
+            low_rad: t.number("low_deg", DEG, -180.0..=180.0),
+            high_rad: t.number("high_deg", DEG, -180.0..=180.0),
+            stop_radius_m: t.number("stop_radius_mm", MM, 0.1..=1e4).unwrap_or(DEFAULT_STOP_RADIUS_M),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+/// Distance of an arm's stops from its pivot where none is given [m]. assumed: of the size of a tensioner arm's boss.
+const DEFAULT_STOP_RADIUS_M: f64 = 30.0 * MM;
+
+/// The contact of arms with their stops: `[contact.stop]`, where an arm has any.
+pub(super) fn read_stops(
+    t: &Table<'_>,
+    arms: &[ArmSpec],
+    read: impl Fn(&Table<'_>) -> ContactSpec,
+) -> Option<ContactSpec> {
+    let has = arms.iter().any(|a| a.low_rad.is_some() || a.high_rad.is_some());
+    if !has {
+        if t.is_present() {
+            t.error("no arm has stops".into(), Some("give one `low_deg` or `high_deg`".into()));
+        }
+        return None;
+    }
+    if !t.is_present() {
+        let help = "add `[contact.stop]` with a law, e.g. `[contact.stop.linear]`";
+        t.error("an arm has stops, and nothing says how hard they are".into(), Some(help.into()));
+        return None;
+    }
+    Some(read(t))
+}
+
 pub(super) fn read_sliders(root: &Table<'_>, taken: &[String], arms: &[ArmSpec]) -> Vec<SliderSpec> {
     let table = root.table("sliders");
     let mut all = Vec::new();
@@ -170,89 +220,120 @@ pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSp
         t.finish();
     }
     reservoir_table.finish();
-    let slider = |t: &Table<'_>| {
-        t.text("slider").map(|name| {
-            if sliders.iter().all(|s| s.name != name) {
-                let known: Vec<&str> = sliders.iter().map(|s| s.name.as_str()).collect();
-                let help = format!("sliders: {}", known.join(", "));
-                t.error_at("slider", format!("no slider is called `{name}`"), Some(help));
-            }
-            name
-        })
-    };
-    let mut chambers = Vec::new();
-    for (name, t) in chamber_table.tables() {
-        let bore_m = t.number("bore_mm", MM, 0.1..=1e4);
-        let piston = slider(&t).map(|slider| {
-            if bore_m.is_none() {
-                t.error(format!("chamber `{name}` has a slider and no bore"), Some("add `bore_mm = ...`".into()));
-            }
-            (slider, bore_m.unwrap_or(f64::NAN))
-        });
-        chambers.push(ChamberSpec {
-            volume_m3: t.required("volume_mm3", 1e-9, 1e-3..=1e12),
-            piston,
-            start_pa: t.number("pressure_bar", BAR, -0.9..=1e4).unwrap_or(0.0),
-            name,
-        });
-        t.finish();
-    }
-    chamber_table.finish();
+    let chambers = read_chambers(chamber_table, sliders);
     let nodes: Vec<String> =
         chambers.iter().map(|c| c.name.clone()).chain(reservoirs.iter().map(|(n, _)| n.clone())).collect();
-    let mut passages = Vec::new();
-    for kind in ["orifice", "leak", "check"] {
-        let of_kind = passage_table.table(kind);
-        for (_, t) in of_kind.tables() {
-            let ends = read_ends(&t, &nodes);
-            if kind == "leak"
-                && let (Some(gap), Some(d)) =
-                    (t.number("gap_um", UM, 0.1..=1e4), t.number("diameter_mm", MM, 0.1..=1e4))
-                && gap > WIDEST_GAP * d
-            {
-                t.error_at(
-                    "gap_um",
-                    "the gap is too wide for a flow along a narrow slit".into(),
-                    Some("at most a tenth of the diameter; an orifice is wider".into()),
-                );
-            }
-            let law = match kind {
-                "orifice" => PassageLaw::Orifice {
-                    diameter_m: t.required("diameter_mm", MM, 1e-3..=1e3),
-                    discharge: t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
-                    transition_reynolds: t
-                        .number("transition_reynolds", 1.0, 1.0..=5000.0)
-                        .unwrap_or(TRANSITION_REYNOLDS),
-                },
-                "leak" => PassageLaw::Leak {
-                    gap: AnnularGap {
-                        diameter_m: t.required("diameter_mm", MM, 0.1..=1e4),
-                        gap_m: t.required("gap_um", UM, 0.1..=1e4),
-                        length_m: t.required("length_mm", MM, 0.01..=1e4),
-                        eccentricity: t.number("eccentricity", 1.0, 0.0..=0.99).unwrap_or(0.0),
-                    },
-                    slider: slider(&t),
-                },
-                _ => PassageLaw::Check(read_check(&t)),
-            };
-            passages.push(PassageSpec { path: t.path().to_string(), ends, law });
-            t.finish();
-        }
-        of_kind.finish();
-    }
-    passage_table.finish();
+    let passages = read_passages(passage_table, sliders, &nodes);
     for (what, n, most) in [("chambers", chambers.len(), MOST_CHAMBERS), ("passages", passages.len(), MOST_PASSAGES)] {
         if n > most {
             root.error(format!("{n} {what}: at most {most} are computed"), None);
         }
     }
-    for c in &chambers {
-        if passages.iter().all(|p| !p.ends.contains(&c.name)) {
-            let help = "add a passage `between` it and a reservoir";
-            chamber_table.error(format!("chamber `{}` has no way in", c.name), Some(help.into()));
-        }
+    for (_, name) in nodes.iter().enumerate().filter(|(i, name)| nodes[..*i].contains(name)) {
+        reservoir_table.error(format!("a chamber and a reservoir are called `{name}`"), Some("rename one".into()));
+    }
+    for c in chambers.iter().filter(|c| passages.iter().all(|p| !p.ends.contains(&c.name))) {
+        let help = "add a passage `between` it and a reservoir";
+        chamber_table.error(format!("chamber `{}` has no way in", c.name), Some(help.into()));
     }
     Some(OilSpec { oil, chambers, reservoirs, passages })
+}
+
+/// The slider that a table names.
+fn read_slider(t: &Table<'_>, sliders: &[SliderSpec]) -> Option<String> {
+    let name = t.text("slider")?;
+    if sliders.iter().all(|s| s.name != name) {
+        let known: Vec<&str> = sliders.iter().map(|s| s.name.as_str()).collect();
+        t.error_at("slider", format!("no slider is called `{name}`"), Some(format!("sliders: {}", known.join(", "))));
+    }
+    Some(name)
+}
+
+fn read_chambers(table: &Table<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSpec> {
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let bore_m = t.number("bore_mm", MM, 0.1..=1e4);
+        let volume_m3 = t.required("volume_mm3", 1e-9, 1e-3..=1e12);
+        let piston = read_slider(&t, sliders).map(|slider| {
+            if bore_m.is_none() {
+                t.error(format!("chamber `{name}` has a slider and no bore"), Some("add `bore_mm = ...`".into()));
+            }
+            (slider, bore_m.unwrap_or(f64::NAN))
+        });
+        if let Some((slider, bore_m)) = &piston
+            && let Some(low_m) = sliders.iter().find(|s| s.name == *slider).and_then(|s| s.low_m)
+            && volume_m3 + 0.25 * PI * bore_m * bore_m * low_m <= 0.0
+        {
+            let title = format!("slider `{slider}` at its low stop leaves no room in chamber `{name}`");
+            t.error_at("volume_mm3", title, Some("make it larger, or move the stop".into()));
+        }
+        let start_pa = t.number("pressure_bar", BAR, -0.9..=1e4).unwrap_or(0.0);
+        all.push(ChamberSpec { name, volume_m3, piston, start_pa });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+/// `nodes`: names of chambers and reservoirs.
+fn read_passages(table: &Table<'_>, sliders: &[SliderSpec], nodes: &[String]) -> Vec<PassageSpec> {
+    let mut all: Vec<PassageSpec> = Vec::new();
+    for kind in ["orifice", "leak", "check"] {
+        let of_kind = table.table(kind);
+        for (name, t) in of_kind.tables() {
+            if all.iter().any(|p| p.path.ends_with(&format!(".{name}"))) {
+                t.error(format!("two passages are called `{name}`"), Some("rename one: sensors go by names".into()));
+            }
+            let ends = read_ends(&t, nodes);
+            let law = match kind {
+                "orifice" => {
+                    let (discharge, transition_reynolds) = read_edge(&t);
+                    let diameter_m = t.required("diameter_mm", MM, 1e-3..=1e3);
+                    PassageLaw::Orifice { diameter_m, discharge, transition_reynolds }
+                }
+                "leak" => PassageLaw::Leak { gap: read_gap(&t), slider: read_slider(&t, sliders) },
+                _ => PassageLaw::Check(read_check(&t)),
+            };
+            all.push(PassageSpec { path: t.path().to_string(), ends, law });
+            t.finish();
+        }
+        of_kind.finish();
+    }
+    table.finish();
+    all
+}
+
+/// Discharge coefficient of an edge, and the Reynolds number below which the flow over it is laminar.
+fn read_edge(t: &Table<'_>) -> (f64, f64) {
+    (
+        t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
+        t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
+    )
+}
+
+fn read_gap(t: &Table<'_>) -> AnnularGap {
+    let gap = AnnularGap {
+        diameter_m: t.required("diameter_mm", MM, 0.1..=1e4),
+        gap_m: t.required("gap_um", UM, 0.1..=1e4),
+        length_m: t.required("length_mm", MM, 0.01..=1e4),
+        eccentricity: t.number("eccentricity", 1.0, 0.0..=0.99).unwrap_or(0.0),
+    };
+    if gap.gap_m > WIDEST_GAP * gap.diameter_m {
+        let title = "the gap is too wide for a flow along a narrow slit";
+        let help = "at most a tenth of the diameter; an orifice is wider";
+        t.error_at("gap_um", title.into(), Some(help.into()));
+    }
+    gap
+}
+
+/// Names of sliders, chambers and passages, for sensors.
+pub(super) fn parts<'a>(sliders: &'a [SliderSpec], oil: Option<&'a OilSpec>) -> Parts<'a> {
+    let last = |path: &'a str| path.rsplit('.').next().unwrap_or(path);
+    Parts {
+        sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
+        chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
+        passages: oil.iter().flat_map(|o| &o.passages).map(|p| last(&p.path)).collect(),
+    }
 }
 
 fn read_ends(t: &Table<'_>, nodes: &[String]) -> [String; 2] {
@@ -275,6 +356,7 @@ fn read_check(t: &Table<'_>) -> CheckSpec {
     if ball_radius_m <= seat_radius_m {
         t.error("the ball falls through its seat".into(), Some("make `ball_mm` larger than `seat_mm`".into()));
     }
+    let (discharge, transition_reynolds) = read_edge(t);
     // Steel where it is not given.
     let steel_kg = 7850.0 * 4.0 / 3.0 * PI * ball_radius_m * ball_radius_m * ball_radius_m;
     CheckSpec {
@@ -286,8 +368,8 @@ fn read_check(t: &Table<'_>) -> CheckSpec {
         spring_n: t.number("spring_n", 1.0, 0.0..=1e4).unwrap_or(0.0),
         stiffness_n_per_m: t.number("stiffness_n_per_m", 1.0, 1e3..=1e10).unwrap_or(1e7),
         damping_n_s_per_m: t.number("damping_n_s_per_m", 1.0, 0.0..=1e6).unwrap_or(5.0),
-        discharge: t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
-        transition_reynolds: t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
+        discharge,
+        transition_reynolds,
     }
 }
 

@@ -39,10 +39,11 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let contacts = first.table("contact");
     let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
     let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
-    let arms = read_arms(root, &names);
-    let stop_contact = read_stops(&stop_table, &arms);
+    let read = |t: &Table<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
+    let arms = mechanism::read_arms(root, &names);
+    let stop_contact = mechanism::read_stops(&stop_table, &arms, read);
     let sliders = mechanism::read_sliders(root, &names, &arms);
-    let tip_contact = mechanism::read_tips(&tip_table, &sliders, |t| read_contact(t, DEFAULT_CONTACT_LENGTH_M));
+    let tip_contact = mechanism::read_tips(&tip_table, &sliders, read);
     let oil = mechanism::read_oil(root, &sliders);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
@@ -63,24 +64,13 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
-    let last = |path: &'_ String| -> usize { path.rfind('.').map_or(0, |dot| dot + 1) };
-    let parts = sensors::Parts {
-        sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
-        chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
-        passages: oil.iter().flat_map(|o| &o.passages).map(|p| &p.path[last(&p.path)..]).collect(),
-    };
+    let parts = mechanism::parts(&sliders, oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
     let sensors = sensors::sensors(root, &names, driver, &guide_names, &parts);
     let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
-    let run_table = root.table("run");
-    let run = RunSpec {
-        step_s: run_table.number("step_us", 1e-6, 0.001..=1000.0),
-        run_in_s: run_table.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
-        settle_s: run_table.number("settle_ms", 1e-3, 0.0..=10_000.0).unwrap_or(10e-3),
-    };
-    run_table.finish();
+    let run = read_run(&root.table("run"));
     root.finish();
     let places = Places::empty();
     let (name, text, overrides) = (String::new(), String::new(), Vec::new());
@@ -114,6 +104,17 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         run,
         places,
     }
+}
+
+/// How it is run: `[run]`.
+fn read_run(t: &Table<'_>) -> RunSpec {
+    let run = RunSpec {
+        step_s: t.number("step_us", 1e-6, 0.001..=1000.0),
+        run_in_s: t.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
+        settle_s: t.number("settle_ms", 1e-3, 0.0..=10_000.0).unwrap_or(10e-3),
+    };
+    t.finish();
+    run
 }
 
 /// Links and joints: `[chain]`.
@@ -627,50 +628,6 @@ fn order_by_route(
             Some("add `[sprockets.NAME]` tables and `route = [...]`".into()),
         );
     }
-}
-
-fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
-    let table = root.table("arms");
-    let mut all = Vec::new();
-    for (name, t) in table.tables() {
-        if sprockets.contains(&name) {
-            t.error(format!("an arm and a sprocket are called `{name}`"), Some("give the arm another name".into()));
-        }
-        all.push(ArmSpec {
-            pivot: Vec2::new(t.required("pivot_x_mm", MM, -1e5..=1e5), t.required("pivot_y_mm", MM, -1e5..=1e5)),
-            inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e3),
-            spring_nm_per_rad: t.number("spring_nm_per_rad", 1.0, 0.0..=1e6).unwrap_or(0.0),
-            spring_torque_nm: t.number("spring_torque_nm", 1.0, -1e5..=1e5).unwrap_or(0.0),
-            damping_nm_s_per_rad: t.number("damping_nm_s_per_rad", 1.0, 0.0..=1e5).unwrap_or(0.0),
-            low_rad: t.number("low_deg", DEG, -180.0..=180.0),
-            high_rad: t.number("high_deg", DEG, -180.0..=180.0),
-            stop_radius_m: t.number("stop_radius_mm", MM, 0.1..=1e4).unwrap_or(DEFAULT_STOP_RADIUS_M),
-            name,
-        });
-        t.finish();
-    }
-    table.finish();
-    all
-}
-
-/// Distance of an arm's stops from its pivot where none is given [m]. assumed: of the size of a tensioner arm's boss.
-const DEFAULT_STOP_RADIUS_M: f64 = 30.0 * MM;
-
-/// The contact of arms with their stops: `[contact.stop]`, where an arm has any.
-fn read_stops(t: &Table<'_>, arms: &[ArmSpec]) -> Option<ContactSpec> {
-    let has = arms.iter().any(|a| a.low_rad.is_some() || a.high_rad.is_some());
-    if !has {
-        if t.is_present() {
-            t.error("no arm has stops".into(), Some("give one `low_deg` or `high_deg`".into()));
-        }
-        return None;
-    }
-    if !t.is_present() {
-        let help = "add `[contact.stop]` with a law, e.g. `[contact.stop.linear]`";
-        t.error("an arm has stops, and nothing says how hard they are".into(), Some(help.into()));
-        return None;
-    }
-    Some(read_contact(t, DEFAULT_CONTACT_LENGTH_M))
 }
 
 /// The sprocket that the way of `span = ["a", "b"]` leaves.

@@ -134,7 +134,7 @@ impl LinkJoint {
 }
 
 /// Friction of a joint that turns hard, whatever its force: M = -T clamp(w_rel / w_s, -1, 1), beside its other friction.
-/// w_s is at least h T (1/J_j + 1/J_(j+1)), so that the explicit torque does not overshoot: 10 rad/s for 20 N mm, a step of 3.7 us
+/// w_s is at least h T (1/J_j + 1/J_(j+1)), so that the explicit torque does not overshoot: 2.5 rad/s for 20 N mm, a step of 3.7 us
 /// and 8 mm links, and as much more for a joint that is tighter.
 #[inline(always)]
 pub fn tightened(joint: &LinkJoint, torque_nm: f64, relative: f64, half_step_mobility: f64) -> f64 {

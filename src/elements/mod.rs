@@ -12,6 +12,7 @@ pub mod guide_contact;
 pub mod hydraulics;
 pub mod link_joint;
 pub mod oil;
+pub mod passage;
 pub mod rail_contact;
 pub mod tooth_contact;
 pub mod touch;

@@ -21,7 +21,7 @@ pub struct Oil {
     pub density_kg_m3: f64,
     /// Dynamic [Pa s].
     pub viscosity_pa_s: f64,
-    /// Of the liquid alone.
+    /// Bulk modulus of the liquid without air.
     pub bulk_modulus_pa: f64,
     /// Volume of air over that of the mixture, at ambient pressure.
     pub air_share: f64,

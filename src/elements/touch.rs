@@ -321,7 +321,8 @@ mod tests {
                 (peak / known - 1.0).abs()
             });
             println!("peak {known:.2} N: errors {errors:?}");
-            assert!(errors[0] < 4e-3 && errors[2] < 5e-4, "{errors:?}");
+            // measured: 6e-5, 3e-5, 5e-6.
+            assert!(errors[0] < 2e-4 && errors[2] < 2e-5, "{errors:?}");
         }
     }
 

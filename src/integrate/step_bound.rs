@@ -6,7 +6,7 @@
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
-//! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers
+//! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers, plungers at their low stops
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
 //! w = 1/m + l^2/J, the inverse effective mass of a link's end; w_j = max(1/m, l^2/J) of the lightest link. The constants of
@@ -17,6 +17,7 @@ use super::link_row::{self, Row, RowContact, RowLink};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::link_joint::LinkJoint;
+use crate::elements::touch::TouchShape;
 use crate::model::{Model, flank_radii};
 
 /// One bound and where it comes from.
@@ -85,10 +86,17 @@ pub fn step_bound(model: &Model) -> StepBound {
         }
     }
     let nowhere = vec![0.0; model.coordinates.len()];
+    // At their low stops, where the oil is stiffest.
+    let mut lowest = nowhere.clone();
+    for touch in &model.touches {
+        if let TouchShape::Stop { coordinate, limit, sense: -1.0, .. } = touch.shape {
+            lowest[coordinate] = limit;
+        }
+    }
     for s in &model.sliders {
         let Some(oil) = &model.oil else { break };
         let stiffness =
-            oil.stiffness_n_per_m(s.coordinate, &nowhere) * model.coordinates[s.coordinate].inverse_inertia();
+            oil.stiffness_n_per_m(s.coordinate, &lowest) * model.coordinates[s.coordinate].inverse_inertia();
         if stiffness > 0.0 {
             let cause = format!("oil behind slider {}", s.name);
             bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause });

@@ -1,11 +1,12 @@
-//! Sliders, what they touch, and the oil behind them.
+//! Arms and sliders, what they touch, and the oil behind them.
 
-use super::{ArmModel, Model, STOP_RADIUS_M};
-use crate::drive::Drive;
+use super::{ArmModel, Model, Placed};
 use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, SliderSpec};
+use crate::drive::{Drive, PreloadSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
-use crate::elements::hydraulics::{Chamber, CheckBall, End, FlowLaw, Network, Orifice, Passage, Reservoir};
+use crate::elements::hydraulics::{Chamber, End, Network, Passage, Reservoir};
+use crate::elements::passage::{CheckBall, FlowLaw, Orifice};
 use crate::elements::touch::{Pad, Touch, TouchShape};
 use crate::geometry::{rotated, unit};
 use std::f64::consts::PI;
@@ -16,6 +17,57 @@ pub struct SliderModel {
     pub name: String,
     pub coordinate: usize,
 }
+
+/// Appends the coordinates of arms.
+pub(super) fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
+    let mut arms = Vec::new();
+    for (index, spec) in drive.arms.iter().enumerate() {
+        let carried = || placed.rails.iter().zip(&drive.rails).filter(|(_, r)| r.arm == Some(index));
+        arms.push(ArmModel {
+            name: spec.name.clone(),
+            pivot: spec.pivot,
+            coordinate: coordinates.len(),
+            start_rad: if drive.preload == PreloadSpec::Arm(index) { placed.turn_rad } else { 0.0 },
+        });
+        coordinates.push(Coordinate {
+            path: format!("arms.{}", spec.name),
+            kind: CoordinateKind::Turns,
+            motion: Motion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
+            spring: spring(spec.spring_nm_per_rad, spec.spring_torque_nm, spec.damping_nm_s_per_rad).0,
+            nominal_speed_rad_s: 0.0,
+            reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
+            rest_load: 0.0,
+            is_held_at_rest: false,
+        });
+    }
+    arms
+}
+
+/// Reach of an arm that carries nothing [m].
+const SHORTEST_ARM_M: f64 = 1e-3;
+
+/// Both ends of the way of every arm that has them.
+pub(super) fn build_stops(drive: &Drive, arms: &[ArmModel]) -> Vec<Touch> {
+    let Some(contact) = &drive.stop_contact else { return Vec::new() };
+    let mut stops = Vec::new();
+    for (spec, arm) in drive.arms.iter().zip(arms) {
+        for (key, limit, sense) in [("low_deg", spec.low_rad, -1.0), ("high_deg", spec.high_rad, 1.0)] {
+            let Some(limit) = limit else { continue };
+            stops.push(Touch {
+                path: format!("arms.{}.{key}", spec.name),
+                shape: TouchShape::Stop { coordinate: arm.coordinate, limit, sense, lever_m: spec.stop_radius_m },
+                law: contact.law,
+                friction: 0.0,
+                stick_speed_m_s: contact.stick_speed_m_s,
+                radii: PairRadii { bush_m: STOP_RADIUS_M, body_m: f64::INFINITY },
+            });
+        }
+    }
+    stops
+}
+
+/// Radius of curvature of a stop, for laws that depend on it [m]. assumed.
+const STOP_RADIUS_M: f64 = 5e-3;
 
 /// Appends the coordinates of sliders and their touches.
 pub(super) fn build_sliders(

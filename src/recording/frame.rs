@@ -369,10 +369,10 @@ pub struct Energy {
     /// Stored in the pin joints.
     #[prost(double, tag = "2")]
     pub elastic_joint_j: f64,
-    /// Stored in contacts with sprockets and guides.
+    /// Stored in contacts with sprockets and guides, and of parts that touch each other.
     #[prost(double, tag = "3")]
     pub elastic_contact_j: f64,
-    /// Work of the drives.
+    /// Work of the drives, and of reservoirs of oil.
     #[prost(double, tag = "4")]
     pub work_in_j: f64,
     /// Work done on the loads.
@@ -393,7 +393,7 @@ pub struct Energy {
     /// work in - work out - lost - change of stored energy.
     #[prost(double, tag = "12")]
     pub error_j: f64,
-    /// Stored in the springs of arms, and lost in their dampers.
+    /// Stored in the springs of arms and sliders and in oil; lost in their dampers and in passages of oil.
     #[prost(double, tag = "13")]
     pub elastic_spring_j: f64,
     #[prost(double, tag = "14")]

@@ -36,8 +36,8 @@ pub struct Contour {
     arcs: Vec<ContourArc>,
     /// The convex hull; the contour itself if it is convex.
     hull: Vec<ContourArc>,
-    /// Of the hull: (x, y) of the end normals for the search; and for equal steps of the x of a direction, starting at
-    /// `table_from`, the first arc that may face it. Normals point to +y, so that their x decreases along the contour.
+    /// The search reads three tables of the hull. `ends` holds (x, y) of the normals at the ends of its arcs; `table` holds the
+    /// first arc that may face a direction, for equal steps of the direction's x, which start at `table_from`. Normals point to +y, so that their x decreases along the contour.
     ends: Vec<(f64, f64)>,
     table: Vec<u16>,
     table_from: f64,

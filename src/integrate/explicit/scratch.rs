@@ -119,7 +119,7 @@ pub struct Scratch {
     pub coordinate_alpha: Vec<f64>,
     /// Torque of the chain on each coordinate, mean over the step [N m].
     pub chain_torque: Vec<f64>,
-    /// What touching parts remember, and their force on each coordinate, mean over the step [N m].
+    /// What touching parts remember, and the force of touching parts and oil on each coordinate, mean over the step [N m, N].
     pub(super) touches: ContactMemory,
     pub(super) parts_force: Vec<f64>,
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
@@ -351,7 +351,7 @@ impl Scratch {
         &self.coordinate_alpha
     }
 
-    /// Force of touching parts on every coordinate [N m].
+    /// Force of touching parts and oil on every coordinate [N m, N].
     pub fn parts_force(&self) -> &[f64] {
         &self.parts_force
     }
