@@ -11,7 +11,6 @@
 use crate::diag::Report;
 use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
-use crate::elements::coordinate::CoordinateKind;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::touch::{Touch, TouchShape};
@@ -188,6 +187,7 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
         tensions.push(tensions_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_shafts(drive);
     model.add_oil(drive);
     let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
@@ -225,6 +225,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
         models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_shafts(drive);
     model.add_oil(drive);
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
@@ -457,6 +458,14 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             coordinates[model.sprockets[k].coordinate].get_or_insert(angle);
         }
     }
+    // Shafts behind couplings stand as what turns them.
+    for _ in 0..model.couplings.len() {
+        for c in &model.couplings {
+            let [a, b] = c.ends;
+            let stands = coordinates[a].or(coordinates[b]);
+            (coordinates[a], coordinates[b]) = (coordinates[a].or(stands), coordinates[b].or(stands));
+        }
+    }
     let mut coordinates: Vec<f64> = coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect();
     lay_tips(model, &mut coordinates);
     Ok(Configuration { links, coordinates })
@@ -560,12 +569,26 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
     }
+    state.coordinates.angle.copy_from_slice(&q.coordinates);
+    wrap_angles(model, &mut state.coordinates.angle);
     for (k, angle) in q.coordinates.iter().enumerate() {
-        let (s, c) = sin_cos(*angle);
-        let place = if model.coordinates[k].kind == CoordinateKind::Turns { wrap_angle(*angle) } else { *angle };
-        (state.coordinates.angle[k], state.coordinates.cos[k], state.coordinates.sin[k]) = (place, c, s);
+        (state.coordinates.sin[k], state.coordinates.cos[k]) = sin_cos(*angle);
     }
     state
+}
+
+/// Takes whole turns off all that turns; off what couplings join, as many.
+fn wrap_angles(model: &Model, angles: &mut [f64]) {
+    let before = angles.to_vec();
+    for k in 0..model.n_turning() {
+        let first = model.first_coupled(k);
+        angles[k] = if first == k {
+            wrap_angle(before[k])
+        } else {
+            let turns = libm::round((before[first] - wrap_angle(before[first])) / (2.0 * PI));
+            before[k] - turns * (2.0 * PI)
+        };
+    }
 }
 
 /// Puts the static contact forces into the memory of the contacts, as if they had been there the step before: a step removes
@@ -635,15 +658,17 @@ fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(
     let mut scratch = Scratch::with_isa(model, isa);
     let h = model.step_s;
     let damped = (drive.run.run_in_s / h).ceil() as u64;
+    let settle = (drive.run.settle_s / h).ceil() as u64;
+    let steps_before = damped + settle;
     for i in 0..damped {
         // Fades out with zero slope, so that its end does not ring.
         let left = 1.0 - i as f64 / damped as f64;
         let fade = left * left * (3.0 - 2.0 * left);
-        scratch.run_in = RunIn { link_rate_per_s: LINK_RATE_PER_S * fade, rotor_rate_per_s: ROTOR_RATE_PER_S * fade };
+        scratch.run_in =
+            RunIn { link_rate_per_s: LINK_RATE_PER_S * fade, rotor_rate_per_s: ROTOR_RATE_PER_S * fade, steps_before };
         explicit::step(model, state, &mut scratch)?;
     }
-    scratch.run_in = RunIn::OFF;
-    let settle = (drive.run.settle_s / h).ceil() as u64;
+    scratch.run_in = RunIn { steps_before, ..RunIn::OFF };
     let mut watch = StillnessWatch::new(model);
     for _ in 0..settle {
         explicit::step(model, state, &mut scratch)?;
@@ -652,9 +677,7 @@ fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(
     state.step = 0;
     state.clear_ledger();
     // Angles are counted from the start of the recording; cosine and sine stay as they are.
-    for angle in &mut state.coordinates.angle[..model.n_turning()] {
-        *angle = wrap_angle(*angle);
-    }
+    wrap_angles(model, &mut state.coordinates.angle);
     Ok(watch.result(model))
 }
 

@@ -10,6 +10,7 @@ pub mod mechanism;
 mod read;
 pub mod reader;
 pub mod sensors;
+pub mod shafts;
 
 use crate::diag::Report;
 use crate::elements::contact_law::ContactLaw;
@@ -80,6 +81,8 @@ pub struct Drive {
     /// Names of all chains where there are several.
     pub chain_names: Vec<String>,
     pub shafts: Vec<ShaftSpec>,
+    /// How the driver turns, loads and couplings.
+    pub train: shafts::ShaftTrain,
     /// In the order in which the chain meets them, one chain after the other.
     pub sprockets: Vec<SprocketDrive>,
     pub guides: Vec<GuideSpec>,
@@ -393,6 +396,7 @@ impl Drive {
         let drive =
             Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), places, ..drive };
         drive.check_chains()?;
+        drive.check_train()?;
         for chain in 0..drive.chains() {
             drive.alone(chain).check()?;
         }

@@ -7,6 +7,7 @@
 mod chain;
 mod mechanism;
 mod place;
+mod shafts;
 
 pub use chain::ChainModel;
 pub use mechanism::SliderModel;
@@ -19,10 +20,13 @@ use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
+use crate::elements::coupling::Coupling;
+use crate::elements::driver_motion::DriverMotion;
 use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
+use crate::elements::load::{Load, OrderLoad};
 use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::elements::touch::Touch;
@@ -203,6 +207,14 @@ pub struct Model {
     pub sliders: Vec<SliderModel>,
     /// Oil of tensioners.
     pub oil: Option<Network>,
+    /// Loads by laws, loads by orders of the driver, and couplings between what turns.
+    pub loads: Vec<Load>,
+    pub order_loads: Vec<OrderLoad>,
+    pub couplings: Vec<Coupling>,
+    /// How the driver turns; None: at a constant speed, and no load asks for its turn.
+    pub driver_motion: Option<DriverMotion>,
+    /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
+    turning_parts: Vec<usize>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
     pub end_bodies: Vec<EndBody>,
@@ -304,6 +316,11 @@ impl Model {
             touches,
             sliders,
             oil: None,
+            loads: Vec::new(),
+            order_loads: Vec::new(),
+            couplings: Vec::new(),
+            driver_motion: None,
+            turning_parts: Vec::new(),
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -330,6 +347,11 @@ impl Model {
             touches: Vec::new(),
             sliders: Vec::new(),
             oil: None,
+            loads: Vec::new(),
+            order_loads: Vec::new(),
+            couplings: Vec::new(),
+            driver_motion: None,
+            turning_parts: Vec::new(),
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -471,7 +493,7 @@ impl Model {
             loops: self.chain.loops.clone(),
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
-            has_dampers: self.coordinates.iter().any(|c| c.spring.damping > 0.0),
+            has_losses: self.has_losses(),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),

@@ -14,12 +14,12 @@ const SPAN_WINDOW_PITCHES: f64 = 2.0;
 /// True value in SI.
 pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads) -> f64 {
     let r = &state.coordinates;
-    let of = |sprocket: usize| model.sprockets[sprocket].coordinate;
+    let of = |part: usize| model.turning_part(part);
     match reads {
         SensorReads::Angle(k) => r.angle[of(k)],
         SensorReads::Speed(k) => r.omega[of(k)] + 0.5 * model.step_s * scratch.coordinate_alpha()[of(k)],
         SensorReads::Acceleration(k) => scratch.coordinate_alpha()[of(k)],
-        SensorReads::Torque(k) => -scratch.chain_torque()[of(k)],
+        SensorReads::Torque(k) => -scratch.chain_torque()[of(k)] - scratch.parts_force()[of(k)],
         SensorReads::Span(k) => span_tension(model, state, scratch, k),
         SensorReads::Link(i) => {
             let i = model.chain.lane_of(i % model.chain.n_links);
@@ -119,7 +119,7 @@ impl Tracer {
 
     /// Speed of a sprocket at the nominal chain speed [rad/s].
     pub fn nominal_speed(&self, sprocket: usize) -> f64 {
-        self.model.sprockets[sprocket].nominal_speed_rad_s
+        self.model.coordinates[self.model.turning_part(sprocket)].nominal_speed_rad_s
     }
 
     /// Discards all readings.

@@ -74,7 +74,7 @@ pub struct CoordinateState {
     /// Work of what prescribes it, and on its load, since the ledger was opened [J].
     pub work_in: Vec<f64>,
     pub work_out: Vec<f64>,
-    /// Lost in dampers since the ledger was opened [J]. Empty where no coordinate has one.
+    /// Lost in dampers and by friction and drag of loads since the ledger was opened [J]. Empty where nothing loses.
     pub lost: Vec<f64>,
 }
 
@@ -112,7 +112,7 @@ pub struct Layout {
     /// With inert lanes.
     pub padded_len: usize,
     pub n_coordinates: usize,
-    pub has_dampers: bool,
+    pub has_losses: bool,
     /// Whether there are guides, and rails, inside and outside the loop.
     pub guide_sides: [bool; 2],
     pub rail_sides: [bool; 2],
@@ -197,7 +197,7 @@ impl State {
         let Layout {
             padded_len,
             n_coordinates,
-            has_dampers,
+            has_losses,
             guide_sides,
             rail_sides,
             contour_sets,
@@ -246,7 +246,7 @@ impl State {
                 alpha: of_coordinates(),
                 work_in: of_coordinates(),
                 work_out: of_coordinates(),
-                lost: if has_dampers { of_coordinates() } else { Vec::new() },
+                lost: if has_losses { of_coordinates() } else { Vec::new() },
             },
         }
     }

@@ -8,6 +8,7 @@
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
+use crate::elements::coupling::Coupling;
 use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::elements::touch::Touch;
@@ -326,10 +327,14 @@ impl<'a> Problem<'a> {
             let coordinate = &model.coordinates[*index];
             // The constant springs of sliders are no loads.
             let share = if coordinate.kind == CoordinateKind::Turns { load_factor } else { 1.0 };
-            let (torque, angle) = (coordinate.load() * share + coordinate.rest_load, q.coordinates[*index]);
+            let load = coordinate.load() + model.mean_load(*index);
+            let (torque, angle) = (load * share + coordinate.rest_load, q.coordinates[*index]);
             s.energy += coordinate.spring.energy_j(angle) - torque * angle;
             s.rotor_gradient[c] -= torque + coordinate.spring.force(angle);
             s.rotors[(c, c)] += coordinate.spring.stiffness;
+        }
+        for coupling in &model.couplings {
+            add_coupling(coupling, q, free, &mut s);
         }
         for sprocket in &model.sprockets {
             let column = free.iter().position(|k| *k == sprocket.coordinate);
@@ -378,6 +383,22 @@ impl<'a> Problem<'a> {
         }
         add_end_contacts(model, q, (free, finder), &mut s);
         s
+    }
+}
+
+fn add_coupling(coupling: &Coupling, q: &Configuration, free: &[usize], s: &mut System) {
+    let [a, b] = coupling.ends;
+    let at = [q.coordinates[a], q.coordinates[b]];
+    s.energy += coupling.energy_j(at);
+    let (torque, _) = coupling.torques_nm(at, [0.0; 2]);
+    let columns = [a, b].map(|k| free.iter().position(|f| *f == k));
+    for (row, sign) in [(columns[0], 1.0), (columns[1], -1.0)] {
+        let Some(row) = row else { continue };
+        s.rotor_gradient[row] -= sign * torque;
+        for (column, other) in [(columns[0], 1.0), (columns[1], -1.0)] {
+            let Some(column) = column else { continue };
+            s.rotors[(row, column)] += sign * other * coupling.stiffness_nm_per_rad;
+        }
     }
 }
 

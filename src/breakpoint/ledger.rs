@@ -2,10 +2,9 @@
 //! another order.
 
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::coordinate::Motion;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::{Column, LANES, blocks, take};
-use crate::integrate::explicit::{Part, Scratch, touches};
+use crate::integrate::explicit::{Part, Scratch, shafts, touches};
 use crate::integrate::{Look, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
@@ -92,7 +91,6 @@ impl Ledger {
         origin: &Energy,
     ) -> Option<&(Energy, f64)> {
         let sums = vectorised(scratch.isa, OfStep(self, model, state, scratch))?;
-        let h = model.step_s;
         if self.next != Some(state.step) || state.step >= self.summed + FRESH_STEPS {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
@@ -102,29 +100,10 @@ impl Ledger {
         let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
-        let mut kinetic_j = 0.5 * total(&sums.twice_kinetic_j);
-        let (mut work_in_j, mut work_out_j) = (0.0, 0.0);
-        let r = &state.coordinates;
-        let turning =
-            r.omega.iter().zip(&r.work_in).zip(&r.work_out).zip(scratch.coordinate_alpha()).zip(scratch.chain_torque());
-        let (mut spring_j, mut damper_j) = (0.0, 0.0);
-        for (k, ((((omega, work_in), work_out), alpha), chain)) in turning.enumerate() {
-            let coordinate = &model.coordinates[k];
-            let speed = omega + 0.5 * h * alpha;
-            work_in_j += work_in;
-            work_out_j += work_out;
-            match coordinate.motion {
-                Motion::Prescribed { .. } => work_in_j -= chain * (0.5 * h * speed),
-                Motion::Free { inertia, load } => {
-                    kinetic_j += 0.5 * inertia * speed * speed;
-                    work_out_j -= load * (0.5 * h * speed);
-                }
-            }
-            spring_j += coordinate.spring.energy_j(r.angle[k]);
-            if let Some(lost) = r.lost.get(k) {
-                damper_j += lost + coordinate.spring.damping * speed * (0.5 * h * speed);
-            }
-        }
+        let mut own = Energy { kinetic_j: 0.5 * total(&sums.twice_kinetic_j), ..Energy::default() };
+        shafts::add_energies(model, state, scratch, &mut own);
+        let Energy { kinetic_j, work_out_j, mut work_in_j, .. } = own;
+        let (mut spring_j, mut damper_j) = (own.elastic_spring_j, own.lost_spring_damping_j);
         if let Some(oil) = &model.oil {
             spring_j += oil.stored_j(&state.oil);
             damper_j += state.oil.lost_j.iter().sum::<f64>();

@@ -108,7 +108,7 @@ impl Drive {
         other.map_or(0.0, |o| self.shaft_speed_rad_s(o) * self.sprockets[o].wrap.sign() * s.wrap.sign())
     }
 
-    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms. Paths in the file.
+    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets. Paths in the file.
     pub fn coordinate_paths(&self) -> Vec<String> {
         let mut paths: Vec<String> = Vec::new();
         for s in &self.sprockets {
@@ -125,6 +125,7 @@ impl Drive {
             let own = self.alone(chain).arms;
             paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
         }
+        paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
         paths
     }
 

@@ -2,6 +2,7 @@
 //! unknown.
 
 use super::reader::{Places, Table};
+use super::shafts::{self, MotionSpec, Names, ShaftTrain, Speeds};
 use super::{
     ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
     JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
@@ -18,7 +19,7 @@ use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
-use crate::units::{DEG, MM, RPM, UM};
+use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
@@ -28,7 +29,8 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     root.choice("fidelity", &[("links", ())]);
     let several = root.table("chains");
     let chains = several.tables();
-    let (sprockets, shafts) = read_sprockets(root, &chains);
+    let loads = root.table("loads");
+    let (sprockets, shafts, motion) = read_sprockets(root, &chains, &loads.table("constant"));
     let names: Vec<String> = sprockets.iter().map(|s| s.name.clone()).collect();
     let own = |chain: usize| -> Vec<String> {
         sprockets.iter().filter(|s| s.chain == chain).map(|s| s.name.clone()).collect()
@@ -45,6 +47,12 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let sliders = mechanism::read_sliders(root, &names, &arms);
     let tip_contact = mechanism::read_tips(&tip_table, &sliders, read);
     let oil = mechanism::read_oil(root, &sliders);
+    let moving = Names { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
+    let mut train = ShaftTrain { motion, couplings: shafts::read_couplings(root, &moving), ..ShaftTrain::default() };
+    shafts::read_loads(&loads, &moving, &mut train);
+    loads.finish();
+    let effect_table = root.table("effects");
+    shafts::read_effects(&effect_table, &moving, &mut train);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
     let guides = read_guides(&guide_table, &spans);
@@ -63,13 +71,14 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
-    let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
+    let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.clone());
     let parts = mechanism::parts(&sliders, oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
-    let sensors = sensors::sensors(root, &names, driver, &guide_names, &parts);
-    let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
+    let turning = shafts::turning_names(&sprockets, &shafts, &arms);
+    let sensors = sensors::sensors(root, (&names, &turning), driver.as_deref(), &guide_names, &parts);
+    let (effects, signals) = read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
     let places = Places::empty();
@@ -90,6 +99,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         more,
         chain_names,
         shafts,
+        train,
         sprockets,
         guides,
         arms,
@@ -468,23 +478,26 @@ fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
     spec
 }
 
-fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<SprocketDrive>, Vec<ShaftSpec>) {
+/// Sprockets and shafts, and how the driver turns.
+fn read_sprockets(
+    root: &Table<'_>,
+    chains: &[(String, Table<'_>)],
+    constant_loads: &Table<'_>,
+) -> (Vec<SprocketDrive>, Vec<ShaftSpec>, MotionSpec) {
     let table = root.table("sprockets");
-    let speeds = root.table("speeds");
-    let constant_speeds = speeds.table("constant");
-    let loads = root.table("loads");
-    let constant_loads = loads.table("constant");
-    let shafts = read_shafts(root, &constant_speeds, &constant_loads);
+    let speeds = Speeds::new(root);
+    let mut motion = MotionSpec::default();
+    let shafts = read_shafts(root, &speeds, constant_loads, &mut motion);
     // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
     let chain = chains.first().map_or(root, |(_, t)| t).table("chain");
     let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
     let mut all = Vec::new();
     for (name, t) in table.tables() {
-        let speed = constant_speeds.table(&name);
+        let has_speed = speeds.has(&name);
         let load = constant_loads.table(&name);
         let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
         let shaft = t.text("shaft").map(|name| {
-            if inertia.is_some() || speed.is_present() || load.is_present() {
+            if inertia.is_some() || has_speed || load.is_present() {
                 t.error_at("shaft", format!("`{name}` has the inertia, the speed and the load"), None);
             }
             shafts.iter().position(|s| s.name == name).unwrap_or_else(|| {
@@ -500,11 +513,12 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
         let on_shaft = shaft.and_then(|k| shafts.get(k));
         let outer = if let Some(shaft) = on_shaft {
             shaft.outer
-        } else if speed.is_present() {
+        } else if has_speed {
             if load.is_present() {
                 load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
             }
-            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+            motion = speeds.read(&name);
+            OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
         } else {
             if inertia.is_none() {
                 t.error(
@@ -515,7 +529,6 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
             let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
             OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
         };
-        speed.finish();
         load.finish();
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
@@ -542,21 +555,21 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
         });
         t.finish();
     }
-    for t in [&constant_speeds, &speeds, &constant_loads, &loads] {
-        t.finish();
-    }
+    speeds.finish();
+    constant_loads.finish();
     let routes: Vec<&Table<'_>> = if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
-    (order_by_routes(root, &routes, all), shafts)
+    (order_by_routes(root, &routes, all), shafts, motion)
 }
 
 /// Shafts that several sprockets sit on: `[shafts.NAME]`.
-fn read_shafts(root: &Table<'_>, speeds: &Table<'_>, loads: &Table<'_>) -> Vec<ShaftSpec> {
+fn read_shafts(root: &Table<'_>, speeds: &Speeds<'_>, loads: &Table<'_>, motion: &mut MotionSpec) -> Vec<ShaftSpec> {
     let table = root.table("shafts");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
-        let (speed, load) = (speeds.table(&name), loads.table(&name));
-        let outer = if speed.is_present() {
-            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+        let load = loads.table(&name);
+        let outer = if speeds.has(&name) {
+            *motion = speeds.read(&name);
+            OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
         } else {
             OuterSpec::Load {
                 inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e6),
@@ -564,7 +577,7 @@ fn read_shafts(root: &Table<'_>, speeds: &Table<'_>, loads: &Table<'_>) -> Vec<S
             }
         };
         all.push(ShaftSpec { name, outer });
-        [speed, load, t].iter().for_each(Table::finish);
+        [load, t].iter().for_each(Table::finish);
     }
     table.finish();
     all

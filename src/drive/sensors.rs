@@ -18,7 +18,7 @@ pub struct SensorSpec {
 /// What it reads; sprockets and guides by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorReads {
-    /// Of a sprocket [rad, rad/s, rad/s2].
+    /// Of a sprocket; behind all of them come shafts without sprockets, then arms [rad, rad/s, rad/s2].
     Angle(usize),
     Speed(usize),
     Acceleration(usize),
@@ -91,10 +91,10 @@ fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> Sen
     }
 }
 
-/// Reads `[sensors.KIND.NAME]`.
+/// Reads `[sensors.KIND.NAME]`. `turning`: sprockets, then what else turns.
 pub(super) fn sensors(
     root: &Table<'_>,
-    sprockets: &[String],
+    (sprockets, turning): (&[String], &[String]),
     driver: Option<&str>,
     guides: &[&str],
     parts: &Parts<'_>,
@@ -136,8 +136,8 @@ pub(super) fn sensors(
                 }
                 _ => {
                     let on = t.text("body").unwrap_or_else(|| name.clone());
-                    let known: Vec<&str> = sprockets.iter().map(String::as_str).collect();
-                    let k = index(&t, "sprocket", &on, &known);
+                    let known: Vec<&str> = turning.iter().map(String::as_str).collect();
+                    let k = index(&t, "sprocket, shaft or arm", &on, &known);
                     if kind == "torque" && driver != Some(on.as_str()) {
                         t.error(
                             format!("`{on}` moves freely: nothing holds it from outside"),

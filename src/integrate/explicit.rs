@@ -27,6 +27,7 @@ mod links;
 mod parts;
 pub(crate) mod rails;
 mod scratch;
+pub(crate) mod shafts;
 mod teeth;
 pub(crate) mod touches;
 pub(crate) mod watch;
@@ -53,10 +54,12 @@ pub struct RunIn {
     pub link_rate_per_s: f64,
     /// Rate at which free sprockets are drawn to their nominal speed [1/s].
     pub rotor_rate_per_s: f64,
+    /// Steps from the beginning of the run-in to that of the recording.
+    pub steps_before: u64,
 }
 
 impl RunIn {
-    pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0 };
+    pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0, steps_before: 0 };
 }
 
 /// A run of joints or links near a body, aligned to [`LANES`].
@@ -375,7 +378,10 @@ fn coordinate_acceleration(model: &Model, state: &State, scratch: &Scratch, k: u
     let force = scratch.chain_torque[k] + scratch.parts_force[k];
     let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], force);
     let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
-    if coordinate.is_free() { own - pull } else { 0.0 }
+    if coordinate.is_free() {
+        return own - pull;
+    }
+    shafts::driver_speed(model, state, scratch, k).map_or(0.0, |next| (next - q.omega[k]) / model.step_s)
 }
 
 #[inline(always)]
@@ -446,17 +452,19 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
     for (k, coordinate) in model.coordinates.iter().enumerate() {
         let before = r.omega[k];
         let after = match coordinate.motion {
-            Motion::Prescribed { speed_rad_s } => speed_rad_s,
-            Motion::Free { .. } => before + h * scratch.coordinate_alpha[k],
+            Motion::Prescribed { speed_rad_s } if model.driver_motion.is_none() => speed_rad_s,
+            _ => before + h * scratch.coordinate_alpha[k],
         };
         // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
         let mean = 0.5 * (before + after);
         match coordinate.motion {
-            Motion::Prescribed { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
-            Motion::Free { load, .. } => r.work_out[k] -= load * mean * h,
+            Motion::Prescribed { .. } => {
+                r.work_in[k] -= (scratch.chain_torque[k] + scratch.parts_force[k]) * mean * h;
+            }
+            Motion::Free { load, .. } => r.work_out[k] -= (load + scratch.working_force[k]) * mean * h,
         }
         if let Some(lost) = r.lost.get_mut(k) {
-            *lost += coordinate.spring.damping * mean * mean * h;
+            *lost += (coordinate.spring.damping * mean - scratch.losing_force[k]) * mean * h;
         }
         r.omega[k] = after;
         r.alpha[k] = scratch.coordinate_alpha[k];

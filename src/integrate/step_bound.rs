@@ -6,6 +6,7 @@
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
+//! couplings         h <= 0.95 / sqrt(k w), 0.75 / (c w); loads 0.75 / (dQ/dv w): w of the coordinates
 //! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers, plungers at their low stops
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
@@ -85,6 +86,7 @@ pub fn step_bound(model: &Model) -> StepBound {
             bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
         }
     }
+    bounds.extend(shaft_bounds(model));
     let nowhere = vec![0.0; model.coordinates.len()];
     // At their low stops, where the oil is stiffest.
     let mut lowest = nowhere.clone();
@@ -141,6 +143,29 @@ pub fn step_bound(model: &Model) -> StepBound {
         }
         _ => accurate,
     }
+}
+
+/// Bounds of couplings and loads.
+fn shaft_bounds(model: &Model) -> Vec<StepBound> {
+    let mut bounds = Vec::new();
+    for c in &model.couplings {
+        let mobility: f64 = c.ends.iter().map(|k| model.coordinates[*k].inverse_inertia()).sum();
+        let (stiffness, damping) = (c.stiffness_nm_per_rad * mobility, c.damping_nm_s_per_rad * mobility);
+        if stiffness > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause: c.path.clone() });
+        }
+        if damping > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT_DAMPING / damping, cause: c.path.clone() });
+        }
+    }
+    for l in &model.loads {
+        let coordinate = &model.coordinates[l.coordinate];
+        let rate = l.steepest(coordinate.nominal_speed_rad_s) * coordinate.inverse_inertia();
+        if rate > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT_DAMPING / rate, cause: l.path.clone() });
+        }
+    }
+    bounds
 }
 
 /// `accurate`, or what abutments on one or two of the bodies bear, if that is less.

@@ -15,7 +15,7 @@ mod pulses;
 mod read;
 pub mod simulate;
 
-pub use links::gcd;
+pub use links::{differs_round_turn, gcd};
 pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
@@ -200,6 +200,8 @@ pub struct Linked {
     pub repeats: u32,
     /// Paths of effects that the drive file declares.
     pub declared: Vec<String>,
+    /// Per body: the sprocket whose teeth tell its mean speed; None: it does not turn on.
+    pub turns_as: Vec<Option<usize>>,
 }
 
 /// Whether a drive file has `fidelity = "lumped"`, in any TOML notation. In a file with errors, the readable part is

@@ -2,7 +2,7 @@
 
 use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::Table;
-use crate::effects::{EFFECTS, Effect, On, named};
+use crate::effects::{EFFECTS, Effect, LOADS, On, named};
 use crate::units::{MM, RPM};
 
 /// Maximum number of marks whose spacing is fitted individually.
@@ -244,16 +244,6 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
     }
     table.finish();
 }
-
-/// Declared loads are effects under another name: table, row of the catalogue.
-const LOADS: [(&str, &str); 6] = [
-    ("constant", "constant_torque"),
-    ("viscous", "viscous_friction"),
-    ("quadratic", "quadratic_drag"),
-    ("friction", "coulomb_friction"),
-    ("stribeck", "stribeck_friction"),
-    ("harmonic", "torque_ripple"),
-];
 
 fn loads(root: &Table<'_>, m: &mut Machine) {
     let table = root.table("loads");

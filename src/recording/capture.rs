@@ -13,13 +13,12 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::coordinate::Motion;
 use crate::elements::end_contact::EndShape;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, touches};
+use crate::integrate::explicit::{Part, Scratch, shafts, touches};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -154,8 +153,7 @@ impl Camera {
         frame.step = state.step;
         frame.t_s = state.step as f64 * model.step_s;
         frame.state_hash = state.hash();
-        let driver = model.sprockets.get(model.driver);
-        frame.crank_angle_rad = driver.map_or(0.0, |d| d.nominal_speed_rad_s * state.step as f64 * model.step_s);
+        frame.crank_angle_rad = model.crank_angle_rad(state.step as f64 * model.step_s);
         fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
         frame
     }
@@ -481,23 +479,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
         sum_of(own.len(), |k| stored(own.start + k))
     });
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
-    for (k, coordinate) in model.coordinates.iter().enumerate() {
-        let speed = node.speed(k);
-        let half_step_turn = 0.5 * h * speed;
-        e.work_in_j += state.coordinates.work_in[k];
-        e.work_out_j += state.coordinates.work_out[k];
-        match coordinate.motion {
-            Motion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
-            Motion::Free { inertia, load } => {
-                e.kinetic_j += 0.5 * inertia * speed.powi(2);
-                e.work_out_j -= load * half_step_turn;
-            }
-        }
-        e.elastic_spring_j += coordinate.spring.energy_j(state.coordinates.angle[k]);
-        if let Some(lost) = state.coordinates.lost.get(k) {
-            e.lost_spring_damping_j += lost + coordinate.spring.damping * speed * half_step_turn;
-        }
-    }
+    shafts::add_energies(model, state, scratch, &mut e);
     let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
     if let Some(oil) = &model.oil {
         e.elastic_spring_j += oil.stored_j(&state.oil);

@@ -122,6 +122,9 @@ pub struct Scratch {
     /// What touching parts remember, and the force of touching parts and oil on each coordinate, mean over the step [N m, N].
     pub(super) touches: ContactMemory,
     pub(super) parts_force: Vec<f64>,
+    /// The shares of loads and couplings that lose energy, and that do work outside.
+    pub(super) losing_force: Vec<f64>,
+    pub(super) working_force: Vec<f64>,
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,
@@ -336,6 +339,8 @@ impl Scratch {
             chain_torque: vec![0.0; model.coordinates.len()],
             touches: ContactMemory::new(model.touches.len()),
             parts_force: vec![0.0; model.coordinates.len()],
+            losing_force: vec![0.0; model.coordinates.len()],
+            working_force: vec![0.0; model.coordinates.len()],
             places_before: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
             places_between: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
         }

@@ -6,12 +6,13 @@ use crate::elements::touch::{Moving, Past};
 use crate::model::Model;
 use crate::state::State;
 
-/// Forces of oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
+/// Forces of loads, couplings, oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
-    if model.touches.is_empty() && model.oil.is_none() {
+    if model.touches.is_empty() && model.oil.is_none() && !model.has_shaft_forces() {
         return;
     }
     scratch.parts_force.fill(0.0);
+    super::shafts::forces(model, state, scratch);
     let q = &state.coordinates;
     if let Some(oil) = &model.oil {
         oil.add_forces(&q.angle, &state.oil, &mut scratch.parts_force);
