@@ -13,13 +13,13 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::coordinate::Motion;
+use crate::elements::coordinate::CoordinateMotion;
 use crate::elements::end_contact::EndShape;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, touches};
+use crate::integrate::explicit::{ContactGroup, Scratch, touches};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -119,7 +119,7 @@ struct Pair<'a> {
     radius: f64,
     law: &'a ContactLaw,
     friction: f64,
-    part: Part,
+    part: ContactGroup,
     lane: usize,
 }
 
@@ -226,7 +226,7 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
-    let memory = scratch.memory(Part::Bushes);
+    let memory = scratch.memory(ContactGroup::Bushes);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
@@ -234,7 +234,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
             let (link, front) = model.chain.bush_carrier(j);
-            if memory.age[j] == 0.0 || !scratch.is_contact(Part::Bushes, j) || !node.is_asked(link) {
+            if memory.age[j] == 0.0 || !scratch.is_contact(ContactGroup::Bushes, j) || !node.is_asked(link) {
                 continue;
             }
             let p = node.end(link, front);
@@ -249,7 +249,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 radius: sprocket.body.bush_radius_m,
                 law: &sprocket.body.law,
                 friction: sprocket.body.friction,
-                part: Part::Bushes,
+                part: ContactGroup::Bushes,
                 lane: j,
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
@@ -268,7 +268,7 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let up = perp(b.along);
         for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
-                let part = Part::Guides(2 * b.side + usize::from(!front));
+                let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -306,7 +306,7 @@ fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         for link in scratch.links_near_rail(model, k).filter(|i| node.is_asked(*i)) {
             for part_index in [1, 0, 2] {
                 let set = 3 * rail.body.side + part_index;
-                let part = Part::Rails(set);
+                let part = ContactGroup::Rails(set);
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -339,7 +339,7 @@ fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     for (k, body) in model.end_bodies.iter().enumerate() {
         scratch.end_touches(model, state, k, node.only, |link, front, t| {
-            let part = Part::Contours(2 * body.set + usize::from(!front));
+            let part = ContactGroup::Contours(2 * body.set + usize::from(!front));
             if node.is_asked(link) && scratch.is_contact(part, link) {
                 let point = t.point + body.origin;
                 let pair = Pair {
@@ -487,8 +487,8 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
         e.work_in_j += state.coordinates.work_in[k];
         e.work_out_j += state.coordinates.work_out[k];
         match coordinate.motion {
-            Motion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
-            Motion::Free { inertia, load } => {
+            CoordinateMotion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
+            CoordinateMotion::Free { inertia, load } => {
                 e.kinetic_j += 0.5 * inertia * speed.powi(2);
                 e.work_out_j -= load * half_step_turn;
             }
@@ -516,7 +516,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     // Totals before and after this step: at the node in its middle, their mean.
     // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
-    for part in Part::of(model) {
+    for part in ContactGroup::in_model(model) {
         let (past, now) = (part.past_memory(state), scratch.memory(part));
         let (damping, friction) =
             (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));
