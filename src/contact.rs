@@ -6,7 +6,7 @@
 //! holds the perpendicular foot, or for the convex corner where none does; joints that are C1 are owned by the element that
 //! begins there, so that no contact is counted twice.
 //!
-//! Two ways lead to the same answer and a test compares them on random poses: [`Contour`] asks a bounding-volume hierarchy
+//! Two ways lead to the same answer and a test compares them on random poses: [`BodyContour`] asks a bounding-volume hierarchy
 //! over all elements (parry2d), [`gap_contact`] folds the query into one tooth gap by its seat index first, as the time step
 //! does.
 
@@ -21,7 +21,7 @@ use parry2d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
 /// A place where two contours touch or overlap.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct ContourTouch {
     /// Element of the body that is touched, or the element that ends in the touched corner.
     pub element: usize,
     /// True: the contact is at the corner after `element`.
@@ -39,7 +39,7 @@ pub struct Touch {
 /// Circle against an element: the touch whose foot lies in the element's interior, if there is one.
 ///
 /// A circle inside a concave arc touches it on the far side from the arc's centre; outside a convex arc on the near side.
-pub fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) -> Option<Touch> {
+pub fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) -> Option<ContourTouch> {
     let (on_body, normal, distance_m) = match *element {
         Element::Line { start, end } => {
             let along = element.foot_along(centre);
@@ -69,7 +69,7 @@ pub fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Eleme
             }
         }
     };
-    Some(Touch {
+    Some(ContourTouch {
         element: index,
         corner: false,
         on_body,
@@ -81,7 +81,13 @@ pub fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Eleme
 
 /// Circle against the corner where `before` ends and `after` begins: a touch when the corner is convex and the circle's
 /// centre faces neither element squarely.
-pub fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element, after: &Element) -> Option<Touch> {
+pub fn circle_corner(
+    centre: Vec2,
+    radius_m: f64,
+    index: usize,
+    before: &Element,
+    after: &Element,
+) -> Option<ContourTouch> {
     let point = before.end();
     let d = centre - point;
     let (t0, t1) = (before.tangent(1.0), after.tangent(0.0));
@@ -94,7 +100,7 @@ pub fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element
         return None;
     }
     let normal = d / distance;
-    Some(Touch {
+    Some(ContourTouch {
         element: index,
         corner: true,
         on_body: point,
@@ -109,7 +115,7 @@ const CORNER_KINK: f64 = 1e-9;
 
 /// Two lines face to face: the two ends of their overlap, each with its own penetration, when they are parallel to within
 /// `tolerance_rad`; nothing otherwise (then a corner or an arc touches, which are other pairs).
-pub fn line_line(body: &Element, other: &Element, index: usize, tolerance_rad: f64) -> Option<[Touch; 2]> {
+pub fn line_line(body: &Element, other: &Element, index: usize, tolerance_rad: f64) -> Option<[ContourTouch; 2]> {
     let (Element::Line { start: a0, end: a1 }, Element::Line { start: b0, end: b1 }) = (*body, *other) else {
         return None;
     };
@@ -130,13 +136,13 @@ pub fn line_line(body: &Element, other: &Element, index: usize, tolerance_rad: f
         let share = if s1 > s0 { (s - s0) / (s1 - s0) } else { 0.0 };
         let on_other = b1 + (b0 - b1) * share;
         let penetration_m = (on_body - on_other).dot(&normal);
-        Touch { element: index, corner: false, on_body, on_other, normal, penetration_m }
+        ContourTouch { element: index, corner: false, on_body, on_other, normal, penetration_m }
     };
     Some([at(low), at(high)])
 }
 
 /// Two arcs, the other one convex: along the line of centres, when the point lies in both arcs.
-pub fn arc_element(body: &Element, other: &Element, index: usize) -> Option<Touch> {
+pub fn arc_element(body: &Element, other: &Element, index: usize) -> Option<ContourTouch> {
     let Element::Arc { centre, radius_m, start_rad, sweep_rad } = *other else { return None };
     if sweep_rad <= 0.0 {
         return None;
@@ -148,19 +154,19 @@ pub fn arc_element(body: &Element, other: &Element, index: usize) -> Option<Touc
 }
 
 /// A body's contour with a bounding-volume hierarchy over its elements.
-pub struct Contour {
+pub struct BodyContour {
     profile: Profile,
     bvh: Bvh,
 }
 
-impl Contour {
-    pub fn new(profile: Profile) -> Contour {
+impl BodyContour {
+    pub fn new(profile: Profile) -> BodyContour {
         let boxes = profile.elements().iter().enumerate().map(|(i, e)| {
             let (low, high) = e.bounds();
             (i, Aabb::new(Vector::new(low.x, low.y), Vector::new(high.x, high.y)))
         });
         let bvh = Bvh::from_iter(BvhBuildStrategy::Binned, boxes);
-        Contour { profile, bvh }
+        BodyContour { profile, bvh }
     }
 
     pub fn profile(&self) -> &Profile {
@@ -168,24 +174,24 @@ impl Contour {
     }
 
     /// Every overlap of a circle with the contour, in the order of elements. `centre` in the body's frame.
-    pub fn circle(&self, centre: Vec2, radius_m: f64) -> Vec<Touch> {
+    pub fn circle(&self, centre: Vec2, radius_m: f64) -> Vec<ContourTouch> {
         self.near(centre - Vec2::repeat(radius_m), centre + Vec2::repeat(radius_m))
             .into_iter()
             .flat_map(|i| self.circle_touches(centre, radius_m, i))
-            .filter(|t| cuts(t, radius_m))
+            .filter(|t| overlaps(t, radius_m))
             .collect()
     }
 
-    /// As [`Contour::circle`], looking at every element: the reference.
-    pub fn circle_brute_force(&self, centre: Vec2, radius_m: f64) -> Vec<Touch> {
+    /// As [`BodyContour::circle`], looking at every element: the reference.
+    pub fn circle_brute_force(&self, centre: Vec2, radius_m: f64) -> Vec<ContourTouch> {
         (0..self.profile.elements().len())
             .flat_map(|i| self.circle_touches(centre, radius_m, i))
-            .filter(|t| cuts(t, radius_m))
+            .filter(|t| overlaps(t, radius_m))
             .collect()
     }
 
     /// Every overlap of another profile's arcs, lines and corners with this contour; `other` given in this body's frame.
-    pub fn profile_touches(&self, other: &Profile, parallel_tolerance_rad: f64) -> Vec<Touch> {
+    pub fn profile_touches(&self, other: &Profile, parallel_tolerance_rad: f64) -> Vec<ContourTouch> {
         let mut touches = Vec::new();
         let others = other.elements();
         let other_kinks = other.kinks_rad();
@@ -224,7 +230,7 @@ impl Contour {
         }
     }
 
-    fn circle_touches(&self, centre: Vec2, radius_m: f64, i: usize) -> impl Iterator<Item = Touch> + use<> {
+    fn circle_touches(&self, centre: Vec2, radius_m: f64, i: usize) -> impl Iterator<Item = ContourTouch> + use<> {
         let element = &self.profile.elements()[i];
         let face = circle_element(centre, radius_m, i, element);
         let corner = self.next_after_corner(i).and_then(|after| circle_corner(centre, radius_m, i, element, after));
@@ -233,7 +239,7 @@ impl Contour {
 }
 
 /// Whether the contour cuts the circle at this touch: deeper than its diameter the circle lies behind it.
-fn cuts(touch: &Touch, radius_m: f64) -> bool {
+fn overlaps(touch: &ContourTouch, radius_m: f64) -> bool {
     touch.penetration_m > 0.0 && touch.penetration_m < 2.0 * radius_m
 }
 
@@ -242,7 +248,7 @@ const DEEPEST_OVERLAP_M: f64 = 0.2e-3;
 
 /// A convex corner of the other contour inside an element of the body: a circle of radius zero whose normal cone holds the
 /// direction into the body.
-fn corner_element(before: &Element, after: &Element, index: usize, body: &Element) -> Option<Touch> {
+fn corner_element(before: &Element, after: &Element, index: usize, body: &Element) -> Option<ContourTouch> {
     let touch = circle_element(before.end(), 0.0, index, body)?;
     let inward = -touch.normal;
     let in_cone = inward.dot(&before.tangent(1.0)) >= 0.0 && inward.dot(&after.tangent(0.0)) < 0.0;
@@ -250,7 +256,7 @@ fn corner_element(before: &Element, after: &Element, index: usize, body: &Elemen
 }
 
 /// An element of the other contour against a convex corner of the body.
-fn their_element_corner(theirs: &Element, index: usize, before: &Element, after: &Element) -> Option<Touch> {
+fn their_element_corner(theirs: &Element, index: usize, before: &Element, after: &Element) -> Option<ContourTouch> {
     let (t0, t1) = (before.tangent(1.0), after.tangent(0.0));
     if cross(t0, t1) <= CORNER_KINK {
         return None;
@@ -261,7 +267,7 @@ fn their_element_corner(theirs: &Element, index: usize, before: &Element, after:
     if normal.dot(&t0) < 0.0 || normal.dot(&t1) >= 0.0 {
         return None;
     }
-    Some(Touch { corner: true, on_body: point, on_other: seen.on_body, normal, ..seen })
+    Some(ContourTouch { corner: true, on_body: point, on_other: seen.on_body, normal, ..seen })
 }
 
 /// What a bush meets in a tooth gap, in the sprocket's frame.
@@ -269,7 +275,7 @@ fn their_element_corner(theirs: &Element, index: usize, before: &Element, after:
 pub struct GapTouch {
     pub tooth: u32,
     pub segment: Segment,
-    pub touch: Touch,
+    pub touch: ContourTouch,
     /// Radius of curvature of the tooth there [m], negative concave, zero at the corner.
     pub body_radius_m: f64,
 }
@@ -306,7 +312,7 @@ pub fn contact_in_gap(sprocket: &Sprocket, (tooth, axis): (u32, Vec2), centre: V
     GapTouch {
         tooth,
         segment,
-        touch: Touch {
+        touch: ContourTouch {
             on_body: unfold(t.on_body) + out,
             on_other: unfold(t.on_other) + out,
             normal: unfold(t.normal),
@@ -339,7 +345,7 @@ fn folded_gap_contact(s: &Sprocket, q: Vec2, bush_radius_m: f64) -> GapTouch {
     } else {
         (outward, radius_m + bush_radius_m - distance)
     };
-    let touch = Touch {
+    let touch = ContourTouch {
         element,
         corner: segment == Segment::TipCorner,
         on_body: centre + outward * radius_m,

@@ -23,7 +23,7 @@ use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::GapForm;
 use mechanism::{OilSpec, SliderSpec};
-use reader::{Places, Reader};
+use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
@@ -387,7 +387,7 @@ pub struct RunSpec {
 impl Drive {
     /// Reads and checks a drive. All mistakes come back at once.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
-        let reader = Reader::new(name, text, overrides);
+        let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;
         let drive = read::drive(&reader.root(&root));
         drop(root);
@@ -398,7 +398,7 @@ impl Drive {
         drive.check_chains()?;
         drive.check_train()?;
         for chain in 0..drive.chains() {
-            drive.alone(chain).check()?;
+            drive.single_chain(chain).check()?;
         }
         Ok(drive)
     }

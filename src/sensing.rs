@@ -4,7 +4,7 @@ use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
 use crate::elements::touch::TouchShape;
-use crate::integrate::explicit::{self, Part, Scratch};
+use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::state::State;
 
@@ -77,7 +77,10 @@ fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f6
 fn guide_force(model: &Model, scratch: &Scratch, k: usize) -> f64 {
     let mut sum = 0.0;
     let body = model.sprockets.len() + k;
-    for part in Part::of(model).into_iter().filter(|p| p.touches(model, body) && !matches!(p, Part::Bushes)) {
+    for part in ContactGroup::in_model(model)
+        .into_iter()
+        .filter(|p| p.touches(model, body) && !matches!(p, ContactGroup::Bushes))
+    {
         let memory = scratch.memory(part);
         for lane in model.chain.links() {
             if memory.normal_force[lane] != 0.0 && scratch.partner(model, part, lane).is_some_and(|(b, _)| b == body) {

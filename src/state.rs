@@ -106,7 +106,7 @@ impl OilState {
 
 /// Lengths of a State's columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Layout {
+pub struct StateLayout {
     /// Lanes of the links of every chain.
     pub loops: Vec<std::ops::Range<usize>>,
     /// With inert lanes.
@@ -193,8 +193,8 @@ impl ContactMemory {
 
 impl State {
     /// All links at the origin, at rest; inert lanes far away.
-    pub fn at_rest(layout: &Layout) -> State {
-        let Layout {
+    pub fn at_rest(layout: &StateLayout) -> State {
+        let StateLayout {
             padded_len,
             n_coordinates,
             has_losses,

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{NO_FRICTION, assembled, drive, drive_without_guides, watch};
-use pitchline::contact::{Contour, gap_contact};
+use pitchline::contact::{BodyContour, gap_contact};
 use pitchline::elements::contact_law::{ContactLaw, HertzLine, PairRadii, restitution_hysteresis};
 use pitchline::elements::link_joint::LinkJoint;
 use pitchline::geometry::chain::bush::{BushChain, RowSpec};
@@ -135,7 +135,7 @@ fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_p
     let mut touching = 0;
     for (teeth, form, seed) in [(20, GapForm::Max, 11), (40, GapForm::Min, 12)] {
         let s = Sprocket::new(spec(teeth, 8.0, 5.0, form)).expect("a tooth");
-        let contour = Contour::new(s.profile().expect("closed"));
+        let contour = BodyContour::new(s.profile().expect("closed"));
         let r = 2.5e-3;
         let mut random = Random(seed);
         for _ in 0..50_000 {
@@ -172,7 +172,7 @@ fn profile_contacts_find_lines_face_to_face_and_corners() {
         Profile::new((0..4).map(|i| Element::Line { start: p[i], end: p[(i + 1) % 4] }).collect(), true)
             .expect("closed")
     };
-    let body = Contour::new(square(10e-3, Vec2::zeros(), 0.0));
+    let body = BodyContour::new(square(10e-3, Vec2::zeros(), 0.0));
     // Flat on the upper side, 3 um deep: the overlap's two ends.
     let flat = body.profile_touches(&square(4e-3, Vec2::new(1e-3, 7e-3 - 3e-6), 0.0), 1e-6);
     let ends: Vec<_> = flat.iter().filter(|t| !t.corner && (t.normal - Vec2::new(0.0, 1.0)).norm() < 1e-9).collect();
@@ -454,7 +454,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
     let n = 2 * span;
     let mut model = Model::chain_only(n, uniform_rows(m, inertia), plain_joint(stiffness), 0.2e-6);
     for i in span..n {
-        model.chain.hold(i);
+        model.chain.fix_link(i);
     }
     let stretch = tension / stiffness;
     for mode in [1, 2, 5] {

@@ -354,7 +354,7 @@ pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<
             .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
             .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
             .collect(),
-        turning: drive.turning(),
+        turning: drive.turning_paths(),
         chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
     };
     let (mut good, mut bad) = (Vec::new(), Vec::new());

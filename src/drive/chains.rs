@@ -21,7 +21,7 @@ impl Drive {
 
     /// The drive of one of its chains: what belongs to others is not there. A shaft that turns another chain before it turns this one with
     /// its speed.
-    pub fn alone(&self, chain: usize) -> Drive {
+    pub fn single_chain(&self, chain: usize) -> Drive {
         let mut alone = self.clone();
         if self.more.is_empty() {
             return alone;
@@ -122,7 +122,7 @@ impl Drive {
         }
         // Arms in the order of the chains whose rails they carry.
         for chain in 0..self.chains() {
-            let own = self.alone(chain).arms;
+            let own = self.single_chain(chain).arms;
             paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
         }
         paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
@@ -130,7 +130,7 @@ impl Drive {
     }
 
     /// Sprockets and what else turns, by their paths, each with its row among [`Drive::coordinate_paths`].
-    pub fn turning(&self) -> Vec<(String, usize)> {
+    pub fn turning_paths(&self) -> Vec<(String, usize)> {
         let paths = self.coordinate_paths();
         let row = |path: &String| paths.iter().position(|p| p == path);
         let on_shaft = self.sprockets.iter().filter_map(|s| {

@@ -1,6 +1,6 @@
 //! Sensors of a drive with links, and what they get wrong.
 
-use super::reader::Table;
+use super::reader::TomlTable;
 use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
 
 /// A sensor on a drive with links.
@@ -75,14 +75,14 @@ pub fn is_signal(effect: &Effect) -> bool {
 const LUMPED_ONLY: [&str; 1] = ["pulse_pickup"];
 
 /// Names of sliders, chambers and passages.
-pub(super) struct Parts<'a> {
+pub(super) struct MechanismNames<'a> {
     pub(super) sliders: Vec<&'a str>,
     pub(super) chambers: Vec<&'a str>,
     pub(super) passages: Vec<&'a str>,
 }
 
 /// What reads a slider, a chamber or a passage.
-fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> SensorReads {
+fn of_mechanism(t: &TomlTable<'_>, kind: &str, name: &str, parts: &MechanismNames<'_>) -> SensorReads {
     let on = |key: &str| t.text(key).unwrap_or_else(|| name.to_string());
     match kind {
         "displacement" => SensorReads::Slider(index(t, "slider", &on("body"), &parts.sliders)),
@@ -93,11 +93,11 @@ fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> Sen
 
 /// Reads `[sensors.KIND.NAME]`. `turning`: sprockets, then what else turns.
 pub(super) fn sensors(
-    root: &Table<'_>,
+    root: &TomlTable<'_>,
     (sprockets, turning): (&[String], &[String]),
     driver: Option<&str>,
     guides: &[&str],
-    parts: &Parts<'_>,
+    parts: &MechanismNames<'_>,
 ) -> Vec<SensorSpec> {
     let table = root.table("sensors");
     let mut all: Vec<SensorSpec> = Vec::new();
@@ -168,7 +168,7 @@ pub(super) fn sensors(
     all
 }
 
-fn index(t: &Table<'_>, what: &str, name: &str, known: &[&str]) -> usize {
+fn index(t: &TomlTable<'_>, what: &str, name: &str, known: &[&str]) -> usize {
     known.iter().position(|n| *n == name).unwrap_or_else(|| {
         t.error(format!("no {what} is called `{name}`"), Some(format!("{what}s: {}", known.join(", "))));
         0
@@ -176,7 +176,7 @@ fn index(t: &Table<'_>, what: &str, name: &str, known: &[&str]) -> usize {
 }
 
 /// `span = ["driven", "driver"]` or `link = 12`.
-fn tension(t: &Table<'_>, sprockets: &[String]) -> SensorReads {
+fn tension(t: &TomlTable<'_>, sprockets: &[String]) -> SensorReads {
     let link = t.integer("link", 0..=100_000);
     let span = t.texts("span");
     if let (Some(link), None) = (link, &span) {
@@ -202,7 +202,7 @@ fn tension(t: &Table<'_>, sprockets: &[String]) -> SensorReads {
 }
 
 /// Reads effects on sensors out of `[effects]`, in the order in which a signal passes them.
-pub(super) fn signals(t: &Table<'_>, sensors: &[SensorSpec]) -> Vec<SignalSpec> {
+pub(super) fn signals(t: &TomlTable<'_>, sensors: &[SensorSpec]) -> Vec<SignalSpec> {
     let mut all = Vec::new();
     for effect in EFFECTS.into_iter().filter(|e| is_signal(e)) {
         let of_kind = t.table(effect.name);

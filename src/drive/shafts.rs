@@ -9,7 +9,7 @@
 //! ```
 
 use super::mechanism::SliderSpec;
-use super::reader::Table;
+use super::reader::TomlTable;
 use super::{ArmSpec, Drive, OuterSpec, ShaftSpec, SprocketDrive};
 use crate::diag::Report;
 use crate::effects::{BodyLaw, EFFECTS, Effect, Kind, LOADS, MotionLaw, On, Physics, named};
@@ -82,13 +82,13 @@ pub struct ShaftTrain {
 
 /// The tables `[speeds]`, while sprockets and shafts are read.
 pub(super) struct Speeds<'t> {
-    constant: Table<'t>,
-    table: Table<'t>,
-    whole: Table<'t>,
+    constant: TomlTable<'t>,
+    table: TomlTable<'t>,
+    whole: TomlTable<'t>,
 }
 
 impl<'t> Speeds<'t> {
-    pub(super) fn new(root: &Table<'t>) -> Speeds<'t> {
+    pub(super) fn new(root: &TomlTable<'t>) -> Speeds<'t> {
         let whole = root.table("speeds");
         Speeds { constant: whole.table("constant"), table: whole.table("table"), whole }
     }
@@ -122,7 +122,7 @@ impl<'t> Speeds<'t> {
 }
 
 /// `times_s` and `speeds_rpm`.
-fn speed_table(t: &Table<'_>) -> Vec<(f64, f64)> {
+fn speed_table(t: &TomlTable<'_>) -> Vec<(f64, f64)> {
     let times = t.list("times_s", 1.0, -1e6..=1e6).unwrap_or_default();
     let speeds = t.list("speeds_rpm", RPM, -1e5..=1e5).unwrap_or_default();
     if times.len() != speeds.len() || times.is_empty() {
@@ -147,7 +147,7 @@ fn speed_table(t: &Table<'_>) -> Vec<(f64, f64)> {
 }
 
 /// `orders` with amplitudes and `phases_deg`.
-fn harmonics(t: &Table<'_>, key: &str, unit: f64, range: std::ops::RangeInclusive<f64>) -> Vec<Harmonic> {
+fn harmonics(t: &TomlTable<'_>, key: &str, unit: f64, range: std::ops::RangeInclusive<f64>) -> Vec<Harmonic> {
     let orders = t.list("orders", 1.0, 0.01..=1000.0).unwrap_or_default();
     let amplitudes = t.list(key, unit, range).unwrap_or_default();
     let phases = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0; orders.len()]);
@@ -184,7 +184,7 @@ impl Names<'_> {
     }
 
     /// The moving part that `name` means; an error of `t` where there is none.
-    fn required(&self, t: &Table<'_>, name: &str) -> Moving {
+    fn required(&self, t: &TomlTable<'_>, name: &str) -> Moving {
         self.find(name).unwrap_or_else(|| {
             t.error(format!("nothing that moves is called `{name}`"), Some(format!("there are: {}", self.all())));
             Moving::Sprocket(0)
@@ -202,7 +202,7 @@ impl Names<'_> {
 }
 
 /// Loads by laws and by orders: `[loads]` without `[loads.constant]`.
-pub(super) fn read_loads(loads: &Table<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
+pub(super) fn read_loads(loads: &TomlTable<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
     for (kind, row) in LOADS.into_iter().filter(|(kind, _)| *kind != "constant") {
         let table = loads.table(kind);
         let Some(effect) = named(row) else { continue };
@@ -232,7 +232,7 @@ pub(super) fn read_loads(loads: &Table<'_>, names: &Names<'_>, train: &mut Shaft
 }
 
 /// Effects on shafts, arms and sliders: `[effects.NAME.BODY]`.
-pub(super) fn read_effects(effects: &Table<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
+pub(super) fn read_effects(effects: &TomlTable<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
     for effect in EFFECTS {
         match (effect.links, effect.physics) {
             (Some(On::Body), Physics::BodyForce(_)) => {
@@ -262,7 +262,7 @@ pub(super) fn read_effects(effects: &Table<'_>, names: &Names<'_>, train: &mut S
     }
 }
 
-fn read_load(t: &Table<'_>, effect: &'static Effect, name: &str, names: &Names<'_>, train: &mut ShaftTrain) {
+fn read_load(t: &TomlTable<'_>, effect: &'static Effect, name: &str, names: &Names<'_>, train: &mut ShaftTrain) {
     let on = names.required(t, name);
     if names.is_prescribed(on) {
         t.error(
@@ -281,7 +281,7 @@ fn read_load(t: &Table<'_>, effect: &'static Effect, name: &str, names: &Names<'
 }
 
 /// The parameters of an effect, SI.
-fn values(t: &Table<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
+fn values(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
     let value = |p: &crate::effects::Parameter| {
         let key = if slides { p.sliding_key } else { p.key };
         match p.default {
@@ -293,7 +293,7 @@ fn values(t: &Table<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
 }
 
 /// `[couplings.NAME]`.
-pub(super) fn read_couplings(root: &Table<'_>, names: &Names<'_>) -> Vec<CouplingSpec> {
+pub(super) fn read_couplings(root: &TomlTable<'_>, names: &Names<'_>) -> Vec<CouplingSpec> {
     let table = root.table("couplings");
     let mut all = Vec::new();
     for (name, t) in table.tables() {

@@ -14,7 +14,7 @@
 //! the first three lines are measured: see tests/convergence.rs, which holds the errors they stand for. Abutments roll on
 //! without impact, so that their chain has peaks as right at longer steps: 1.28 and 1.45 in the first and third line.
 
-use super::link_row::{self, Row, RowContact, RowLink};
+use super::link_row::{self, ContactRow, RowContact, RowLink};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::link_joint::LinkJoint;
@@ -45,7 +45,7 @@ const STABLE_SHARE: f64 = 0.92;
 const STABLE_SEARCH: f64 = 0.95;
 const REFINEMENTS: u32 = 4;
 /// Share of the other bounds at which the search ends, whatever grows there: the step is a fortieth of any period.
-const LEAST_SEARCHED: f64 = 0.1;
+const MIN_SEARCHED: f64 = 0.1;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
@@ -195,9 +195,9 @@ fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> S
 }
 
 /// The largest step up to `most_s` at which the row does not grow.
-fn largest_stable_step(link: &RowLink, row: &Row, most_s: f64) -> f64 {
+fn largest_stable_step(link: &RowLink, row: &ContactRow, most_s: f64) -> f64 {
     let mut stable_s = most_s;
-    while link_row::grows(link, row, stable_s) && stable_s > LEAST_SEARCHED * most_s {
+    while link_row::grows(link, row, stable_s) && stable_s > MIN_SEARCHED * most_s {
         stable_s *= STABLE_SEARCH;
     }
     if stable_s == most_s {
@@ -213,7 +213,7 @@ fn largest_stable_step(link: &RowLink, row: &Row, most_s: f64) -> f64 {
 
 /// Links on their way from a body with the second law to one with the first: one link touches both, with its front end or with its
 /// rear end. Else links that lie on one body.
-fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<Row> {
+fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
     let on = |front: bool, (stiffness_n_per_m, damping_n_s_per_m): (f64, f64)| RowContact {
         front,
         stiffness_n_per_m,

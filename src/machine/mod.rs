@@ -19,7 +19,7 @@ pub use links::{differs_round_turn, gcd};
 pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
-use crate::drive::reader::{Places, Reader};
+use crate::drive::reader::{DriveReader, Places};
 use crate::effects::Effect;
 
 /// A checked lumped drive.
@@ -214,7 +214,7 @@ pub fn is_lumped(text: &str) -> bool {
 impl Machine {
     /// Reads and checks a machine. Returns all errors at once.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
-        let reader = Reader::new(name, text, overrides);
+        let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;
         let machine = read::machine(&reader.root(&root));
         drop(root);

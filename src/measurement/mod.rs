@@ -17,7 +17,7 @@ pub mod segments;
 pub mod units;
 
 use crate::diag::Report;
-use crate::drive::reader::{Places, Reader};
+use crate::drive::reader::{DriveReader, Places};
 
 /// A checked measurement file.
 #[derive(Clone, Debug)]
@@ -147,7 +147,7 @@ pub struct CandidateSpec {
 impl Measurement {
     /// Reads and checks a measurement file. Returns all errors at once.
     pub fn parse(name: &str, text: &str) -> Result<Measurement, Report> {
-        let reader = Reader::new(name, text, &[]);
+        let reader = DriveReader::new(name, text, &[]);
         let root = reader.parse(text)?;
         let measurement = read::measurement(&reader.root(&root));
         drop(root);

@@ -3,7 +3,7 @@
 use super::Model;
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
-use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
 use crate::elements::load::{Load, OrderLoad};
@@ -74,7 +74,7 @@ impl Model {
             return;
         }
         let moved = |q: usize| if q >= first { q + count } else { q };
-        self.touches.iter_mut().for_each(|t| t.shape = t.shape.moved(moved));
+        self.touches.iter_mut().for_each(|t| t.shape = t.shape.renumbered(moved));
         self.sliders.iter_mut().for_each(|s| s.coordinate = moved(s.coordinate));
     }
 
@@ -88,7 +88,7 @@ impl Model {
                     let other = &mut self.coordinates[to];
                     if other.nominal_speed_rad_s == 0.0 && speed != 0.0 {
                         (other.nominal_speed_rad_s, other.reach_m) = (speed, reach_m);
-                        if let Motion::Free { load, .. } = &mut other.motion {
+                        if let CoordinateMotion::Free { load, .. } = &mut other.motion {
                             *load *= speed.signum();
                         }
                     }
@@ -157,10 +157,12 @@ fn free_shaft(name: &str, outer: OuterSpec) -> Coordinate {
         kind: CoordinateKind::Turns,
         motion: match outer {
             // Refused when the drive is read.
-            OuterSpec::Speed { speed_rad_s } => Motion::Prescribed { speed_rad_s },
-            OuterSpec::Load { inertia_kg_m2, torque_nm } => Motion::Free { inertia: inertia_kg_m2, load: -torque_nm },
+            OuterSpec::Speed { speed_rad_s } => CoordinateMotion::Prescribed { speed_rad_s },
+            OuterSpec::Load { inertia_kg_m2, torque_nm } => {
+                CoordinateMotion::Free { inertia: inertia_kg_m2, load: -torque_nm }
+            }
         },
-        spring: Spring::default(),
+        spring: CoordinateSpring::default(),
         nominal_speed_rad_s: 0.0,
         reach_m: 0.0,
         rest_load: 0.0,

@@ -18,7 +18,7 @@ use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, shafts, touches};
+use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -118,7 +118,7 @@ struct Pair<'a> {
     radius: f64,
     law: &'a ContactLaw,
     friction: f64,
-    part: Part,
+    part: ContactGroup,
     lane: usize,
 }
 
@@ -224,7 +224,7 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
-    let memory = scratch.memory(Part::Bushes);
+    let memory = scratch.memory(ContactGroup::Bushes);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
@@ -232,7 +232,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
             let (link, front) = model.chain.bush_carrier(j);
-            if memory.age[j] == 0.0 || !scratch.is_contact(Part::Bushes, j) || !node.is_asked(link) {
+            if memory.age[j] == 0.0 || !scratch.is_contact(ContactGroup::Bushes, j) || !node.is_asked(link) {
                 continue;
             }
             let p = node.end(link, front);
@@ -247,7 +247,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 radius: sprocket.body.bush_radius_m,
                 law: &sprocket.body.law,
                 friction: sprocket.body.friction,
-                part: Part::Bushes,
+                part: ContactGroup::Bushes,
                 lane: j,
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
@@ -266,7 +266,7 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let up = perp(b.along);
         for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
-                let part = Part::Guides(2 * b.side + usize::from(!front));
+                let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -304,7 +304,7 @@ fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         for link in scratch.links_near_rail(model, k).filter(|i| node.is_asked(*i)) {
             for part_index in [1, 0, 2] {
                 let set = 3 * rail.body.side + part_index;
-                let part = Part::Rails(set);
+                let part = ContactGroup::Rails(set);
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -337,7 +337,7 @@ fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     for (k, body) in model.end_bodies.iter().enumerate() {
         scratch.end_touches(model, state, k, node.only, |link, front, t| {
-            let part = Part::Contours(2 * body.set + usize::from(!front));
+            let part = ContactGroup::Contours(2 * body.set + usize::from(!front));
             if node.is_asked(link) && scratch.is_contact(part, link) {
                 let point = t.point + body.origin;
                 let pair = Pair {
@@ -498,7 +498,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     // Totals before and after this step: at the node in its middle, their mean.
     // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
-    for part in Part::of(model) {
+    for part in ContactGroup::in_model(model) {
         let (past, now) = (part.past_memory(state), scratch.memory(part));
         let (damping, friction) =
             (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));

@@ -1,7 +1,7 @@
 //! The part of a step that concerns shafts: loads, couplings, and the motion of the driver.
 
 use super::Scratch;
-use crate::elements::coordinate::Motion;
+use crate::elements::coordinate::CoordinateMotion;
 use crate::elements::driver_motion::sum_of_cosines;
 use crate::model::Model;
 use crate::recording::frame::Energy;
@@ -70,10 +70,10 @@ pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &
         e.work_in_j += r.work_in[k];
         e.work_out_j += r.work_out[k];
         match coordinate.motion {
-            Motion::Prescribed { .. } => {
+            CoordinateMotion::Prescribed { .. } => {
                 e.work_in_j -= (scratch.chain_torque[k] + scratch.parts_force[k]) * half_step_turn;
             }
-            Motion::Free { inertia, load } => {
+            CoordinateMotion::Free { inertia, load } => {
                 e.kinetic_j += 0.5 * inertia * speed.powi(2);
                 e.work_out_j -= (load + scratch.working_force[k]) * half_step_turn;
             }

@@ -1,8 +1,8 @@
 //! The part of a step that concerns parts which touch each other and no chain, and oil: stops, tips of sliders, balls, chambers.
 
 use super::Scratch;
-use crate::elements::hydraulics::Way;
-use crate::elements::touch::{Moving, Past};
+use crate::elements::hydraulics::CoordinateStep;
+use crate::elements::touch::{CoordinateRates, PastTouch};
 use crate::model::Model;
 use crate::state::State;
 
@@ -19,13 +19,13 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     for (i, touch) in model.touches.iter().enumerate() {
         let gap = touch.shape.gap(&q.angle);
-        let moving = Moving {
+        let moving = CoordinateRates {
             speed: gap.coordinates.map(|k| q.omega[k]),
             acceleration: gap.coordinates.map(|k| super::coordinate_acceleration(model, state, scratch, k)),
             inverse_inertia: gap.coordinates.map(|k| model.coordinates[k].inverse_inertia()),
         };
         let before = &state.touches;
-        let past = Past { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
+        let past = PastTouch { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
         let step = touch.step(model.step_s, &gap, &moving, past);
         for (k, force) in gap.coordinates.into_iter().zip(step.forces) {
             scratch.parts_force[k] += force;
@@ -45,7 +45,7 @@ pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratc
     for ((middle, a), b) in scratch.places_between.iter_mut().zip(from).zip(&q.angle) {
         *middle = 0.5 * (a + b);
     }
-    let way = Way { from, to: &q.angle, middle: &scratch.places_between, speed: &q.omega };
+    let way = CoordinateStep { from, to: &q.angle, middle: &scratch.places_between, speed: &q.omega };
     oil.advance(model.step_s, way, &mut state.oil);
 }
 
