@@ -27,13 +27,17 @@ use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 6] = [
+pub const BUNDLED: [(&str, &str); 10] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
     ("arm-20-40", include_str!("../assets/drives/arm-20-40.toml")),
     ("reduction-20-40-20-40", include_str!("../assets/drives/reduction-20-40-20-40.toml")),
     ("tensioner-20-40", include_str!("../assets/drives/tensioner-20-40.toml")),
+    ("gasoline-3cyl-bush", include_str!("../assets/drives/gasoline-3cyl-bush.toml")),
+    ("gasoline-3cyl-silent", include_str!("../assets/drives/gasoline-3cyl-silent.toml")),
+    ("bmw318", include_str!("../assets/drives/bmw318.toml")),
+    ("ford-v6", include_str!("../assets/drives/ford-v6.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.

@@ -395,7 +395,7 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
 fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
                  damping_n_s_per_m = 200\n\n";
-    let [bush, silent, smart, arm, reduction, tensioner] = BUNDLED.map(|(_, text)| text.to_string());
+    let [bush, silent, smart, arm, reduction, tensioner, engines @ ..] = BUNDLED.map(|(_, text)| text.to_string());
     let (head, rest) = bush.split_once("[contact.sprocket.linear]").expect("there");
     let with_hertz = format!("{head}{hertz}{}", &rest[rest.find("[contact.guide]").expect("there")..]);
     let sensors = "\n[sensors.torque.driver]\n[sensors.tachometer.driven]\n";
@@ -410,7 +410,8 @@ fn forces_of_a_frame_add_up_to_the_accelerations() {
         "effects.gap_error.driver.outward_um=30",
     ];
     let cranked = ["chain.bush.bushes=every_link"];
-    for (text, sets) in [
+    let engines = engines.into_iter().map(|text| (text, &[][..]));
+    let others = [
         (bush.clone() + sensors, &[][..]),
         (bush.clone(), &odd[..]),
         (bush, &cranked[..]),
@@ -421,7 +422,8 @@ fn forces_of_a_frame_add_up_to_the_accelerations() {
         (arm, &odd[..5]),
         (reduction, &[]),
         (tensioner, &[]),
-    ] {
+    ];
+    for (text, sets) in others.into_iter().chain(engines) {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
         let drive = Drive::parse("a.toml", &text, &sets).unwrap_or_else(|e| panic!("{e}"));
         let Assembly { model, mut state, report } = assembled(&drive);

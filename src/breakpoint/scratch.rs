@@ -341,7 +341,7 @@ impl Values for StepValues<'_> {
             Scope::Run => Some(match quantity.what {
                 What::Time => self.state.step as f64 * self.model.step_s,
                 What::Step => self.state.step as f64,
-                _ => self.model.crank_angle_rad(self.state.step as f64 * self.model.step_s),
+                _ => self.model.crank_angle_rad(self.state.step),
             }),
             Scope::Energy => self.energy.map(|(e, _)| energy_number(quantity.what, e)),
             Scope::Impact => None,

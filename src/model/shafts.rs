@@ -115,11 +115,11 @@ impl Model {
         self.loads.iter().filter(|l| l.coordinate == coordinate).map(|l| l.mean_force(speed)).sum()
     }
 
-    /// Turn of the driver at a time since the recording began, harmonics included [rad].
-    pub fn crank_angle_rad(&self, t_s: f64) -> f64 {
+    /// Turn of the driver since the recording began, harmonics included [rad].
+    pub fn crank_angle_rad(&self, step: u64) -> f64 {
         match (&self.driver_motion, self.sprockets.get(self.driver)) {
-            (Some(motion), _) => motion.angle_rad(t_s),
-            (None, Some(driver)) => driver.nominal_speed_rad_s * t_s,
+            (Some(motion), _) => motion.angle_rad(step as f64 * self.step_s),
+            (None, Some(driver)) => driver.nominal_speed_rad_s * step as f64 * self.step_s,
             (None, None) => 0.0,
         }
     }

@@ -153,7 +153,7 @@ impl Camera {
         frame.step = state.step;
         frame.t_s = state.step as f64 * model.step_s;
         frame.state_hash = state.hash();
-        frame.crank_angle_rad = model.crank_angle_rad(state.step as f64 * model.step_s);
+        frame.crank_angle_rad = model.crank_angle_rad(state.step);
         fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
         frame
     }
