@@ -30,7 +30,7 @@ use crate::state::State;
 pub const WATCHED_PERIODS: f64 = 2.0;
 
 /// Contact memories of one kind of part.
-struct Parts {
+struct WatchedGroup {
     of: ContactGroup,
     /// Step in which each lane last carried force; None: not since the start of the observation.
     last: Vec<Option<u64>>,
@@ -38,7 +38,7 @@ struct Parts {
     open: Vec<Option<usize>>,
 }
 
-struct Open {
+struct OpenImpact {
     impact: Impact,
     parts: usize,
     lane: usize,
@@ -51,7 +51,7 @@ struct Open {
     best_n: f64,
 }
 
-impl Open {
+impl OpenImpact {
     /// Inserts steps without force up to step `steps`; returns whether there were any.
     fn fill(&mut self, steps: u64) -> bool {
         let without = self.force_n.len() < steps as usize;
@@ -74,8 +74,8 @@ pub struct ImpactWatch {
     /// Step at which the next observation of an impact ends.
     next_close: u64,
     started: bool,
-    parts: Vec<Parts>,
-    open: Vec<Option<Open>>,
+    parts: Vec<WatchedGroup>,
+    open: Vec<Option<OpenImpact>>,
     /// Columns of finished impacts for reuse: allocating new ones took longer than filling them.
     spare: Vec<[Vec<f64>; 2]>,
     free: Vec<usize>,
@@ -101,7 +101,7 @@ impl ImpactWatch {
             started: false,
             parts: ContactGroup::in_model(model)
                 .into_iter()
-                .map(|of| Parts { of, last: vec![None; n], open: vec![None; n] })
+                .map(|of| WatchedGroup { of, last: vec![None; n], open: vec![None; n] })
                 .collect(),
             open: Vec::new(),
             spare: Vec::new(),
@@ -123,7 +123,7 @@ impl ImpactWatch {
     }
 
     /// Records the step that has just been evaluated.
-    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+    pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let step = state.step;
         self.step = step;
         let apart = (WATCHED_PERIODS * self.period_steps) as u64;
@@ -166,7 +166,7 @@ impl ImpactWatch {
         };
         let [force_n, top_n] = self.spare.pop().unwrap_or_default();
         let open =
-            Open { impact, parts, lane, placed: false, force_n, top_n, meter: PeakMeter::default(), best_n: 0.0 };
+            OpenImpact { impact, parts, lane, placed: false, force_n, top_n, meter: PeakMeter::default(), best_n: 0.0 };
         self.unplaced += 1;
         let at = match self.free.pop() {
             Some(at) => at,
@@ -342,7 +342,7 @@ fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
     }
 }
 
-fn measured(open: &Open, step_s: f64, period_steps: f64) -> Impact {
+fn measured(open: &OpenImpact, step_s: f64, period_steps: f64) -> Impact {
     let mut impact = open.impact;
     let (f, top) = (&open.force_n, &open.top_n);
     let (at, peak) =

@@ -91,7 +91,7 @@ impl Replay {
         };
         while state.step < step {
             explicit::evaluate(&self.model, &state, &mut scratch)?;
-            impacts.look(&self.model, &state, &scratch);
+            impacts.observe(&self.model, &state, &scratch);
             look(&state, &scratch);
             explicit::advance(&self.model, &mut state, &mut scratch);
         }

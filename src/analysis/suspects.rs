@@ -69,7 +69,7 @@ const APPROACH: usize = 1;
 const ARRIVAL: usize = 3;
 
 /// An impact, and its departures.
-struct Case<'a> {
+struct ImpactCase<'a> {
     impact: &'a Impact,
     value: [f64; QUANTITIES.len()],
     departure: [f64; QUANTITIES.len()],
@@ -95,15 +95,15 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
         let whole = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= SETTLED * period_s;
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(whole).collect();
         let mut cases = cases(&own, period_s);
-        let medians = depart(&mut cases);
-        let all: Vec<&Case<'_>> = cases.iter().collect();
+        let medians = compute_departures(&mut cases);
+        let all: Vec<&ImpactCase<'_>> = cases.iter().collect();
         // A bush is positioned by the link ahead of it; a flank by its own link.
         let bushed = own.iter().any(|i| is_bush(i));
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
             for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
                 let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
-                candidates.extend(judged(suspect, (tooth, true, q), &group, &medians));
+                candidates.extend(outstanding_group(suspect, (tooth, true, q), &group, &medians));
             }
             for (joint, group) in groups(&all, |i| if bushed { joint_of(i, header) } else { Some(i.link) }) {
                 let ahead = if forwards && bushed {
@@ -112,7 +112,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
                     joint
                 };
                 let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
-                candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
+                candidates.extend(outstanding_group(suspect, (joint, false, q), &group, &medians));
             }
         }
         // Index increment from one arrival to the next.
@@ -188,7 +188,7 @@ fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
     }
 }
 
-fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
+fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {
     // Times of arrival are periodic in the tooth period. They are measured from the circular mean of their part, far
     // from the wrap.
     let mut middles = BTreeMap::new();
@@ -204,7 +204,7 @@ fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
     };
     impacts
         .iter()
-        .map(|i| Case {
+        .map(|i| ImpactCase {
             impact: i,
             value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i)],
             departure: [0.0; QUANTITIES.len()],
@@ -219,7 +219,7 @@ fn period_s(header: &Header) -> f64 {
 }
 
 /// Computes departures for each part; returns the medians of each part.
-fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
+fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     let mut medians = BTreeMap::new();
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
     for feature in 0..=Feature::FrontInnerFlank as u32 {
@@ -241,8 +241,11 @@ fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     medians
 }
 
-fn groups<'a, 'b>(cases: &[&'a Case<'b>], key: impl Fn(&Impact) -> Option<u32>) -> BTreeMap<u32, Vec<&'a Case<'b>>> {
-    let mut all: BTreeMap<u32, Vec<&Case<'_>>> = BTreeMap::new();
+fn groups<'a, 'b>(
+    cases: &[&'a ImpactCase<'b>],
+    key: impl Fn(&Impact) -> Option<u32>,
+) -> BTreeMap<u32, Vec<&'a ImpactCase<'b>>> {
+    let mut all: BTreeMap<u32, Vec<&ImpactCase<'_>>> = BTreeMap::new();
     for case in cases {
         if let Some(key) = key(case.impact) {
             all.entry(key).or_default().push(case);
@@ -283,10 +286,10 @@ fn blank(body: &str) -> Suspect {
 }
 
 /// The group, if it stands out.
-fn judged<'a>(
+fn outstanding_group<'a>(
     suspect: Suspect,
     (key, is_tooth, q): (u32, bool, usize),
-    group: &[&Case<'a>],
+    group: &[&ImpactCase<'a>],
     medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
 ) -> Option<Candidate<'a>> {
     let score = lower_median(group.iter().map(|c| c.departure[q]).collect()) * (group.len() as f64).sqrt();

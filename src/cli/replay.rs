@@ -95,7 +95,7 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;
-    super::say_missing(damage.iter().chain(reader.missing_since_open()));
+    super::print_missing(damage.iter().chain(reader.missing_since_open()));
     let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
     if args.json {
         print_json(&serde_json::json!({

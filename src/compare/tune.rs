@@ -3,9 +3,9 @@
 //! are met only in a corner of that space. Pattern search on the worst margin: every parameter is moved up and down by
 //! its step and the best trial is kept; the steps are halved when no trial is better. Deterministic.
 
-use super::{CompareError, Plan, Summary, run};
+use super::{CompareError, DriveSummary, Plan, run};
 use crate::drive::{ChainSpec, Drive};
-use crate::engagement::Kind;
+use crate::engagement::ContactKind;
 use std::sync::atomic::AtomicBool;
 
 /// A free parameter: path in the drive file with its unit, value and step.
@@ -38,13 +38,13 @@ pub struct Tuned {
 /// Passes in one trial.
 const PASSES: f64 = 12.0;
 /// Maximum number of rounds.
-const MOST_ROUNDS: usize = 5;
+const MAX_ROUNDS: usize = 5;
 
 /// The bounds of impact-free engagement and the measured values.
-pub fn margins(s: &Summary) -> Vec<Margin> {
+pub fn margins(s: &DriveSummary) -> Vec<Margin> {
     let (window, lap) = s.largest_n();
     let pressing = s.tight_tension_n - s.centrifugal_tension_n;
-    let ring = s.kind(Kind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
+    let ring = s.kind(ContactKind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
     let rise = s.tooth().map_or(0.0, |k| k.rise_t);
     let below = |name, value: f64, bound: f64, unit| Margin { name, value, bound, unit, margin: 1.0 - value / bound };
     vec![
@@ -99,7 +99,7 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
     let mut best = start.clone();
     let mut runs = 1;
     told(runs, worst(&best));
-    for _ in 0..MOST_ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         let mut moves = Vec::new();
         for i in 0..values.len() {
             for sign in [1.0, -1.0] {

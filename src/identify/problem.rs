@@ -6,9 +6,9 @@
 //! parameters, so that the fit eliminates them segment by segment.
 
 use super::plant::Plant;
-use crate::machine::simulate::{RunError, Samples, Start, run};
-use crate::machine::{Machine, Motion, Reads, Sensor, Slot};
-use crate::measurement::segments::{Data, Segment};
+use crate::machine::simulate::{InitialState, RunError, Samples, run};
+use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
+use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -54,7 +54,7 @@ pub struct Law {
 }
 
 impl Law {
-    pub fn seen(&self, value: f64) -> f64 {
+    pub fn scaled(&self, value: f64) -> f64 {
         if self.logarithm { libm::log((value / self.scale).max(1e-300)) } else { value / self.scale }
     }
 
@@ -65,7 +65,7 @@ impl Law {
 
     /// Bounds of x.
     pub fn bounds(&self) -> (f64, f64) {
-        (self.seen(self.low), self.seen(self.high))
+        (self.scaled(self.low), self.scaled(self.high))
     }
 }
 
@@ -86,7 +86,7 @@ pub struct Problem<'a> {
     /// For a drive with link bodies: average over all pairs of links, to find the position of a record.
     pub folded: bool,
     /// Steps per sample beyond which a model counts as too stiff.
-    pub most_steps: f64,
+    pub max_steps: f64,
     /// Model runs so far.
     pub runs: &'a AtomicU64,
 }
@@ -110,7 +110,7 @@ impl<'a> Problem<'a> {
     /// Start values of all free parameters: the drive's own.
     pub fn start(&self) -> Point {
         Point {
-            globals: self.globals.iter().map(|g| g.law.seen(self.file_value(g))).collect(),
+            globals: self.globals.iter().map(|g| g.law.scaled(self.file_value(g))).collect(),
             locals: self.data.segments.iter().map(|s| self.local_start(s)).collect(),
         }
     }
@@ -121,14 +121,14 @@ impl<'a> Problem<'a> {
         set.map_or(self.machine.values[g.slot], |(_, value)| *value)
     }
 
-    fn local_start(&self, s: &Segment) -> Vec<f64> {
+    fn local_start(&self, s: &RecordSegment) -> Vec<f64> {
         self.locals
             .iter()
             .map(|l| match *l {
                 Local::Travel => s.start.travel,
                 Local::Angle { body, scale } => s.start.q.get(body).map_or(0.0, |q| q / scale),
                 Local::Speed { body, scale } => s.start.v.get(body).map_or(0.0, |v| v / scale),
-                Local::Slot { slot, law } => law.seen(self.machine.values[slot]),
+                Local::Slot { slot, law } => law.scaled(self.machine.values[slot]),
             })
             .collect()
     }
@@ -139,7 +139,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Parameter values and initial state for a segment.
-    pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, Start) {
+    pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, InitialState) {
         let s = &self.data.segments[segment];
         let mut values = self.machine.values.clone();
         for (slot, value) in &self.data.set[s.record] {
@@ -205,9 +205,9 @@ impl<'a> Problem<'a> {
         }
         self.runs.fetch_add(1, Ordering::Relaxed);
         if fitting && s.judge_from < s.len() && s.judge_from > 0 {
-            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.most_steps);
+            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.max_steps);
         }
-        run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
+        run(&self.machine, &values, &s.task, &start, &self.channels, self.max_steps)
     }
 
     /// The problem with additional sensors of unit gain, which become its only channels.
@@ -252,10 +252,10 @@ impl<'a> Problem<'a> {
         for k in &parts {
             let (values, _) = self.numbers(*k, &point.globals, &point.locals[*k]);
             let Some((_, corner)) = self.corners(*k, &point.globals, &values).into_iter().next() else { continue };
-            let waves = plant.waves(&self.machine, &corner, self.runs);
-            let Ok(waves) = waves.as_ref() else { continue };
+            let response = plant.response(&self.machine, &corner, self.runs);
+            let Ok(response) = response.as_ref() else { continue };
             for (square, sensor) in squares.iter_mut().zip(&self.channels) {
-                let size = waves.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
+                let size = response.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
                 *square += size * size / parts.len() as f64;
             }
         }
@@ -479,15 +479,16 @@ impl<'a> Problem<'a> {
         };
         let pulses = data.channels.iter().any(|c| c.relative);
         for (b, body) in machine.bodies.iter().enumerate() {
-            let most =
-                |of: fn(&Start) -> &Vec<f64>| data.segments.iter().map(|s| of(&s.start)[b].abs()).fold(0.0, f64::max);
+            let most = |of: fn(&InitialState) -> &Vec<f64>| {
+                data.segments.iter().map(|s| of(&s.start)[b].abs()).fold(0.0, f64::max)
+            };
             let speed = channel_scale(machine, data, b, true).max(most(|s| &s.v)).max(1e-6);
-            if body.motion == Motion::Free {
+            if body.motion == BodyMotion::Free {
                 locals.push(Local::Speed { body: b, scale: speed });
             }
             let sprung = machine.springs.iter().any(|s| s.ends.iter().any(|e| e.body == b));
             if (sprung || sensed(b)) && !(pulses && sensed(b)) {
-                let free = body.motion == Motion::Free || sensed(b);
+                let free = body.motion == BodyMotion::Free || sensed(b);
                 if free {
                     locals.push(Local::Angle { body: b, scale: channel_scale(machine, data, b, false).max(1e-6) });
                 }

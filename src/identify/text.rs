@@ -1,7 +1,7 @@
 //! The report as text, and the drive file updated with the result.
 
 use super::diagnosis::Diagnosis;
-use super::report::{Number, Report, Verdict};
+use super::report::{FittedNumber, IdentificationReport, IdentificationVerdict};
 use crate::machine::Machine;
 use std::fmt::Write;
 
@@ -23,13 +23,13 @@ fn optional(x: Option<f64>) -> String {
 }
 
 /// The report as text for a terminal.
-pub fn text(r: &Report) -> String {
+pub fn text(r: &IdentificationReport) -> String {
     let mut t = String::new();
     write_all(&mut t, r);
     t
 }
 
-fn verdict(r: &Report) -> String {
+fn verdict(r: &IdentificationReport) -> String {
     let named = |law: bool| {
         let names: Vec<String> = r
             .effects
@@ -39,13 +39,13 @@ fn verdict(r: &Report) -> String {
         names.join(", ")
     };
     match r.outcome {
-        Verdict::Named => format!("NAMED: {}", named(true)),
-        Verdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
-        Verdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
+        IdentificationVerdict::Named => format!("NAMED: {}", named(true)),
+        IdentificationVerdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
+        IdentificationVerdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
     }
 }
 
-fn write_all(t: &mut String, r: &Report) {
+fn write_all(t: &mut String, r: &IdentificationReport) {
     // Writing into a String never fails.
     let _infallible = (|| -> std::fmt::Result {
         writeln!(t, "{}", r.title)?;
@@ -88,7 +88,7 @@ fn write_all(t: &mut String, r: &Report) {
     })();
 }
 
-fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
+fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     writeln!(
         t,
         "\nchannel            record         unit        floor  held out before -> after            ratio  x floor  white"
@@ -130,7 +130,7 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
-fn number(n: &Number) -> String {
+fn number(n: &FittedNumber) -> String {
     let key = n.path.rsplit('.').next().unwrap_or(&n.path);
     let of = n.record.as_ref().map_or(String::new(), |r| format!(" in {r}"));
     if !n.determined {
@@ -142,7 +142,7 @@ fn number(n: &Number) -> String {
     }
 }
 
-fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
+fn effects(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     for (i, e) in r.effects.iter().enumerate() {
         let row = crate::effects::named(&e.name);
         writeln!(t, "\neffect {}: {}  {}", i + 1, e.path, row.map_or("", |r| r.title))?;
@@ -159,7 +159,11 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
             100.0 * e.sham_gain
         )?;
         if !e.sizes.is_empty() {
-            writeln!(t, "    its size in halves of records, over that in all: {}", super::steady::told(&e.sizes))?;
+            writeln!(
+                t,
+                "    its size in halves of records, over that in all: {}",
+                super::steady::sizes_text(&e.sizes)
+            )?;
         }
         if !e.judged_by_leaving_out.is_empty() {
             let records = e.judged_by_leaving_out.join(", ");
@@ -190,7 +194,7 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
-fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
+fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     if r.numbers_before.is_empty() {
         return Ok(());
     }
@@ -242,7 +246,7 @@ fn diagnosis(t: &mut String, d: &Diagnosis, title: &str) -> std::fmt::Result {
     lines.iter().try_for_each(|l| writeln!(t, "    {l}"))
 }
 
-fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
+fn rest(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     diagnosis(t, &r.diagnosis, "what the declared model leaves, by itself")?;
     if let Some(after) = &r.diagnosis_after {
         diagnosis(t, after, "what is left with the effects, by itself")?;
@@ -293,7 +297,7 @@ fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
 }
 
 /// The drive file with fitted parameters and effects written in; comments are kept. `Err`: what could not be placed.
-pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
+pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, String> {
     let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
     let mut inserts: Vec<(usize, String)> = Vec::new();
     for n in r.numbers_after.iter().filter(|n| n.record.is_none()) {

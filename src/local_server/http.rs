@@ -24,10 +24,10 @@ use tokio::net::TcpListener;
 use tokio::task::AbortHandle;
 
 /// Maximum number of connections; a browser opens six.
-const MOST_CONNECTIONS: usize = 32;
+const MAX_CONNECTIONS: usize = 32;
 /// Longest head of a request [bytes], maximum number of headers, and maximum duration.
 const LONGEST_HEAD: usize = 32 << 10;
-const MOST_HEADERS: usize = 64;
+const MAX_HEADERS: usize = 64;
 const HEAD_TIME: Duration = Duration::from_secs(20);
 /// Bytes of a file in memory for one connection.
 const PIECE: u64 = 256 << 10;
@@ -52,25 +52,25 @@ pub async fn accept(listener: TcpListener, site: Arc<Site>) {
             continue;
         };
         connections.retain(|connection| !connection.is_finished());
-        while connections.len() >= MOST_CONNECTIONS {
+        while connections.len() >= MAX_CONNECTIONS {
             if let Some(oldest) = connections.pop_front() {
                 oldest.abort();
             }
         }
-        let talk = tokio::spawn(talk(stream, Arc::clone(&site)));
-        connections.push_back(talk.abort_handle());
+        let connection = tokio::spawn(serve_connection(stream, Arc::clone(&site)));
+        connections.push_back(connection.abort_handle());
     }
 }
 
 /// Serves one connection until either side closes it.
-pub async fn talk<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
+pub async fn serve_connection<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
     let answers = service_fn(move |request| {
         let response = answer(&request, &site);
         async move { Ok::<_, Infallible>(response) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).title_case_headers(true);
-    http.max_buf_size(LONGEST_HEAD).max_headers(MOST_HEADERS);
+    http.max_buf_size(LONGEST_HEAD).max_headers(MAX_HEADERS);
     // A browser that disconnects is not a failure.
     let _ended = http.serve_connection(TokioIo::new(stream), answers).await;
 }

@@ -1,6 +1,6 @@
 //! Prepares a lumped machine for simulation and computes the forces on its bodies and its fastest rates.
 
-use super::{Body, Machine, Motion, Placed, Target};
+use super::{Body, BodyMotion, Machine, PlacedEffect, Target};
 use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MotionLaw, Physics, SpanAt};
 use std::f64::consts::PI;
 
@@ -39,7 +39,7 @@ pub(super) struct Acting {
 
 impl<'a> Ready<'a> {
     pub(super) fn new(m: &'a Machine, values: &'a [f64], most_steps: f64) -> Ready<'a> {
-        let of = |p: &Placed| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
+        let of = |p: &PlacedEffect| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
         let mut ready = Ready {
             m,
             values,
@@ -166,7 +166,7 @@ impl<'a> Ready<'a> {
     pub(super) fn highest_order(&self) -> Option<f64> {
         let mut highest: Option<f64> = None;
         // Effects that are off need no steps.
-        let on = |p: &Placed| {
+        let on = |p: &PlacedEffect| {
             let rows = p.effect.parameters.iter().zip(&p.slots);
             rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
         };
@@ -218,7 +218,7 @@ impl<'a> Ready<'a> {
             rate[*body] +=
                 [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[*body];
         }
-        let free = |i: usize| self.m.bodies[i].motion == Motion::Free;
+        let free = |i: usize| self.m.bodies[i].motion == BodyMotion::Free;
         let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);
         // Two bodies on one spring: the squared frequency is at most the sum of both squares.
         (libm::sqrt(2.0 * most(&omega2)), 2.0 * most(&rate))

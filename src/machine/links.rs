@@ -1,7 +1,7 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{Body, Linked, Loop, Machine, Motion, PartQuantity, Placed, Reads, Sensor, Slot, Target};
+use super::{Body, BodyMotion, Linked, Loop, Machine, PartQuantity, PlacedEffect, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::{Drive, OuterSpec};
 use crate::effects::{Effect, Kind, On, Parameter};
@@ -49,10 +49,10 @@ impl Machine {
             let (inertia, motion) = match s.outer {
                 OuterSpec::Speed { speed_rad_s } => {
                     let speed = slot(format!("speeds.constant.{}.speed_rpm", s.name), RPM, speed_rad_s);
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), Motion::Constant(speed))
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), BodyMotion::Constant(speed))
                 }
                 OuterSpec::Load { inertia_kg_m2, .. } => {
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), Motion::Free)
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), BodyMotion::Free)
                 }
             };
             m.bodies.push(Body {
@@ -87,7 +87,7 @@ impl Machine {
             let keys = s.effect.parameters.iter().zip(&s.values);
             let slots = keys.map(|(p, value)| slot(format!("{}.{}", s.path, p.key), p.unit, *value)).collect();
             let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
-            m.placed.push(Placed { effect: s.effect, path, target, slots });
+            m.placed.push(PlacedEffect { effect: s.effect, path, target, slots });
         }
         m.linked = Some(Linked {
             guides: drive.guides.iter().map(|g| g.name.clone()).collect(),

@@ -36,7 +36,7 @@ pub struct Machine {
     pub inputs: Vec<Input>,
     pub sensors: Vec<Sensor>,
     /// Loads and effects; effects on sensors are in the order of the catalogue.
-    pub placed: Vec<Placed>,
+    pub placed: Vec<PlacedEffect>,
     pub chain: Option<Loop>,
     /// For a drive with link bodies: data that the lumped form does not contain.
     pub linked: Option<Linked>,
@@ -66,11 +66,11 @@ pub struct Body {
     /// Slot of the inertia that an added second body has taken from it.
     pub minus: Option<usize>,
     pub teeth: Option<u32>,
-    pub motion: Motion,
+    pub motion: BodyMotion,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
+pub enum BodyMotion {
     Free,
     /// Slot of the speed.
     Constant(usize),
@@ -166,7 +166,7 @@ pub struct Sensor {
 
 /// An effect at its place.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Placed {
+pub struct PlacedEffect {
     pub effect: &'static Effect,
     pub path: String,
     pub target: Target,

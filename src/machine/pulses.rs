@@ -2,15 +2,15 @@
 //! mark; its error is of the order of the integration scheme.
 
 use super::forces::Ready;
-use super::simulate::{RunError, Start, Work, clock, rk4};
-use super::{Motion, Reads, Target};
+use super::simulate::{InitialState, RunError, Work, clock, rk4};
+use super::{BodyMotion, Reads, Target};
 use crate::effects::{MarkLaw, Physics};
 use std::f64::consts::PI;
 
 /// Runs the machine and counts pulses. Values are the natural logarithms of the intervals.
 pub(super) fn pulses(
     ready: &Ready,
-    start: &Start,
+    start: &InitialState,
     (intervals, first): (usize, usize),
     (interval_s, longest_s): (f64, f64),
     channels: &[usize],
@@ -53,7 +53,7 @@ pub(super) fn pulses(
     let mut since = 0.0;
     let mut nothing = |_: f64, _: &[f64], v: &mut [f64], _: &mut [f64]| {
         for (i, b) in m.bodies.iter().enumerate() {
-            if let Motion::Constant(slot) = b.motion {
+            if let BodyMotion::Constant(slot) = b.motion {
                 v[i] = ready.values[slot];
             }
         }
@@ -119,7 +119,7 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
 }
 
 /// Largest suitable step: a revolution if no effect depends on angle, else ten steps for a wave of the highest order.
-pub(super) fn step_s(ready: &Ready, start: &Start, interval_s: f64, marks: usize) -> f64 {
+pub(super) fn step_s(ready: &Ready, start: &InitialState, interval_s: f64, marks: usize) -> f64 {
     let turn_s = interval_s * marks as f64;
     let coarse = match ready.highest_order() {
         Some(order) => turn_s / (10.0 * order),

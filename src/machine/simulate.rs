@@ -5,7 +5,7 @@
 
 use super::forces::{Acting, Ready};
 use super::pulses::{self, pulses};
-use super::{InputKind, Machine, Motion, Reads, Target};
+use super::{BodyMotion, InputKind, Machine, Reads, Target};
 use crate::effects::{Physics, Trace};
 use std::f64::consts::PI;
 
@@ -54,11 +54,11 @@ impl std::fmt::Display for RunError {
 }
 
 /// Maximum number of steps per sample, unless the caller sets a lower limit.
-pub const MOST_STEPS: f64 = 300.0;
+pub const MAX_STEPS: f64 = 300.0;
 
 /// Initial state of a run: angle or position and speed of every body.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Start {
+pub struct InitialState {
     pub q: Vec<f64>,
     pub v: Vec<f64>,
     /// For a drive with link bodies: pitches since its period began.
@@ -71,7 +71,7 @@ pub fn run(
     m: &Machine,
     values: &[f64],
     task: &Task,
-    start: &Start,
+    start: &InitialState,
     channels: &[usize],
     most_steps: f64,
 ) -> Result<Vec<Vec<f64>>, RunError> {
@@ -85,8 +85,8 @@ pub fn run(
 }
 
 /// Steps that a sample of this task, or the shortest interval between pulses, needs with these values.
-pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> f64 {
-    let ready = Ready::new(m, values, MOST_STEPS);
+pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> f64 {
+    let ready = Ready::new(m, values, MAX_STEPS);
     match &task.samples {
         Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start)),
         Samples::Pulses { interval_s, .. } => {
@@ -100,7 +100,7 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> 
 }
 
 /// Largest speeds that are known before a run: initial speeds, and prescribed ones.
-fn top_speeds(m: &Machine, task: &Task, start: &Start) -> Vec<f64> {
+fn top_speeds(m: &Machine, task: &Task, start: &InitialState) -> Vec<f64> {
     let mut top: Vec<f64> = start.v.iter().map(|v| v.abs().max(1e-3)).collect();
     for (input, series) in m.inputs.iter().zip(&task.inputs).filter(|(i, _)| i.kind == InputKind::Speed) {
         top[input.body] = series.iter().fold(top[input.body], |t, v| t.max(v.abs()));
@@ -178,7 +178,7 @@ impl Work {
         let n = m.bodies.len();
         let zero = || vec![0.0; n];
         Work {
-            free: m.bodies.iter().map(|b| b.motion == Motion::Free).collect(),
+            free: m.bodies.iter().map(|b| b.motion == BodyMotion::Free).collect(),
             q: zero(),
             v: zero(),
             dq: zero(),
@@ -196,7 +196,7 @@ impl Work {
 fn sampled(
     ready: &Ready,
     task: &Task,
-    start: &Start,
+    start: &InitialState,
     (t_s, step_s, even): (&[f64], f64, bool),
     channels: &[usize],
 ) -> Result<Vec<Vec<f64>>, RunError> {
@@ -247,7 +247,7 @@ fn sampled(
                 }
             }
             for (i, body) in m.bodies.iter().enumerate() {
-                if let Motion::Constant(slot) = body.motion {
+                if let BodyMotion::Constant(slot) = body.motion {
                     v[i] = ready.values[slot];
                 }
             }

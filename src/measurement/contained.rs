@@ -13,7 +13,7 @@ thread_local! {
 }
 
 /// Suppresses the output of contained panics. To be called once, at program start.
-pub fn hold_quietly() {
+pub fn silence_contained_panics() {
     let usual = take_hook();
     set_hook(Box::new(move |info| {
         if !HELD.get() {

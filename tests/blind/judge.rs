@@ -3,7 +3,7 @@
 use super::blind::{Case, Class, case};
 use pitchline::identify::fit::parallel;
 use pitchline::identify::identify;
-use pitchline::identify::report::{ChannelError, Report, Verdict};
+use pitchline::identify::report::{ChannelError, IdentificationReport, IdentificationVerdict};
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
@@ -35,7 +35,7 @@ pub struct Outcome {
     pub line: String,
 }
 
-fn report_of(c: &Case) -> Result<Report, String> {
+fn report_of(c: &Case) -> Result<IdentificationReport, String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
     for (name, text) in &c.csvs {
         std::fs::write(folder.path().join(name), text).map_err(|e| e.to_string())?;
@@ -96,7 +96,7 @@ fn outcome(class: Class, number: u64) -> Outcome {
         }
     };
     o.runs = r.model_runs;
-    o.ambiguous = r.outcome == Verdict::Ambiguous;
+    o.ambiguous = r.outcome == IdentificationVerdict::Ambiguous;
     let right = |path: &str| c.truth.iter().any(|t| same(&t.path, path)) || c.rivals.iter().any(|p| same(p, path));
     let true_one = |path: &str| c.truth.iter().any(|t| same(&t.path, path));
     let sets: Vec<Vec<&str>> = r

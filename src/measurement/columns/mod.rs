@@ -38,7 +38,7 @@ pub struct Columns {
 
 /// Layout of a text file, and the group to be read from an MDF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Layout {
+pub struct FileLayout {
     pub header: bool,
     /// None: comma, semicolon or tab, by the first line.
     pub separator: Option<u8>,
@@ -47,24 +47,24 @@ pub struct Layout {
     pub group: Option<usize>,
 }
 
-impl Default for Layout {
-    fn default() -> Layout {
-        Layout { header: true, separator: None, skip_lines: 0, group: None }
+impl Default for FileLayout {
+    fn default() -> FileLayout {
+        FileLayout { header: true, separator: None, skip_lines: 0, group: None }
     }
 }
 
 /// Requested columns.
 #[derive(Clone, Copy, Debug)]
-pub enum Wanted<'a> {
+pub enum ColumnSelection<'a> {
     All,
     Named(&'a [String]),
 }
 
-impl Wanted<'_> {
+impl ColumnSelection<'_> {
     fn wants(&self, name: &str) -> bool {
         match self {
-            Wanted::All => true,
-            Wanted::Named(names) => names.iter().any(|n| n == name),
+            ColumnSelection::All => true,
+            ColumnSelection::Named(names) => names.iter().any(|n| n == name),
         }
     }
 }
@@ -155,7 +155,12 @@ impl Columns {
 }
 
 /// Reads the wanted columns of a file. Errors name the file, and line and column of the unreadable value.
-pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+pub fn read(
+    path: &Path,
+    layout: FileLayout,
+    wanted: ColumnSelection<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
     let shown = path.display();
     let cannot = |e: &dyn std::fmt::Display| format!("cannot read `{shown}`: {e}");
     let metadata = std::fs::metadata(path).map_err(|e| cannot(&e))?;
@@ -186,7 +191,12 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
 /// Largest block of an MDF file that is allocated before its bytes are read.
 const LARGEST_BLOCK: usize = 64 << 20;
 
-fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+fn read_mdf(
+    path: &Path,
+    layout: FileLayout,
+    wanted: ColumnSelection<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
     let shown = path.display();
     let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
     let source = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
@@ -201,7 +211,7 @@ fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
 pub fn parse_mdf(
     file: &falcon_mdf::Mf4File,
     group: Option<usize>,
-    wanted: Wanted<'_>,
+    wanted: ColumnSelection<'_>,
     memory: &mut Memory,
 ) -> Result<Columns, String> {
     let groups = file.data_groups().iter().flat_map(|g| &g.channel_groups).enumerate();
@@ -292,7 +302,7 @@ fn mdf_channel(
 
 /// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of
 /// its drive by its path, as displayed, with its gain and the errors that its drive file declares.
-fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
+fn read_recording(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
     let mut reader = Reader::open(path)?;
     let header = reader.header().clone();
     let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides).map_err(|e| anyhow!("{e}"))?;

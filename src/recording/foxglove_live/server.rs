@@ -3,7 +3,7 @@
 //!
 //! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; if it reads too slowly, its oldest messages are dropped;
 //! * a client that has read nothing for [`PATIENCE`], or sends more than a viewer needs to, is disconnected;
-//! * there are at most [`MOST_CLIENTS`] clients, and [`MOST_SHAKING`] more connections before their handshake.
+//! * there are at most [`MAX_CLIENTS`] clients, and [`MAX_HANDSHAKES`] more connections before their handshake.
 //!
 //! All dropped messages and closed connections are counted ([`Counts`]).
 
@@ -29,9 +29,9 @@ use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
 use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
 
 /// Maximum number of clients.
-pub const MOST_CLIENTS: usize = 8;
+pub const MAX_CLIENTS: usize = 8;
 /// Maximum number of connections before their handshake; the oldest is closed to make room.
-const MOST_SHAKING: usize = 32;
+const MAX_HANDSHAKES: usize = 32;
 /// Bytes that may wait for a client before its oldest message is dropped: some 700 frames.
 const LARGEST_QUEUE: usize = 8 << 20;
 /// Time limit of a client for one message, and for its handshake.
@@ -40,7 +40,7 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 /// Longest message from a client: subscriptions to all topics take 1 kB.
 const LONGEST_FROM_CLIENT: usize = 16 << 10;
 /// Maximum number of messages from a client per second.
-const MOST_IN_A_SECOND: u32 = 200;
+const MAX_MESSAGES_PER_S: u32 = 200;
 /// Subprotocol of Foxglove's SDK; clients that offer none of its names are refused.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
 /// First bytes of binary messages to the client.
@@ -220,7 +220,7 @@ impl Shared {
             clients: Mutex::default(),
             subscribers: Default::default(),
             subscribed: AtomicU64::new(0),
-            seats: Semaphore::new(MOST_CLIENTS),
+            seats: Semaphore::new(MAX_CLIENTS),
             counts: Counts::default(),
         }
     }
@@ -283,14 +283,14 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
         };
         shaking.retain(|(task, at_the_door)| at_the_door.load(Ordering::Relaxed) && !task.is_finished());
         // The oldest connection without a handshake is closed to make room.
-        while shaking.len() >= MOST_SHAKING {
+        while shaking.len() >= MAX_HANDSHAKES {
             if let Some((oldest, _)) = shaking.pop_front() {
                 oldest.abort();
                 shared.counts.refused.fetch_add(1, Ordering::Relaxed);
             }
         }
         let at_the_door = Arc::new(AtomicBool::new(true));
-        let door = Door(Arc::clone(&at_the_door));
+        let door = Listener(Arc::clone(&at_the_door));
         let shared = Arc::clone(&shared);
         // Sends small messages without delay where the system supports it.
         let _set = stream.set_nodelay(true);
@@ -300,9 +300,9 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
 }
 
 /// Signals on drop that a handshake is over.
-struct Door(Arc<AtomicBool>);
+struct Listener(Arc<AtomicBool>);
 
-impl Drop for Door {
+impl Drop for Listener {
     fn drop(&mut self) {
         self.0.store(false, Ordering::Relaxed);
     }
@@ -311,7 +311,7 @@ impl Drop for Door {
 /// Performs the handshake with a new connection and serves it if it is accepted. `door` is dropped after the handshake.
 pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &Shared, door: D) {
     let mut seat = None;
-    let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, shared, &mut seat)).await;
+    let shaken = tokio::time::timeout(HANDSHAKE, handshake(stream, shared, &mut seat)).await;
     drop(door);
     match shaken {
         Ok(Ok(socket)) => serve(socket, shared).await,
@@ -324,7 +324,7 @@ pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &S
 
 // The size of the error is the crate's.
 #[allow(clippy::result_large_err)]
-async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
+async fn handshake<'a, S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
     shared: &'a Shared,
     seat: &mut Option<SemaphorePermit<'a>>,
@@ -402,7 +402,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, sh
             }
             messages += 1;
             match message {
-                _ if messages > MOST_IN_A_SECOND => return true,
+                _ if messages > MAX_MESSAGES_PER_S => return true,
                 Ok(Message::Text(text)) => listen(text.as_str(), &client, shared),
                 Ok(Message::Close(_)) => return false,
                 Ok(_) => {}

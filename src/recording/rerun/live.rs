@@ -1,7 +1,7 @@
 //! Shows a run in a Rerun viewer while it computes: the rows of the `.rrd` over gRPC. The run waits for a slow viewer,
 //! but at most for [`PATIENCE`]; a viewer that has stopped reading is then dropped like one that has closed.
 
-use super::{End, RerunSink, recording_id};
+use super::{RerunSink, RowDestination, recording_id};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, live};
 use anyhow::{Context, Result};
@@ -29,7 +29,7 @@ impl RerunSink {
         // Distinguishes two runs of one drive in one viewer.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let recording = format!("{}-live-{}", recording_id(header), now.as_millis());
-        let end = End::Viewer { last_block: Instant::now() };
+        let end = RowDestination::Viewer { last_block: Instant::now() };
         RerunSink::begin(PathBuf::from(url), end, Box::new(GrpcSink::new(uri)), recording, header, view)
             .with_context(|| format!("no Rerun viewer at {url}"))
     }

@@ -2,7 +2,7 @@
 
 mod thrift;
 
-use super::{Columns, Memory, Wanted};
+use super::{ColumnSelection, Columns, Memory};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Values per read.
 const BATCH: usize = 1 << 14;
 
-pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
     let file = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;

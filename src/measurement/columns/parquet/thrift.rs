@@ -55,7 +55,7 @@ const COMPRESSED_PAGE_SIZE: i64 = 3;
 const DICTIONARY: i64 = 7;
 const VALUES: i64 = 1;
 /// Minimum size of a dictionary value: a 32-bit number, or the length of a text.
-const LEAST_VALUE: u64 = 4;
+const MIN_VALUE_BYTES: u64 = 4;
 
 const NOTHING: Shape = Struct(&[]);
 const TIME: Shape = Struct(&[(1, Bool), (2, Struct(&[(1, NOTHING), (2, NOTHING), (3, NOTHING)]))]);
@@ -163,7 +163,7 @@ pub(super) fn check_pages(file: &File, start: u64, length: u64, largest: u64) ->
         if uncompressed > largest {
             return Err(header.wrong(&format!("states a page of {uncompressed} bytes, more than {largest}")));
         }
-        if u64::try_from(dictionary).is_ok_and(|count| count.saturating_mul(LEAST_VALUE) > uncompressed) {
+        if u64::try_from(dictionary).is_ok_and(|count| count.saturating_mul(MIN_VALUE_BYTES) > uncompressed) {
             return Err(header.wrong("states more values of a dictionary than its page has room for"));
         }
         header.skip(compressed)?;
