@@ -61,7 +61,7 @@ pub struct Pass {
     pub peak_n: Vec<[f64; KINDS.len()]>,
     samples: Vec<u32>,
     last_bin: Option<usize>,
-    meters: [PeakMeter; PARTS],
+    meters: [PeakMeter; MAX_CONTACT_GROUPS],
 }
 
 /// Observes passes over one sprocket.
@@ -113,7 +113,7 @@ impl Pass {
             peak_n: vec![[0.0; KINDS.len()]; bins],
             samples: vec![0; bins],
             last_bin: None,
-            meters: [PeakMeter::default(); PARTS],
+            meters: [PeakMeter::default(); MAX_CONTACT_GROUPS],
         }
     }
 
@@ -329,10 +329,10 @@ struct ContactsInStep {
 }
 
 /// Maximum number of contact groups.
-const PARTS: usize = 5;
+const MAX_CONTACT_GROUPS: usize = 5;
 
 /// Kinds of contact and their contact groups, by chain type. Of several groups the one with the larger force counts.
-fn parts(model: &Model, joints: bool) -> &'static [(ContactKind, ContactGroup)] {
+fn contact_groups(model: &Model, joints: bool) -> &'static [(ContactKind, ContactGroup)] {
     const BUSH: (ContactKind, ContactGroup) = (ContactKind::Bush, ContactGroup::Bushes);
     const ABUTMENTS: [(ContactKind, ContactGroup); 5] = [
         BUSH,
@@ -363,10 +363,10 @@ fn forces(
     scratch: &Scratch,
     link: usize,
     joints: bool,
-    meters: &mut [PeakMeter; PARTS],
+    meters: &mut [PeakMeter; MAX_CONTACT_GROUPS],
 ) -> [ContactsInStep; KINDS.len()] {
     let mut all = [ContactsInStep::default(); KINDS.len()];
-    for ((kind, part), meter) in parts(model, joints).iter().zip(meters) {
+    for ((kind, part), meter) in contact_groups(model, joints).iter().zip(meters) {
         let memory = scratch.memory(*part);
         if memory.is_empty() {
             continue;
@@ -375,7 +375,7 @@ fn forces(
         let touch = scratch.touch(*part, link);
         let law = touch.and_then(|_| scratch.law(model, *part, link));
         let top = match law {
-            Some(law) => meter.look(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
+            Some(law) => meter.peak_since(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
             None => {
                 *meter = PeakMeter::default();
                 0.0

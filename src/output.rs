@@ -205,7 +205,7 @@ fn stream(path: &Path) -> Result<File> {
         use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
         use std::time::{Duration, Instant};
         /// How long a pipe may be without a reader.
-        const PATIENCE: Duration = Duration::from_secs(5);
+        const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
         if std::fs::metadata(path)?.file_type().is_fifo() {
             let asked = Instant::now();
             let mut said = false;
@@ -216,11 +216,11 @@ fn stream(path: &Path) -> Result<File> {
                     // There is a reader: opened again, so that writes wait for it.
                     Ok(_first) => return Ok(OpenOptions::new().write(true).open(path)?),
                     Err(e) if e.raw_os_error() != Some(rustix::io::Errno::NXIO.raw_os_error()) => return Err(e.into()),
-                    Err(_) if asked.elapsed() > PATIENCE => bail!("nobody reads this pipe"),
+                    Err(_) if asked.elapsed() > OPEN_TIMEOUT => bail!("nobody reads this pipe"),
                     Err(_) => {}
                 }
                 if !std::mem::replace(&mut said, true) {
-                    eprintln!("{} is a pipe without a reader; waiting for {PATIENCE:?}", path.display());
+                    eprintln!("{} is a pipe without a reader; waiting for {OPEN_TIMEOUT:?}", path.display());
                 }
                 std::thread::sleep(Duration::from_millis(50));
             }

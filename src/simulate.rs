@@ -200,8 +200,11 @@ pub fn run_job(
         if wants_impacts {
             impacts.observe(model, state, scratch);
         }
-        let (touched, over) =
-            if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
+        let (touched, over) = if impacts.has_new_impacts() {
+            (impacts.take_touched(), impacts.take_done())
+        } else {
+            (Vec::new(), Vec::new())
+        };
         if let Some(breaks) = &mut breaks {
             found.clear();
             evaluate_breaks(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over], &mut found);

@@ -19,7 +19,7 @@ fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Identificat
     let drive = std::fs::read_to_string(folder.join(&measurement.drive)).map_err(|e| e.to_string())?;
     let machine = Machine::parse(&measurement.drive, &drive, &[]).map_err(|r| r.to_string())?;
     let data =
-        load(&measurement, &machine, &folder, &mut Memory::of_program(1_000_000_000)).map_err(|e| e.to_string())?;
+        load(&measurement, &machine, &folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {
@@ -447,7 +447,7 @@ fn records_that_start_at_rest_have_no_start_to_find() {
     for (start, moves) in [("free", true), ("rest", false)] {
         let text = text.replace("time_unit = \"ms\"", &format!("time_unit = \"ms\"\nstart = \"{start}\""));
         let measurement = Measurement::parse("m.toml", &text).expect("a measurement");
-        let data = load(&measurement, &machine, folder.path(), &mut Memory::of_program(1_000_000_000)).expect("data");
+        let data = load(&measurement, &machine, folder.path(), &mut Memory::for_program(1_000_000_000)).expect("data");
         let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
         let quiet = |_: &str, _: u64| {};
         let started = std::time::Instant::now();

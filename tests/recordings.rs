@@ -266,7 +266,7 @@ fn recordings_and_tables_are_measured_files() {
     for format in ["csv", "parquet"] {
         pitchline(&["export", "a.mcap", "-o", &format!("rotors.{format}"), "--tables", "rotors"]);
     }
-    let memory = || Memory::of_program(1_000_000_000);
+    let memory = || Memory::for_program(1_000_000_000);
     let columns = |name: &str| {
         read(&at(name), FileLayout::default(), ColumnSelection::All, &mut memory()).unwrap_or_else(|e| panic!("{e}"))
     };
@@ -309,7 +309,7 @@ fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
     use pitchline::measurement::columns::{ColumnSelection, Columns, Memory};
     let parse_mdf = |bytes: Vec<u8>, group: Option<usize>| -> Result<Columns, String> {
         let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(|e| e.to_string())?;
-        let mut memory = Memory::of_program(1_000_000_000);
+        let mut memory = Memory::for_program(1_000_000_000);
         pitchline::measurement::columns::parse_mdf(&file, group, ColumnSelection::All, &mut memory)
     };
     let error = parse_mdf(BENCH.to_vec(), None).expect_err("two groups");

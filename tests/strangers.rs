@@ -10,7 +10,7 @@ fn at(name: &str) -> PathBuf {
 
 fn columns(name: &str, layout: FileLayout, wanted: &[&str]) -> Columns {
     let wanted: Vec<String> = wanted.iter().map(|w| (*w).to_string()).collect();
-    read(&at(name), layout, ColumnSelection::Named(&wanted), &mut Memory::of_program(1_000_000_000))
+    read(&at(name), layout, ColumnSelection::Named(&wanted), &mut Memory::for_program(1_000_000_000))
         .unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
@@ -152,7 +152,7 @@ fn mdf_as_asammdf_writes_it() {
 fn what_a_file_says_of_itself_takes_no_memory() {
     let folder = tempfile::tempdir().expect("a folder");
     let read_within = |name: &str, bytes: usize| {
-        read(&folder.path().join(name), FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(bytes))
+        read(&folder.path().join(name), FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(bytes))
     };
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
     // A line without end: two gigabytes of zeros in a sparse file.
@@ -179,7 +179,7 @@ fn what_a_file_says_of_itself_takes_no_memory() {
     assert!(read_within("bomb.csv.gz", 10_000_000).expect_err("too long").contains("--memory"));
     #[cfg(unix)]
     assert!(
-        read(&PathBuf::from("/dev/zero"), FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(1))
+        read(&PathBuf::from("/dev/zero"), FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(1))
             .is_err()
     );
 }
@@ -192,7 +192,7 @@ fn odd_rows_of_text_files() {
     let parse = |text: &str, header: bool| {
         std::fs::write(&path, text).expect("written");
         let layout = FileLayout { header, ..FileLayout::default() };
-        read(&path, layout, ColumnSelection::All, &mut Memory::of_program(1_000_000))
+        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000))
     };
     let numbers = |text: &str, header: bool, name: &str| {
         let c = parse(text, header).unwrap_or_else(|e| panic!("{text:?}: {e}"));
@@ -221,7 +221,7 @@ fn odd_rows_of_text_files() {
 #[test]
 fn a_library_that_gives_up_is_an_error() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/byte_stream_split.parquet");
-    let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(100_000_000))
+    let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
         .expect_err("damaged");
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
@@ -236,7 +236,7 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
         ("dictionary_count", "a page header states more values of a dictionary than its page has room for"),
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
-        let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(100_000_000))
+        let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
             .expect_err("damaged");
         assert!(said.contains(name) && said.contains(why), "{said}");
     }
@@ -246,7 +246,7 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
 #[test]
 fn a_channel_of_variable_length_is_no_column_of_numbers() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/variable_length.mf4");
-    let read = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(100_000_000));
+    let read = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000));
     let columns = read.unwrap_or_else(|e| panic!("{e}"));
     let wrong: Vec<&str> = columns.wrong.iter().flatten().map(String::as_str).collect();
     assert!(wrong.iter().any(|w| w.contains("has values of variable length, no numbers")), "{wrong:?}");

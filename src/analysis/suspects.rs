@@ -13,7 +13,7 @@
 //! that share most of their impacts with them, are consequences and are removed before the search continues.
 //!
 //! A fault that is the same for all teeth and links, such as another seat form or a guide in the way, shows only in
-//! comparison with another recording: see [`against`].
+//! comparison with another recording: see [`compared_with`].
 
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
@@ -24,10 +24,10 @@ const SCORE: f64 = 8.0;
 /// Smallest departure that counts, relative to the median, for forces and speeds.
 const SHARE: f64 = 0.02;
 /// Smallest difference in time of arrival that counts [s].
-const LATE_S: f64 = 1e-6;
+const MIN_DELAY_S: f64 = 1e-6;
 /// Smallest number of impacts for a reference median, and for a group.
-const FEWEST: usize = 12;
-const FEWEST_IN_GROUP: usize = 2;
+const MIN_IMPACTS: usize = 12;
+const MIN_IN_GROUP: usize = 2;
 /// Tooth periods for which an impact must have been observed, and for which a run settles.
 const WATCHED: f64 = 1.9;
 const SETTLED: f64 = 2.0;
@@ -102,7 +102,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
             for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
-                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
+                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..empty_suspect(&info.path) };
                 candidates.extend(outstanding_group(suspect, (tooth, true, q), &group, &medians));
             }
             for (joint, group) in groups(&all, |i| if bushed { joint_of(i, header) } else { Some(i.link) }) {
@@ -111,7 +111,7 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
                 } else {
                     joint
                 };
-                let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
+                let suspect = Suspect { kind: "link", link: Some(ahead), ..empty_suspect(&info.path) };
                 candidates.extend(outstanding_group(suspect, (joint, false, q), &group, &medians));
             }
         }
@@ -224,7 +224,7 @@ fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANT
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
     for feature in 0..=Feature::FrontInnerFlank as u32 {
         let own: Vec<usize> = (0..cases.len()).filter(|i| features[*i] == feature).collect();
-        if own.len() < FEWEST {
+        if own.len() < MIN_IMPACTS {
             continue;
         }
         let mut of_part = [0.0; QUANTITIES.len()];
@@ -251,7 +251,7 @@ fn groups<'a, 'b>(
             all.entry(key).or_default().push(case);
         }
     }
-    all.retain(|_, group| group.len() >= FEWEST_IN_GROUP);
+    all.retain(|_, group| group.len() >= MIN_IN_GROUP);
     all
 }
 
@@ -269,7 +269,7 @@ fn lower_median(mut values: Vec<f64>) -> f64 {
     if below * above <= 0.0 { 0.0 } else { below.abs().min(above.abs()) }
 }
 
-fn blank(body: &str) -> Suspect {
+fn empty_suspect(body: &str) -> Suspect {
     Suspect {
         kind: "",
         body: body.to_string(),
@@ -298,7 +298,7 @@ fn outstanding_group<'a>(
         median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
     );
     let off = (here - others).abs();
-    let counts = if q == ARRIVAL { off >= LATE_S } else { off >= SHARE * others.abs() };
+    let counts = if q == ARRIVAL { off >= MIN_DELAY_S } else { off >= SHARE * others.abs() };
     if score.is_nan() || score < SCORE || !counts {
         return None;
     }
@@ -324,7 +324,7 @@ fn outstanding_group<'a>(
 
 /// Parts of bodies whose impacts differ from those of another recording, in number, force or speed; the largest
 /// difference first.
-pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
+pub fn compared_with(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
     for info in &header.bodies {
         let (mine, theirs) = (of_body(impacts, header, &info.path), of_body(other, other_header, &info.path));
@@ -371,7 +371,7 @@ pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_head
                     "{}{where_}: {words} {here:.3}{unit}, in the other recording {there:.3}{unit}",
                     info.path
                 ),
-                ..blank(&info.path)
+                ..empty_suspect(&info.path)
             });
         }
     }

@@ -14,8 +14,8 @@ use crate::recording::frame::{Feature, Segment};
 use std::ops::Range;
 
 /// Longest expression [bytes], and deepest nesting of parentheses.
-const LONGEST: usize = 4096;
-const DEEPEST: usize = 64;
+const MAX_LENGTH: usize = 4096;
+const MAX_DEPTH: usize = 64;
 
 /// One side of a comparison, before the other side is known.
 enum ComparisonSide {
@@ -36,10 +36,10 @@ type Parsed<T> = Result<T, Diag>;
 
 pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
     let mut parser = Parser { text, at: 0, depth: 0, names };
-    let parsed = if text.len() > LONGEST {
-        Err(parser.error(0..0, format!("a break expression has at most {LONGEST} characters"), None))
+    let parsed = if text.len() > MAX_LENGTH {
+        Err(parser.error(0..0, format!("a break expression has at most {MAX_LENGTH} characters"), None))
     } else {
-        parser.whole()
+        parser.expression()
     };
     parsed.map_err(|diag| {
         // The caret needs a character to point at.
@@ -55,7 +55,7 @@ pub fn refused(text: &str, title: &str, help: &str) -> Report {
 }
 
 impl Parser<'_> {
-    fn whole(&mut self) -> Parsed<Expr> {
+    fn expression(&mut self) -> Parsed<Expr> {
         let expr = self.any()?;
         self.space();
         if self.at < self.text.len() {
@@ -106,8 +106,8 @@ impl Parser<'_> {
 
     fn deeper(&mut self) -> Parsed<()> {
         self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(self.error(self.word_here(), format!("more than {DEEPEST} brackets deep"), None));
+        if self.depth > MAX_DEPTH {
+            return Err(self.error(self.word_here(), format!("more than {MAX_DEPTH} brackets deep"), None));
         }
         Ok(())
     }

@@ -134,7 +134,7 @@ fn read(path: &Path, memory: usize) -> Result<IdentifyInput, Failure> {
         let help = "add `[sensors.tachometer.SPROCKET]`; `pitchline sensors` lists the kinds";
         return Err(Failure::Input(format!("drive `{}` has no sensors\nhelp: {help}", measurement.drive)));
     }
-    let data = load(&measurement, &machine, &folder, &mut Memory::of_program(memory)).map_err(|e| match e {
+    let data = load(&measurement, &machine, &folder, &mut Memory::for_program(memory)).map_err(|e| match e {
         DataError::File(report) => Failure::Input(report.to_string()),
         DataError::World(text) => Failure::Input(text),
     })?;

@@ -288,13 +288,13 @@ fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, 
 }
 
 /// Time after which assembling prints a note; most drives need a tenth of it.
-const SILENCE: std::time::Duration = std::time::Duration::from_secs(3);
+const NOTE_AFTER: std::time::Duration = std::time::Duration::from_secs(3);
 
 /// Assembles a drive.
 fn assemble(drive: &crate::drive::Drive) -> Result<crate::assemble::Assembly, Failure> {
     let (done, ended) = std::sync::mpsc::channel::<()>();
     std::thread::spawn(move || {
-        if ended.recv_timeout(SILENCE) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+        if ended.recv_timeout(NOTE_AFTER) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
             eprintln!(
                 "note: assembling goes on: a long chain, or steps far smaller than the run-in; Ctrl-C ends it, `run.run_in_ms` shortens it"
             );

@@ -181,7 +181,7 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
 }
 
 /// Time limit for the final message of an interrupted program.
-const LAST_WORD: std::time::Duration = std::time::Duration::from_millis(100);
+const LAST_MESSAGE_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(100);
 
 /// Set by Ctrl-C. A second Ctrl-C ends the program at once and leaves its files as they are.
 pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
@@ -199,7 +199,7 @@ pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
                 );
                 let _sent = told.send(());
             });
-            let _waited = is_told.recv_timeout(LAST_WORD);
+            let _waited = is_told.recv_timeout(LAST_MESSAGE_TIMEOUT);
             std::process::exit(1);
         }
     });
@@ -322,7 +322,7 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<RunStart, F
     let note = vec!["assembly = none: goes on from a recorded State of another drive".to_string()];
     let mut header = capture::header_of(&drive, &model, replay.header().static_tension_n, note, 1);
     (header.parent, header.ledger_origin) = (Some(parent), Some(ledger_at(&model, &state)?));
-    let impacts = ImpactWatch::midway(&model, state.step);
+    let impacts = ImpactWatch::for_continued_run(&model, state.step);
     Ok(RunStart { drive, model, state, header, impacts, report: None })
 }
 
@@ -383,10 +383,10 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
         (None, Some(_)) => None,
         (None, None) => Some(1),
     };
-    let goes_on = args.resume.is_some();
+    let continues_run = args.resume.is_some();
     let watch = |b| {
         let mut watch = BreakWatch::new(b, model);
-        watch.continues_run = goes_on;
+        watch.continues_run = continues_run;
         watch
     };
     Ok(Some(Breaks { watches: breakpoints.into_iter().map(watch).collect(), hits, around }))

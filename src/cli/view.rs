@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long the Rerun viewer has to end by itself.
-const PATIENCE: Duration = Duration::from_secs(2);
+const VIEWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 #[derive(clap::Args, Debug)]
 pub struct ViewArgs {
@@ -187,7 +187,7 @@ fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, F
         match ended {
             Some(_) if interrupted => return Ok(Outcome::Interrupted),
             // Ctrl-C in a terminal also reaches the viewer, which gets a moment to end by itself.
-            None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > PATIENCE => {
+            None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > VIEWER_TIMEOUT => {
                 let _killed = viewer.kill();
                 let _ended = viewer.wait();
                 return Ok(Outcome::Interrupted);

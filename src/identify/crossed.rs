@@ -122,8 +122,8 @@ fn judging_shows(model: &FittedModel, (problem, point): &(Problem, Point), own: 
             let mut numbers = problem.globals.iter().zip(&point.globals).filter(|(g, _)| g.slot == *slot);
             match numbers.next() {
                 Some((g, _)) if g.record.is_some() => {}
-                Some((g, x)) => without.held.push((None, *slot, g.law.value(*x))),
-                None => without.held.push((None, *slot, problem.machine.values[*slot])),
+                Some((g, x)) => without.fixed.push((None, *slot, g.law.value(*x))),
+                None => without.fixed.push((None, *slot, problem.machine.values[*slot])),
             }
         }
     }

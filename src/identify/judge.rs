@@ -46,20 +46,20 @@ pub fn fit_held_out<'a>(
                 // A record that was also fitted has already determined its parameters.
                 let fits = problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
                 if fits {
-                    held.held.push((Some(r), g.slot, g.law.value(*x)));
+                    held.fixed.push((Some(r), g.slot, g.law.value(*x)));
                 } else {
                     kept.push(g.clone());
                     start.push(*x);
                 }
             }
             Some(_) => {}
-            None => held.held.push((None, g.slot, g.law.value(*x))),
+            None => held.fixed.push((None, g.slot, g.law.value(*x))),
         }
     }
     held.globals = kept;
     let mut point = Point { globals: start, locals: held.start().locals };
-    held.find_travels(&mut point, threads);
-    held.turn_starts(&mut point, threads);
+    held.find_start_positions(&mut point, threads);
+    held.reverse_better_starts(&mut point, threads);
     let options = FitOptions { iterations: 30, threads };
     let mut best = fit(&held, &point, options);
     // A phase may have started on the wrong side of its circle.

@@ -224,7 +224,7 @@ pub fn rebuilt<'a>(
         (problem, point) = candidates::with_stable_start(&problem, &point, h, fit_start, threads);
         effects.push(h.clone());
     }
-    problem.turn_starts(&mut point, threads);
+    problem.reverse_better_starts(&mut point, threads);
     fitted(problem, &point, own, effects, threads, 40)
 }
 

@@ -82,7 +82,7 @@ pub struct Problem<'a> {
     pub globals: Vec<Global>,
     pub locals: Vec<Local>,
     /// Fixed parameters: record (None: all), slot and value. They override values that records set.
-    pub held: Vec<(Option<usize>, usize, f64)>,
+    pub fixed: Vec<(Option<usize>, usize, f64)>,
     /// For a drive with link bodies: average over all pairs of links, to find the position of a record.
     pub folded: bool,
     /// Steps per sample beyond which a model counts as too stiff.
@@ -104,7 +104,7 @@ const DIFFERENCE: f64 = 1e-6;
 pub const FINE_PITCHES: f64 = 0.005;
 const FINEST_PITCHES: f64 = 0.1 * FINE_PITCHES;
 /// Residual of a sample that a model did not reach.
-const LOST: f64 = 1e6;
+const DIVERGED_RESIDUAL: f64 = 1e6;
 
 impl<'a> Problem<'a> {
     /// Start values of all free parameters: the drive's own.
@@ -145,7 +145,7 @@ impl<'a> Problem<'a> {
         for (slot, value) in &self.data.set[s.record] {
             values[*slot] = *value;
         }
-        for (_, slot, value) in self.held.iter().filter(|(r, ..)| r.is_none_or(|r| r == s.record)) {
+        for (_, slot, value) in self.fixed.iter().filter(|(r, ..)| r.is_none_or(|r| r == s.record)) {
             values[*slot] = *value;
         }
         for (g, x) in self.globals.iter().zip(globals) {
@@ -273,11 +273,11 @@ impl<'a> Problem<'a> {
                 for (c, series) in model.iter().enumerate() {
                     for i in 0..n {
                         let r = (series[i] - s.measured[c][i]) / self.weights[c];
-                        out.push(if r.is_finite() { r.clamp(-LOST, LOST) } else { 0.0 });
+                        out.push(if r.is_finite() { r.clamp(-DIVERGED_RESIDUAL, DIVERGED_RESIDUAL) } else { 0.0 });
                     }
                 }
             }
-            Err(_) => out.resize(n * self.channels.len(), LOST),
+            Err(_) => out.resize(n * self.channels.len(), DIVERGED_RESIDUAL),
         }
         out
     }
@@ -344,7 +344,7 @@ impl<'a> Problem<'a> {
     /// Finds the position in the period, and the angles, at which every segment of a drive with link bodies starts:
     /// first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
     /// the pair of links, and the exact position.
-    pub fn find_travels(&self, point: &mut Point, threads: usize) {
+    pub fn find_start_positions(&self, point: &mut Point, threads: usize) {
         if self.plant.is_none() {
             return;
         }
@@ -409,7 +409,7 @@ impl<'a> Problem<'a> {
 
     /// The locals of a segment with all motion reversed, for sensors that do not show the direction: from the given
     /// locals, or from the records. None if nothing is free to reverse.
-    pub fn turned(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
+    pub fn reversed_locals(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
         let s = &self.data.segments[segment];
         let moves = |l: &Local| matches!(l, Local::Speed { .. } | Local::Angle { .. });
         if s.at_rest || self.plant.is_some() || !self.locals.iter().any(|l| matches!(l, Local::Speed { .. })) {
@@ -421,7 +421,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Reverses the initial motion of all segments that fit better that way.
-    pub fn turn_starts(&self, point: &mut Point, threads: usize) {
+    pub fn reverse_better_starts(&self, point: &mut Point, threads: usize) {
         let cost =
             |k: usize, locals: &[f64]| -> f64 { self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum() };
         let turned = super::fit::parallel(self.data.segments.len(), threads, |k| {
@@ -429,7 +429,7 @@ impl<'a> Problem<'a> {
             if self.data.segments[k].judge_from == 0 {
                 return None;
             }
-            let tries = [false, true].into_iter().filter_map(|as_shown| self.turned(k, own, as_shown));
+            let tries = [false, true].into_iter().filter_map(|as_shown| self.reversed_locals(k, own, as_shown));
             let best = tries.map(|t| (cost(k, &t), t)).min_by(|a, b| a.0.total_cmp(&b.0))?;
             (best.0 < cost(k, own)).then_some(best.1)
         });

@@ -292,7 +292,7 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
         }
     }
     let mut rivals = found.rivals.get(which).cloned().unwrap_or_default();
-    let locked = structure::locked(&best.problem.machine, h.effect, h.target);
+    let locked = structure::locked_orders(&best.problem.machine, h.effect, h.target);
     let mut by_order: Vec<String> = Vec::new();
     for other in locked.into_iter().filter(|p| best.effects.iter().all(|e| e.path() != *p)) {
         if rivals.iter().all(|r| r.path != other) {
@@ -338,7 +338,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
     let noise_floor = floors(best, data);
     let explained = noise_floor.iter().all(|f| f.reached);
-    let (toothed, links) = structure::counts(&found.declared.problem.machine);
+    let (toothed, links) = structure::tooth_and_link_counts(&found.declared.problem.machine);
     let collisions = structure::collisions(&toothed, links);
     let outcome = if effects.is_empty() {
         IdentificationVerdict::None

@@ -286,7 +286,7 @@ fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h
     let mut with = problem.clone();
     (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
     base.parts.iter().all(|(k, _)| {
-        let turned = problem.turned(*k, &point.locals[*k], true);
+        let turned = problem.reversed_locals(*k, &point.locals[*k], true);
         let shows = |of: &Problem, locals: &[f64]| of.residuals(*k, &point.globals, locals);
         turned.is_none_or(|locals| shows(&with, &locals) == shows(problem, &locals))
     })

@@ -143,7 +143,7 @@ pub fn declared<'a>(
     let mut problem = Problem {
         machine: machine.clone(),
         plant: context.plant,
-        held: Vec::new(),
+        fixed: Vec::new(),
         folded: false,
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
@@ -190,8 +190,8 @@ const DEVIANCE_TOLERANCE: f64 = 1e-3;
 /// better minimum.
 pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> FittedModel<'a> {
     let mut start = problem.start();
-    problem.find_travels(&mut start, context.threads);
-    problem.turn_starts(&mut start, context.threads);
+    problem.find_start_positions(&mut start, context.threads);
+    problem.reverse_better_starts(&mut start, context.threads);
     let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
@@ -613,7 +613,7 @@ fn grow<'a>(
             false => candidates::with_stable_start(base, point, h, &p.fit_start, 1),
         };
         if p.columns.is_empty() && is_signal(h.effect) {
-            problem.turn_starts(&mut start, 1);
+            problem.reverse_better_starts(&mut start, 1);
         }
         let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
         let model = fitted(problem, &start, own, effects, 1, 40);

@@ -95,7 +95,7 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
 
 /// Paths of effects all of whose orders are also orders of this effect, because the tooth count divides the link count:
 /// a tooth or runout always meets the same links, and one link the same tooth.
-pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
+pub fn locked_orders(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     const ON_SPROCKETS: [&str; 2] = ["sprocket_runout", "gap_error"];
     const ON_LINKS: [&str; 2] = ["pitch_error", "tight_joint"];
     let Some(links) = m.chain.as_ref().map(|c| c.links) else { return Vec::new() };
@@ -119,7 +119,7 @@ pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
 }
 
 /// Teeth and links of a machine.
-pub fn counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
+pub fn tooth_and_link_counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
     (m.toothed(), m.chain.as_ref().map(|c| c.links))
 }
 

@@ -1,7 +1,9 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{Body, BodyMotion, Linked, Loop, Machine, PartQuantity, PlacedEffect, Reads, Sensor, Slot, Target};
+use super::{
+    Body, BodyMotion, ChainLoop, LinkedDrive, Machine, PartQuantity, PlacedEffect, Reads, Sensor, Slot, Target,
+};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::{Drive, OuterSpec};
 use crate::effects::{Effect, Kind, On, Parameter};
@@ -9,7 +11,7 @@ use crate::units::RPM;
 
 /// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
 /// start of a record is found as the record's travel, so that effects on links have no phase of their own.
-pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
+pub(super) fn accepts(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
 }
 
@@ -29,7 +31,7 @@ impl Machine {
         let mut m = Machine {
             name: drive.name.clone(),
             text: drive.text.clone(),
-            chain: Some(Loop { links: drive.links as u32, leader: drive.driver() }),
+            chain: Some(ChainLoop { links: drive.links as u32, leader: drive.driver() }),
             places: drive.places.clone(),
             ..Machine::empty(drive.title.clone())
         };
@@ -89,7 +91,7 @@ impl Machine {
             let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
             m.placed.push(PlacedEffect { effect: s.effect, path, target, slots });
         }
-        m.linked = Some(Linked {
+        m.linked = Some(LinkedDrive {
             guides: drive.guides.iter().map(|g| g.name.clone()).collect(),
             repeats: repeats(drive),
             declared: declared(&drive.places),
@@ -107,7 +109,7 @@ impl Machine {
         })
     }
 
-    pub(super) fn targets_on_links(&self, linked: &Linked, effect: &Effect) -> Vec<(String, Target)> {
+    pub(super) fn targets_on_links(&self, linked: &LinkedDrive, effect: &Effect) -> Vec<(String, Target)> {
         if is_signal(effect) {
             let turns = |r: Reads| matches!(r, Reads::Angle(_) | Reads::Speed(_));
             let all = self.sensors.iter().enumerate();

@@ -37,9 +37,9 @@ pub struct Machine {
     pub sensors: Vec<Sensor>,
     /// Loads and effects; effects on sensors are in the order of the catalogue.
     pub placed: Vec<PlacedEffect>,
-    pub chain: Option<Loop>,
+    pub chain: Option<ChainLoop>,
     /// For a drive with link bodies: data that the lumped form does not contain.
-    pub linked: Option<Linked>,
+    pub linked: Option<LinkedDrive>,
     pub places: Places,
 }
 
@@ -186,7 +186,7 @@ pub enum Target {
 
 /// Link count of the chain loop, which determines orders.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loop {
+pub struct ChainLoop {
     pub links: u32,
     /// Body whose teeth count the passing links.
     pub leader: usize,
@@ -194,7 +194,7 @@ pub struct Loop {
 
 /// Data of a drive with link bodies besides its shafts, as far as measured records need them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Linked {
+pub struct LinkedDrive {
     pub guides: Vec<String>,
     /// Period of the declared drive in pitches.
     pub repeats: u32,

@@ -70,7 +70,7 @@ impl Machine {
             _ => false,
         };
         let mut keys = Vec::new();
-        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::takes(effect, p)) {
+        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::accepts(effect, p)) {
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
                 let marks = match target {

@@ -1,6 +1,6 @@
 //! Reading a lumped drive, table by table.
 
-use super::{Body, BodyMotion, End, Input, InputKind, Loop, Machine, Reads, Sensor, Slot, Spring, Target};
+use super::{Body, BodyMotion, ChainLoop, End, Input, InputKind, Machine, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::TomlTable;
 use crate::effects::{EFFECTS, Effect, On, named};
 use crate::units::{MM, RPM};
@@ -182,7 +182,7 @@ fn chain(root: &TomlTable<'_>, m: &mut Machine) {
         if m.bodies.get(leader).is_none_or(|b| b.teeth.is_none()) {
             t.error("no body of this chain has teeth".into(), Some("add `teeth = ...` to its `[rotors.NAME]`".into()));
         }
-        m.chain = Some(Loop { links, leader });
+        m.chain = Some(ChainLoop { links, leader });
     }
     t.finish();
 }

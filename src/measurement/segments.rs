@@ -121,15 +121,15 @@ pub fn load(
     let mut tables: Vec<(String, Columns)> = Vec::new();
     for file in &measurement.files {
         let path = folder.join(&file.path);
-        let wanted = wanted_of(measurement, &file.name);
+        let wanted = needed_columns(measurement, &file.name);
         let columns = read(&path, file.layout, ColumnSelection::Named(&wanted), memory).map_err(DataError::World)?;
         tables.push((file.name.clone(), columns));
     }
-    cut(measurement, machine, bound, &tables)
+    split_into_segments(measurement, machine, bound, &tables)
 }
 
 /// Names of the columns that records need from a file.
-fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
+fn needed_columns(measurement: &Measurement, file: &str) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let records = || measurement.records.iter().filter(|r| r.file == file);
     names.extend(records().flat_map(|r| r.columns.iter().map(|(_, column)| column.clone())));
@@ -145,11 +145,11 @@ pub fn from_tables(
     machine: &Machine,
     tables: &[(String, Columns)],
 ) -> Result<Data, DataError> {
-    cut(measurement, machine, bind(measurement, machine)?, tables)
+    split_into_segments(measurement, machine, bind(measurement, machine)?, tables)
 }
 
 /// Splits columns into segments.
-fn cut(
+fn split_into_segments(
     measurement: &Measurement,
     machine: &Machine,
     BoundColumns { channels, set }: BoundColumns,
@@ -184,7 +184,7 @@ fn cut(
     let elsewhere = |s: &RecordSegment| measurement.records.get(s.record).is_some_and(|r| r.usage == Use::Transfer);
     (data.transfer, data.segments) = std::mem::take(&mut data.segments).into_iter().partition(elsewhere);
     if diags.is_empty() {
-        who_judges(measurement, &mut data, &mut diags);
+        assign_judging_samples(measurement, &mut data, &mut diags);
     }
     if !diags.is_empty() {
         return Err(DataError::File(Box::new(measurement.places.report(diags))));
@@ -503,7 +503,7 @@ pub fn first_guess(
 }
 
 /// If no record judges, the last 30 % of the segments, or of the samples of every segment, are used for judging.
-fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
+fn assign_judging_samples(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
     let Some(first) = data.segments.first().map(|s| s.record) else {
         let title = "no record fits".to_string();
         diags.push(measurement.places.error("records", title, Some("give one of them `use = \"fit\"`".into())));

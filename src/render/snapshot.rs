@@ -15,7 +15,7 @@ pub(crate) use forces::push_arrow;
 use crate::recording::frame::{Frame, Header, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
-use labels::{Rect, Taken, take, take_beside};
+use labels::{OccupiedPlaces, Rect, take_place, take_place_beside};
 use std::fmt::Write;
 
 /// Centre of the view.
@@ -299,7 +299,7 @@ fn push_panel(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Pan
     );
     push_contours(svg, sheet, frame, panel);
     let middle = [left + 0.5 * width, top + 0.5 * height];
-    let mut taken = Taken {
+    let mut taken = OccupiedPlaces {
         panel: Rect { centre: middle, half: [0.5 * width - 2.0, 0.5 * height - 2.0] },
         boxes: Vec::new(),
         strokes: Vec::new(),
@@ -382,15 +382,15 @@ fn number_stride(pitch: f64) -> usize {
     [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= APART).unwrap_or(100)
 }
 
-fn push_link_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_link_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let stride = number_stride(sheet.pitch());
     for (i, link) in sheet.header.links.iter().enumerate().step_by(stride) {
         let pose = link_pose(frame, i);
         // On the link if there is room, slightly away from the teeth; otherwise outside of the loop.
         let aside_m = if stride == 1 { -0.27 * link.pitch_m } else { -link.pitch_m };
         let text = [i.to_string()];
-        let place = Rect::of_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
-        if take(taken, place) {
+        let place = Rect::around_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
+        if take_place(taken, place) {
             let colour = ROW_COLOURS[link.outline as usize % ROW_COLOURS.len()];
             push_number(svg, &place, sheet.font, colour, &text);
         }
@@ -398,7 +398,7 @@ fn push_link_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, pane
 }
 
 /// Numbers of tooth gaps, below their roots.
-fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let stride = number_stride(sheet.pitch()) as u32;
     let size = 0.85 * sheet.font;
     for (k, body) in sheet.header.bodies.iter().enumerate().filter(|(_, b)| b.rotor && b.teeth > 0) {
@@ -409,8 +409,8 @@ fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel
         for gap in (0..body.teeth).step_by(stride as usize) {
             let (s, c) = crate::units::sin_cos(std::f64::consts::TAU * f64::from(gap) / f64::from(body.teeth));
             let text = [gap.to_string()];
-            let place = Rect::of_text(&text, size, panel.on_page(pose.apply([radius_m * c, radius_m * s])));
-            if take(taken, place) {
+            let place = Rect::around_text(&text, size, panel.on_page(pose.apply([radius_m * c, radius_m * s])));
+            if take_place(taken, place) {
                 push_number(svg, &place, size, "#667", &text);
             }
         }
@@ -418,7 +418,7 @@ fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel
 }
 
 /// Names of the bodies: sprockets on their axes, guides beside their middle.
-fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     for (k, body) in sheet.header.bodies.iter().enumerate() {
         let name = body.path.rsplit('.').next().unwrap_or(&body.path).to_string();
         let [low, high] = body_box_m(sheet.header, frame, k);
@@ -427,16 +427,16 @@ fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
             let turning = body.coordinate.and_then(|q| frame.rotors.speed_rad_s.get(q as usize));
             let speed = turning.copied().unwrap_or(0.0) / crate::units::RPM;
             let lines = [name, format!("{} teeth", body.teeth), format!("{speed:.0} rpm")];
-            let place = Rect::of_text(&lines, sheet.font, at);
-            if take(taken, place) {
+            let place = Rect::around_text(&lines, sheet.font, at);
+            if take_place(taken, place) {
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         } else {
             let lines = [format!("{} {name}", if body.path.contains("rail") { "rail" } else { "guide" })];
-            let like = Rect::of_text(&lines, sheet.font, at);
-            let inside = Rect { centre: at, half: [0.0; 2] }.lies_in(&taken.panel);
+            let like = Rect::around_text(&lines, sheet.font, at);
+            let inside = Rect { centre: at, half: [0.0; 2] }.is_inside(&taken.panel);
             // Towards the inside of most loops, away from the chain: below the upper guide, above the lower one.
-            if inside && let Some(place) = take_beside(taken, like, [at, at]) {
+            if inside && let Some(place) = take_place_beside(taken, like, [at, at]) {
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         }

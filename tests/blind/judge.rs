@@ -42,7 +42,7 @@ fn report_of(c: &Case) -> Result<IdentificationReport, String> {
     }
     let measurement = Measurement::parse("measurement.toml", &c.measurement_toml).map_err(|r| r.to_string())?;
     let machine = Machine::parse(&measurement.drive, &c.drive_toml, &[]).map_err(|r| r.to_string())?;
-    let data = load(&measurement, &machine, folder.path(), &mut Memory::of_program(1_000_000_000))
+    let data = load(&measurement, &machine, folder.path(), &mut Memory::for_program(1_000_000_000))
         .map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};

@@ -195,7 +195,7 @@ pub fn identified(folder: &Path, threads: usize) -> Result<IdentificationReport,
     let drive = Drive::parse("drive.toml", &text, &[]).map_err(|r| r.to_string())?;
     let machine = Machine::of_links(&drive);
     let data =
-        load(&measurement, &machine, folder, &mut Memory::of_program(1_000_000_000)).map_err(|e| e.to_string())?;
+        load(&measurement, &machine, folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let plant = Plant::new(&drive, &machine, &data);
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let verbose = std::env::var_os("PITCHLINE_VERBOSE").is_some();

@@ -115,12 +115,12 @@ struct CsvColumn {
     /// Index in the file.
     index: usize,
     kind: ColumnType,
-    marks: Marks,
+    marks: DecimalMarks,
 }
 
 /// Decimal marks that have occurred.
 #[derive(Clone, Copy, Debug, Default)]
-struct Marks {
+struct DecimalMarks {
     point: bool,
     comma: bool,
 }
@@ -153,7 +153,7 @@ impl<'a> CsvTable<'a> {
             splitter: Reader::new(),
             fields: Vec::new(),
             ends: Vec::new(),
-            columns: Columns::of_numbers(Vec::new(), Vec::new()),
+            columns: Columns::from_numbers(Vec::new(), Vec::new()),
             kept: Vec::new(),
             has_names: false,
             open: None,
@@ -180,7 +180,7 @@ impl<'a> CsvTable<'a> {
         };
         // A line that is a complete row cannot continue a quoted text.
         if self.has_names && self.split(line, true) && self.ends.len() == self.columns.names.len() {
-            self.stray(&open, first, memory)?;
+            self.stray_quote(&open, first, memory)?;
             return self.line(line, number, memory);
         }
         let joined = format!("{open}\n{line}");
@@ -195,7 +195,7 @@ impl<'a> CsvTable<'a> {
     }
 
     /// Processes a line with a stray quotation mark.
-    fn stray(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+    fn stray_quote(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
         self.split(line, false);
         if line.contains('\n') || self.ends.len() != self.columns.names.len() {
             return Err(format!(
@@ -313,16 +313,17 @@ impl<'a> CsvTable<'a> {
             return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
         }
         let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.wants(name));
-        self.kept =
-            kept.map(|(index, _)| CsvColumn { index, kind: ColumnType::Unknown, marks: Marks::default() }).collect();
-        self.columns = Columns::of_numbers(names, vec![Vec::new(); width]);
+        self.kept = kept
+            .map(|(index, _)| CsvColumn { index, kind: ColumnType::Unknown, marks: DecimalMarks::default() })
+            .collect();
+        self.columns = Columns::from_numbers(names, vec![Vec::new(); width]);
         Ok(())
     }
 
     /// Whether this is a row of units: below the names, before any number, and without any number.
     fn is_row_of_units(&self, width: usize) -> bool {
         let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
-        let mut probe = CsvColumn { index: 0, kind: ColumnType::Unknown, marks: Marks::default() };
+        let mut probe = CsvColumn { index: 0, kind: ColumnType::Unknown, marks: DecimalMarks::default() };
         let mut numbers = texts.clone().filter(|t| probe.number(t, self.separator).is_some());
         self.layout.header
             && self.columns.units.iter().all(Option::is_none)
@@ -332,7 +333,7 @@ impl<'a> CsvTable<'a> {
 
     fn finish(mut self, memory: &mut Memory) -> Result<Columns, String> {
         if let Some((open, first)) = self.open.take() {
-            self.stray(&open, first, memory)?;
+            self.stray_quote(&open, first, memory)?;
         }
         if self.columns.rows == 0 {
             return Err(" holds no rows".into());
@@ -354,7 +355,7 @@ impl<'a> CsvTable<'a> {
                 *unit = Some("s".into());
             }
         }
-        self.columns.look_for_twins();
+        self.columns.refuse_duplicate_names();
         Ok(self.columns)
     }
 }

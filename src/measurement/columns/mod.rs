@@ -81,7 +81,7 @@ const COPIES: usize = 10;
 
 impl Memory {
     /// The limit for a program that may use this many bytes in total.
-    pub fn of_program(bytes: usize) -> Memory {
+    pub fn for_program(bytes: usize) -> Memory {
         Memory { bytes: bytes / COPIES, left: bytes / COPIES }
     }
 
@@ -101,7 +101,7 @@ impl Memory {
 
 impl Columns {
     /// Columns in which all values are numbers.
-    fn of_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
+    fn from_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
         Columns {
             wrong: vec![None; names.len()],
             units: vec![None; names.len()],
@@ -138,7 +138,7 @@ impl Columns {
     }
 
     /// Refuses columns that share a name, because a request for it would be ambiguous.
-    fn look_for_twins(&mut self) {
+    fn refuse_duplicate_names(&mut self) {
         let mut firsts: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
         let mut twins = Vec::new();
         for (index, name) in self.names.iter().enumerate() {
@@ -245,7 +245,7 @@ pub fn parse_mdf(
     let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
     let channels: Vec<&falcon_mdf::Channel> = full.iter().flat_map(|(_, g)| &g.channels).collect();
     let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
-    let mut columns = Columns::of_numbers(names, vec![Vec::new(); channels.len()]);
+    let mut columns = Columns::from_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
     for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
@@ -255,7 +255,7 @@ pub fn parse_mdf(
             Err(why) => columns.refuse(index, format!("`{}` {why}", channel.name)),
         }
     }
-    columns.look_for_twins();
+    columns.refuse_duplicate_names();
     Ok(columns)
 }
 
@@ -345,7 +345,7 @@ fn read_recording(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory)
         let shown = reading.iter().map(|v| gain * v).collect();
         *reading = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
     }
-    let mut columns = Columns::of_numbers(names, values);
+    let mut columns = Columns::from_numbers(names, values);
     columns.missing = reader.missing().to_vec();
     // Sensors with declared errors are computed from other columns, so that all are read.
     for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {

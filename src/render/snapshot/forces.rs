@@ -1,7 +1,7 @@
 //! Forces as arrows to scale, and their numbers.
 
 use super::contours::link_pose;
-use super::labels::{Rect, Taken, take_beside};
+use super::labels::{OccupiedPlaces, Rect, take_place_beside};
 use super::{DrawingSheet, FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, pitch_m, push_number, round_below};
 use crate::recording::frame::{Contacts, Frame};
 use std::fmt::Write;
@@ -79,7 +79,7 @@ fn shaft(panel: &Panel, at: [f64; 2], force: [f64; 2], units_per_n: f64) -> [[f6
 }
 
 /// Forces in the visible joints.
-pub fn push_joints(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_joints(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let Some(units_per_n) = sheet.joint_units_per_n else { return };
     for j in 0..frame.joints.force_x_n.len() {
         let (at, force) = joint(sheet, frame, j);
@@ -92,7 +92,7 @@ pub fn push_joints(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
 }
 
 /// Visible contacts: a dot at the contact point, and the force on the link from there.
-pub fn push_contacts(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_contacts(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let dot = (0.03 * sheet.pitch()).clamp(1.2, 2.6);
     for i in 0..frame.contacts.link.len() {
         let (foot, force) = contact(&frame.contacts, i);
@@ -108,7 +108,13 @@ pub fn push_contacts(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, pane
 }
 
 /// Link, force and penetration beside every arrow, the largest first; without room the small ones are left out.
-pub fn push_contact_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_contact_numbers(
+    svg: &mut String,
+    sheet: &DrawingSheet,
+    frame: &Frame,
+    panel: &Panel,
+    taken: &mut OccupiedPlaces,
+) {
     let Some(least_n) = least_numbered_n(sheet) else { return };
     let c = &frame.contacts;
     let size = 0.88 * sheet.font;
@@ -122,7 +128,7 @@ pub fn push_contact_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Fram
         }
         let line = shaft(panel, foot, force, sheet.contact_units_per_n.unwrap_or(0.0));
         let lines = [format!("{}: {} N", c.link[i], digits(force_n)), depth_text(c.penetration_m[i])];
-        if let Some(place) = take_beside(taken, Rect::of_text(&lines, size, line[1]), line) {
+        if let Some(place) = take_place_beside(taken, Rect::around_text(&lines, size, line[1]), line) {
             push_leader(svg, line[1], &place);
             push_number(svg, &place, size, FORCE, &lines);
         }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 /// Height of a line, and total margin [user units].
 const LINE: f64 = 24.0;
-const ROOM: f64 = 28.0;
+const SPACING: f64 = 28.0;
 
 /// Symbol before a text of the legend.
 enum Mark {
@@ -68,12 +68,12 @@ pub fn entries(sheet: &DrawingSheet, width: f64) -> Vec<LegendEntry> {
 
 /// Height of the legend below the panels [user units].
 pub fn height(entries: &[LegendEntry]) -> f64 {
-    ROOM + LINE + entries.last().map_or(0.0, |e| e.at[1])
+    SPACING + LINE + entries.last().map_or(0.0, |e| e.at[1])
 }
 
 /// Draws the legend below `bottom`, the lower edge of the panels.
 pub fn push(svg: &mut String, entries: &[LegendEntry], bottom: f64) {
-    let top = bottom + 0.5 * (ROOM + LINE);
+    let top = bottom + 0.5 * (SPACING + LINE);
     for LegendEntry { at: [x, y], mark, text } in entries {
         let y = y + top;
         match mark {

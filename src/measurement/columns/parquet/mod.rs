@@ -26,7 +26,7 @@ pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory
     if rows == 0 {
         return Err(format!("`{shown}` holds no rows"));
     }
-    let mut columns = Columns::of_numbers(names.clone(), vec![Vec::new(); names.len()]);
+    let mut columns = Columns::from_numbers(names.clone(), vec![Vec::new(); names.len()]);
     columns.rows = rows;
     for (index, name) in names.iter().enumerate().filter(|(_, name)| wanted.wants(name)) {
         let about = schema.column(index);
@@ -42,7 +42,7 @@ pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory
             }
         }
     }
-    columns.look_for_twins();
+    columns.refuse_duplicate_names();
     Ok(columns)
 }
 
