@@ -53,7 +53,7 @@ struct OpenImpact {
 
 impl OpenImpact {
     /// Inserts steps without force up to step `steps`; returns whether there were any.
-    fn fill(&mut self, steps: u64) -> bool {
+    fn pad_without_force(&mut self, steps: u64) -> bool {
         let without = self.force_n.len() < steps as usize;
         if without {
             self.force_n.resize(steps as usize, 0.0);
@@ -211,7 +211,7 @@ impl ImpactWatch {
                 continue;
             }
             let mean = memory.normal_force[lane];
-            if open.fill(step - open.impact.step) {
+            if open.pad_without_force(step - open.impact.step) {
                 open.meter = PeakMeter::default();
             }
             open.force_n.push(mean);
@@ -264,7 +264,7 @@ impl ImpactWatch {
         let Some(mut open) = self.open[at].take() else { return };
         if self.follows_forces {
             let window = (WATCHED_PERIODS * self.period_steps) as u64;
-            open.fill((self.step + 1 - open.impact.step).min(window));
+            open.pad_without_force((self.step + 1 - open.impact.step).min(window));
         }
         self.free.push(at);
         self.parts[open.parts].open[open.lane] = None;

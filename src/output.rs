@@ -100,7 +100,7 @@ impl OutputFile {
     }
 
     /// Current path of the data.
-    pub fn lies_at(&self) -> &Path {
+    pub fn current_path(&self) -> &Path {
         if self.published || self.way == PublishMode::Own { &self.path } else { &self.written_as }
     }
 
@@ -321,12 +321,12 @@ mod tests {
         assert!(!path.exists());
         first.show().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
-        assert_eq!(first.lies_at(), path);
+        assert_eq!(first.current_path(), path);
         first.publish().unwrap();
         let (mut second, mut file) = OutputFile::create(&path).unwrap();
         file.write_all(b"second").unwrap();
         second.show().unwrap();
-        let kept = second.lies_at().to_path_buf();
+        let kept = second.current_path().to_path_buf();
         assert_eq!(kept, folder.path().join("a.unfinished.mcap"));
         // Abandoned: both files exist.
         drop(second);
@@ -334,7 +334,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
         let (mut third, mut file) = OutputFile::create(&path).unwrap();
         third.show().unwrap();
-        assert_eq!(third.lies_at(), folder.path().join("a.unfinished-2.mcap"));
+        assert_eq!(third.current_path(), folder.path().join("a.unfinished-2.mcap"));
         file.write_all(b"third").unwrap();
         third.publish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"third");

@@ -169,12 +169,12 @@ fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() 
             .unwrap_or_else(|| panic!("nothing to put {} on", e.name));
         // A sensor's shape parameter (its period) has no off value.
         if e.name != "sensor_resonance" {
-            let (off, _) = m.with(e, &name, target, &values(&m, e, target, false));
+            let (off, _) = m.with_effect(e, &name, target, &values(&m, e, target, false));
             let same = channels(&off, &off.values);
             let bits = |s: &[Vec<f64>]| s.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert!(bits(&same) == bits(&without), "{} changes a bit where it is off", e.name);
         }
-        let (on, _) = m.with(e, &name, target, &values(&m, e, target, true));
+        let (on, _) = m.with_effect(e, &name, target, &values(&m, e, target, true));
         // A sign-blind sensor differs only in reverse motion.
         let mut numbers = on.values.clone();
         if e.name == "sign_blind" {
@@ -216,7 +216,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         if e.name == "span_damping" {
             numbers[0] = 100.0;
         }
-        let (with, _) = m.with(e, &name, target, &numbers);
+        let (with, _) = m.with_effect(e, &name, target, &numbers);
         // Damping forces of a span store no energy: only the tension of the declared spring does.
         let series = if matches!(e.physics, Physics::SpanForce(_)) {
             let s = run(&with, &with.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
@@ -346,7 +346,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
         // An effect with a lag has a start parameter besides its time.
         let values = [value, 0.0];
-        let (with, _) = m.with(e, &place, target, &values[..e.parameters.len()]);
+        let (with, _) = m.with_effect(e, &place, target, &values[..e.parameters.len()]);
         run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0)
     };
     let (lagging, late) = (show("low_pass", 0.02), show("latency", 0.0125));
@@ -368,7 +368,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
         for beyond in [0.0, 0.7] {
-            let (with, _) = m.with(e, &place, target, &[late_s, beyond]);
+            let (with, _) = m.with_effect(e, &place, target, &[late_s, beyond]);
             let shown = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0);
             for (i, shown) in shown.iter().enumerate() {
                 let t = i as f64 * 1e-3;
@@ -390,7 +390,7 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
     let m = machine(text);
     let e = named("mark_spacing").expect("a row");
     let (name, target) = m.targets(e).remove(0);
-    let (with, _) = m.with(e, &name, target, &[0.01, 0.0, -0.02]);
+    let (with, _) = m.with_effect(e, &name, target, &[0.01, 0.0, -0.02]);
     for speed in [10.0, 200.0] {
         let gap = std::f64::consts::FRAC_PI_2 / speed;
         let task = Task {

@@ -91,7 +91,7 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let stop = stop_on_interrupt();
     let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop)?;
     if stop.load(Ordering::Relaxed) {
-        eprintln!("note: a part of it lies in {}", sink.lies_at().display());
+        eprintln!("note: a part of it lies in {}", sink.current_path().display());
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;

@@ -141,7 +141,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
         Ok(summary) => summary,
         Err(e) => {
             let written: Vec<String> =
-                sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
+                sinks.iter().take(paths.len()).map(|s| s.current_path().display().to_string()).collect();
             let written = written.join(", ");
             // The others are still finished; the first error is reported.
             for sink in &mut sinks {
@@ -244,14 +244,14 @@ pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Outp
     for (sink, bytes) in sinks.iter_mut().zip(bytes) {
         if well {
             sink.publish()?;
-        } else if sink.lies_at() != sink.path() {
+        } else if sink.current_path() != sink.path() {
             eprintln!(
                 "note: {} existed before and is kept; this run did not finish, it is in {}",
                 sink.path().display(),
-                sink.lies_at().display()
+                sink.current_path().display()
             );
         }
-        outputs.push(Output { bytes, path: sink.lies_at().to_path_buf() });
+        outputs.push(Output { bytes, path: sink.current_path().to_path_buf() });
     }
     Ok(outputs)
 }

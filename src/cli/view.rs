@@ -208,7 +208,7 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
     let mut sink = create(to, reader.header(), ViewOptions::default())?;
     let (_, _, damage) = super::replay::copy(&mut reader, sink.as_mut(), stop)?;
     if stop.load(Ordering::Relaxed) {
-        eprintln!("note: a part of it lies in {}", sink.lies_at().display());
+        eprintln!("note: a part of it lies in {}", sink.current_path().display());
         return Ok(Outcome::Interrupted);
     }
     sink.finish()?;

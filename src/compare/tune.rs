@@ -67,7 +67,7 @@ pub fn margins(s: &DriveSummary) -> Vec<Margin> {
 }
 
 /// The smallest margin.
-pub fn worst(margins: &[Margin]) -> f64 {
+pub fn smallest_margin(margins: &[Margin]) -> f64 {
     // A value that could not be measured counts as violated.
     let known = |m: &Margin| if m.margin.is_nan() { f64::NEG_INFINITY } else { m.margin };
     margins.iter().map(known).fold(f64::INFINITY, f64::min)
@@ -98,7 +98,7 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
     let start = trial(&values)?;
     let mut best = start.clone();
     let mut runs = 1;
-    told(runs, worst(&best));
+    told(runs, smallest_margin(&best));
     for _ in 0..MAX_ROUNDS {
         let mut moves = Vec::new();
         for i in 0..values.len() {
@@ -115,12 +115,14 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
             Err(CompareError::Interrupted) => Err(CompareError::Interrupted),
             Err(_) => Ok(None),
         })?;
-        let winner = tried.into_iter().flatten().max_by(|a, b| worst(&a.1).total_cmp(&worst(&b.1)));
+        let winner = tried.into_iter().flatten().max_by(|a, b| smallest_margin(&a.1).total_cmp(&smallest_margin(&b.1)));
         match winner {
-            Some((moved, margins)) if worst(&margins) > worst(&best) => (values, best) = (moved, margins),
+            Some((moved, margins)) if smallest_margin(&margins) > smallest_margin(&best) => {
+                (values, best) = (moved, margins)
+            }
             _ => values.iter_mut().for_each(|f| f.step *= 0.5),
         }
-        told(runs, worst(&best));
+        told(runs, smallest_margin(&best));
     }
     Ok(Some(Tuned { start, best, values, runs }))
 }

@@ -10,7 +10,7 @@ use super::candidates::Hypothesis;
 use super::crossed::{HeldOutComparison, compare_held_out};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
-use super::model::{FittedModel, globals_of, rebuilt, score, standard_error, without_effect};
+use super::model::{FittedModel, globals_of, refitted, score, standard_error, without_effect};
 use super::problem::Problem;
 use super::screen::{FitStart, LinearisedBase, screen};
 use super::search::{Context, MAX_EFFECTS, MIN_SCORE_GAIN, SearchResult, Trial};
@@ -280,7 +280,7 @@ fn better_form<'a>(
     let own_score = score(best, effective);
     let models = parallel(forms.len(), context.threads, |i| {
         let fit_start = FitStart { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-        rebuilt(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1)
+        refitted(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1)
     });
     let clear = models.iter().zip(&forms).filter(|(m, _)| {
         let is_better = score(m, effective) < own_score - CLEAR_SCORE_GAP;
@@ -551,7 +551,7 @@ fn rivals<'a>(
             if !p.columns.is_empty() && p.gain < 0.25 * own_gain {
                 return None;
             }
-            Some(rebuilt(declared, best, &rest, Some((tried[i], &p.fit_start)), own, 1))
+            Some(refitted(declared, best, &rest, Some((tried[i], &p.fit_start)), own, 1))
         });
         for m in models.into_iter().flatten() {
             let worse = score(&m, effective) - best_score;

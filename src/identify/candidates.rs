@@ -415,7 +415,7 @@ const DIVERGING_COST_RATIO: f64 = 10.0;
 const REDUCED_SHARES: [f64; 3] = [0.5, 0.2, 0.05];
 const NEGLIGIBLE_SHARE: f64 = 1e-3;
 
-/// As [`with`], but with a smaller amplitude if the starting value stops the machine or makes it run away.
+/// As [`with_hypothesis`], but with a smaller amplitude if the starting value stops the machine or makes it run away.
 pub fn with_stable_start<'a>(
     problem: &Problem<'a>,
     point: &Point,
@@ -429,7 +429,7 @@ pub fn with_stable_start<'a>(
             _ => *value,
         };
         let values = fit_start.values.iter().zip(&h.rows).map(size).collect();
-        with(problem, point, h, &FitStart { values, ..fit_start.clone() })
+        with_hypothesis(problem, point, h, &FitStart { values, ..fit_start.clone() })
     };
     let whole = sized(1.0);
     let has_size = h.rows.iter().any(|r| matches!(r.kind, Kind::Amplitude | Kind::PerMark));
@@ -446,7 +446,12 @@ pub fn with_stable_start<'a>(
 }
 
 /// The problem with a hypothesis added. Its parameters are free and begin at the starting values.
-pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, fit_start: &FitStart) -> (Problem<'a>, Point) {
+pub fn with_hypothesis<'a>(
+    problem: &Problem<'a>,
+    point: &Point,
+    h: &Hypothesis,
+    fit_start: &FitStart,
+) -> (Problem<'a>, Point) {
     let (values, phases) = (&fit_start.values, &fit_start.phases);
     let mut next = problem.clone();
     let mut point = point.clone();
@@ -460,7 +465,7 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, fit_start:
     while next.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
         name.push('+');
     }
-    let (machine, slots) = next.machine.with(h.effect, &name, h.target, values);
+    let (machine, slots) = next.machine.with_effect(h.effect, &name, h.target, values);
     next.machine = machine;
     for (i, (row, slot)) in h.rows.iter().zip(&slots).enumerate() {
         let s = &next.machine.slots[*slot];

@@ -290,8 +290,8 @@ fn line(p: &SegmentResiduals, body: usize, channel: usize, order: f64) -> Option
 }
 
 /// Orders that are computed for a spectrum, and lines that are drawn.
-const LOOKED: usize = 2000;
-const DRAWN: usize = 200;
+const MAX_ORDERS: usize = 2000;
+const ORDER_BINS: usize = 200;
 
 /// Orders, and amplitudes times `shown`. None if the body does not turn often enough.
 fn spectrum(parts: &[SegmentResiduals], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
@@ -303,10 +303,10 @@ fn spectrum(parts: &[SegmentResiduals], body: usize, channel: usize, shown: f64)
     }
     // Orders at half the resolution limit of records of this length, up to the maximum count.
     let last = 0.45 * samples as f64 / longest;
-    let count = ((2.0 * longest * last) as usize).clamp(DRAWN, LOOKED);
+    let count = ((2.0 * longest * last) as usize).clamp(ORDER_BINS, MAX_ORDERS);
     let (mut orders, mut amplitudes) = (Vec::new(), Vec::new());
-    for bin in 0..DRAWN {
-        let inside = bin * count / DRAWN..(bin + 1) * count / DRAWN;
+    for bin in 0..ORDER_BINS {
+        let inside = bin * count / ORDER_BINS..(bin + 1) * count / ORDER_BINS;
         let of = |i: usize| {
             let order = last * (i as f64 + 1.0) / count as f64;
             let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, body, channel, order)).map(|l| l.1).collect();

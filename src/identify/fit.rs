@@ -473,7 +473,7 @@ fn finish(
             let basis = orthonormal(local);
             let mut j = DMatrix::zeros(part.residuals.len(), n);
             for (column, g) in global.iter().zip(&concerned) {
-                j.set_column(*g, &DVector::from_vec(without(column, &basis)));
+                j.set_column(*g, &DVector::from_vec(project_out(column, &basis)));
             }
             information += j.tr_mul(&j);
             jacobians[*k] = j;
@@ -495,9 +495,9 @@ pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for column in columns {
         let before = libm::sqrt(dot(column, column));
-        let mut rest = without(column, &basis);
+        let mut rest = project_out(column, &basis);
         // Twice is enough: Kahan and Parlett.
-        rest = without(&rest, &basis);
+        rest = project_out(&rest, &basis);
         let size = libm::sqrt(dot(&rest, &rest));
         if size > 1e-9 * before && size > 0.0 {
             rest.iter_mut().for_each(|x| *x /= size);
@@ -508,7 +508,7 @@ pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
 }
 
 /// The column minus its projection onto the basis.
-pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
+pub fn project_out(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut rest = column.to_vec();
     for b in basis {
         let along = dot(&rest, b);

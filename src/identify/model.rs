@@ -110,7 +110,7 @@ const NEAR_FLOOR: f64 = 1.5;
 const MAX_REALIGNMENTS: usize = 3;
 
 /// Fits, weights the channels by their residuals, and fits again.
-pub fn fitted<'a>(
+pub fn fit_model<'a>(
     mut problem: Problem<'a>,
     start: &Point,
     own: &'a Data,
@@ -153,7 +153,7 @@ pub fn refit_with<'a>(
 ) -> FittedModel<'a> {
     let (problem, start) = candidates::with_stable_start(&model.problem, &model.fit.point, h, fit_start, threads);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-    fitted(problem, &start, own, effects, threads, 40)
+    fit_model(problem, &start, own, effects, threads, 40)
 }
 
 /// The model without one of its effects, fitted again from the remaining parameters.
@@ -165,11 +165,11 @@ pub fn without_effect<'a>(
     threads: usize,
 ) -> FittedModel<'a> {
     let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
-    rebuilt(declared, model, &rest, None, own, threads)
+    refitted(declared, model, &rest, None, own, threads)
 }
 
 /// A model with some of another's effects, and optionally one more, fitted from their parameters.
-pub fn rebuilt<'a>(
+pub fn refitted<'a>(
     declared: &FittedModel<'a>,
     model: &FittedModel<'a>,
     kept: &[usize],
@@ -212,7 +212,7 @@ pub fn rebuilt<'a>(
         at_local = locals.end;
         if kept.contains(&i) {
             let fit_start = FitStart { values, phases, travels: Vec::new() };
-            (problem, point) = candidates::with(&problem, &point, h, &fit_start);
+            (problem, point) = candidates::with_hypothesis(&problem, &point, h, &fit_start);
             for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
                 let first = own.len() - locals.len();
                 own[first..].clone_from_slice(&from[locals.clone()]);
@@ -225,7 +225,7 @@ pub fn rebuilt<'a>(
         effects.push(h.clone());
     }
     problem.reverse_better_starts(&mut point, threads);
-    fitted(problem, &point, own, effects, threads, 40)
+    fit_model(problem, &point, own, effects, threads, 40)
 }
 
 /// Path of an effect in the machine. Declared effects of the same kind at the same place come first.

@@ -7,7 +7,7 @@
 //! 1973).
 
 use super::candidates::Hypothesis;
-use super::fit::{Fit, orthonormal, without};
+use super::fit::{Fit, orthonormal, project_out};
 use super::problem::{FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
 use crate::units::within;
@@ -83,9 +83,9 @@ impl LinearisedBase {
         let mut out = Vec::with_capacity(column.len());
         for (i, (_, from)) in self.parts.iter().enumerate() {
             let to = self.parts.get(i + 1).map_or(column.len(), |(_, from)| *from);
-            out.extend(without(&column[*from..to], &self.local_bases[i]));
+            out.extend(project_out(&column[*from..to], &self.local_bases[i]));
         }
-        without(&out, &self.basis)
+        project_out(&out, &self.basis)
     }
 
     /// Sum of squares that remains to be explained.
@@ -155,7 +155,7 @@ fn residual_change(
     while with.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
         name.push('+');
     }
-    (with.machine, _) = problem.machine.with(h.effect, &name, h.target, values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &name, h.target, values);
     let mut out = Vec::new();
     for (k, from) in &base.parts {
         let now = with.residuals(*k, &point.globals, &point.locals[*k]);
@@ -284,7 +284,7 @@ fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h
         return true;
     }
     let mut with = problem.clone();
-    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
     base.parts.iter().all(|(k, _)| {
         let turned = problem.reversed_locals(*k, &point.locals[*k], true);
         let shows = |of: &Problem, locals: &[f64]| of.residuals(*k, &point.globals, locals);
@@ -297,7 +297,7 @@ fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h
 fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> Option<ScreeningResult> {
     let amplitude = *h.amplitudes().first()?;
     let mut with = problem.clone();
-    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
     let places = if super::plant::has_place(h.effect) { (with.machine.repeats() / 2).max(1) } else { 1 };
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
     // For every segment and place: product with the residual, and square.
@@ -311,7 +311,7 @@ fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothe
         locals[travel] += moved_on;
         let now = with.residuals(k, &globals, &locals);
         let moved: Vec<f64> = now.iter().zip(&alone[at]).map(|(a, b)| a - b).collect();
-        without(&moved, &base.local_bases[at])
+        project_out(&moved, &base.local_bases[at])
     };
     let size_of = |at: usize, c: &[f64]| {
         let from = base.parts[at].1;
@@ -364,7 +364,8 @@ fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothe
             locals[travel] += 2.0 * f64::from(*place);
             let now = with.residuals(k, &globals, &locals);
             let change: Vec<f64> = now.iter().zip(&rest).map(|(a, b)| a - b).collect();
-            let (change, rest) = (without(&change, &base.local_bases[at]), without(&rest, &base.local_bases[at]));
+            let (change, rest) =
+                (project_out(&change, &base.local_bases[at]), project_out(&rest, &base.local_bases[at]));
             let (along, size) = dot_and_size(&rest, &change);
             let taken = if along * sign < 0.0 { along * along / f64::max(size, 1e-300) } else { 0.0 };
             let left = rest.iter().map(|r| r * r).sum::<f64>() - taken;
@@ -375,8 +376,8 @@ fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothe
         rests.extend(rest);
         travels[k] = moved_to;
     }
-    let columns = vec![without(&whole, &base.basis)];
-    let rests = without(&rests, &base.basis);
+    let columns = vec![project_out(&whole, &base.basis)];
+    let rests = project_out(&rests, &base.basis);
     let (along, size) = dot_and_size(&rests, &columns[0]);
     let x = within(-along / f64::max(size, 1e-300), low.max(-1e6), high.min(1e6));
     let mut values = h.values.clone();

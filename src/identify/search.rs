@@ -7,7 +7,7 @@
 use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, FitOptions, fit, parallel};
 use super::judge;
-use super::model::{FittedModel, fitted, score};
+use super::model::{FittedModel, fit_model, score};
 use super::plant::Plant;
 use super::problem::{Global, Law, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
@@ -192,7 +192,7 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> F
     let mut start = problem.start();
     problem.find_start_positions(&mut start, context.threads);
     problem.reverse_better_starts(&mut start, context.threads);
-    let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
+    let mut best = fit_model(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
         // A drive with link bodies is too costly to restart, and its parameters are close to the true ones.
@@ -204,7 +204,7 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> F
             let d = (random.below(2001) as f64 / 1000.0 - 1.0) * g.prior.map_or(1.0, |(_, s)| s.min(1.0));
             *x += d;
         }
-        let model = fitted(problem.clone(), &other, own, Vec::new(), context.threads, 40);
+        let model = fit_model(problem.clone(), &other, own, Vec::new(), context.threads, 40);
         if model.misfit() < best.misfit() - DEVIANCE_TOLERANCE {
             best = model;
         }
@@ -256,7 +256,7 @@ pub fn search<'a>(
                 screened(measurement, model, &LinearisedBase::new(&model.problem, &model.fit), context)
             });
             let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
-            let grown = grow(screened_now, model, own, context, seen, &mut trials, &mut reasons);
+            let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
             next.extend(grown);
         }
         if round == 1
@@ -264,7 +264,15 @@ pub fn search<'a>(
         {
             context.report("round 1: searching again from the drive's own parameters");
             let screened_now = screened(measurement, &near, &LinearisedBase::new(&near.problem, &near.fit), context);
-            next.extend(grow(screened_now, &near, own, context, &mut seen[0], &mut trials, &mut reasons));
+            next.extend(extend_by_one_effect(
+                screened_now,
+                &near,
+                own,
+                context,
+                &mut seen[0],
+                &mut trials,
+                &mut reasons,
+            ));
         }
         if round == 1 && !next.iter().any(FittedModel::is_near_the_floor) && !context.must_end() {
             context.report("round 1: searching again in short stretches");
@@ -360,7 +368,7 @@ fn from_the_file<'a>(
     }
     let mut start = model.fit.point.clone();
     start.globals[..file.globals.len()].copy_from_slice(&file.globals);
-    Some(fitted(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
+    Some(fit_model(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
 }
 
 /// The declared model with the parameters of its file, if the fit has moved one far away. The search for effects is
@@ -422,7 +430,7 @@ fn from_stretches<'a>(
     let mut fits: Vec<(usize, Problem, Fit)> = parallel(chosen.len(), context.threads, |at| {
         let i = chosen[at];
         let (problem, start) =
-            candidates::with(&short.problem, &short.fit.point, &hypotheses[i], &screenings[i].fit_start);
+            candidates::with_hypothesis(&short.problem, &short.fit.point, &hypotheses[i], &screenings[i].fit_start);
         let found = fit(&problem, &start, FitOptions { threads: 1, ..options });
         (i, problem, found)
     });
@@ -438,16 +446,16 @@ fn from_stretches<'a>(
         // The declared parameters come first, then those of the effect.
         let mut short = (problem.clone(), found.point.clone(), &levels[0].1);
         for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
-            let (with, mut start) = candidates::with(problem, &problem.start(), h, fit_start);
+            let (with, mut start) = candidates::with_hypothesis(problem, &problem.start(), h, fit_start);
             start.locals = windows::joined((&with, &start, own), (&short.0, &short.1, short.2));
             start.globals = short.1.globals;
             let found = fit(&with, &start, FitOptions { threads: 1, ..options }).point;
             short = (with, found, own);
         }
-        let (problem, mut start) = candidates::with(whole, &declared.fit.point, h, fit_start);
+        let (problem, mut start) = candidates::with_hypothesis(whole, &declared.fit.point, h, fit_start);
         start.locals = windows::joined((&problem, &start, &begins), (&short.0, &short.1, short.2));
         start.globals = short.1.globals;
-        fitted(problem, &start, own, vec![h.clone()], 1, 40)
+        fit_model(problem, &start, own, vec![h.clone()], 1, 40)
     })
 }
 
@@ -531,7 +539,7 @@ fn record_trial(trials: &mut Vec<Trial>, identity: String, beside: &[String], pr
 }
 
 /// The model with one more effect, in every form that justifies a fit.
-fn grow<'a>(
+fn extend_by_one_effect<'a>(
     screened: ScreenedHypotheses,
     model: &FittedModel<'a>,
     own: &'a Data,
@@ -609,14 +617,14 @@ fn grow<'a>(
         // Without a screening result the fit starts from the hypothesis' own values.
         let (base, point) = (&model.problem, &model.fit.point);
         let (problem, mut start) = match p.columns.is_empty() {
-            true => candidates::with(base, point, h, &p.fit_start),
+            true => candidates::with_hypothesis(base, point, h, &p.fit_start),
             false => candidates::with_stable_start(base, point, h, &p.fit_start, 1),
         };
         if p.columns.is_empty() && is_signal(h.effect) {
             problem.reverse_better_starts(&mut start, 1);
         }
         let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-        let model = fitted(problem, &start, own, effects, 1, 40);
+        let model = fit_model(problem, &start, own, effects, 1, 40);
         context.report("fitting hypotheses");
         Some(model)
     });

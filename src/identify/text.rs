@@ -6,7 +6,7 @@ use crate::machine::Machine;
 use std::fmt::Write;
 
 /// Four significant digits.
-fn short(x: f64) -> String {
+fn four_digits(x: f64) -> String {
     let size = x.abs();
     if x == 0.0 || !x.is_finite() {
         format!("{x}")
@@ -18,8 +18,8 @@ fn short(x: f64) -> String {
     }
 }
 
-fn optional(x: Option<f64>) -> String {
-    x.map_or("-".to_string(), short)
+fn optional_number(x: Option<f64>) -> String {
+    x.map_or("-".to_string(), four_digits)
 }
 
 /// The report as text for a terminal.
@@ -55,7 +55,7 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 "  record {:<14} {:>8} samples, {} 1/s, {:.4} s{}",
                 c.record,
                 c.samples,
-                short(c.rate_hz),
+                four_digits(c.rate_hz),
                 c.length_s,
                 if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
             )?;
@@ -84,7 +84,7 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         errors(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
-        rest(t, r)
+        push_remaining_sections(t, r)
     })();
 }
 
@@ -95,7 +95,8 @@ fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     )?;
     for (b, a) in r.error_before.iter().zip(&r.error_after) {
         let floor = r.noise_floor.iter().find(|f| f.channel == b.channel);
-        let interval = a.held_out_interval.map_or(String::new(), |[l, h]| format!("[{}, {}]", short(l), short(h)));
+        let interval =
+            a.held_out_interval.map_or(String::new(), |[l, h]| format!("[{}, {}]", four_digits(l), four_digits(h)));
         let ratio = match (b.held_out, a.held_out) {
             (Some(b), Some(a)) if b > 0.0 => format!("{:.3}", a / b),
             _ => "-".into(),
@@ -105,7 +106,7 @@ fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
         let (before, after) = if only_fits { (b.fit, a.fit) } else { (b.held_out, a.held_out) };
         let interval = if only_fits { "(fitted)".to_string() } else { interval };
         let (floor_value, white) = match (&b.record, floor) {
-            (None, Some(f)) => (short(f.noise_floor), if f.white { "yes" } else { "no" }),
+            (None, Some(f)) => (four_digits(f.noise_floor), if f.white { "yes" } else { "no" }),
             _ => (String::new(), ""),
         };
         let times = match (&b.record, floor) {
@@ -119,8 +120,8 @@ fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
             b.record.as_deref().unwrap_or("all"),
             b.unit,
             floor_value,
-            optional(before),
-            optional(after),
+            optional_number(before),
+            optional_number(after),
             interval,
             ratio,
             times,
@@ -136,9 +137,9 @@ fn number(n: &FittedNumber) -> String {
     if !n.determined {
         format!("{key}{of}: not determined by the fitted data")
     } else if n.standard_error > 0.0 {
-        format!("{key}{of} = {} +- {}", short(n.value), short(n.standard_error))
+        format!("{key}{of} = {} +- {}", four_digits(n.value), four_digits(n.standard_error))
     } else {
-        format!("{key}{of} = {}", short(n.value))
+        format!("{key}{of} = {}", four_digits(n.value))
     }
 }
 
@@ -207,10 +208,10 @@ fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Resul
                 Some(record) => format!("{} ({record})", b.path),
                 None => b.path.clone(),
             },
-            optional(b.nameplate),
-            short(b.value),
-            short(a.value),
-            short(a.standard_error),
+            optional_number(b.nameplate),
+            four_digits(b.value),
+            four_digits(a.value),
+            four_digits(a.standard_error),
             if a.at_bound { "  AT ITS BOUND" } else { "" }
         )?;
     }
@@ -246,7 +247,7 @@ fn diagnosis(t: &mut String, d: &Diagnosis, title: &str) -> std::fmt::Result {
     lines.iter().try_for_each(|l| writeln!(t, "    {l}"))
 }
 
-fn rest(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+fn push_remaining_sections(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     diagnosis(t, &r.diagnosis, "what the declared model leaves, by itself")?;
     if let Some(after) = &r.diagnosis_after {
         diagnosis(t, after, "what is left with the effects, by itself")?;
@@ -263,10 +264,10 @@ fn rest(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
                 "    {:<14} {:<14} {} -> {} {} of a signal of {}: {}",
                 x.record,
                 x.channel,
-                short(x.error_before),
-                short(x.error),
+                four_digits(x.error_before),
+                four_digits(x.error),
                 x.unit,
-                short(x.signal),
+                four_digits(x.signal),
                 if x.refused { "REFUSED, another plant or another state of it" } else { "holds" }
             )?;
         }
@@ -345,7 +346,7 @@ pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, St
             let key = n.path.rsplit('.').next().unwrap_or_default();
             let note = match (&n.record, n.standard_error > 0.0) {
                 (Some(record), _) => format!(" # in record {record}; other records have their own"),
-                (None, true) => format!(" # +- {}", short(n.standard_error)),
+                (None, true) => format!(" # +- {}", four_digits(n.standard_error)),
                 (None, false) => String::new(),
             };
             if !keys.contains(&key) {

@@ -130,7 +130,7 @@ impl Machine {
 
 /// Adds every number of the file by its path, in the unit of its key.
 fn numbers_of_the_file(m: &mut Machine, text: &str) {
-    fn walk(prefix: &str, value: &toml::Value, m: &mut Machine) {
+    fn add_numbers(prefix: &str, value: &toml::Value, m: &mut Machine) {
         let mut leaf = |number: f64| {
             let path = prefix.to_string();
             m.slots.push(Slot { path, unit: 1.0, low: f64::MIN, high: f64::MAX });
@@ -142,14 +142,14 @@ fn numbers_of_the_file(m: &mut Machine, text: &str) {
             toml::Value::Table(table) => {
                 for (key, value) in table {
                     let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-                    walk(&path, value, m);
+                    add_numbers(&path, value, m);
                 }
             }
             _ => {}
         }
     }
     if let Ok(table) = text.parse::<toml::Table>() {
-        walk("", &toml::Value::Table(table), m);
+        add_numbers("", &toml::Value::Table(table), m);
     }
 }
 

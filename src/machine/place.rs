@@ -91,7 +91,13 @@ impl Machine {
     }
 
     /// The machine with one more effect, its slots at `values` (SI).
-    pub fn with(&self, effect: &'static Effect, name: &str, target: Target, values: &[f64]) -> (Machine, Vec<usize>) {
+    pub fn with_effect(
+        &self,
+        effect: &'static Effect,
+        name: &str,
+        target: Target,
+        values: &[f64],
+    ) -> (Machine, Vec<usize>) {
         let mut m = self.clone();
         let path = format!("effects.{}.{name}", effect.name);
         let keys = self.keys(effect, target);
@@ -104,12 +110,12 @@ impl Machine {
                 m.slots.len() - 1
             })
             .collect();
-        m.put(effect, path, target, slots.clone());
+        m.attach_effect(effect, path, target, slots.clone());
         (m, slots)
     }
 
     /// Places an effect whose slots exist; signals pass the effects in the order of the catalogue.
-    pub(super) fn put(&mut self, effect: &'static Effect, path: String, target: Target, slots: Vec<usize>) {
+    pub(super) fn attach_effect(&mut self, effect: &'static Effect, path: String, target: Target, slots: Vec<usize>) {
         if let (Physics::SecondBody { sensors_move }, Target::Body(near)) = (effect.physics, target) {
             self.second_body(near, &path, &slots, sensors_move);
         }

@@ -300,7 +300,7 @@ fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Ta
             slot(m, t, key, p.unit, (p.low, p.high), p.default)
         })
         .collect();
-    m.put(effect, t.path().to_string(), target, slots);
+    m.attach_effect(effect, t.path().to_string(), target, slots);
 }
 
 impl Machine {

@@ -264,9 +264,9 @@ impl Sink for RerunSink {
         }
     }
 
-    fn lies_at(&self) -> &Path {
+    fn current_path(&self) -> &Path {
         match &self.end {
-            RowDestination::File { output, .. } => output.lies_at(),
+            RowDestination::File { output, .. } => output.current_path(),
             RowDestination::Viewer { .. } => &self.path,
         }
     }

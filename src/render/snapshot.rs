@@ -375,11 +375,11 @@ fn push_outline(
 /// Interval between numbered links or gaps: one in a close-up, larger and round in a wide view.
 fn number_stride(pitch: f64) -> usize {
     /// Minimum distance of numbers if not all are drawn [user units].
-    const APART: f64 = 80.0;
+    const MIN_NUMBER_DISTANCE: f64 = 80.0;
     if pitch >= NUMBERED_PITCH {
         return 1;
     }
-    [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= APART).unwrap_or(100)
+    [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= MIN_NUMBER_DISTANCE).unwrap_or(100)
 }
 
 fn push_link_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {

@@ -312,7 +312,7 @@ impl<'a> CsvTable<'a> {
         if header && names.iter().all(|n| n.parse::<f64>().is_ok()) {
             return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
         }
-        let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.wants(name));
+        let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.selects(name));
         self.kept = kept
             .map(|(index, _)| CsvColumn { index, kind: ColumnType::Unknown, marks: DecimalMarks::default() })
             .collect();

@@ -61,7 +61,7 @@ pub enum ColumnSelection<'a> {
 }
 
 impl ColumnSelection<'_> {
-    fn wants(&self, name: &str) -> bool {
+    fn selects(&self, name: &str) -> bool {
         match self {
             ColumnSelection::All => true,
             ColumnSelection::Named(names) => names.iter().any(|n| n == name),
@@ -124,14 +124,14 @@ impl Columns {
     }
 
     /// Sets the values of a column, and their unit if the file gives it.
-    fn put(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
+    fn set_column(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
         if let (Some(place), Some(units)) = (self.values.get_mut(index), self.units.get_mut(index)) {
             (*place, *units) = (values, unit);
         }
     }
 
     /// Records why a column cannot be used.
-    fn refuse(&mut self, index: usize, why: String) {
+    fn mark_unusable(&mut self, index: usize, why: String) {
         if let Some(wrong) = self.wrong.get_mut(index) {
             *wrong = Some(why);
         }
@@ -149,7 +149,7 @@ impl Columns {
             }
         }
         for (first, why) in twins {
-            self.refuse(first, why);
+            self.mark_unusable(first, why);
         }
     }
 }
@@ -247,12 +247,12 @@ pub fn parse_mdf(
     let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
     let mut columns = Columns::from_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
-    for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
+    for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.selects(&c.name)) {
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
         // An unreadable channel is an error only if it is requested.
         match mdf_channel(file, channel, rows) {
-            Ok((values, unit)) => columns.put(index, values, (!unit.is_empty()).then_some(unit)),
-            Err(why) => columns.refuse(index, format!("`{}` {why}", channel.name)),
+            Ok((values, unit)) => columns.set_column(index, values, (!unit.is_empty()).then_some(unit)),
+            Err(why) => columns.mark_unusable(index, format!("`{}` {why}", channel.name)),
         }
     }
     columns.refuse_duplicate_names();
@@ -348,7 +348,7 @@ fn read_recording(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory)
     let mut columns = Columns::from_numbers(names, values);
     columns.missing = reader.missing().to_vec();
     // Sensors with declared errors are computed from other columns, so that all are read.
-    for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {
+    for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.selects(name)) {
         let _unused = (name, std::mem::take(values));
     }
     Ok(columns)

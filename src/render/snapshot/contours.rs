@@ -61,8 +61,8 @@ pub fn reach_m(outline: &Outline) -> f64 {
 pub fn longest_arc_rad(radius_m: f64, units_per_m: f64) -> f64 {
     const QUARTER_TURN_ERROR: f64 = 2.7e-4;
     /// Invisible error [user units].
-    const UNSEEN: f64 = 0.025;
-    let share = UNSEEN / (QUARTER_TURN_ERROR * radius_m * units_per_m);
+    const INVISIBLE_ERROR: f64 = 0.025;
+    let share = INVISIBLE_ERROR / (QUARTER_TURN_ERROR * radius_m * units_per_m);
     if share >= 1.0 { LONGEST_ARC_RAD } else { 0.5 * PI * libm::cbrt(share.sqrt()) }
 }
 
