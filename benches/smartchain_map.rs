@@ -4,14 +4,14 @@
 //! cargo bench --bench smartchain_map
 
 use pitchline::compare::tune::margins;
-use pitchline::compare::{Plan, Summary, run};
+use pitchline::compare::{DriveSummary, Plan, run};
 use pitchline::drive::{BUNDLED, Drive};
 use std::sync::atomic::AtomicBool;
 
 /// Simulated after assembling, in tooth periods of the driver.
 const DURATION_T: f64 = 40.0;
 
-fn measure(name: &str, sets: &[String]) -> Result<Summary, String> {
+fn measure(name: &str, sets: &[String]) -> Result<DriveSummary, String> {
     let text = BUNDLED.iter().find(|b| b.0 == name).map(|b| b.1).ok_or("no such drive")?;
     let drive = Drive::parse(name, text, sets).map_err(|e| e.to_string())?;
     let duration_s = DURATION_T * drive.chain.pitch_m() / drive.chain_speed_m_s();

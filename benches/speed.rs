@@ -9,7 +9,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::{ViewOptions, capture, create};
-use pitchline::simulate::{Span, run};
+use pitchline::simulate::{RunLength, run};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -187,7 +187,7 @@ fn main() {
 
 /// CPU time of a run with a frame every 50 us in each of these files.
 fn recorded(drive: &Drive, a: &Assembly, duration_s: f64, paths: &[PathBuf]) -> [f64; 3] {
-    let span = Span::new(duration_s, 50e-6, a.model.step_s);
+    let span = RunLength::new(duration_s, 50e-6, a.model.step_s);
     let header = capture::header(drive, &a.model, &a.report, span.steps_per_frame);
     lowest(
         || {

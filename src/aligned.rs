@@ -12,7 +12,7 @@ const LINE: usize = 64;
 const COLUMNS: std::ops::RangeInclusive<usize> = 256..=131_072;
 
 /// The layout requested from the system, which depends only on the layout requested by the caller.
-fn lined(layout: Layout) -> Layout {
+fn line_aligned(layout: Layout) -> Layout {
     if !COLUMNS.contains(&layout.size()) {
         return layout;
     }
@@ -20,27 +20,27 @@ fn lined(layout: Layout) -> Layout {
     layout.align_to(LINE).unwrap_or(layout)
 }
 
-// SAFETY: every block is requested from the system and returned to it with the same layout, `lined` of the same layout.
+// SAFETY: every block is requested from the system and returned to it with the same layout, `line_aligned` of the same layout.
 unsafe impl GlobalAlloc for LineAligned {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: `lined` keeps the size, which the caller guarantees is not zero.
-        unsafe { System.alloc(lined(layout)) }
+        // SAFETY: `line_aligned` keeps the size, which the caller guarantees is not zero.
+        unsafe { System.alloc(line_aligned(layout)) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as above.
-        unsafe { System.alloc_zeroed(lined(layout)) }
+        unsafe { System.alloc_zeroed(line_aligned(layout)) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
         // SAFETY: the block was requested with this layout.
-        unsafe { System.dealloc(block, lined(layout)) }
+        unsafe { System.dealloc(block, line_aligned(layout)) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: the caller guarantees a size that makes a layout with this alignment.
         let wanted = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
-        if lined(layout).align() == layout.align() && lined(wanted).align() == wanted.align() {
+        if line_aligned(layout).align() == layout.align() && line_aligned(wanted).align() == wanted.align() {
             // SAFETY: the system knows the block by this layout, and would have been given the new one in the same way.
             return unsafe { System.realloc(block, layout, size) };
         }

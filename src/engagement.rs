@@ -17,7 +17,7 @@ use std::f64::consts::PI;
 /// Kind of contact of a link with a sprocket and its guide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum ContactKind {
     Guide,
     /// Front and rear abutment on the ring.
     RingFront,
@@ -32,14 +32,14 @@ pub enum Kind {
 }
 
 /// All kinds, in the order of [`Pass`] columns.
-pub const KINDS: [Kind; 7] = [
-    Kind::Guide,
-    Kind::RingFront,
-    Kind::RingRear,
-    Kind::Bush,
-    Kind::FlankLeading,
-    Kind::FlankTrailing,
-    Kind::InnerFlank,
+pub const KINDS: [ContactKind; 7] = [
+    ContactKind::Guide,
+    ContactKind::RingFront,
+    ContactKind::RingRear,
+    ContactKind::Bush,
+    ContactKind::FlankLeading,
+    ContactKind::FlankTrailing,
+    ContactKind::InnerFlank,
 ];
 
 /// Start of a pass, in tooth periods.
@@ -61,11 +61,11 @@ pub struct Pass {
     pub peak_n: Vec<[f64; KINDS.len()]>,
     samples: Vec<u32>,
     last_bin: Option<usize>,
-    meters: [PeakMeter; PARTS],
+    meters: [PeakMeter; MAX_CONTACT_GROUPS],
 }
 
 /// Observes passes over one sprocket.
-pub struct Watch {
+pub struct EngagementWatch {
     sprocket: usize,
     /// Unit vector of the arriving span, and u = 0 along it from the foot of the axis [m].
     direction: crate::geometry::Vec2,
@@ -88,14 +88,14 @@ pub struct Watch {
 /// double tooth periods count: over an incomplete one the mean itself has components at every order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct OrderSums {
-    whole: Sums,
-    open: Sums,
+    whole: ComponentSums,
+    open: ComponentSums,
     /// Number of the current double period.
     number: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Sums {
+struct ComponentSums {
     n: f64,
     sum: f64,
     half_order: (f64, f64),
@@ -113,7 +113,7 @@ impl Pass {
             peak_n: vec![[0.0; KINDS.len()]; bins],
             samples: vec![0; bins],
             last_bin: None,
-            meters: [PeakMeter::default(); PARTS],
+            meters: [PeakMeter::default(); MAX_CONTACT_GROUPS],
         }
     }
 
@@ -128,12 +128,12 @@ impl Pass {
     }
 
     /// Largest force of a kind between two u [N].
-    pub fn peak(&self, kind: Kind, from: f64, to: f64) -> f64 {
+    pub fn peak(&self, kind: ContactKind, from: f64, to: f64) -> f64 {
         self.bins(from, to).map(|b| self.peak_n[b][kind as usize]).fold(0.0, f64::max)
     }
 
     /// Mean force of a kind between two u [N].
-    pub fn mean(&self, kind: Kind, from: f64, to: f64) -> f64 {
+    pub fn mean(&self, kind: ContactKind, from: f64, to: f64) -> f64 {
         let bins = self.bins(from, to);
         let n = bins.len().max(1) as f64;
         bins.map(|b| self.force_n[b][kind as usize]).sum::<f64>() / n
@@ -141,7 +141,7 @@ impl Pass {
 
     /// Range of u in which the force of a kind first rises from a tenth to nine tenths of its largest bin between
     /// `from` and `to`.
-    pub fn rise(&self, kind: Kind, from: f64, to: f64) -> Option<f64> {
+    pub fn rise(&self, kind: ContactKind, from: f64, to: f64) -> Option<f64> {
         let bins = self.bins(from, to);
         let at = |b: usize| self.force_n[b][kind as usize].max(self.peak_n[b][kind as usize]);
         let top = bins.clone().map(at).fold(0.0, f64::max);
@@ -155,9 +155,9 @@ impl Pass {
     }
 }
 
-impl Watch {
+impl EngagementWatch {
     /// Observes sprocket `sprocket` of a model that was built from a drive.
-    pub fn new(model: &Model, sprocket: usize) -> Watch {
+    pub fn new(model: &Model, sprocket: usize) -> EngagementWatch {
         let (route, place) = model.route_at(sprocket).expect("a model of a drive has a route");
         let span = route.span_before(place);
         let s = &model.sprockets[sprocket];
@@ -165,7 +165,7 @@ impl Watch {
         let wrap_rad = route.wrap(place).sweep_rad.abs();
         let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
         let links = model.chain.lanes;
-        Watch {
+        EngagementWatch {
             sprocket,
             direction: span.direction,
             origin_m: model.line_end_m.get(sprocket).copied().unwrap_or(0.0),
@@ -188,7 +188,7 @@ impl Watch {
     }
 
     /// Records the step that has just been evaluated.
-    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+    pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let t = state.step as f64 * model.step_s;
         let centre = model.sprockets[self.sprocket].body.centre;
         let pitch = 2.0 * model.chain.lever[0];
@@ -263,7 +263,7 @@ impl Watch {
             pass.samples[bin] += 1;
         }
         let seen = forces(model, scratch, link, self.follows_joints, &mut pass.meters);
-        for (kind, Seen { force, top, approach, touches }) in seen.into_iter().enumerate() {
+        for (kind, ContactsInStep { force, top, approach, touches }) in seen.into_iter().enumerate() {
             for bin in from..=bin {
                 let share = 1.0 / f64::from(pass.samples[bin]);
                 pass.force_n[bin][kind] += (force - pass.force_n[bin][kind]) * share;
@@ -299,7 +299,7 @@ impl OrderSums {
             {
                 *whole = (whole.0 + open.0, whole.1 + open.1);
             }
-            (self.open, self.number) = (Sums::default(), number);
+            (self.open, self.number) = (ComponentSums::default(), number);
         }
         let (s1, c1) = crate::units::sin_cos(2.0 * PI * phase);
         let (s2, c2) = crate::units::sin_cos(PI * phase);
@@ -311,7 +311,7 @@ impl OrderSums {
     }
 }
 
-impl Sums {
+impl ComponentSums {
     fn amplitude(&self, (cos, sin): (f64, f64)) -> f64 {
         2.0 / self.n * libm::hypot(cos, sin)
     }
@@ -319,7 +319,7 @@ impl Sums {
 
 /// Force on one kind of part of a link.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct ContactsInStep {
     /// Mean over the step, and maximum since the step before [N].
     force: f64,
     top: f64,
@@ -329,23 +329,23 @@ struct Seen {
 }
 
 /// Maximum number of contact groups.
-const PARTS: usize = 5;
+const MAX_CONTACT_GROUPS: usize = 5;
 
 /// Kinds of contact and their contact groups, by chain type. Of several groups the one with the larger force counts.
-fn parts(model: &Model, joints: bool) -> &'static [(Kind, ContactGroup)] {
-    const BUSH: (Kind, ContactGroup) = (Kind::Bush, ContactGroup::Bushes);
-    const ABUTMENTS: [(Kind, ContactGroup); 5] = [
+fn contact_groups(model: &Model, joints: bool) -> &'static [(ContactKind, ContactGroup)] {
+    const BUSH: (ContactKind, ContactGroup) = (ContactKind::Bush, ContactGroup::Bushes);
+    const ABUTMENTS: [(ContactKind, ContactGroup); 5] = [
         BUSH,
-        (Kind::RingFront, ContactGroup::Contours(0)),
-        (Kind::RingRear, ContactGroup::Contours(1)),
-        (Kind::Guide, ContactGroup::Contours(4)),
-        (Kind::Guide, ContactGroup::Contours(5)),
+        (ContactKind::RingFront, ContactGroup::Contours(0)),
+        (ContactKind::RingRear, ContactGroup::Contours(1)),
+        (ContactKind::Guide, ContactGroup::Contours(4)),
+        (ContactKind::Guide, ContactGroup::Contours(5)),
     ];
-    const FLANKS: [(Kind, ContactGroup); 5] = [
-        (Kind::FlankLeading, ContactGroup::Contours(0)),
-        (Kind::FlankTrailing, ContactGroup::Contours(1)),
-        (Kind::InnerFlank, ContactGroup::Contours(2)),
-        (Kind::InnerFlank, ContactGroup::Contours(3)),
+    const FLANKS: [(ContactKind, ContactGroup); 5] = [
+        (ContactKind::FlankLeading, ContactGroup::Contours(0)),
+        (ContactKind::FlankTrailing, ContactGroup::Contours(1)),
+        (ContactKind::InnerFlank, ContactGroup::Contours(2)),
+        (ContactKind::InnerFlank, ContactGroup::Contours(3)),
         BUSH,
     ];
     match (&model.contour, joints) {
@@ -363,10 +363,10 @@ fn forces(
     scratch: &Scratch,
     link: usize,
     joints: bool,
-    meters: &mut [PeakMeter; PARTS],
-) -> [Seen; KINDS.len()] {
-    let mut all = [Seen::default(); KINDS.len()];
-    for ((kind, part), meter) in parts(model, joints).iter().zip(meters) {
+    meters: &mut [PeakMeter; MAX_CONTACT_GROUPS],
+) -> [ContactsInStep; KINDS.len()] {
+    let mut all = [ContactsInStep::default(); KINDS.len()];
+    for ((kind, part), meter) in contact_groups(model, joints).iter().zip(meters) {
         let memory = scratch.memory(*part);
         if memory.is_empty() {
             continue;
@@ -375,7 +375,7 @@ fn forces(
         let touch = scratch.touch(*part, link);
         let law = touch.and_then(|_| scratch.law(model, *part, link));
         let top = match law {
-            Some(law) => meter.look(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
+            Some(law) => meter.peak_since(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
             None => {
                 *meter = PeakMeter::default();
                 0.0

@@ -30,19 +30,19 @@ use crate::state::State;
 pub const WATCHED_PERIODS: f64 = 2.0;
 
 /// Contact memories of one kind of part.
-struct Parts {
-    of: ContactGroup,
+struct WatchedGroup {
+    group: ContactGroup,
     /// Step in which each lane last carried force; None: not since the start of the observation.
     last: Vec<Option<u64>>,
     /// Index into the open impacts.
     open: Vec<Option<usize>>,
 }
 
-struct Open {
+struct OpenImpact {
     impact: Impact,
     parts: usize,
     lane: usize,
-    placed: bool,
+    has_partner: bool,
     /// Normal force of every step since first contact, mean over the step and maximum since the step before [N]. Steps
     /// without force are inserted when the next step with force comes, or at the end.
     force_n: Vec<f64>,
@@ -51,9 +51,9 @@ struct Open {
     best_n: f64,
 }
 
-impl Open {
+impl OpenImpact {
     /// Inserts steps without force up to step `steps`; returns whether there were any.
-    fn fill(&mut self, steps: u64) -> bool {
+    fn pad_without_force(&mut self, steps: u64) -> bool {
         let without = self.force_n.len() < steps as usize;
         if without {
             self.force_n.resize(steps as usize, 0.0);
@@ -63,7 +63,7 @@ impl Open {
     }
 }
 
-/// Observes a run. `look` must be called at every step, after its evaluation.
+/// Observes a run. `observe` must be called at every step, after its evaluation.
 pub struct ImpactWatch {
     period_steps: f64,
     step_s: f64,
@@ -74,12 +74,12 @@ pub struct ImpactWatch {
     /// Step at which the next observation of an impact ends.
     next_close: u64,
     started: bool,
-    parts: Vec<Parts>,
-    open: Vec<Option<Open>>,
+    parts: Vec<WatchedGroup>,
+    open: Vec<Option<OpenImpact>>,
     /// Columns of finished impacts for reuse: allocating new ones took longer than filling them.
     spare: Vec<[Vec<f64>; 2]>,
     free: Vec<usize>,
-    unplaced: usize,
+    without_partner: usize,
     /// Blocks of lanes with a change, during their evaluation.
     changed: Vec<usize>,
     /// Impacts whose partner has become known since they were last taken.
@@ -101,12 +101,12 @@ impl ImpactWatch {
             started: false,
             parts: ContactGroup::in_model(model)
                 .into_iter()
-                .map(|of| Parts { of, last: vec![None; n], open: vec![None; n] })
+                .map(|of| WatchedGroup { group: of, last: vec![None; n], open: vec![None; n] })
                 .collect(),
             open: Vec::new(),
             spare: Vec::new(),
             free: Vec::new(),
-            unplaced: 0,
+            without_partner: 0,
             changed: Vec::new(),
             touched: Vec::new(),
             done: Vec::new(),
@@ -114,7 +114,7 @@ impl ImpactWatch {
     }
 
     /// For a run that is continued at `step`.
-    pub fn midway(model: &Model, step: u64) -> ImpactWatch {
+    pub fn for_continued_run(model: &Model, step: u64) -> ImpactWatch {
         let mut watch = ImpactWatch::new(model);
         for parts in &mut watch.parts {
             parts.last.fill(Some(step));
@@ -123,12 +123,12 @@ impl ImpactWatch {
     }
 
     /// Records the step that has just been evaluated.
-    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+    pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let step = state.step;
         self.step = step;
         let apart = (WATCHED_PERIODS * self.period_steps) as u64;
         for p in 0..self.parts.len() {
-            let (n, of) = (self.parts[p].last.len(), self.parts[p].of);
+            let (n, of) = (self.parts[p].last.len(), self.parts[p].group);
             let (past, now) = (&of.past_memory(state).age, &scratch.memory(of).age);
             self.changed.clear();
             vectorised(scratch.isa, Changes { scratch, of, past, now, changed: &mut self.changed });
@@ -141,20 +141,20 @@ impl ImpactWatch {
                     let free = self.parts[p].last[lane].is_none_or(|last| step - last > apart);
                     let begins = now[lane] == 1.0 && free && self.parts[p].open[lane].is_none();
                     if begins && self.started {
-                        self.begin(model, p, lane, step, scratch.memory(of).approach[lane]);
+                        self.begin_impact(model, p, lane, step, scratch.memory(of).approach[lane]);
                     }
                 }
             }
         }
         self.started = true;
-        self.follow(model, scratch, step);
-        if self.unplaced > 0 {
-            self.place(model, state, scratch);
+        self.follow_forces(model, scratch, step);
+        if self.without_partner > 0 {
+            self.find_partners(model, state, scratch);
         }
     }
 
-    fn begin(&mut self, model: &Model, parts: usize, lane: usize, step: u64, approach_m_s: f64) {
-        let (link, feature) = self.parts[parts].of.feature(model, lane);
+    fn begin_impact(&mut self, model: &Model, parts: usize, lane: usize, step: u64, approach_m_s: f64) {
+        let (link, feature) = self.parts[parts].group.feature(model, lane);
         let t_s = step as f64 * self.step_s;
         let impact = Impact {
             link: model.chain.number_of(link) as u32,
@@ -165,9 +165,17 @@ impl ImpactWatch {
             ..Impact::default()
         };
         let [force_n, top_n] = self.spare.pop().unwrap_or_default();
-        let open =
-            Open { impact, parts, lane, placed: false, force_n, top_n, meter: PeakMeter::default(), best_n: 0.0 };
-        self.unplaced += 1;
+        let open = OpenImpact {
+            impact,
+            parts,
+            lane,
+            has_partner: false,
+            force_n,
+            top_n,
+            meter: PeakMeter::default(),
+            best_n: 0.0,
+        };
+        self.without_partner += 1;
         let at = match self.free.pop() {
             Some(at) => at,
             None => {
@@ -181,7 +189,7 @@ impl ImpactWatch {
         self.parts[parts].open[lane] = Some(at);
     }
 
-    fn follow(&mut self, model: &Model, scratch: &Scratch, step: u64) {
+    fn follow_forces(&mut self, model: &Model, scratch: &Scratch, step: u64) {
         let window = (WATCHED_PERIODS * self.period_steps) as u64;
         if !self.follows_forces && step < self.next_close {
             return;
@@ -190,31 +198,31 @@ impl ImpactWatch {
         for at in 0..self.open.len() {
             let Some(open) = &mut self.open[at] else { continue };
             if step - open.impact.step >= window {
-                self.close(at);
+                self.close_impact(at);
                 continue;
             }
             self.next_close = self.next_close.min(open.impact.step + window);
             if !self.follows_forces {
                 continue;
             }
-            let (part, lane) = (self.parts[open.parts].of, open.lane);
+            let (part, lane) = (self.parts[open.parts].group, open.lane);
             let memory = scratch.memory(part);
             if memory.age[lane] == 0.0 {
                 continue;
             }
             let mean = memory.normal_force[lane];
-            if open.fill(step - open.impact.step) {
+            if open.pad_without_force(step - open.impact.step) {
                 open.meter = PeakMeter::default();
             }
             open.force_n.push(mean);
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
             let law = touch.and_then(|_| match part {
                 // All sprockets have the drive's single law, so that it need not be looked up.
-                ContactGroup::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
+                ContactGroup::Bushes if open.has_partner => Some(&model.sprockets[open.impact.body as usize].body.law),
                 _ => scratch.law(model, part, lane),
             });
             let top = match law {
-                Some(law) => open.meter.look(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),
+                Some(law) => open.meter.peak_since(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),
                 None => {
                     open.meter = PeakMeter::default();
                     0.0
@@ -226,10 +234,10 @@ impl ImpactWatch {
     }
 
     /// Determines the contact partner, at the first node at which the two overlap.
-    fn place(&mut self, model: &Model, state: &State, scratch: &Scratch) {
-        for open in self.open.iter_mut().flatten().filter(|o| !o.placed) {
+    fn find_partners(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+        for open in self.open.iter_mut().flatten().filter(|o| !o.has_partner) {
             let (link, feature) = (open.impact.link, open.impact.feature);
-            let part = self.parts[open.parts].of;
+            let part = self.parts[open.parts].group;
             // Without overlap the search among all contacts is skipped.
             if scratch.touch(part, open.lane).is_none() {
                 continue;
@@ -246,23 +254,23 @@ impl ImpactWatch {
             impact.approach_speed_m_s = scratch.memory(part).approach[open.lane];
             (impact.body, impact.tooth, impact.segment) = (contacts.body[i], contacts.tooth[i], contacts.segment[i]);
             (impact.x_m, impact.y_m) = (contacts.point_body_x_m[i], contacts.point_body_y_m[i]);
-            open.placed = true;
-            self.unplaced -= 1;
+            open.has_partner = true;
+            self.without_partner -= 1;
             self.touched.push(*impact);
         }
     }
 
-    fn close(&mut self, at: usize) {
+    fn close_impact(&mut self, at: usize) {
         let Some(mut open) = self.open[at].take() else { return };
         if self.follows_forces {
             let window = (WATCHED_PERIODS * self.period_steps) as u64;
-            open.fill((self.step + 1 - open.impact.step).min(window));
+            open.pad_without_force((self.step + 1 - open.impact.step).min(window));
         }
         self.free.push(at);
         self.parts[open.parts].open[open.lane] = None;
-        if !open.placed {
+        if !open.has_partner {
             // Contact and separation between two nodes, or the end of the observation: the partner is unknown.
-            self.unplaced -= 1;
+            self.without_partner -= 1;
             return;
         }
         self.done.push(measured(&open, self.step_s, self.period_steps));
@@ -285,13 +293,13 @@ impl ImpactWatch {
         self.period_steps
     }
 
-    pub fn has_news(&self) -> bool {
+    pub fn has_new_impacts(&self) -> bool {
         !(self.touched.is_empty() && self.done.is_empty())
     }
 
     /// Ends the run: open impacts are closed, with the time for which they were observed.
     pub fn finish(&mut self) -> Vec<Impact> {
-        (0..self.open.len()).for_each(|at| self.close(at));
+        (0..self.open.len()).for_each(|at| self.close_impact(at));
         self.take_done()
     }
 }
@@ -342,7 +350,7 @@ fn changes(past: &[f64; LANES], now: &[f64; LANES], sums: &mut [f64; LANES]) {
     }
 }
 
-fn measured(open: &Open, step_s: f64, period_steps: f64) -> Impact {
+fn measured(open: &OpenImpact, step_s: f64, period_steps: f64) -> Impact {
     let mut impact = open.impact;
     let (f, top) = (&open.force_n, &open.top_n);
     let (at, peak) =

@@ -12,7 +12,7 @@ pub fn open(path: &Path) -> Result<File> {
         use rustix::event::{PollFd, PollFlags, Timespec, poll};
         use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
         use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-        const PATIENCE_S: i64 = 5;
+        const OPEN_TIMEOUT_S: i64 = 5;
         if std::fs::metadata(path)?.file_type().is_fifo() {
             let nonblock = OFlags::NONBLOCK.bits().cast_signed();
             let file = std::fs::OpenOptions::new().read(true).custom_flags(nonblock).open(path)?;
@@ -21,8 +21,8 @@ pub fn open(path: &Path) -> Result<File> {
                 poll(&mut [PollFd::new(&file, PollFlags::IN)], Some(&timeout))
             };
             if wait(0)? == 0 {
-                eprintln!("{} is a pipe without a writer yet; waiting for {PATIENCE_S} s", path.display());
-                if wait(PATIENCE_S)? == 0 {
+                eprintln!("{} is a pipe without a writer yet; waiting for {OPEN_TIMEOUT_S} s", path.display());
+                if wait(OPEN_TIMEOUT_S)? == 0 {
                     return Err(std::io::Error::other("nobody writes into this pipe"));
                 }
             }

@@ -1,7 +1,7 @@
 //! Derives a lumped drive from one with link bodies: the same shafts, loads and sensors, spans as springs.
 //!
 //! The loop is linearised at rest under its load (closed contacts, no friction) and condensed to its shafts, see
-//! [`crate::statics::reduced`]. Spans that join the same two sprockets share their common stiffness in inverse
+//! [`crate::statics::condensed`]. Spans that join the same two sprockets share their common stiffness in inverse
 //! proportion to their lengths. The links' inertia is that of the condensed shapes, with rows summed. The damping of a
 //! span is that of its joints in series.
 

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
 
 fn main() -> ExitCode {
-    pitchline::measurement::contained::hold_quietly();
+    pitchline::measurement::contained::silence_contained_panics();
     // Exceeding the file size limit is then an error of the write, instead of ending the program.
     #[cfg(unix)]
     let _set = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());

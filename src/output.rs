@@ -15,13 +15,13 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// Maximum number of names tried for a file next to another one.
-const MOST_NAMES: usize = 1000;
+const MAX_NAMES: usize = 1000;
 /// Maximum number of consecutive symbolic links.
-const MOST_LINKS: usize = 40;
+const MAX_LINKS: usize = 40;
 
 /// Where an unfinished file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Way {
+enum PublishMode {
     /// Under another name, renamed by [`OutputFile::publish`], otherwise removed.
     Hidden,
     /// Under another name, renamed by [`OutputFile::publish`], otherwise kept.
@@ -40,7 +40,7 @@ pub struct OutputFile {
     /// The file after following symbolic links.
     target: PathBuf,
     written_as: PathBuf,
-    way: Way,
+    way: PublishMode,
     published: bool,
 }
 
@@ -56,7 +56,7 @@ impl OutputFile {
             && !there.is_file()
             && !there.is_dir()
         {
-            let (path, way) = (path.to_path_buf(), Way::Stream);
+            let (path, way) = (path.to_path_buf(), PublishMode::Stream);
             let file = stream(&path)?;
             let (target, written_as) = (path.clone(), path.clone());
             return Ok((OutputFile { path, target, written_as, way, published: false }, file));
@@ -70,7 +70,8 @@ impl OutputFile {
             Err(_) => None,
         };
         let (written_as, file) = hidden(&target)?;
-        let output = OutputFile { path: path.to_path_buf(), target, written_as, way: Way::Hidden, published: false };
+        let output =
+            OutputFile { path: path.to_path_buf(), target, written_as, way: PublishMode::Hidden, published: false };
         if let Some(permissions) = replaced {
             // With the permissions of the file that it replaces.
             file.set_permissions(permissions)?;
@@ -81,12 +82,12 @@ impl OutputFile {
     /// Makes a recording visible whose beginning is written: under its own name if that is free, otherwise as
     /// unfinished.
     pub fn show(&mut self) -> Result<()> {
-        if self.way != Way::Hidden || self.published {
+        if self.way != PublishMode::Hidden || self.published {
             return Ok(());
         }
         let shown = match renamed_to_free(&self.written_as, &self.target) {
-            Ok(true) => Ok((self.target.clone(), Way::Own)),
-            Ok(false) => unfinished(&self.target, &self.written_as).map(|path| (path, Way::Unfinished)),
+            Ok(true) => Ok((self.target.clone(), PublishMode::Own)),
+            Ok(false) => unfinished(&self.target, &self.written_as).map(|path| (path, PublishMode::Unfinished)),
             Err(e) => Err(e.into()),
         };
         (self.written_as, self.way) = shown.with_context(|| format!("cannot write {}", self.path.display()))?;
@@ -99,18 +100,18 @@ impl OutputFile {
     }
 
     /// Current path of the data.
-    pub fn lies_at(&self) -> &Path {
-        if self.published || self.way == Way::Own { &self.path } else { &self.written_as }
+    pub fn current_path(&self) -> &Path {
+        if self.published || self.way == PublishMode::Own { &self.path } else { &self.written_as }
     }
 
     /// Waits until the data are on the disk; does nothing for a pipe or a device.
     pub fn sync(&self, file: &File) -> std::io::Result<()> {
-        if self.way == Way::Stream { Ok(()) } else { file.sync_all() }
+        if self.way == PublishMode::Stream { Ok(()) } else { file.sync_all() }
     }
 
     /// Renames the complete file to its final name, replacing an existing file. A second call does nothing.
     pub fn publish(&mut self) -> Result<()> {
-        if !self.published && matches!(self.way, Way::Hidden | Way::Unfinished) {
+        if !self.published && matches!(self.way, PublishMode::Hidden | PublishMode::Unfinished) {
             std::fs::rename(&self.written_as, &self.target).with_context(|| {
                 format!("cannot write {}; it is complete in {}", self.path.display(), self.written_as.display())
             })?;
@@ -122,7 +123,7 @@ impl OutputFile {
 
 impl Drop for OutputFile {
     fn drop(&mut self) {
-        if !self.published && self.way == Way::Hidden {
+        if !self.published && self.way == PublishMode::Hidden {
             // A file that cannot be removed is hidden, and is nobody's input.
             let _removed = std::fs::remove_file(&self.written_as);
         }
@@ -140,7 +141,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 /// The file that a path refers to, also if its last link leads to a file that does not exist yet.
 fn followed(path: &Path) -> std::io::Result<PathBuf> {
     let mut path = path.to_path_buf();
-    for _ in 0..MOST_LINKS {
+    for _ in 0..MAX_LINKS {
         match std::fs::read_link(&path) {
             Ok(to) => path = path.parent().map_or(to.clone(), |folder| folder.join(to)),
             // Not a link, or missing.
@@ -156,7 +157,7 @@ fn hidden(target: &Path) -> Result<(PathBuf, File)> {
     const LETTERS: usize = 50;
     let name: String = target.file_name().unwrap_or_default().to_string_lossy().chars().take(LETTERS).collect();
     let process = std::process::id();
-    for number in 0..MOST_NAMES {
+    for number in 0..MAX_NAMES {
         let path = target.with_file_name(format!(".{name}.{process}-{number}.part"));
         match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
             Ok(file) => return Ok((path, file)),
@@ -172,7 +173,7 @@ fn hidden(target: &Path) -> Result<(PathBuf, File)> {
 fn unfinished(target: &Path, written_as: &Path) -> Result<PathBuf> {
     let stem = target.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let extension = target.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
-    for number in 1..=MOST_NAMES {
+    for number in 1..=MAX_NAMES {
         let which = if number == 1 { String::new() } else { format!("-{number}") };
         let path = target.with_file_name(format!("{stem}.unfinished{which}{extension}"));
         if renamed_to_free(written_as, &path)? {
@@ -204,7 +205,7 @@ fn stream(path: &Path) -> Result<File> {
         use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
         use std::time::{Duration, Instant};
         /// How long a pipe may be without a reader.
-        const PATIENCE: Duration = Duration::from_secs(5);
+        const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
         if std::fs::metadata(path)?.file_type().is_fifo() {
             let asked = Instant::now();
             let mut said = false;
@@ -215,11 +216,11 @@ fn stream(path: &Path) -> Result<File> {
                     // There is a reader: opened again, so that writes wait for it.
                     Ok(_first) => return Ok(OpenOptions::new().write(true).open(path)?),
                     Err(e) if e.raw_os_error() != Some(rustix::io::Errno::NXIO.raw_os_error()) => return Err(e.into()),
-                    Err(_) if asked.elapsed() > PATIENCE => bail!("nobody reads this pipe"),
+                    Err(_) if asked.elapsed() > OPEN_TIMEOUT => bail!("nobody reads this pipe"),
                     Err(_) => {}
                 }
                 if !std::mem::replace(&mut said, true) {
-                    eprintln!("{} is a pipe without a reader; waiting for {PATIENCE:?}", path.display());
+                    eprintln!("{} is a pipe without a reader; waiting for {OPEN_TIMEOUT:?}", path.display());
                 }
                 std::thread::sleep(Duration::from_millis(50));
             }
@@ -320,12 +321,12 @@ mod tests {
         assert!(!path.exists());
         first.show().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
-        assert_eq!(first.lies_at(), path);
+        assert_eq!(first.current_path(), path);
         first.publish().unwrap();
         let (mut second, mut file) = OutputFile::create(&path).unwrap();
         file.write_all(b"second").unwrap();
         second.show().unwrap();
-        let kept = second.lies_at().to_path_buf();
+        let kept = second.current_path().to_path_buf();
         assert_eq!(kept, folder.path().join("a.unfinished.mcap"));
         // Abandoned: both files exist.
         drop(second);
@@ -333,7 +334,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
         let (mut third, mut file) = OutputFile::create(&path).unwrap();
         third.show().unwrap();
-        assert_eq!(third.lies_at(), folder.path().join("a.unfinished-2.mcap"));
+        assert_eq!(third.current_path(), folder.path().join("a.unfinished-2.mcap"));
         file.write_all(b"third").unwrap();
         third.publish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"third");

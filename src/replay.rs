@@ -87,11 +87,11 @@ impl Replay {
         let mut impacts = if keyframe.step == 0 {
             ImpactWatch::new(&self.model)
         } else {
-            ImpactWatch::midway(&self.model, keyframe.step)
+            ImpactWatch::for_continued_run(&self.model, keyframe.step)
         };
         while state.step < step {
             explicit::evaluate(&self.model, &state, &mut scratch)?;
-            impacts.look(&self.model, &state, &scratch);
+            impacts.observe(&self.model, &state, &scratch);
             look(&state, &scratch);
             explicit::advance(&self.model, &mut state, &mut scratch);
         }

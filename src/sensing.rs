@@ -126,12 +126,12 @@ impl Tracer {
     }
 
     /// Discards all readings.
-    pub fn forget(&mut self) {
+    pub fn clear_readings(&mut self) {
         self.readings.iter_mut().for_each(Vec::clear);
     }
 
     /// Runs until readings cover this time.
-    pub fn go_on_until(&mut self, covered_s: f64) -> Result<(), String> {
+    pub fn run_until(&mut self, covered_s: f64) -> Result<(), String> {
         let wanted = libm::ceil(covered_s / self.step_s()) as usize + 1;
         let have = self.readings.first().map_or(0, Vec::len);
         for _ in have..wanted {
@@ -149,8 +149,8 @@ impl Tracer {
     }
 
     /// Continues the run for this time.
-    pub fn go_on(&mut self, duration_s: f64) -> Result<(), String> {
+    pub fn run_for(&mut self, duration_s: f64) -> Result<(), String> {
         let have = self.readings.first().map_or(0, Vec::len);
-        self.go_on_until(have as f64 * self.step_s() + duration_s)
+        self.run_until(have as f64 * self.step_s() + duration_s)
     }
 }

@@ -25,22 +25,22 @@ const FRAMES_PER_LEDGER: u64 = 64;
 /// First contacts slower than this are no events [m/s], for example a wrapped bush that separates and returns.
 pub const SLOWEST_EVENT_M_S: f64 = 0.02;
 /// Maximum number of stored hits; more are only counted.
-pub const MOST_HITS: usize = 10_000;
+pub const MAX_HITS: usize = 10_000;
 
 /// Duration and frame interval of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Span {
+pub struct RunLength {
     /// Steps to take.
     pub steps: u64,
     /// Steps between two frames.
     pub steps_per_frame: u64,
 }
 
-impl Span {
+impl RunLength {
     /// Whole steps for a duration and a frame interval [s].
-    pub fn new(duration_s: f64, every_s: f64, step_s: f64) -> Span {
+    pub fn new(duration_s: f64, every_s: f64, step_s: f64) -> RunLength {
         let steps_per_frame = (every_s / step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
-        Span { steps: (duration_s / step_s).round().max(1.0) as u64, steps_per_frame }
+        RunLength { steps: (duration_s / step_s).round().max(1.0) as u64, steps_per_frame }
     }
 }
 
@@ -49,12 +49,12 @@ pub struct Breaks {
     pub watches: Vec<BreakWatch>,
     /// Hits after which the run ends; None: it continues.
     pub hits: Option<usize>,
-    pub around: Option<Around>,
+    pub around: Option<DenseWindow>,
 }
 
 /// A window around a hit that is recorded more densely.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Around {
+pub struct DenseWindow {
     /// Steps before and after the hit.
     pub steps: u64,
     pub steps_per_frame: u64,
@@ -83,7 +83,7 @@ pub struct Summary {
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
     pub stored_last_j: f64,
-    /// At most [`MOST_HITS`] of them.
+    /// At most [`MAX_HITS`] of them.
     pub hits: Vec<Hit>,
     pub n_hits: u64,
     /// None: not detected.
@@ -93,7 +93,7 @@ pub struct Summary {
 /// Inputs of a run besides the model and its State.
 pub struct Job<'a> {
     pub header: &'a Header,
-    pub span: Span,
+    pub span: RunLength,
     pub breaks: Option<Breaks>,
     /// Has observed the previous steps, if there are any.
     pub impacts: ImpactWatch,
@@ -101,7 +101,7 @@ pub struct Job<'a> {
 }
 
 /// An item for the sinks.
-enum Item {
+enum SinkItem {
     Frame(Box<Frame>),
     Keyframe(Box<Keyframe>),
     Event(Event),
@@ -113,7 +113,7 @@ struct Recorder<'a, 's> {
     model: &'a Model,
     sinks: &'s mut [Box<dyn Sink>],
     camera: Camera,
-    held: VecDeque<(u64, Item)>,
+    held: VecDeque<(u64, SinkItem)>,
     hold_steps: u64,
     frames: u64,
     since_keyframe: u64,
@@ -129,7 +129,7 @@ pub fn run(
     state: &mut State,
     scratch: &mut Scratch,
     header: &Header,
-    span: Span,
+    span: RunLength,
     sinks: &mut [Box<dyn Sink>],
     stop: &AtomicBool,
     progress: impl FnMut(u64),
@@ -158,7 +158,7 @@ pub fn run_job(
     impacts.follows_forces = !sinks.is_empty() || over;
     let mut found = Vec::new();
     match &breaks {
-        Some(breaks) => watch(breaks, model, scratch),
+        Some(breaks) => require_data(breaks, model, scratch),
         None => scratch.require(model, &RequiredData::default()),
     }
     let around = breaks.as_ref().and_then(|b| b.around);
@@ -174,7 +174,7 @@ pub fn run_job(
         keyframe_step: None,
         energies: None,
     };
-    let mut stops = Stops {
+    let mut stops = BreakProgress {
         hits: Vec::new(),
         n_hits: 0,
         dense_until: None,
@@ -198,32 +198,35 @@ pub fn run_job(
             break Ending::Broke(e);
         }
         if wants_impacts {
-            impacts.look(model, state, scratch);
+            impacts.observe(model, state, scratch);
         }
-        let (touched, over) =
-            if impacts.has_news() { (impacts.take_touched(), impacts.take_done()) } else { (Vec::new(), Vec::new()) };
+        let (touched, over) = if impacts.has_new_impacts() {
+            (impacts.take_touched(), impacts.take_done())
+        } else {
+            (Vec::new(), Vec::new())
+        };
         if let Some(breaks) = &mut breaks {
             found.clear();
-            look(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over], &mut found);
+            evaluate_breaks(breaks, model, state, scratch, &mut recorder.camera, [&touched, &over], &mut found);
             if !found.is_empty() {
-                stops.note(&found, breaks, (first, state.step), &mut recorder, header)?;
+                stops.process_hits(&found, breaks, (first, state.step), &mut recorder, header)?;
                 due |= stops.is_dense(state.step);
             }
         }
         due |= state.step == stops.stop_at;
         for impact in touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S) {
-            recorder.put(impact.step, Item::Event(touch_event(impact, header)));
+            recorder.hold_back(impact.step, SinkItem::Event(touch_event(impact, header)));
         }
         // Impacts that began before the first frame are in the recording that this run continues.
         for impact in over.into_iter().filter(|i| i.step >= first) {
             n_impacts += 1;
-            recorder.put(state.step, Item::Impact(impact));
+            recorder.hold_back(state.step, SinkItem::Impact(impact));
         }
         if due || interrupted {
             recorder.frame(state, scratch, interrupted || state.step == stops.stop_at);
             progress(state.step);
         }
-        recorder.let_go(state.step)?;
+        recorder.release_items(state.step)?;
         if interrupted || state.step == stops.stop_at {
             break match (interrupted, stops.enough) {
                 (true, _) => Ending::Interrupted,
@@ -232,21 +235,25 @@ pub fn run_job(
             };
         }
         if let Some(around) = around {
-            stops.keep(state, (state.step - first).is_multiple_of((around.steps / 2).max(1)), recorder.hold_steps);
+            stops.store_snapshot(
+                state,
+                (state.step - first).is_multiple_of((around.steps / 2).max(1)),
+                recorder.hold_steps,
+            );
         }
         explicit::advance(model, state, scratch);
     };
     let open = impacts.finish();
     for watch in breaks.iter_mut().flat_map(|b| &mut b.watches) {
-        let found = watch.look_at_impacts(&open, true, || recorder.camera.take(model, state, scratch));
+        let found = watch.evaluate_impacts(&open, true, || recorder.camera.take(model, state, scratch));
         stops.count(&found, &mut recorder, header);
     }
     for impact in open.into_iter().filter(|i| i.step >= first) {
         n_impacts += 1;
-        recorder.put(state.step, Item::Impact(impact));
+        recorder.hold_back(state.step, SinkItem::Impact(impact));
     }
     recorder.hold_steps = 0;
-    recorder.let_go(u64::MAX)?;
+    recorder.release_items(u64::MAX)?;
     let (stored_first_j, energy) = recorder.energies.unwrap_or_default();
     Ok(Summary {
         ending,
@@ -263,7 +270,7 @@ pub fn run_job(
 }
 
 /// Hits so far, and their consequences.
-struct Stops {
+struct BreakProgress {
     hits: Vec<Hit>,
     n_hits: u64,
     /// Last step of the latest window.
@@ -278,7 +285,7 @@ struct Stops {
     steps_per_frame: u64,
 }
 
-impl Stops {
+impl BreakProgress {
     fn is_dense(&self, step: u64) -> bool {
         self.dense_until.is_some_and(|until| step <= until)
     }
@@ -286,14 +293,14 @@ impl Stops {
     fn count(&mut self, found: &[Hit], recorder: &mut Recorder<'_, '_>, header: &Header) {
         self.n_hits += found.len() as u64;
         for hit in found {
-            recorder.put(hit.step, Item::Event(hit_event(hit, header)));
+            recorder.hold_back(hit.step, SinkItem::Event(hit_event(hit, header)));
         }
-        let room = MOST_HITS.saturating_sub(self.hits.len());
+        let room = MAX_HITS.saturating_sub(self.hits.len());
         self.hits.extend(found.iter().take(room).cloned());
     }
 
     /// Processes the hits of a step: opens a window around them, and determines when the run ends.
-    fn note(
+    fn process_hits(
         &mut self,
         found: &[Hit],
         breaks: &Breaks,
@@ -310,7 +317,7 @@ impl Stops {
             // An impact is known late: items already recorded densely for a later hit remain.
             self.dense_until = Some(self.dense_until.map_or(until, |d| d.max(until)));
             if let Some(start) = self.snapshots.iter().rev().find(|s| s.step <= from) {
-                recorder.again(
+                recorder.rerecord(
                     start,
                     from,
                     now.min(until.saturating_add(1)),
@@ -327,7 +334,7 @@ impl Stops {
     }
 
     /// Stores the State for future windows if `due`, and drops those that no window can reach back to.
-    fn keep(&mut self, state: &State, due: bool, hold_steps: u64) {
+    fn store_snapshot(&mut self, state: &State, due: bool, hold_steps: u64) {
         if !due {
             return;
         }
@@ -341,12 +348,13 @@ impl Stops {
 }
 
 /// Makes the steps keep the data that breakpoints need.
-fn watch(breaks: &Breaks, model: &Model, scratch: &mut Scratch) {
-    let wanted = breaks.watches.iter().map(BreakWatch::wants).fold(RequiredData::default(), RequiredData::union);
+fn require_data(breaks: &Breaks, model: &Model, scratch: &mut Scratch) {
+    let wanted =
+        breaks.watches.iter().map(BreakWatch::required_data).fold(RequiredData::default(), RequiredData::union);
     scratch.require(model, &wanted);
 }
 
-fn look(
+fn evaluate_breaks(
     breaks: &mut Breaks,
     model: &Model,
     state: &State,
@@ -356,10 +364,10 @@ fn look(
     found: &mut Vec<Hit>,
 ) {
     for watch in &mut breaks.watches {
-        watch.look(model, state, scratch, camera, found);
+        watch.evaluate(model, state, scratch, camera, found);
         if !(touched.is_empty() && over.is_empty()) {
-            found.extend(watch.look_at_impacts(touched, false, || camera.take(model, state, scratch)));
-            found.extend(watch.look_at_impacts(over, true, || camera.take(model, state, scratch)));
+            found.extend(watch.evaluate_impacts(touched, false, || camera.take(model, state, scratch)));
+            found.extend(watch.evaluate_impacts(over, true, || camera.take(model, state, scratch)));
         }
     }
 }
@@ -376,38 +384,39 @@ impl Recorder<'_, '_> {
         let frame = self.camera.take(self.model, state, scratch);
         let stored_first = self.energies.map_or(frame.energy.stored_j(), |(stored, _)| stored);
         self.energies = Some((stored_first, frame.energy));
-        self.put(state.step, Item::Frame(Box::new(frame)));
+        self.hold_back(state.step, SinkItem::Frame(Box::new(frame)));
         let apart = |from: u64| (state.step - from) as f64 * self.model.step_s;
         if self.keyframe_step.is_none_or(|from| apart(from) >= LONGEST_KEYFRAME_S) {
             self.since_keyframe = 0;
         }
         if self.since_keyframe == 0 && !self.sinks.is_empty() {
-            self.put(state.step, Item::Keyframe(Box::new(state.keyframe())));
+            self.hold_back(state.step, SinkItem::Keyframe(Box::new(state.keyframe())));
             self.keyframe_step = Some(state.step);
         }
         self.since_keyframe = (self.since_keyframe + 1) % FRAMES_PER_KEYFRAME;
     }
 
-    fn put(&mut self, step: u64, item: Item) {
+    fn hold_back(&mut self, step: u64, item: SinkItem) {
         self.held.push_back((step, item));
     }
 
     /// Repeats the run from `start` and records `from` .. `until` in place of the held items: every `dense` steps, and
     /// every `sparse` steps like the run around it.
-    fn again(&mut self, start: &State, from: u64, until: u64, [dense, sparse]: [u64; 2]) -> anyhow::Result<()> {
+    fn rerecord(&mut self, start: &State, from: u64, until: u64, [dense, sparse]: [u64; 2]) -> anyhow::Result<()> {
         let (model, mut state) = (self.model, start.clone());
         let mut scratch = Scratch::new(model);
         let in_window = |step: u64| (from..until).contains(&step);
-        self.held.retain(|(step, item)| !(in_window(*step) && matches!(item, Item::Frame(_) | Item::Keyframe(_))));
+        self.held
+            .retain(|(step, item)| !(in_window(*step) && matches!(item, SinkItem::Frame(_) | SinkItem::Keyframe(_))));
         while state.step < until {
             explicit::evaluate(model, &state, &mut scratch)?;
             let on_grid = state.step.is_multiple_of(dense) || state.step.is_multiple_of(sparse);
             if in_window(state.step) && (state.step == from || on_grid) {
                 let frame = self.camera.take(model, &state, &scratch);
-                self.held.push_back((state.step, Item::Frame(Box::new(frame))));
+                self.held.push_back((state.step, SinkItem::Frame(Box::new(frame))));
                 let number = (state.step - from) / dense;
                 if number.is_multiple_of(FRAMES_PER_KEYFRAME) && !self.sinks.is_empty() {
-                    self.held.push_back((state.step, Item::Keyframe(Box::new(state.keyframe()))));
+                    self.held.push_back((state.step, SinkItem::Keyframe(Box::new(state.keyframe()))));
                 }
             }
             explicit::advance(model, &mut state, &mut scratch);
@@ -417,20 +426,20 @@ impl Recorder<'_, '_> {
     }
 
     /// Passes on the items that no window can change any more.
-    fn let_go(&mut self, step: u64) -> anyhow::Result<()> {
+    fn release_items(&mut self, step: u64) -> anyhow::Result<()> {
         while self.held.front().is_some_and(|(at, _)| self.hold_steps == 0 || at.saturating_add(self.hold_steps) < step)
         {
             let Some((_, item)) = self.held.pop_front() else { break };
-            self.frames += u64::from(matches!(item, Item::Frame(_)));
+            self.frames += u64::from(matches!(item, SinkItem::Frame(_)));
             for sink in self.sinks.iter_mut() {
                 match &item {
-                    Item::Frame(frame) => sink.frame(frame)?,
-                    Item::Keyframe(keyframe) => sink.keyframe(keyframe)?,
-                    Item::Event(event) => sink.event(event)?,
-                    Item::Impact(impact) => sink.impact(impact)?,
+                    SinkItem::Frame(frame) => sink.frame(frame)?,
+                    SinkItem::Keyframe(keyframe) => sink.keyframe(keyframe)?,
+                    SinkItem::Event(event) => sink.event(event)?,
+                    SinkItem::Impact(impact) => sink.impact(impact)?,
                 }
             }
-            if let Item::Frame(frame) = item {
+            if let SinkItem::Frame(frame) = item {
                 self.camera.give_back(*frame);
             }
         }

@@ -39,7 +39,7 @@ pub struct LinkState {
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
     pub alpha: Vec<f64>,
-    /// The share of the joints in them, from a first look at positions and speeds of that node.
+    /// The share of the joints in them, as predicted from positions and speeds of that node.
     pub joint_ax: Vec<f64>,
     pub joint_ay: Vec<f64>,
     pub joint_alpha: Vec<f64>,

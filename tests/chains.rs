@@ -2,11 +2,11 @@
 //! behaviour.
 
 use pitchline::assemble::assemble;
-use pitchline::compare::{Plan, Summary, run, verdict};
+use pitchline::compare::{DriveSummary, Plan, run, verdict};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::ContactLaw;
 use pitchline::elements::coordinate::CoordinateMotion;
-use pitchline::engagement::{Kind, Pass, Watch};
+use pitchline::engagement::{ContactKind, EngagementWatch, Pass};
 use pitchline::geometry::chain::silent::SilentLinkForm;
 use pitchline::geometry::silent_mesh::{stretched_approach_speed_m_s, wrap_statics};
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
@@ -25,7 +25,7 @@ fn drive(name: &str, overrides: &[&str]) -> Drive {
 }
 
 /// Runs drives for `ms` and returns their summaries and passes.
-fn measured(drives: &[Drive], ms: f64) -> Vec<(Summary, Vec<Pass>)> {
+fn measured(drives: &[Drive], ms: f64) -> Vec<(DriveSummary, Vec<Pass>)> {
     let plan = Plan { duration_s: ms * 1e-3, recorded_s: 0.0, every_s: 1e-3 };
     let runs = run(drives, plan, &AtomicBool::new(false)).unwrap_or_else(|e| panic!("{e}"));
     runs.into_iter().map(|r| (r.summary, r.passes)).collect()
@@ -35,7 +35,7 @@ fn measured(drives: &[Drive], ms: f64) -> Vec<(Summary, Vec<Pass>)> {
 fn the_abutment_chain_engages_without_impact_where_bush_and_silent_chains_strike() {
     let drives = ["bush-20-40", "silent-20-40", "smartchain-20-40"].map(|n| drive(n, &[]));
     let all = measured(&drives, 330.0);
-    let summaries: Vec<&Summary> = all.iter().map(|a| &a.0).collect();
+    let summaries: Vec<&DriveSummary> = all.iter().map(|a| &a.0).collect();
     let claims = verdict(&summaries).expect("an abutment chain is among them");
     for c in &claims {
         println!("{} {}: {}", if c.holds { "holds" } else { "FAILS" }, c.claim, c.measured);
@@ -87,7 +87,7 @@ fn the_silent_chain_meets_its_closed_forms() {
         let all = measured(&drives, 118.0);
         assert!(all[0].0.passes >= 100, "{}", all[0].0.passes);
         let (silent, passes) = (&all[0].0, &all[0].1);
-        let flank = silent.kind(Kind::FlankTrailing).expect("trailing flanks touch");
+        let flank = silent.kind(ContactKind::FlankTrailing).expect("trailing flanks touch");
         let stretch_m = silent.tight_tension_n / stiffness;
         let expected = stretched_approach_speed_m_s(&sprocket, omega, stretch_m).expect("an arc");
         let wave_m_s = (silent.tight_tension_n / (7.3e-3 / 8e-3)).sqrt();
@@ -98,9 +98,10 @@ fn the_silent_chain_meets_its_closed_forms() {
         // Second pitch, counted from the middle of the link, compared with the frictionless wrap.
         let wrap = wrap_statics(&sprocket).expect("an arc");
         let pressing = silent.tight_tension_n - silent.centrifugal_tension_n;
-        let second = passes.iter().map(|p| p.mean(Kind::FlankTrailing, 1.5, 2.5)).sum::<f64>() / passes.len() as f64;
+        let second =
+            passes.iter().map(|p| p.mean(ContactKind::FlankTrailing, 1.5, 2.5)).sum::<f64>() / passes.len() as f64;
         let statics = wrap.flank_force_ratio * wrap.tension_ratio * pressing;
-        let bush = all[1].0.kind(Kind::Bush).expect("bushes touch").peak_window_n / flank.peak_window_n;
+        let bush = all[1].0.kind(ContactKind::Bush).expect("bushes touch").peak_window_n / flank.peak_window_n;
         println!(
             "joints {stiffness:.0e} N/m: approach {:.4} m/s, closed form {expected:.4} ({speed:.3}), 1 - v/c {share:.3}; peak {:.1} N, \
              {peak:.3} of v sqrt(k m); second pitch {second:.1} N, statics {statics:.1} N; bush peak {bush:.2} times",
@@ -153,10 +154,10 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
         // Over 26 tooth periods the median of the bushes' speeds is accurate to 2 %.
         let (summary, _) = measured(&[drive("smartchain-20-40", &sets)], 104e3 * period_s).remove(0);
-        let bush = summary.kind(Kind::Bush).expect("bushes touch");
+        let bush = summary.kind(ContactKind::Bush).expect("bushes touch");
         let stretch_m = (summary.tight_tension_n - design_n) / 3e7;
         let expected = 3.0 * gap_m / period_s * (stretch_m / gap_m).powf(2.0 / 3.0);
-        let ring = summary.kind(Kind::RingFront).expect("rings are touched");
+        let ring = summary.kind(ContactKind::RingFront).expect("rings are touched");
         // The guide deflects under some 20 N, and lies lower by its setting.
         let delta_m = 22.0 / contact + guide_um * 1e-6;
         let ring_expected = speed * (2.0 * delta_m / (transition.pitch_radius_m - 4.5e-3)).sqrt();
@@ -173,7 +174,7 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
         let pressed_n = (summary.tight_tension_n - summary.centrifugal_tension_n) * seat.sin();
         let lowered_m = summary.tight_tension_n / 3e7 * seat.sin() + pressed_n / contact;
         let rear_expected = 3.0 * radial / period_s * (lowered_m / radial).powf(2.0 / 3.0);
-        let rear = summary.kind(Kind::RingRear).expect("rear abutments touch").approach_median_m_s;
+        let rear = summary.kind(ContactKind::RingRear).expect("rear abutments touch").approach_median_m_s;
         println!(
             "    rear abutment {rear:.4} m/s, closed form {rear_expected:.4} ({:.2}), {:.2} um",
             rear / rear_expected,
@@ -231,7 +232,7 @@ fn follows_the_table(sets: &[&str], transition: &Transition, taus: &[f64]) {
     let pressing = summary.tight_tension_n - summary.centrifugal_tension_n;
     let mut worst = 0.0_f64;
     for tau in taus {
-        let mean = passes.iter().map(|p| p.mean(Kind::RingFront, tau - 0.05, tau + 0.05)).sum::<f64>();
+        let mean = passes.iter().map(|p| p.mean(ContactKind::RingFront, tau - 0.05, tau + 0.05)).sum::<f64>();
         let (mean, expected) = (mean / passes.len() as f64, transition.quasi_static_ring_force_n(pressing, *tau));
         println!(
             "tau {tau:.2}: ring {mean:.1} N, quasi-static {expected:.1} N ({:+.1} %)",
@@ -448,12 +449,12 @@ fn contours_keep_their_bits_and_their_joules() {
 
         let mut state = a.state.clone();
         let mut scratch = Scratch::new(&a.model);
-        let mut watch = Watch::new(&a.model, a.model.driver);
+        let mut watch = EngagementWatch::new(&a.model, a.model.driver);
         let (mut camera, mut energy) = (Camera::default(), None);
         let steps = (30e-3 / a.model.step_s) as u64;
         for step in 0..=steps {
             explicit::evaluate(&a.model, &state, &mut scratch).expect("holds");
-            watch.look(&a.model, &state, &scratch);
+            watch.observe(&a.model, &state, &scratch);
             if step == 0 || step == steps {
                 energy = Some(camera.take(&a.model, &state, &scratch).energy);
             }

@@ -14,7 +14,7 @@ use pitchline::recording::frame::{Feature, Frame, Header};
 use pitchline::recording::reader::Reader;
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::replay::{Replay, verify};
-use pitchline::simulate::{Breaks, Job, Span, run_job};
+use pitchline::simulate::{Breaks, Job, RunLength, run_job};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -32,7 +32,7 @@ fn record_drive(drive: &Drive, path: &Path, steps: u64, every: u64) -> Header {
     let mut sinks = vec![create(path, &header, ViewOptions::default()).expect("opens")];
     let job = Job {
         header: &header,
-        span: Span { steps, steps_per_frame: every },
+        span: RunLength { steps, steps_per_frame: every },
         breaks: None,
         impacts: ImpactWatch::new(&model),
         camera: Camera::since(header.ledger_origin),
@@ -293,7 +293,7 @@ fn hits(path: &Path, breakpoint: Breakpoint, most: Option<usize>) -> Vec<(u64, p
     let header = replay.header().clone();
     let job = Job {
         header: &header,
-        span: Span { steps: last, steps_per_frame: last },
+        span: RunLength { steps: last, steps_per_frame: last },
         breaks: Some(Breaks { watches: vec![watch], hits: most, around: None }),
         impacts: ImpactWatch::new(&replay.model),
         camera: replay.camera(),

@@ -9,7 +9,7 @@ use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::ChainModel;
 use pitchline::recording::{ViewOptions, capture, create};
-use pitchline::simulate::{Span, run};
+use pitchline::simulate::{RunLength, run};
 use pitchline::state::State;
 use std::sync::atomic::AtomicBool;
 
@@ -87,7 +87,7 @@ fn assembling_twice_and_recording_into_none_one_or_two_sinks_gives_the_same_bits
         let drive = drive(&[]);
         let Assembly { model, mut state, report } = assembled(&drive);
         let every = if case == "one" { 50e-6 } else { 20e-6 };
-        let span = Span::new(20e-3, every, model.step_s);
+        let span = RunLength::new(20e-3, every, model.step_s);
         let header = capture::header(&drive, &model, &report, span.steps_per_frame);
         let mut sinks: Vec<_> = names
             .iter()

@@ -611,10 +611,10 @@ fn sensors_read_what_the_drive_does() {
     let set = ["speeds.constant.driver.speed_rpm=1000".to_string()];
     let drive = pitchline::drive::Drive::parse("with-sensors.toml", &text, &set).unwrap_or_else(|e| panic!("{e}"));
     let mut tracer = pitchline::sensing::Tracer::new(&drive, 2e-5).expect("assembled");
-    tracer.go_on(0.05).expect("runs");
-    tracer.forget();
+    tracer.run_for(0.05).expect("runs");
+    tracer.clear_readings();
     // One loop of the chain.
-    tracer.go_on_until(0.27).expect("runs");
+    tracer.run_until(0.27).expect("runs");
     let series = |path: &str| tracer.readings(drive.sensors.iter().position(|s| s.path == path).expect("a sensor"));
     let mean = |path: &str| series(path).iter().sum::<f64>() / series(path).len() as f64;
     let speed = 1000.0 / 60.0 * std::f64::consts::PI;

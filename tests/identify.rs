@@ -1,7 +1,7 @@
 //! Identification: measured machines, planted effects, effects that records cannot distinguish, and errors in files.
 
 use pitchline::identify::identify;
-use pitchline::identify::report::{Report, Verdict};
+use pitchline::identify::report::{IdentificationReport, IdentificationVerdict};
 use pitchline::identify::search::{Budget, Context, declared};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Reads a measurement file and everything it names, and identifies.
-fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Report, String> {
+fn identified(path: &Path, threads: usize, budget: Budget) -> Result<IdentificationReport, String> {
     let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
     let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(|r| r.to_string())?;
     let folder = path.parent().map_or_else(PathBuf::new, PathBuf::from);
     let drive = std::fs::read_to_string(folder.join(&measurement.drive)).map_err(|e| e.to_string())?;
     let machine = Machine::parse(&measurement.drive, &drive, &[]).map_err(|r| r.to_string())?;
     let data =
-        load(&measurement, &machine, &folder, &mut Memory::of_program(1_000_000_000)).map_err(|e| e.to_string())?;
+        load(&measurement, &machine, &folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {
@@ -56,7 +56,7 @@ fn measured(name: &str, data: &[&str]) -> Option<(tempfile::TempDir, PathBuf)> {
     Some((folder, path))
 }
 
-fn paths(r: &Report) -> Vec<&str> {
+fn paths(r: &IdentificationReport) -> Vec<&str> {
     r.effects.iter().map(|e| e.path.as_str()).collect()
 }
 
@@ -67,7 +67,7 @@ fn the_rowing_flywheel_has_uneven_marks() {
         return;
     };
     let r = identified(&path, 2, ALL).expect("identified");
-    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
     assert_eq!(paths(&r), ["effects.mark_spacing.flywheel"]);
     let (before, after) = (r.error_before[0].held_out.expect("held out"), r.error_after[0].held_out.expect("held out"));
     // Found before by other means: 0.948 % to 0.125 %. Measured here: 0.948 to 0.125.
@@ -79,7 +79,7 @@ fn the_rowing_flywheel_has_uneven_marks() {
 fn the_older_flywheel_has_none() {
     let Some((_folder, path)) = measured("model-c", &["rowing_flywheel/Concept2_Model_C.csv"]) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
-    assert_eq!(r.outcome, Verdict::None, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
     assert!(r.warnings.iter().any(|w| w.contains("pulses were missed")));
 }
 
@@ -88,7 +88,7 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     let data = ["coupled_electric_drives/DATAUNIF.csv", "coupled_electric_drives/DATAPRBS.csv"];
     let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
-    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
     // A free size for every half record gives nearly the same size.
     let sizes = r.effects.iter().flat_map(|e| &e.sizes).map(|s| s.relative);
     assert!(
@@ -166,7 +166,7 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     let path = rotor_with_friction(folder.path(), 0.4, 0.15);
     let r = identified(&path, 2, ALL).expect("identified");
     println!("{}", pitchline::identify::text::text(&r));
-    assert_eq!(r.outcome, Verdict::Named, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
     assert_eq!(paths(&r), ["effects.coulomb_friction.disc"]);
     let torque = &r.effects[0].parameters[0];
     assert!((torque.value - 0.4).abs() < 4.0 * torque.standard_error + 0.01, "{torque:?}");
@@ -264,7 +264,7 @@ fn parts_that_judge_have_the_numbers_of_their_own_record() {
     std::fs::write(&path, text).expect("written");
     let r = identified(&path, 2, ALL).expect("identified");
     println!("{}", pitchline::identify::text::text(&r));
-    assert_eq!(r.outcome, Verdict::None, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
     for e in &r.error_before {
         let (fit, held_out) = (e.fit.expect("fits"), e.held_out.expect("judges"));
         assert!((held_out / fit - 1.0).abs() < 0.1, "{e:?}");
@@ -325,7 +325,7 @@ fn a_fan_that_runs_down_has_drag_and_a_load_that_may_be_friction() {
     );
     write("fan-measured.toml", &measurement);
     let r = identified(&folder.path().join("fan-measured.toml"), 2, ALL).expect("identified");
-    assert_eq!(r.outcome, Verdict::Ambiguous, "{:?}", paths(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::Ambiguous, "{:?}", paths(&r));
     let mut names = paths(&r);
     names.sort_unstable();
     assert_eq!(names, ["effects.constant_torque.fan", "effects.quadratic_drag.fan"]);
@@ -381,7 +381,7 @@ fn friction_beside_a_flexible_shaft_keeps_its_name() {
     let mut names = paths(&r);
     names.sort_unstable();
     assert_eq!(names, ["effects.coulomb_friction.shaft", "effects.torsional_resonance.shaft"]);
-    assert_eq!(r.outcome, Verdict::Named);
+    assert_eq!(r.outcome, IdentificationVerdict::Named);
     let value = |path: &str, key: &str| {
         let e = r.effects.iter().find(|e| e.path == path).expect("named");
         e.parameters.iter().find(|p| p.path.ends_with(key)).expect("a number").value
@@ -400,8 +400,8 @@ fn a_clean_record_is_explained_without_a_name_and_the_same_input_gives_the_same_
     let path = rotor_with_friction(folder.path(), 0.0, 0.15);
     let one = identified(&path, 1, ALL).expect("identified");
     let two = identified(&path, 2, ALL).expect("identified");
-    let text = |r: &Report| serde_json::to_string(r).expect("JSON");
-    assert_eq!(one.outcome, Verdict::None, "{:?}", paths(&one));
+    let text = |r: &IdentificationReport| serde_json::to_string(r).expect("JSON");
+    assert_eq!(one.outcome, IdentificationVerdict::None, "{:?}", paths(&one));
     assert!(one.explained, "{:?}", one.noise_floor);
     assert_eq!(text(&one), text(&two));
     assert_eq!(pitchline::render::identify::html(&one), pitchline::render::identify::html(&two));
@@ -447,7 +447,7 @@ fn records_that_start_at_rest_have_no_start_to_find() {
     for (start, moves) in [("free", true), ("rest", false)] {
         let text = text.replace("time_unit = \"ms\"", &format!("time_unit = \"ms\"\nstart = \"{start}\""));
         let measurement = Measurement::parse("m.toml", &text).expect("a measurement");
-        let data = load(&measurement, &machine, folder.path(), &mut Memory::of_program(1_000_000_000)).expect("data");
+        let data = load(&measurement, &machine, folder.path(), &mut Memory::for_program(1_000_000_000)).expect("data");
         let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
         let quiet = |_: &str, _: u64| {};
         let started = std::time::Instant::now();

@@ -5,7 +5,7 @@
 mod links;
 
 use links::{CASES, bush, identified, write};
-use pitchline::identify::report::Verdict;
+use pitchline::identify::report::IdentificationVerdict;
 
 /// A drive whose tooth counts divide its link count: 20 and 40 teeth, 120 links.
 fn locked() -> String {
@@ -19,7 +19,7 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
     write(folder.path(), bush(), case, 5);
     let r = identified(folder.path(), 2).expect("identified");
     let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
-    assert_eq!((r.outcome, found), (Verdict::Named, vec![case.path]));
+    assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]));
     let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("outward_um")).expect("its size").value;
     assert!((size - 60.0).abs() < 6.0, "{size}");
     // The written file is a drive file that contains the effect.
@@ -41,7 +41,7 @@ fn teeth_that_divide_the_links_leave_a_long_link_and_runout_open() {
     let folder = tempfile::tempdir().expect("a folder");
     write(folder.path(), &locked(), case, 5);
     let r = identified(folder.path(), 2).expect("identified");
-    assert_eq!(r.outcome, Verdict::Ambiguous);
+    assert_eq!(r.outcome, IdentificationVerdict::Ambiguous);
     let set: Vec<&str> =
         r.effects.iter().flat_map(|e| e.rivals.iter().map(|r| r.path.as_str()).chain([e.path.as_str()])).collect();
     assert!(set.contains(&"effects.pitch_error.found") && set.contains(&"effects.sprocket_runout.driver"), "{set:?}");

@@ -1,7 +1,7 @@
 //! The lumped model and the catalogue of effects: closed forms, order of convergence, and the same rules for every row.
 
 use pitchline::effects::{EFFECTS, Effect, Kind, On, Physics, named};
-use pitchline::machine::simulate::{MOST_STEPS, Samples, Start, Task, run};
+use pitchline::machine::simulate::{InitialState, MAX_STEPS, Samples, Task, run};
 use pitchline::machine::{Machine, Reads};
 
 fn machine(text: &str) -> Machine {
@@ -70,8 +70,8 @@ fn task() -> Task {
     }
 }
 
-fn start(m: &Machine) -> Start {
-    let mut start = Start { q: vec![0.3; m.bodies.len()], v: vec![60.0; m.bodies.len()], travel: 0.0 };
+fn start(m: &Machine) -> InitialState {
+    let mut start = InitialState { q: vec![0.3; m.bodies.len()], v: vec![60.0; m.bodies.len()], travel: 0.0 };
     if let Some(cam) = m.bodies.iter().position(|b| b.name == "cam") {
         start.v[cam] = 30.0;
     }
@@ -80,7 +80,7 @@ fn start(m: &Machine) -> Start {
 
 fn channels(m: &Machine, values: &[f64]) -> Vec<Vec<f64>> {
     let all: Vec<usize> = (0..5).collect();
-    match run(m, values, &task(), &start(m), &all, MOST_STEPS) {
+    match run(m, values, &task(), &start(m), &all, MAX_STEPS) {
         Ok(series) => series,
         Err(e) => panic!("{e}"),
     }
@@ -169,12 +169,12 @@ fn every_row_changes_no_bit_where_it_is_off_and_moves_a_sensor_where_it_is_on() 
             .unwrap_or_else(|| panic!("nothing to put {} on", e.name));
         // A sensor's shape parameter (its period) has no off value.
         if e.name != "sensor_resonance" {
-            let (off, _) = m.with(e, &name, target, &values(&m, e, target, false));
+            let (off, _) = m.with_effect(e, &name, target, &values(&m, e, target, false));
             let same = channels(&off, &off.values);
             let bits = |s: &[Vec<f64>]| s.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert!(bits(&same) == bits(&without), "{} changes a bit where it is off", e.name);
         }
-        let (on, _) = m.with(e, &name, target, &values(&m, e, target, true));
+        let (on, _) = m.with_effect(e, &name, target, &values(&m, e, target, true));
         // A sign-blind sensor differs only in reverse motion.
         let mut numbers = on.values.clone();
         if e.name == "sign_blind" {
@@ -199,9 +199,9 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0, 0.05], v: vec![8.0, 5.0], travel: 0.0 };
+    let start = InitialState { q: vec![0.0, 0.05], v: vec![8.0, 5.0], travel: 0.0 };
     let energy = |m: &Machine| -> Vec<f64> {
-        let s = run(m, &m.values, &task, &start, &[0, 1, 2], MOST_STEPS).expect("the run holds");
+        let s = run(m, &m.values, &task, &start, &[0, 1, 2], MAX_STEPS).expect("the run holds");
         (0..2000)
             .map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i] + 0.5 * s[2][i] * s[2][i] / 20000.0)
             .collect()
@@ -216,10 +216,10 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         if e.name == "span_damping" {
             numbers[0] = 100.0;
         }
-        let (with, _) = m.with(e, &name, target, &numbers);
+        let (with, _) = m.with_effect(e, &name, target, &numbers);
         // Damping forces of a span store no energy: only the tension of the declared spring does.
         let series = if matches!(e.physics, Physics::SpanForce(_)) {
-            let s = run(&with, &with.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
+            let s = run(&with, &with.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
             (0..2000).map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i]).collect::<Vec<f64>>()
         } else {
             energy(&with)
@@ -249,8 +249,8 @@ fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0], v: vec![100.0], travel: 0.0 };
-    let ln_dt = &run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds")[0];
+    let start = InitialState { q: vec![0.0], v: vec![100.0], travel: 0.0 };
+    let ln_dt = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
     let (rate, gap) = (0.0002 / 0.1, std::f64::consts::PI / 3.0);
     let first = (1.0 / (rate * 100.0)) * (rate * gap).exp_m1();
     for (i, v) in ln_dt.iter().enumerate() {
@@ -270,8 +270,8 @@ fn dry_friction_stops_at_a_constant_rate() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.5], v: vec![1.0], travel: 0.0 };
-    let s = run(&m, &m.values, &task, &start, &[0, 1], MOST_STEPS).expect("the run holds");
+    let start = InitialState { q: vec![0.5], v: vec![1.0], travel: 0.0 };
+    let s = run(&m, &m.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
     // Sensors are in the order of the kinds: displacement first.
     let (position, speed) = if matches!(m.sensors[0].reads, Reads::Angle(_)) { (&s[0], &s[1]) } else { (&s[1], &s[0]) };
     for i in 0..200 {
@@ -296,8 +296,8 @@ fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
         ));
         let samples = Samples::Times { t_s: t_s.clone(), step_s, even: true };
         let task = Task { samples, inputs: vec![input.clone()], hold: true };
-        let start = Start { q: vec![0.0], v: vec![0.0], travel: 0.0 };
-        let speeds = &run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds")[0];
+        let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
+        let speeds = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
         let (mut y, mut impulse) = (0.0, 0.0);
         for (i, v) in speeds.iter().enumerate() {
             assert!((v - impulse / 0.01).abs() < 1e-9, "{time_s} s, sample {i}: {v} against {}", impulse / 0.01);
@@ -320,8 +320,8 @@ fn a_free_oscillator_converges_with_the_fourth_order() {
             inputs: vec![],
             hold: false,
         };
-        let start = Start { q: vec![0.01], v: vec![0.0], travel: 0.0 };
-        let s = run(&m, &m.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
+        let start = InitialState { q: vec![0.01], v: vec![0.0], travel: 0.0 };
+        let s = run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
         (s[0][n] - 0.01 * 20.0_f64.cos()).abs()
     };
     let (coarse, fine) = (error(0.004), error(0.002));
@@ -340,14 +340,14 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         inputs: vec![],
         hold: false,
     };
-    let start = Start { q: vec![0.0], v: vec![0.0], travel: 0.0 };
+    let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
     let show = |name: &str, value: f64| -> Vec<f64> {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
         // An effect with a lag has a start parameter besides its time.
         let values = [value, 0.0];
-        let (with, _) = m.with(e, &place, target, &values[..e.parameters.len()]);
-        run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0)
+        let (with, _) = m.with_effect(e, &place, target, &values[..e.parameters.len()]);
+        run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0)
     };
     let (lagging, late) = (show("low_pass", 0.02), show("latency", 0.0125));
     let ringing = show("sensor_resonance", 0.03);
@@ -363,13 +363,13 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         assert!((ringing[i] - 2.0 * (t - late_s)).abs() < 1.1 * rings + 1e-6, "{} at {t}", ringing[i]);
     }
     // A record that begins in the middle of the motion: the initial output of a sensor continues the ramp from before.
-    let start = Start { q: vec![0.0], v: vec![5.0], travel: 0.0 };
+    let start = InitialState { q: vec![0.0], v: vec![5.0], travel: 0.0 };
     for (name, late_s) in [("low_pass", 0.02), ("latency", 0.0125)] {
         let e = named(name).expect("a row");
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
         for beyond in [0.0, 0.7] {
-            let (with, _) = m.with(e, &place, target, &[late_s, beyond]);
-            let shown = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds").remove(0);
+            let (with, _) = m.with_effect(e, &place, target, &[late_s, beyond]);
+            let shown = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0);
             for (i, shown) in shown.iter().enumerate() {
                 let t = i as f64 * 1e-3;
                 // An additional initial offset decays, or ends after the delay.
@@ -390,7 +390,7 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
     let m = machine(text);
     let e = named("mark_spacing").expect("a row");
     let (name, target) = m.targets(e).remove(0);
-    let (with, _) = m.with(e, &name, target, &[0.01, 0.0, -0.02]);
+    let (with, _) = m.with_effect(e, &name, target, &[0.01, 0.0, -0.02]);
     for speed in [10.0, 200.0] {
         let gap = std::f64::consts::FRAC_PI_2 / speed;
         let task = Task {
@@ -398,8 +398,8 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
             inputs: vec![],
             hold: false,
         };
-        let start = Start { q: vec![0.0], v: vec![speed], travel: 0.0 };
-        let s = run(&with, &with.values, &task, &start, &[0], MOST_STEPS).expect("the run holds");
+        let start = InitialState { q: vec![0.0], v: vec![speed], travel: 0.0 };
+        let s = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
         // s_m+1 - s_m with s = 0, 0.01, 0, -0.02
         let shares = [1.01, 0.99, 0.98, 1.02, 1.01, 0.99, 0.98, 1.02];
         for (v, share) in s[0].iter().zip(shares) {

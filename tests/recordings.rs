@@ -9,7 +9,7 @@ use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera};
 use pitchline::recording::frame::{Frame, Header, LinkInfo};
 use pitchline::recording::{ViewOptions, create, mcap};
-use pitchline::simulate::{Span, run};
+use pitchline::simulate::{RunLength, run};
 use prost::Message;
 use std::path::Path;
 use std::process::Command;
@@ -19,7 +19,7 @@ use std::sync::atomic::AtomicBool;
 fn record(paths: &[&Path], duration_s: f64) -> (Header, Vec<Frame>) {
     let drive = drive(&[]);
     let Assembly { model, mut state, report } = assembled(&drive);
-    let span = Span::new(duration_s, 50e-6, model.step_s);
+    let span = RunLength::new(duration_s, 50e-6, model.step_s);
     let header = capture::header(&drive, &model, &report, span.steps_per_frame);
     let mut sinks: Vec<_> = paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
     // The same run again, with frames kept.
@@ -246,7 +246,7 @@ fn rerun_verifies_the_view() {
 /// displayed; tables of the same recording as CSV and Parquet contain the same numbers.
 #[test]
 fn recordings_and_tables_are_measured_files() {
-    use pitchline::measurement::columns::{Columns, Layout, Memory, Wanted, read};
+    use pitchline::measurement::columns::{ColumnSelection, Columns, FileLayout, Memory, read};
     let folder = tempfile::tempdir().expect("a folder");
     let at = |name: &str| folder.path().join(name);
     let text = format!(
@@ -266,9 +266,10 @@ fn recordings_and_tables_are_measured_files() {
     for format in ["csv", "parquet"] {
         pitchline(&["export", "a.mcap", "-o", &format!("rotors.{format}"), "--tables", "rotors"]);
     }
-    let memory = || Memory::of_program(1_000_000_000);
-    let columns =
-        |name: &str| read(&at(name), Layout::default(), Wanted::All, &mut memory()).unwrap_or_else(|e| panic!("{e}"));
+    let memory = || Memory::for_program(1_000_000_000);
+    let columns = |name: &str| {
+        read(&at(name), FileLayout::default(), ColumnSelection::All, &mut memory()).unwrap_or_else(|e| panic!("{e}"))
+    };
     let column =
         |c: &Columns, name: &str| c.values[c.find(name).unwrap_or_else(|| panic!("{name} in {:?}", c.names))].clone();
     let whole = columns("a.mcap");
@@ -305,11 +306,11 @@ const BENCH: &[u8] = include_bytes!("data/bench.mf4");
 
 #[test]
 fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
-    use pitchline::measurement::columns::{Columns, Memory, Wanted};
+    use pitchline::measurement::columns::{ColumnSelection, Columns, Memory};
     let parse_mdf = |bytes: Vec<u8>, group: Option<usize>| -> Result<Columns, String> {
         let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(|e| e.to_string())?;
-        let mut memory = Memory::of_program(1_000_000_000);
-        pitchline::measurement::columns::parse_mdf(&file, group, Wanted::All, &mut memory)
+        let mut memory = Memory::for_program(1_000_000_000);
+        pitchline::measurement::columns::parse_mdf(&file, group, ColumnSelection::All, &mut memory)
     };
     let error = parse_mdf(BENCH.to_vec(), None).expect_err("two groups");
     assert!(error.contains("2 groups") && error.contains("group = 0") && error.contains("pressure"), "{error}");

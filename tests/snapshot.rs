@@ -3,13 +3,13 @@
 use pitchline::recording::frame::{Frame, Header, Outline, OutlineElement};
 use pitchline::recording::mcap::{Recording, read};
 use pitchline::render::snapshot::contours::{Pose, body_pose, link_pose, path_data};
-use pitchline::render::snapshot::{Around, Options, draw};
+use pitchline::render::snapshot::{SnapshotOptions, ViewCentre, draw};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
 const CHAINS: [&str; 3] = ["bush", "silent", "smartchain"];
-const DRIVE: Options = Options { around: Around::Drive, width_mm: None, joints: false };
+const DRIVE: SnapshotOptions = SnapshotOptions { around: ViewCentre::Drive, width_mm: None, joints: false };
 
 fn sample(chain: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("recordings/samples/{chain}-20-40.mcap"))
@@ -195,7 +195,8 @@ fn long_arcs_and_full_circles_keep_their_centre() {
 fn penetration_is_drawn_as_deep_as_it_is() {
     let recording = recorded("bush");
     let (header, frame) = (&recording.header, &recording.frames[21]);
-    let drawing = draw(header, &[frame], Options { around: Around::Body(0), width_mm: Some(0.05), joints: false });
+    let drawing =
+        draw(header, &[frame], SnapshotOptions { around: ViewCentre::Body(0), width_mm: Some(0.05), joints: false });
     let bytes = pitchline::render::png::encode(&drawing.svg, 2.0).expect("encoded");
     let pixmap = resvg::tiny_skia::Pixmap::decode_png(&bytes).expect("decodes");
     // The deepest contact of the driver is at the centre of the panel.
@@ -233,7 +234,7 @@ fn arrows_have_the_length_and_direction_of_their_forces() {
     for chain in CHAINS {
         let recording = recorded(chain);
         let (header, frame) = (&recording.header, &recording.frames[20]);
-        let drawing = draw(header, &[frame], Options { joints: true, ..DRIVE });
+        let drawing = draw(header, &[frame], SnapshotOptions { joints: true, ..DRIVE });
         let per_n = drawing.contact_units_per_n.expect("contacts");
         let c = &frame.contacts;
         let force = |i: usize| {
@@ -266,7 +267,7 @@ fn arrows_have_the_length_and_direction_of_their_forces() {
 fn tension_pulls_the_link_ahead_back() {
     let recording = recorded("bush");
     let (header, frame) = (&recording.header, &recording.frames[20]);
-    let drawing = draw(header, &[frame], Options { around: Around::Link(35), joints: true, ..DRIVE });
+    let drawing = draw(header, &[frame], SnapshotOptions { around: ViewCentre::Link(35), joints: true, ..DRIVE });
     let arrows = attributes(&drawing.svg, "class=\"joint\"", "d");
     assert!((5..=10).contains(&arrows.len()), "{}", arrows.len());
     for data in arrows {
@@ -284,7 +285,7 @@ fn film_strips_have_a_panel_an_instant_with_one_scale() {
     let recording = recorded("silent");
     let frames: Vec<&Frame> = recording.frames[8..14].iter().collect();
     for (count, rows) in [(1, 1), (2, 1), (4, 1), (5, 2), (6, 2)] {
-        let around = Options { around: Around::Link(50), ..DRIVE };
+        let around = SnapshotOptions { around: ViewCentre::Link(50), ..DRIVE };
         let drawing = draw(&recording.header, &frames[..count], around);
         assert_eq!(drawing.svg.matches("class=\"panel\"").count(), count);
         assert_eq!(drawing.svg.matches("t = ").count(), count);

@@ -1,16 +1,16 @@
 //! Measured files written by other programs: each contains the numbers of `truth.csv` (see
 //! `tests/data/strangers/README.md`).
 
-use pitchline::measurement::columns::{Columns, Layout, Memory, Wanted, read};
+use pitchline::measurement::columns::{ColumnSelection, Columns, FileLayout, Memory, read};
 use std::path::PathBuf;
 
 fn at(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/strangers").join(name)
 }
 
-fn columns(name: &str, layout: Layout, wanted: &[&str]) -> Columns {
+fn columns(name: &str, layout: FileLayout, wanted: &[&str]) -> Columns {
     let wanted: Vec<String> = wanted.iter().map(|w| (*w).to_string()).collect();
-    read(&at(name), layout, Wanted::Named(&wanted), &mut Memory::of_program(1_000_000_000))
+    read(&at(name), layout, ColumnSelection::Named(&wanted), &mut Memory::for_program(1_000_000_000))
         .unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
@@ -44,7 +44,7 @@ fn text_files_of_spreadsheets_and_test_benches() {
         "csv_stray_quote.csv",
         "csv_stray_quote_more_quotes.csv",
     ] {
-        let c = columns(name, Layout::default(), &NAMES);
+        let c = columns(name, FileLayout::default(), &NAMES);
         for key in NAMES {
             assert_eq!(column(&c, key), truth(key), "{name}: {key}");
         }
@@ -57,9 +57,9 @@ fn text_files_of_spreadsheets_and_test_benches() {
             c.warnings
         );
     }
-    let c = columns("csv_units_row.csv", Layout::default(), &NAMES);
+    let c = columns("csv_units_row.csv", FileLayout::default(), &NAMES);
     assert_eq!(c.units[1].as_deref(), Some("rpm"));
-    let c = columns("csv_excel_german_cp1252.csv", Layout::default(), &["\u{d6}ltemperatur_\u{b0}C"]);
+    let c = columns("csv_excel_german_cp1252.csv", FileLayout::default(), &["\u{d6}ltemperatur_\u{b0}C"]);
     assert_eq!(column(&c, "\u{d6}ltemperatur_\u{b0}C")[0], 71.55);
     // Columns that are not requested are not stored.
     assert!(c.values[1].is_empty() && c.rows() == 200);
@@ -68,7 +68,7 @@ fn text_files_of_spreadsheets_and_test_benches() {
 #[test]
 fn times_as_dates() {
     for name in ["csv_iso_t.csv", "csv_iso_z.csv", "csv_iso_offset.csv", "csv_iso_space.csv"] {
-        let c = columns(name, Layout::default(), &["time", "speed_rpm"]);
+        let c = columns(name, FileLayout::default(), &["time", "speed_rpm"]);
         for (read, t_s) in column(&c, "time").iter().zip(truth("time_s")) {
             assert!((read - t_s).abs() < 1e-12, "{name}: {read} {t_s}");
         }
@@ -79,7 +79,7 @@ fn times_as_dates() {
 
 #[test]
 fn two_columns_of_one_name_are_a_mistake_where_one_is_asked_for() {
-    let c = columns("csv_same_name_twice.csv", Layout::default(), &NAMES);
+    let c = columns("csv_same_name_twice.csv", FileLayout::default(), &NAMES);
     let wrong = c.wrong[c.find("speed_rpm").expect("there")].clone().expect("a mistake");
     assert!(wrong.contains("columns 2 and 3 are both called `speed_rpm`"), "{wrong}");
     assert_eq!(column(&c, "torque_nm"), truth("torque_nm"));
@@ -89,17 +89,17 @@ fn two_columns_of_one_name_are_a_mistake_where_one_is_asked_for() {
 fn parquet_with_every_codec_and_kind_of_column() {
     for name in ["snappy", "gzip", "lz4", "brotli", "zstd", "none", "v2_encodings", "polars", "duckdb", "nested"] {
         let name = format!("parquet_{name}.parquet");
-        let c = columns(&name, Layout::default(), &NAMES);
+        let c = columns(&name, FileLayout::default(), &NAMES);
         for key in NAMES {
             assert_eq!(column(&c, key), truth(key), "{name}: {key}");
         }
     }
-    let nested = columns("parquet_nested.parquet", Layout::default(), &["note", "peaks.list.element"]);
+    let nested = columns("parquet_nested.parquet", FileLayout::default(), &["note", "peaks.list.element"]);
     let said: Vec<&String> = nested.wrong.iter().flatten().collect();
     assert!(said.iter().any(|w| w.contains("is nested")) && said.iter().any(|w| w.contains("holds texts")), "{said:?}");
     let types = columns(
         "parquet_types_nulls.parquet",
-        Layout::default(),
+        FileLayout::default(),
         &["time", "speed_rpm", "torque_nm", "count", "driving"],
     );
     for (read, t_s) in column(&types, "time").iter().zip(truth("time_s")) {
@@ -132,15 +132,16 @@ fn mdf_as_asammdf_writes_it() {
         "mdf410_two_rates",
     ] {
         let groups = matches!(name, "mdf410_two_rates" | "mdf410_unsorted");
-        let layout = Layout { group: groups.then_some(0), ..Layout::default() };
+        let layout = FileLayout { group: groups.then_some(0), ..FileLayout::default() };
         let c = columns(&format!("{name}.mf4"), layout, &names);
         for (key, of) in names.iter().zip(NAMES) {
             assert_eq!(column(&c, key), truth(of), "{name}: {key}");
         }
     }
-    let rates = columns("mdf410_two_rates.mf4", Layout { group: Some(1), ..Layout::default() }, &["temperature_degc"]);
+    let rates =
+        columns("mdf410_two_rates.mf4", FileLayout { group: Some(1), ..FileLayout::default() }, &["temperature_degc"]);
     assert_eq!(column(&rates, "temperature_degc")[..2], [71.55, 72.5701]);
-    let raw = columns("mdf410_int16_linear.mf4", Layout::default(), &names);
+    let raw = columns("mdf410_int16_linear.mf4", FileLayout::default(), &names);
     for (read, v) in column(&raw, "speed_rpm").iter().zip(truth("speed_rpm")) {
         assert!((read - v).abs() <= 0.05, "{read} {v}");
     }
@@ -151,7 +152,7 @@ fn mdf_as_asammdf_writes_it() {
 fn what_a_file_says_of_itself_takes_no_memory() {
     let folder = tempfile::tempdir().expect("a folder");
     let read_within = |name: &str, bytes: usize| {
-        read(&folder.path().join(name), Layout::default(), Wanted::All, &mut Memory::of_program(bytes))
+        read(&folder.path().join(name), FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(bytes))
     };
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
     // A line without end: two gigabytes of zeros in a sparse file.
@@ -177,7 +178,10 @@ fn what_a_file_says_of_itself_takes_no_memory() {
     packer.finish().expect("written");
     assert!(read_within("bomb.csv.gz", 10_000_000).expect_err("too long").contains("--memory"));
     #[cfg(unix)]
-    assert!(read(&PathBuf::from("/dev/zero"), Layout::default(), Wanted::All, &mut Memory::of_program(1)).is_err());
+    assert!(
+        read(&PathBuf::from("/dev/zero"), FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(1))
+            .is_err()
+    );
 }
 
 /// Typical irregularities of spreadsheet exports, one per line.
@@ -187,8 +191,8 @@ fn odd_rows_of_text_files() {
     let path = folder.path().join("a.csv");
     let parse = |text: &str, header: bool| {
         std::fs::write(&path, text).expect("written");
-        let layout = Layout { header, ..Layout::default() };
-        read(&path, layout, Wanted::All, &mut Memory::of_program(1_000_000))
+        let layout = FileLayout { header, ..FileLayout::default() };
+        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000))
     };
     let numbers = |text: &str, header: bool, name: &str| {
         let c = parse(text, header).unwrap_or_else(|e| panic!("{text:?}: {e}"));
@@ -217,7 +221,8 @@ fn odd_rows_of_text_files() {
 #[test]
 fn a_library_that_gives_up_is_an_error() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/byte_stream_split.parquet");
-    let said = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
+    let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
+        .expect_err("damaged");
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
 
@@ -231,8 +236,8 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
         ("dictionary_count", "a page header states more values of a dictionary than its page has room for"),
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
-        let said =
-            read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)).expect_err("damaged");
+        let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
+            .expect_err("damaged");
         assert!(said.contains(name) && said.contains(why), "{said}");
     }
 }
@@ -241,7 +246,7 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
 #[test]
 fn a_channel_of_variable_length_is_no_column_of_numbers() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/variable_length.mf4");
-    let read = read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000));
+    let read = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000));
     let columns = read.unwrap_or_else(|e| panic!("{e}"));
     let wrong: Vec<&str> = columns.wrong.iter().flatten().map(String::as_str).collect();
     assert!(wrong.iter().any(|w| w.contains("has values of variable length, no numbers")), "{wrong:?}");

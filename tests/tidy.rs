@@ -45,6 +45,34 @@ fn files_open_with_what_they_are_and_leave_nothing_open() {
     }
 }
 
+/// Name of the type that a line defines, if it defines one. Associated types of traits are no definitions of their own.
+fn defined_type(line: &str) -> Option<&str> {
+    let mut words =
+        line.split_whitespace().skip_while(|word| word.starts_with("pub") || word.contains("::") || *word == "unsafe");
+    let kind = words.next()?;
+    let is_definition = matches!(kind, "struct" | "enum" | "trait" | "union");
+    let is_alias = kind == "type" && !line.starts_with(' ');
+    let name = words.next().filter(|_| is_definition || is_alias)?;
+    name.split(|c: char| !c.is_alphanumeric() && c != '_').next()
+}
+
+#[test]
+fn every_type_name_has_one_meaning() {
+    let mut places: std::collections::BTreeMap<String, Vec<String>> = std::collections::BTreeMap::new();
+    for path in rust_files().iter().filter(|p| p.starts_with(root().join("src"))) {
+        let text = std::fs::read_to_string(path).expect("readable");
+        let shown = path.strip_prefix(root()).unwrap_or(path).display();
+        for (i, line) in text.lines().enumerate() {
+            if let Some(name) = defined_type(line) {
+                places.entry(name.to_string()).or_default().push(format!("{shown}:{}", i + 1));
+            }
+        }
+    }
+    assert!(places.len() > 500, "{} types", places.len());
+    let repeated: Vec<_> = places.iter().filter(|(_, places)| places.len() > 1).collect();
+    assert!(repeated.is_empty(), "type names that are defined more than once: {repeated:#?}");
+}
+
 #[test]
 fn physics_takes_its_trigonometry_from_libm() {
     for path in rust_files().iter().filter(|p| p.starts_with(root().join("src"))) {

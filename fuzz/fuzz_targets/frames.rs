@@ -6,7 +6,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use pitchline::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
-use pitchline::render::snapshot::{Around, Options, draw};
+use pitchline::render::snapshot::{SnapshotOptions, ViewCentre, draw};
 
 const TOPICS: [&str; 5] =
     ["/pitchline/header", "/pitchline/frame", "/pitchline/keyframe", "/pitchline/event", "/pitchline/impact"];
@@ -84,7 +84,7 @@ fuzz_target!(|data: &[u8]| {
         Ok(Flow::On)
     });
     if let Some(frame) = frames.first() {
-        let options = Options { around: Around::Drive, width_mm: Some(40.0), joints: true };
+        let options = SnapshotOptions { around: ViewCentre::Drive, width_mm: Some(40.0), joints: true };
         assert!(draw(&header, &[frame], options).svg.ends_with("</svg>\n"));
     }
 });

@@ -5,7 +5,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pitchline::measurement::columns::{Layout, Memory, Wanted, read};
+use pitchline::measurement::columns::{ColumnSelection, FileLayout, Memory, read};
 
 const KINDS: [&str; 5] = ["csv", "parquet", "mf4", "csv.gz", "mcap"];
 
@@ -22,7 +22,7 @@ fuzz_target!(init: pitchline::measurement::contained::hold_quietly(), |data: &[u
     if std::fs::write(&path, bytes).is_err() {
         return;
     }
-    match read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)) {
+    match read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::of_program(100_000_000)) {
         Ok(columns) => {
             let fits = |(values, wrong): (&Vec<f64>, &Option<String>)| values.len() == columns.rows() || wrong.is_some();
             assert!(columns.values.iter().zip(&columns.wrong).all(fits));

@@ -8,7 +8,7 @@ use libfuzzer_sys::fuzz_target;
 use pitchline::machine::Machine;
 use pitchline::machine::simulate::{Samples, run};
 use pitchline::measurement::Measurement;
-use pitchline::measurement::columns::{Layout, Memory, Wanted, parse_csv};
+use pitchline::measurement::columns::{ColumnSelection, FileLayout, Memory, parse_csv};
 use pitchline::measurement::segments::from_tables;
 
 fuzz_target!(|text: &str| {
@@ -23,7 +23,7 @@ fuzz_target!(|text: &str| {
         assert!(!report.to_string().is_empty());
     }
     let mut memory = Memory::of_program(100_000_000);
-    let columns = parse_csv(csv.unwrap_or_default().as_bytes(), Layout::default(), Wanted::All, &mut memory);
+    let columns = parse_csv(csv.unwrap_or_default().as_bytes(), FileLayout::default(), ColumnSelection::All, &mut memory);
     let (Ok(machine), Ok(measurement), Ok(columns)) = (machine, measurement, columns) else { return };
     let tables: Vec<_> = measurement.files.iter().map(|f| (f.name.clone(), columns.clone())).collect();
     match from_tables(&measurement, &machine, &tables) {

@@ -115,7 +115,7 @@ pub struct FreeBody {
 const LONGEST_HISTORY: usize = 400;
 
 /// Contact partner of a part of a link at a node, also if a small gap remains.
-struct Touch {
+struct TouchRow {
     body: usize,
     tooth: u32,
     segment: Segment,
@@ -313,7 +313,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
 }
 
 /// Contact partner of a lane: bushes and plate ends by exact detection, contours as the step found them.
-fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup, lane: usize) -> Option<Touch> {
+fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup, lane: usize) -> Option<TouchRow> {
     let (body, tooth) = scratch.partner(model, part, lane)?;
     let l = &state.links;
     let joint = |link: usize, front: bool| {
@@ -332,7 +332,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             let hit = crate::contact::gap_contact(sprocket.geometry.iso()?, in_frame, radius_m);
             let n = hit.touch.normal;
             let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
-            Some(Touch { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })
+            Some(TouchRow { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })
         }
         ContactGroup::Guides(set) => {
             let b = &model.guides.get(body.checked_sub(model.sprockets.len())?)?.body;
@@ -342,7 +342,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             let from = Vec2::new(along - along.clamp(0.0, b.length_m), above + b.end_radius_m);
             let normal = (b.along * from.x + up * from.y) / from.norm();
             let segment = model.guides[body - model.sprockets.len()].segment(along);
-            Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
+            Some(TouchRow { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
         }
         ContactGroup::Rails(set) => {
             let rail = model.rails.get(body.checked_sub(model.first_rail())?)?;
@@ -356,7 +356,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
                 swing.sin * t.normal.x + swing.cos * t.normal.y,
             );
             let point = centre + heading * t.along_m - normal * rail.body.plate_radius_m;
-            Some(Touch { body, tooth, segment: rail.segment(t.piece), normal, point })
+            Some(TouchRow { body, tooth, segment: rail.segment(t.piece), normal, point })
         }
         ContactGroup::Contours(set) => {
             let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
@@ -367,7 +367,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
                 }
             });
             let (t, origin) = (found?, model.end_bodies[k].origin);
-            Some(Touch { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + origin })
+            Some(TouchRow { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + origin })
         }
     }
 }

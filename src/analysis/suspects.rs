@@ -13,7 +13,7 @@
 //! that share most of their impacts with them, are consequences and are removed before the search continues.
 //!
 //! A fault that is the same for all teeth and links, such as another seat form or a guide in the way, shows only in
-//! comparison with another recording: see [`against`].
+//! comparison with another recording: see [`compared_with`].
 
 use crate::recording::frame::{Feature, Header, Impact};
 use std::collections::BTreeMap;
@@ -24,10 +24,10 @@ const SCORE: f64 = 8.0;
 /// Smallest departure that counts, relative to the median, for forces and speeds.
 const SHARE: f64 = 0.02;
 /// Smallest difference in time of arrival that counts [s].
-const LATE_S: f64 = 1e-6;
+const MIN_DELAY_S: f64 = 1e-6;
 /// Smallest number of impacts for a reference median, and for a group.
-const FEWEST: usize = 12;
-const FEWEST_IN_GROUP: usize = 2;
+const MIN_IMPACTS: usize = 12;
+const MIN_IN_GROUP: usize = 2;
 /// Tooth periods for which an impact must have been observed, and for which a run settles.
 const WATCHED: f64 = 1.9;
 const SETTLED: f64 = 2.0;
@@ -69,7 +69,7 @@ const APPROACH: usize = 1;
 const ARRIVAL: usize = 3;
 
 /// An impact, and its departures.
-struct Case<'a> {
+struct ImpactCase<'a> {
     impact: &'a Impact,
     value: [f64; QUANTITIES.len()],
     departure: [f64; QUANTITIES.len()],
@@ -95,15 +95,15 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
         let whole = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= SETTLED * period_s;
         let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(whole).collect();
         let mut cases = cases(&own, period_s);
-        let medians = depart(&mut cases);
-        let all: Vec<&Case<'_>> = cases.iter().collect();
+        let medians = compute_departures(&mut cases);
+        let all: Vec<&ImpactCase<'_>> = cases.iter().collect();
         // A bush is positioned by the link ahead of it; a flank by its own link.
         let bushed = own.iter().any(|i| is_bush(i));
         let mut candidates = Vec::new();
         for q in 0..QUANTITIES.len() {
             for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
-                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..blank(&info.path) };
-                candidates.extend(judged(suspect, (tooth, true, q), &group, &medians));
+                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..empty_suspect(&info.path) };
+                candidates.extend(outstanding_group(suspect, (tooth, true, q), &group, &medians));
             }
             for (joint, group) in groups(&all, |i| if bushed { joint_of(i, header) } else { Some(i.link) }) {
                 let ahead = if forwards && bushed {
@@ -111,8 +111,8 @@ pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
                 } else {
                     joint
                 };
-                let suspect = Suspect { kind: "link", link: Some(ahead), ..blank(&info.path) };
-                candidates.extend(judged(suspect, (joint, false, q), &group, &medians));
+                let suspect = Suspect { kind: "link", link: Some(ahead), ..empty_suspect(&info.path) };
+                candidates.extend(outstanding_group(suspect, (joint, false, q), &group, &medians));
             }
         }
         // Index increment from one arrival to the next.
@@ -188,7 +188,7 @@ fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
     }
 }
 
-fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
+fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {
     // Times of arrival are periodic in the tooth period. They are measured from the circular mean of their part, far
     // from the wrap.
     let mut middles = BTreeMap::new();
@@ -204,7 +204,7 @@ fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<Case<'a>> {
     };
     impacts
         .iter()
-        .map(|i| Case {
+        .map(|i| ImpactCase {
             impact: i,
             value: [i.peak_force_n, i.approach_speed_m_s, i.second_period_mean_n, arrival(i)],
             departure: [0.0; QUANTITIES.len()],
@@ -219,12 +219,12 @@ fn period_s(header: &Header) -> f64 {
 }
 
 /// Computes departures for each part; returns the medians of each part.
-fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
+fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     let mut medians = BTreeMap::new();
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
     for feature in 0..=Feature::FrontInnerFlank as u32 {
         let own: Vec<usize> = (0..cases.len()).filter(|i| features[*i] == feature).collect();
-        if own.len() < FEWEST {
+        if own.len() < MIN_IMPACTS {
             continue;
         }
         let mut of_part = [0.0; QUANTITIES.len()];
@@ -241,14 +241,17 @@ fn depart(cases: &mut [Case<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     medians
 }
 
-fn groups<'a, 'b>(cases: &[&'a Case<'b>], key: impl Fn(&Impact) -> Option<u32>) -> BTreeMap<u32, Vec<&'a Case<'b>>> {
-    let mut all: BTreeMap<u32, Vec<&Case<'_>>> = BTreeMap::new();
+fn groups<'a, 'b>(
+    cases: &[&'a ImpactCase<'b>],
+    key: impl Fn(&Impact) -> Option<u32>,
+) -> BTreeMap<u32, Vec<&'a ImpactCase<'b>>> {
+    let mut all: BTreeMap<u32, Vec<&ImpactCase<'_>>> = BTreeMap::new();
     for case in cases {
         if let Some(key) = key(case.impact) {
             all.entry(key).or_default().push(case);
         }
     }
-    all.retain(|_, group| group.len() >= FEWEST_IN_GROUP);
+    all.retain(|_, group| group.len() >= MIN_IN_GROUP);
     all
 }
 
@@ -266,7 +269,7 @@ fn lower_median(mut values: Vec<f64>) -> f64 {
     if below * above <= 0.0 { 0.0 } else { below.abs().min(above.abs()) }
 }
 
-fn blank(body: &str) -> Suspect {
+fn empty_suspect(body: &str) -> Suspect {
     Suspect {
         kind: "",
         body: body.to_string(),
@@ -283,10 +286,10 @@ fn blank(body: &str) -> Suspect {
 }
 
 /// The group, if it stands out.
-fn judged<'a>(
+fn outstanding_group<'a>(
     suspect: Suspect,
     (key, is_tooth, q): (u32, bool, usize),
-    group: &[&Case<'a>],
+    group: &[&ImpactCase<'a>],
     medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
 ) -> Option<Candidate<'a>> {
     let score = lower_median(group.iter().map(|c| c.departure[q]).collect()) * (group.len() as f64).sqrt();
@@ -295,7 +298,7 @@ fn judged<'a>(
         median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
     );
     let off = (here - others).abs();
-    let counts = if q == ARRIVAL { off >= LATE_S } else { off >= SHARE * others.abs() };
+    let counts = if q == ARRIVAL { off >= MIN_DELAY_S } else { off >= SHARE * others.abs() };
     if score.is_nan() || score < SCORE || !counts {
         return None;
     }
@@ -321,7 +324,7 @@ fn judged<'a>(
 
 /// Parts of bodies whose impacts differ from those of another recording, in number, force or speed; the largest
 /// difference first.
-pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
+pub fn compared_with(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
     let mut found = Vec::new();
     for info in &header.bodies {
         let (mine, theirs) = (of_body(impacts, header, &info.path), of_body(other, other_header, &info.path));
@@ -368,7 +371,7 @@ pub fn against(impacts: &[Impact], header: &Header, other: &[Impact], other_head
                     "{}{where_}: {words} {here:.3}{unit}, in the other recording {there:.3}{unit}",
                     info.path
                 ),
-                ..blank(&info.path)
+                ..empty_suspect(&info.path)
             });
         }
     }

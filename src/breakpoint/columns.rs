@@ -13,11 +13,11 @@ use crate::model::ChainModel;
 const ROUNDING: f64 = 1e-9;
 const FORCE_ROUNDING_N: f64 = 1e-8;
 /// Tolerance of `1 - cos` of an angle, for (cos, sin) that is not exactly a unit vector.
-const COSINE_BLUR: f64 = 1e-6;
+const COSINE_TOLERANCE: f64 = 1e-6;
 
 /// Range of values on one side of a bound that fulfil a comparison, widened by their uncertainty.
 #[derive(Clone, Copy)]
-pub(super) struct Band {
+pub(super) struct ThresholdBand {
     /// 1: at or above; -1: at or below.
     sign: f64,
     threshold: f64,
@@ -25,32 +25,32 @@ pub(super) struct Band {
     bits: u64,
 }
 
-impl Band {
+impl ThresholdBand {
     /// None for equality and inequality: too few or too many values fulfil them for a search over columns to pay.
-    pub(super) fn new(operator: Operator, bound: f64, absolute: bool, blur: f64) -> Option<Band> {
+    pub(super) fn new(operator: Operator, bound: f64, absolute: bool, uncertainty: f64) -> Option<ThresholdBand> {
         let sign = match operator {
             Operator::Above | Operator::AtLeast => 1.0,
             Operator::Below | Operator::AtMost => -1.0,
             Operator::Equal | Operator::Unequal => return None,
         };
-        let threshold = sign * bound - (ROUNDING * bound.abs() + blur);
-        Some(Band { sign, threshold, bits: if absolute { u64::MAX >> 1 } else { u64::MAX } })
+        let threshold = sign * bound - (ROUNDING * bound.abs() + uncertainty);
+        Some(ThresholdBand { sign, threshold, bits: if absolute { u64::MAX >> 1 } else { u64::MAX } })
     }
 
     /// The band for the squares of non-negative values.
-    fn squared(self) -> Band {
+    fn squared(self) -> ThresholdBand {
         let bound = self.sign * self.threshold;
         let threshold = if bound > 0.0 { self.sign * bound * bound } else { 0.0 };
         // No such value is below a negative bound.
         let threshold = if bound < 0.0 && self.sign < 0.0 { f64::INFINITY } else { threshold };
-        Band { threshold, ..self }
+        ThresholdBand { threshold, ..self }
     }
 
     /// The band for [`rising`] of angles.
-    fn risen(self) -> Band {
+    fn risen(self) -> ThresholdBand {
         let bound = self.sign * self.threshold;
         let at = if bound.abs() > std::f64::consts::PI { f64::INFINITY } else { 1.0 - libm::cos(bound) };
-        Band { threshold: self.sign * libm::copysign(at, bound) - COSINE_BLUR, ..self }
+        ThresholdBand { threshold: self.sign * libm::copysign(at, bound) - COSINE_TOLERANCE, ..self }
     }
 
     /// Counts matches lane by lane in `found`, in block `b` of the chains. Sums of ones vectorise; a reduction to one
@@ -77,12 +77,12 @@ impl Band {
     }
 
     /// The value with the sign of the threshold, and as an absolute value if that is meant.
-    pub(super) fn of(self, value: f64) -> f64 {
+    pub(super) fn oriented(self, value: f64) -> f64 {
         self.sign * f64::from_bits(value.to_bits() & self.bits)
     }
 
     /// Whether values can be in the band if `most` is the largest one in its direction.
-    pub(super) fn is_reached_by(self, most: f64) -> bool {
+    pub(super) fn may_contain(self, most: f64) -> bool {
         most >= self.threshold
     }
 
@@ -102,26 +102,26 @@ fn rising(cos: f64, sin: f64) -> f64 {
     if sin < 0.0 { cos - 1.0 } else { 1.0 - cos }
 }
 
-/// [`StepValues::reaches`] of a quantity.
-pub(super) struct Reach<'a>(pub(super) &'a StepValues<'a>, pub(super) &'a Quantity, pub(super) Band);
+/// [`StepValues::lanes_in_band`] of a quantity.
+pub(super) struct ColumnSearch<'a>(pub(super) &'a StepValues<'a>, pub(super) &'a Quantity, pub(super) ThresholdBand);
 
-impl VectorKernel for Reach<'_> {
+impl VectorKernel for ColumnSearch<'_> {
     type Output = Option<LaneBlock>;
 
     #[inline(always)]
     fn run(self) -> Option<LaneBlock> {
-        self.0.reaches(self.1, self.2)
+        self.0.lanes_in_band(self.1, self.2)
     }
 }
 
 impl StepValues<'_> {
     /// Number of links or joints in each lane whose quantity is in a band; None: the quantity has no column.
     #[inline(always)]
-    fn reaches(&self, quantity: &Quantity, band: Band) -> Option<LaneBlock> {
+    fn lanes_in_band(&self, quantity: &Quantity, band: ThresholdBand) -> Option<LaneBlock> {
         let mut found = [0.0; LANES];
         let chain = &self.model.chain;
         match quantity.scope {
-            Scope::Link => self.links_reach(quantity.what, band, &mut found)?,
+            Scope::Link => self.links_in_band(quantity.what, band, &mut found)?,
             Scope::Joint => {
                 let (x, y, torque) = self.scratch.joint_columns();
                 if quantity.what == What::Force {
@@ -149,9 +149,9 @@ impl StepValues<'_> {
         blocks(column, self.model.chain.padded / LANES)
     }
 
-    /// [`StepValues::reaches`] for links.
+    /// [`StepValues::lanes_in_band`] for links.
     #[inline(always)]
-    fn links_reach(&self, what: What, band: Band, found: &mut LaneBlock) -> Option<()> {
+    fn links_in_band(&self, what: What, band: ThresholdBand, found: &mut LaneBlock) -> Option<()> {
         let (l, s, half) = (&self.state.links, self.scratch, 0.5 * self.model.step_s);
         let chain = &self.model.chain;
         match what {
@@ -181,9 +181,9 @@ impl StepValues<'_> {
                     band.count_links(&square, b, chain, found);
                 }
             }
-            What::VelocityX => self.rates_reach((&l.vx, &s.ax), band, found),
-            What::VelocityY => self.rates_reach((&l.vy, &s.ay), band, found),
-            What::Omega => self.rates_reach((&l.omega, &s.alpha), band, found),
+            What::VelocityX => self.rates_in_band((&l.vx, &s.ax), band, found),
+            What::VelocityY => self.rates_in_band((&l.vy, &s.ay), band, found),
+            What::Omega => self.rates_in_band((&l.omega, &s.alpha), band, found),
             What::X => band.count_all(self.lanes(&l.x), chain, found),
             What::Y => band.count_all(self.lanes(&l.y), chain, found),
             What::Angle => {
@@ -204,7 +204,7 @@ impl StepValues<'_> {
 
     /// Velocities at the node.
     #[inline(always)]
-    fn rates_reach(&self, (v, a): (&[f64], &[f64]), band: Band, found: &mut LaneBlock) {
+    fn rates_in_band(&self, (v, a): (&[f64], &[f64]), band: ThresholdBand, found: &mut LaneBlock) {
         let (v, a, half) = (self.lanes(v), self.lanes(a), 0.5 * self.model.step_s);
         for b in 0..v.len() {
             let mut at_node = [0.0; LANES];

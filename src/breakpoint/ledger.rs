@@ -15,7 +15,7 @@ use std::ops::Range;
 const ROUNDING: f64 = 1e-10;
 
 /// Steps after which running sums are computed anew, so that their rounding stays far below [`ROUNDING`].
-const FRESH_STEPS: u64 = 256;
+const STEPS_PER_FULL_SUM: u64 = 256;
 
 /// The energy ledger of a run that is examined at every step.
 pub struct Ledger {
@@ -39,7 +39,7 @@ pub struct Ledger {
 
 /// Sums over all links, joints and contacts, lane by lane. In one loop with the final sum they would vectorise only in
 /// pairs.
-struct Sums {
+struct EnergySums {
     /// Twice the kinetic energy of the links [J].
     twice_kinetic_j: LaneBlock,
     /// In joints and contacts [J].
@@ -49,13 +49,13 @@ struct Sums {
 }
 
 /// [`Ledger::sums`].
-struct OfStep<'a>(&'a Ledger, &'a Model, &'a State, &'a Scratch);
+struct SumKernel<'a>(&'a Ledger, &'a Model, &'a State, &'a Scratch);
 
-impl VectorKernel for OfStep<'_> {
-    type Output = Option<Sums>;
+impl VectorKernel for SumKernel<'_> {
+    type Output = Option<EnergySums>;
 
     #[inline(always)]
-    fn run(self) -> Option<Sums> {
+    fn run(self) -> Option<EnergySums> {
         self.0.sums(self.1, self.2, self.3)
     }
 }
@@ -87,13 +87,13 @@ impl Ledger {
 
     /// Energies at the node since `origin` and their uncertainty [J]. All losses are in one class, all elastic energy
     /// of joints and contacts in another. None if the energy of a contact law needs more than its depth.
-    pub fn look(
+    pub fn update(
         &mut self,
         (model, state, scratch): (&Model, &State, &Scratch),
         origin: &Energy,
     ) -> Option<&(Energy, f64)> {
-        let sums = vectorised(scratch.isa, OfStep(self, model, state, scratch))?;
-        if self.next != Some(state.step) || state.step >= self.summed + FRESH_STEPS {
+        let sums = vectorised(scratch.isa, SumKernel(self, model, state, scratch))?;
+        if self.next != Some(state.step) || state.step >= self.summed + STEPS_PER_FULL_SUM {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
         }
@@ -114,8 +114,8 @@ impl Ledger {
         let [touching_j, damping_j, friction_j] = touches::energies(model, state, scratch);
         let (elastic_j, lost_j) = (elastic_j + spring_j + touching_j, lost_j + damper_j + damping_j + friction_j);
         let stored_j = kinetic_j + elastic_j;
-        let (e, blur_j) = &mut self.now;
-        *blur_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());
+        let (e, uncertainty_j) = &mut self.now;
+        *uncertainty_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());
         (e.kinetic_j, e.elastic_joint_j) = (kinetic_j, elastic_j);
         e.work_in_j = work_in_j - origin.work_in_j;
         e.work_out_j = work_out_j - origin.work_out_j;
@@ -125,7 +125,7 @@ impl Ledger {
     }
 
     #[inline(always)]
-    fn sums(&self, model: &Model, state: &State, scratch: &Scratch) -> Option<Sums> {
+    fn sums(&self, model: &Model, state: &State, scratch: &Scratch) -> Option<EnergySums> {
         let mut elastic = [0.0; LANES];
         let mut lost = [0.0; LANES];
         for (part, half_stiffness) in &self.parts {
@@ -139,7 +139,7 @@ impl Ledger {
             }
         }
         let twice_kinetic_j = self.links(0.5 * model.step_s, state, scratch);
-        Some(Sums { twice_kinetic_j, elastic_j: elastic, lost_j: lost })
+        Some(EnergySums { twice_kinetic_j, elastic_j: elastic, lost_j: lost })
     }
 
     /// Twice the kinetic energy of the links, lane by lane [J].

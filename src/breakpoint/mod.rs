@@ -81,7 +81,7 @@ pub enum Operator {
 
 /// The rows to which `contact`, `impact`, `link` and `joint` without an index refer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Bound<'a> {
+pub struct BoundRows<'a> {
     /// Row of the contacts, or lane of a contact group.
     pub contact: Option<usize>,
     pub impact: Option<&'a Impact>,
@@ -109,11 +109,11 @@ pub struct Hit {
 }
 
 /// Source of values. None: the value is not known here.
-pub trait Values {
-    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64>;
-    fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32>;
+pub trait QuantityValues {
+    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &BoundRows<'_>) -> Option<f64>;
+    fn name(&self, what: What, bound: &BoundRows<'_>) -> Option<u32>;
     /// Uncertainty of a value.
-    fn blur(&self, _quantity: &Quantity) -> f64 {
+    fn uncertainty(&self, _quantity: &Quantity) -> f64 {
         0.0
     }
 }
@@ -151,7 +151,7 @@ impl Breakpoint {
     pub fn parse(text: &str, names: &Names) -> Result<Breakpoint, Report> {
         let expr = parse::parse(text, names)?;
         let mut uses = Uses::default();
-        note(&expr, &mut uses);
+        collect_uses(&expr, &mut uses);
         if uses.contact && uses.impact {
             return Err(parse::refused(
                 text,
@@ -169,21 +169,22 @@ impl Breakpoint {
         let c = &frame.contacts;
         if self.uses.contact {
             for row in 0..c.link.len() {
-                let bound = Bound { contact: Some(row), link: Some(c.link[row] as usize), ..Bound::default() };
+                let bound = BoundRows { contact: Some(row), link: Some(c.link[row] as usize), ..BoundRows::default() };
                 if self.holds_for(frame, bound) {
                     found.push(Subject::Contact { link: c.link[row], feature: c.feature[row], body: c.body[row] });
                 }
             }
         } else if self.uses.any_link {
             let links = (0..frame.links.x_m.len())
-                .filter(|i| self.holds_for(frame, Bound { link: Some(*i), ..Bound::default() }));
+                .filter(|i| self.holds_for(frame, BoundRows { link: Some(*i), ..BoundRows::default() }));
             found.extend(links.map(|i| Subject::Link(i as u32)));
         } else if self.uses.any_joint {
             let joints = (0..frame.joints.force_x_n.len()).filter(|j| {
-                truth(&self.expr, &self.of(frame), &Bound { joint: Some(*j), ..Bound::default() }) == Some(true)
+                truth(&self.expr, &self.values_of(frame), &BoundRows { joint: Some(*j), ..BoundRows::default() })
+                    == Some(true)
             });
             found.extend(joints.map(|j| Subject::Joint(j as u32)));
-        } else if truth(&self.expr, &self.of(frame), &Bound::default()) == Some(true) {
+        } else if truth(&self.expr, &self.values_of(frame), &BoundRows::default()) == Some(true) {
             found.push(Subject::Drive);
         }
         found.sort_unstable();
@@ -191,26 +192,29 @@ impl Breakpoint {
         found
     }
 
-    fn of<'a>(&'a self, frame: &'a Frame) -> OfFrame<'a> {
-        OfFrame { frame, chains: &self.chains }
+    fn values_of<'a>(&'a self, frame: &'a Frame) -> FrameValues<'a> {
+        FrameValues { frame, chains: &self.chains }
     }
 
     /// Whether it holds; for any joint, if the expression refers to any joint.
-    fn holds_for(&self, frame: &Frame, bound: Bound<'_>) -> bool {
+    fn holds_for(&self, frame: &Frame, bound: BoundRows<'_>) -> bool {
         if !self.uses.any_joint {
-            return truth(&self.expr, &self.of(frame), &bound) == Some(true);
+            return truth(&self.expr, &self.values_of(frame), &bound) == Some(true);
         }
         (0..frame.joints.force_x_n.len())
-            .any(|j| truth(&self.expr, &self.of(frame), &Bound { joint: Some(j), ..bound }) == Some(true))
+            .any(|j| truth(&self.expr, &self.values_of(frame), &BoundRows { joint: Some(j), ..bound }) == Some(true))
     }
 
     /// Whether an impact fulfils the expression, in the frame of a step.
     pub fn impact_holds(&self, impact: &Impact, frame: &Frame) -> bool {
-        self.holds_for(frame, Bound { impact: Some(impact), link: Some(impact.link as usize), ..Bound::default() })
+        self.holds_for(
+            frame,
+            BoundRows { impact: Some(impact), link: Some(impact.link as usize), ..BoundRows::default() },
+        )
     }
 }
 
-fn note(expr: &Expr, uses: &mut Uses) {
+fn collect_uses(expr: &Expr, uses: &mut Uses) {
     let mut quantity = |q: &Quantity, index: Option<usize>| match q.scope {
         Scope::Contact => {
             (uses.contact, uses.frame) = (true, true);
@@ -233,8 +237,8 @@ fn note(expr: &Expr, uses: &mut Uses) {
         Scope::Sprocket | Scope::Arm | Scope::Run => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
-        Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| note(p, uses)),
-        Expr::Not(inner) => note(inner, uses),
+        Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| collect_uses(p, uses)),
+        Expr::Not(inner) => collect_uses(inner, uses),
         Expr::Compare(Compare::Name { quantity: q, .. }) => quantity(q, None),
         Expr::Compare(Compare::Numbers { left, right, .. }) => {
             for number in [left, right] {
@@ -247,7 +251,7 @@ fn note(expr: &Expr, uses: &mut Uses) {
 }
 
 /// Whether an expression is true; None if the values do not decide it.
-pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<bool> {
+pub fn truth(expr: &Expr, values: &impl QuantityValues, bound: &BoundRows<'_>) -> Option<bool> {
     match expr {
         Expr::Not(inner) => truth(inner, values, bound).map(|t| !t),
         Expr::All(parts) => {
@@ -277,12 +281,12 @@ pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<boo
         }
         Expr::Compare(Compare::Numbers { left, operator, right }) => {
             let (a, b) = (number(left, values, bound)?, number(right, values, bound)?);
-            let blur = |n: &Number| match n {
+            let uncertainty = |n: &Number| match n {
                 Number::Constant(_) => 0.0,
-                Number::Quantity { quantity, .. } => values.blur(quantity),
+                Number::Quantity { quantity, .. } => values.uncertainty(quantity),
             };
-            let unsure = blur(left) + blur(right);
-            if unsure > 0.0 && (a - b).abs() <= unsure {
+            let margin = uncertainty(left) + uncertainty(right);
+            if margin > 0.0 && (a - b).abs() <= margin {
                 return None;
             }
             Some(operator.holds(a, b))
@@ -290,7 +294,7 @@ pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<boo
     }
 }
 
-fn number(number: &Number, values: &impl Values, bound: &Bound<'_>) -> Option<f64> {
+fn number(number: &Number, values: &impl QuantityValues, bound: &BoundRows<'_>) -> Option<f64> {
     match number {
         Number::Constant(value) => Some(*value),
         Number::Quantity { quantity, index, absolute } => {
@@ -347,13 +351,13 @@ fn impact_name(what: What, impact: &Impact) -> Option<u32> {
 }
 
 /// A frame, with the number of links of every chain.
-struct OfFrame<'a> {
+struct FrameValues<'a> {
     frame: &'a Frame,
     chains: &'a [usize],
 }
 
-impl Values for OfFrame<'_> {
-    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64> {
+impl QuantityValues for FrameValues<'_> {
+    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &BoundRows<'_>) -> Option<f64> {
         match quantity.scope {
             Scope::Contact => contact_number(self.frame, quantity.what, bound.contact?),
             Scope::Impact => bound.impact.map(|impact| impact_number(quantity.what, impact)),
@@ -384,7 +388,7 @@ impl Values for OfFrame<'_> {
         }
     }
 
-    fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32> {
+    fn name(&self, what: What, bound: &BoundRows<'_>) -> Option<u32> {
         if let Some(impact) = bound.impact {
             return impact_name(what, impact);
         }
@@ -437,7 +441,7 @@ fn tension_n(angle_rad: f64, front_n: (f64, f64), rear_n: (f64, f64)) -> f64 {
     -0.5 * ((front_n.0 * c + front_n.1 * s) + (rear_n.0 * c + rear_n.1 * s))
 }
 
-impl OfFrame<'_> {
+impl FrameValues<'_> {
     /// The rear joint of a link.
     fn rear_joint(&self, link: usize) -> usize {
         let mut first = 0;

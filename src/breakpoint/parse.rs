@@ -14,11 +14,11 @@ use crate::recording::frame::{Feature, Segment};
 use std::ops::Range;
 
 /// Longest expression [bytes], and deepest nesting of parentheses.
-const LONGEST: usize = 4096;
-const DEEPEST: usize = 64;
+const MAX_LENGTH: usize = 4096;
+const MAX_DEPTH: usize = 64;
 
 /// One side of a comparison, before the other side is known.
-enum Side {
+enum ComparisonSide {
     /// Value in SI; None: written without a unit.
     Literal(f64, Option<Dimension>),
     Name(String),
@@ -36,10 +36,10 @@ type Parsed<T> = Result<T, Diag>;
 
 pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
     let mut parser = Parser { text, at: 0, depth: 0, names };
-    let parsed = if text.len() > LONGEST {
-        Err(parser.error(0..0, format!("a break expression has at most {LONGEST} characters"), None))
+    let parsed = if text.len() > MAX_LENGTH {
+        Err(parser.error(0..0, format!("a break expression has at most {MAX_LENGTH} characters"), None))
     } else {
-        parser.whole()
+        parser.expression()
     };
     parsed.map_err(|diag| {
         // The caret needs a character to point at.
@@ -55,7 +55,7 @@ pub fn refused(text: &str, title: &str, help: &str) -> Report {
 }
 
 impl Parser<'_> {
-    fn whole(&mut self) -> Parsed<Expr> {
+    fn expression(&mut self) -> Parsed<Expr> {
         let expr = self.any()?;
         self.space();
         if self.at < self.text.len() {
@@ -106,8 +106,8 @@ impl Parser<'_> {
 
     fn deeper(&mut self) -> Parsed<()> {
         self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(self.error(self.word_here(), format!("more than {DEEPEST} brackets deep"), None));
+        if self.depth > MAX_DEPTH {
+            return Err(self.error(self.word_here(), format!("more than {MAX_DEPTH} brackets deep"), None));
         }
         Ok(())
     }
@@ -140,33 +140,36 @@ impl Parser<'_> {
     /// Checks the dimensions of both sides.
     fn join(
         &self,
-        (left, left_place): (Side, Range<usize>),
+        (left, left_place): (ComparisonSide, Range<usize>),
         operator: Operator,
-        (right, right_place): (Side, Range<usize>),
+        (right, right_place): (ComparisonSide, Range<usize>),
     ) -> Parsed<Expr> {
         match (left, right) {
-            (Side::Quantity(number, quantity), Side::Name(name)) => {
+            (ComparisonSide::Quantity(number, quantity), ComparisonSide::Name(name)) => {
                 self.name(number, quantity, operator, &name, right_place)
             }
-            (Side::Name(name), Side::Quantity(number, quantity)) => {
+            (ComparisonSide::Name(name), ComparisonSide::Quantity(number, quantity)) => {
                 self.name(number, quantity, operator, &name, left_place)
             }
-            (Side::Quantity(left, a), Side::Quantity(right, b)) => {
+            (ComparisonSide::Quantity(left, a), ComparisonSide::Quantity(right, b)) => {
                 if a.dimension != b.dimension || a.dimension == Dimension::Name {
                     let title = format!("{} cannot be compared with {}", a.dimension.name(), b.dimension.name());
                     return Err(self.error(right_place, title, None));
                 }
                 Ok(Expr::Compare(Compare::Numbers { left, operator, right }))
             }
-            (Side::Quantity(left, quantity), Side::Literal(value, unit)) => {
+            (ComparisonSide::Quantity(left, quantity), ComparisonSide::Literal(value, unit)) => {
                 self.check_unit(quantity, unit, right_place)?;
                 Ok(Expr::Compare(Compare::Numbers { left, operator, right: Number::Constant(value) }))
             }
-            (Side::Literal(value, unit), Side::Quantity(right, quantity)) => {
+            (ComparisonSide::Literal(value, unit), ComparisonSide::Quantity(right, quantity)) => {
                 self.check_unit(quantity, unit, left_place)?;
                 Ok(Expr::Compare(Compare::Numbers { left: Number::Constant(value), operator, right }))
             }
-            (Side::Literal(..) | Side::Name(_), Side::Literal(..) | Side::Name(_)) => {
+            (
+                ComparisonSide::Literal(..) | ComparisonSide::Name(_),
+                ComparisonSide::Literal(..) | ComparisonSide::Name(_),
+            ) => {
                 let help = "compare a quantity, e.g. `contact.normal_force > 500 N`";
                 Err(self.error(left_place.start..right_place.end, "this never changes".into(), Some(help.into())))
             }
@@ -240,7 +243,7 @@ impl Parser<'_> {
         Ok(Expr::Compare(Compare::Name { quantity, set, member }))
     }
 
-    fn side(&mut self) -> Parsed<Side> {
+    fn side(&mut self) -> Parsed<ComparisonSide> {
         self.space();
         let rest = &self.text[self.at..];
         let first = rest.chars().next();
@@ -255,13 +258,13 @@ impl Parser<'_> {
                     }
                     return Ok(match inner {
                         (Number::Quantity { quantity, index, .. }, row) if row.dimension != Dimension::Name => {
-                            Side::Quantity(Number::Quantity { quantity, index, absolute: true }, row)
+                            ComparisonSide::Quantity(Number::Quantity { quantity, index, absolute: true }, row)
                         }
-                        (number, row) => Side::Quantity(number, row),
+                        (number, row) => ComparisonSide::Quantity(number, row),
                     });
                 }
                 let (number, quantity) = self.quantity()?;
-                Ok(Side::Quantity(number, quantity))
+                Ok(ComparisonSide::Quantity(number, quantity))
             }
             _ => Err(self.error(
                 self.word_here(),
@@ -271,20 +274,20 @@ impl Parser<'_> {
         }
     }
 
-    fn quoted(&mut self) -> Parsed<Side> {
+    fn quoted(&mut self) -> Parsed<ComparisonSide> {
         let rest = &self.text[self.at..];
         let quote = &rest[..1];
         match rest[1..].find(quote) {
             Some(end) => {
                 let name = rest[1..1 + end].to_string();
                 self.at += end + 2;
-                Ok(Side::Name(name))
+                Ok(ComparisonSide::Name(name))
             }
             None => Err(self.error(self.at..self.text.len(), "this name does not end".into(), None)),
         }
     }
 
-    fn literal(&mut self) -> Parsed<Side> {
+    fn literal(&mut self) -> Parsed<ComparisonSide> {
         let rest = &self.text[self.at..];
         let bytes = rest.as_bytes();
         let mut end = 0;
@@ -312,7 +315,7 @@ impl Parser<'_> {
         let unit = UNITS.iter().find(|(name, ..)| rest.strip_prefix(name).is_some_and(ends));
         if let Some((name, dimension, factor)) = unit {
             self.at += name.len();
-            return Ok(Side::Literal(value * factor, Some(*dimension)));
+            return Ok(ComparisonSide::Literal(value * factor, Some(*dimension)));
         }
         let word = self.word_here();
         let next = self.text.get(word.clone()).unwrap_or_default().to_string();
@@ -325,7 +328,7 @@ impl Parser<'_> {
             return Err(self.error(word, format!("unknown unit `{next}`"), Some(help)));
         }
         self.at = before_unit;
-        Ok(Side::Literal(value, None))
+        Ok(ComparisonSide::Literal(value, None))
     }
 
     fn quantity(&mut self) -> Parsed<(Number, &'static Quantity)> {

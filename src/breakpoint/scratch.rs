@@ -1,10 +1,10 @@
 //! Values for breakpoints from the columns of a step, which the step has computed anyway.
 
-use super::columns::{Band, Reach, rounding};
-use super::extremes::{self, Compared, Quick, QuickEnergy};
+use super::columns::{ColumnSearch, ThresholdBand, rounding};
+use super::extremes::{self, Compared, EnergyRangeTest, RangeTest};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
-use super::{Bound, Breakpoint, Compare, Expr, Hit, Subject, Values, energy_number, tension_n, truth};
+use super::{BoundRows, Breakpoint, Compare, Expr, Hit, QuantityValues, Subject, energy_number, tension_n, truth};
 use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch};
 use crate::integrate::vectorised;
 use crate::model::Model;
@@ -16,17 +16,17 @@ use crate::state::State;
 pub struct BreakWatch {
     pub breakpoint: Breakpoint,
     /// True: objects that fulfil the expression in the first step are no hits, so that a stopped run can continue.
-    pub goes_on: bool,
+    pub continues_run: bool,
     parts: Vec<ContactGroup>,
     set: ContactGroups,
-    held: Vec<Subject>,
+    previous: Vec<Subject>,
     now: Vec<Subject>,
     /// Signature of the contacts and their teeth in the previous step.
     signature: Option<(f64, u64)>,
     ledger: Ledger,
     /// Necessary comparisons that are cheap to test. One that is impossible decides the whole expression.
-    quick: Vec<Quick>,
-    quick_energies: Vec<QuickEnergy>,
+    quick: Vec<RangeTest>,
+    quick_energies: Vec<EnergyRangeTest>,
 }
 
 /// Values after the evaluation of a step. The index of a contact is group x links + lane.
@@ -47,14 +47,14 @@ impl BreakWatch {
         let may_concern = |p: &ContactGroup| may_concern(&breakpoint.expr, *p, model);
         let parts: Vec<ContactGroup> = ContactGroup::in_model(model).into_iter().filter(may_concern).collect();
         let set = parts.iter().copied().collect();
-        let quick = Quick::needed_by(&breakpoint.expr, set, model.step_s);
-        let quick_energies = QuickEnergy::needed_by(&breakpoint.expr);
+        let quick = RangeTest::needed_by(&breakpoint.expr, set, model.step_s);
+        let quick_energies = EnergyRangeTest::needed_by(&breakpoint.expr);
         BreakWatch {
             breakpoint,
-            goes_on: false,
+            continues_run: false,
             set,
             parts,
-            held: Vec::new(),
+            previous: Vec::new(),
             now: Vec::new(),
             signature: None,
             ledger: Ledger::new(model),
@@ -64,10 +64,10 @@ impl BreakWatch {
     }
 
     /// Data that a step has to keep for this breakpoint.
-    pub fn wants(&self) -> RequiredData {
+    pub fn required_data(&self) -> RequiredData {
         let uses = self.breakpoint.uses;
         let mut wanted = RequiredData { segments: uses.segments, ..RequiredData::default() };
-        extremes::of_expression(&self.breakpoint.expr, self.set, &mut wanted.extremes);
+        extremes::collect_extremes(&self.breakpoint.expr, self.set, &mut wanted.extremes);
         if uses.contact && !uses.varying {
             wanted.sets.push(self.set);
         }
@@ -76,20 +76,27 @@ impl BreakWatch {
 
     /// Evaluates the breakpoint after a step: adds to `hits` the objects that fulfil the expression and did not in the
     /// previous step. Objects that fulfil it at the start of the run are hits too, unless the run continues another.
-    pub fn look(&mut self, model: &Model, state: &State, scratch: &Scratch, camera: &mut Camera, hits: &mut Vec<Hit>) {
+    pub fn evaluate(
+        &mut self,
+        model: &Model,
+        state: &State,
+        scratch: &Scratch,
+        camera: &mut Camera,
+        hits: &mut Vec<Hit>,
+    ) {
         if self.breakpoint.uses.impact {
             return;
         }
-        if self.held.is_empty() && self.quick.iter().any(|q| q.is_impossible(scratch)) {
-            self.goes_on = false;
+        if self.previous.is_empty() && self.quick.iter().any(|q| q.is_impossible(scratch)) {
+            self.continues_run = false;
             return;
         }
         let energy = match camera.origin() {
-            Some(origin) if self.breakpoint.uses.energy => self.ledger.look((model, state, scratch), origin),
+            Some(origin) if self.breakpoint.uses.energy => self.ledger.update((model, state, scratch), origin),
             _ => None,
         };
-        if self.held.is_empty() && energy.is_some_and(|e| self.quick_energies.iter().any(|q| q.is_impossible(e))) {
-            self.goes_on = false;
+        if self.previous.is_empty() && energy.is_some_and(|e| self.quick_energies.iter().any(|q| q.is_impossible(e))) {
+            self.continues_run = false;
             return;
         }
         let uses = self.breakpoint.uses;
@@ -108,22 +115,22 @@ impl BreakWatch {
         if !known {
             self.now = self.breakpoint.holding(&camera.take(model, state, scratch));
         }
-        if self.now.is_empty() && self.held.is_empty() {
-            self.goes_on = false;
+        if self.now.is_empty() && self.previous.is_empty() {
+            self.continues_run = false;
             return;
         }
         self.now.sort_unstable();
         self.now.dedup();
-        let new = self.now.iter().filter(|s| self.held.binary_search(s).is_err());
+        let new = self.now.iter().filter(|s| self.previous.binary_search(s).is_err());
         let t_s = state.step as f64 * model.step_s;
-        if !std::mem::take(&mut self.goes_on) {
+        if !std::mem::take(&mut self.continues_run) {
             hits.extend(new.map(|s| Hit { step: state.step, t_s, subject: *s, impact: None }));
         }
-        std::mem::swap(&mut self.held, &mut self.now);
+        std::mem::swap(&mut self.previous, &mut self.now);
     }
 
     /// Hits of impacts that fulfil the expression.
-    pub fn look_at_impacts(
+    pub fn evaluate_impacts(
         &mut self,
         impacts: &[Impact],
         over: bool,
@@ -187,16 +194,16 @@ impl StepValues<'_> {
             Expr::All(parts) => parts.iter().all(|p| self.may_hold(p)),
             Expr::Compare(compare) => {
                 // One link, joint or sprocket, two quantities, or names: evaluated one by one.
-                let Some(compared) = Compared::of(compare) else { return true };
+                let Some(compared) = Compared::from_compare(compare) else { return true };
                 let Compared { quantity, absolute, operator, bound } = compared;
-                let Some(band) = Band::new(operator, bound, absolute, rounding(quantity)) else { return true };
+                let Some(band) = ThresholdBand::new(operator, bound, absolute, rounding(quantity)) else { return true };
                 if quantity.scope == Scope::Contact {
-                    let quick = Quick::of(&compared, self.set, self.model.step_s);
+                    let quick = RangeTest::new(&compared, self.set, self.model.step_s);
                     if quick.is_some_and(|q| q.is_impossible(self.scratch)) {
                         return false;
                     }
                 }
-                vectorised(self.scratch.isa, Reach(self, quantity, band))
+                vectorised(self.scratch.isa, ColumnSearch(self, quantity, band))
                     .is_none_or(|found| found.iter().any(|n| *n > 0.0))
             }
             Expr::Not(_) => true,
@@ -218,7 +225,7 @@ impl StepValues<'_> {
                         continue;
                     }
                     let (link, feature) = part.feature(self.model, lane);
-                    let bound = Bound { contact: Some(p * n + lane), link: Some(link), ..Bound::default() };
+                    let bound = BoundRows { contact: Some(p * n + lane), link: Some(link), ..BoundRows::default() };
                     match truth(expr, self, &bound) {
                         Some(false) => {}
                         Some(true) => {
@@ -244,9 +251,9 @@ impl StepValues<'_> {
         for i in 0..count {
             let lane = chain.lane_of(i);
             let (bound, subject) = match (uses.any_link || uses.any_joint, of_links) {
-                (false, _) => (Bound::default(), Subject::Drive),
-                (true, true) => (Bound { link: Some(lane), ..Bound::default() }, Subject::Link(i as u32)),
-                (true, false) => (Bound { joint: Some(lane), ..Bound::default() }, Subject::Joint(i as u32)),
+                (false, _) => (BoundRows::default(), Subject::Drive),
+                (true, true) => (BoundRows { link: Some(lane), ..BoundRows::default() }, Subject::Link(i as u32)),
+                (true, false) => (BoundRows { joint: Some(lane), ..BoundRows::default() }, Subject::Joint(i as u32)),
             };
             match truth(expr, self, &bound) {
                 Some(true) => found.push(subject),
@@ -307,8 +314,8 @@ impl StepValues<'_> {
     }
 }
 
-impl Values for StepValues<'_> {
-    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64> {
+impl QuantityValues for StepValues<'_> {
+    fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &BoundRows<'_>) -> Option<f64> {
         match quantity.scope {
             Scope::Contact => self.contact(quantity.what, bound.contact?),
             Scope::Link => self.link(quantity.what, index.map(|i| self.model.chain.lane_of(i)).or(bound.link)?),
@@ -348,7 +355,7 @@ impl Values for StepValues<'_> {
         }
     }
 
-    fn name(&self, what: What, bound: &Bound<'_>) -> Option<u32> {
+    fn name(&self, what: What, bound: &BoundRows<'_>) -> Option<u32> {
         let n = self.model.chain.lanes;
         let contact = bound.contact?;
         let (part, lane) = (self.parts[contact / n], contact % n);
@@ -361,8 +368,8 @@ impl Values for StepValues<'_> {
     }
 
     /// Energies are summed in another order than those of frames.
-    fn blur(&self, quantity: &Quantity) -> f64 {
+    fn uncertainty(&self, quantity: &Quantity) -> f64 {
         let energy = self.energy.filter(|_| quantity.scope == Scope::Energy);
-        energy.map_or(0.0, |energy| extremes::energy_blur(quantity.what, energy))
+        energy.map_or(0.0, |energy| extremes::energy_uncertainty(quantity.what, energy))
     }
 }

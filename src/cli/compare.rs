@@ -2,7 +2,7 @@
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::assemble::AssemblyError;
-use crate::compare::{CompareError, Plan, Run, Summary, merge, run as compare, verdict};
+use crate::compare::{CompareError, DriveSummary, Plan, Run, merge, run as compare, verdict};
 use crate::drive::{Drive, OuterSpec};
 use crate::recording::frame::Impact;
 use crate::recording::{ViewOptions, create, extensions};
@@ -111,7 +111,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     let stop = super::run::stop_on_interrupt();
     let started = Instant::now();
     let plan = Plan { duration_s: args.duration, recorded_s: args.recorded.min(args.duration), every_s: args.every };
-    let mut sweep: Vec<(f64, Vec<Summary>)> = Vec::new();
+    let mut sweep: Vec<(f64, Vec<DriveSummary>)> = Vec::new();
     let all = |drives: &[Drive], plan| match compare(drives, plan, &stop) {
         Ok(runs) => Ok(Some(runs)),
         Err(CompareError::Interrupted) => Ok(None),
@@ -127,7 +127,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     }
     sweep.sort_by(|a, b| a.0.total_cmp(&b.0));
     let wall_s = started.elapsed().as_secs_f64();
-    let summaries: Vec<&Summary> = runs.iter().map(|r| &r.summary).collect();
+    let summaries: Vec<&DriveSummary> = runs.iter().map(|r| &r.summary).collect();
     let claims = verdict(&summaries).unwrap_or_default();
     let mut outputs = Vec::new();
     if !args.no_output {
@@ -183,7 +183,7 @@ pub(super) fn failure(e: &CompareError) -> Failure {
     }
 }
 
-fn table(summaries: &[&Summary]) -> String {
+fn table(summaries: &[&DriveSummary]) -> String {
     let mut text = format!(
         "{:<18} {:<16} {:>7} {:>8} {:>17} {:>10} {:>8} {:>9} {:>8}\n",
         "drive", "contact", "passes", "touch T", "approach m/s", "engaging N", "lap N", "pitch 2 N", "rise T"
@@ -227,7 +227,7 @@ fn table(summaries: &[&Summary]) -> String {
 }
 
 /// Largest contact force and highest approach speed over the speed.
-fn sweep_table(sweep: &[(f64, Vec<Summary>)]) -> String {
+fn sweep_table(sweep: &[(f64, Vec<DriveSummary>)]) -> String {
     let Some((_, first)) = sweep.first() else { return String::new() };
     let mut text = format!("{:>8}", "rpm");
     for s in first {

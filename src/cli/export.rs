@@ -66,7 +66,7 @@ pub fn run(args: &ExportArgs) -> Result<Outcome, Failure> {
 }
 
 /// Files to be written, checked before anything is read.
-struct Plan {
+struct ExportPlan {
     tables: Vec<(Table, PathBuf)>,
     format: Format,
     /// Created if it does not exist.
@@ -75,7 +75,7 @@ struct Plan {
     to_s: f64,
 }
 
-fn plan(args: &ExportArgs) -> Result<Plan, Failure> {
+fn plan(args: &ExportArgs) -> Result<ExportPlan, Failure> {
     let (from_s, to_s) = (args.from.unwrap_or(0.0), args.to.unwrap_or(f64::INFINITY));
     if from_s > to_s {
         return Err(Failure::Input("--from is later than --to".into()));
@@ -88,7 +88,7 @@ fn plan(args: &ExportArgs) -> Result<Plan, Failure> {
         let file = |t: &Table| args.output.join(format!("{}.{}", t.name, format.name()));
         let tables: Vec<_> = tables.into_iter().map(|t| (t, file(&t))).collect();
         check_files(&args.recording, &tables)?;
-        return Ok(Plan { tables, format, folder: Some(args.output.clone()), from_s, to_s });
+        return Ok(ExportPlan { tables, format, folder: Some(args.output.clone()), from_s, to_s });
     }
     let Some(format) = Format::ALL.into_iter().find(|f| f.name() == extension) else {
         return Err(Failure::Input(format!(
@@ -106,7 +106,7 @@ fn plan(args: &ExportArgs) -> Result<Plan, Failure> {
     }
     let tables: Vec<_> = tables.into_iter().map(|t| (t, args.output.clone())).collect();
     check_files(&args.recording, &tables)?;
-    Ok(Plan { tables, format, folder: None, from_s, to_s })
+    Ok(ExportPlan { tables, format, folder: None, from_s, to_s })
 }
 
 fn tables_help() -> String {
@@ -142,7 +142,7 @@ fn check_files(recording: &Path, tables: &[(Table, PathBuf)]) -> Result<(), Fail
 }
 
 /// Items of a recording, in the order in which they are passed on; the header comes first.
-enum Item<'a> {
+enum ExportItem<'a> {
     Header(&'a Header),
     Frame(&'a Frame),
     Event(&'a Event),
@@ -150,11 +150,14 @@ enum Item<'a> {
 }
 
 /// Passes on a recording item by item until `take` stops; the reader knows what is missing.
-fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, Failure>) -> Result<Reader, Failure> {
+fn read(
+    path: &Path,
+    mut take: impl FnMut(ExportItem<'_>) -> Result<ControlFlow<()>, Failure>,
+) -> Result<Reader, Failure> {
     let mut reader = super::open_recording(path)?;
     let header = reader.header().clone();
     let mut failed = None;
-    let mut hand_over = |item: Item<'_>| match take(item) {
+    let mut hand_over = |item: ExportItem<'_>| match take(item) {
         Ok(ControlFlow::Continue(())) => Flow::On,
         Ok(ControlFlow::Break(())) => Flow::Enough,
         Err(failure) => {
@@ -162,13 +165,13 @@ fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, F
             Flow::Enough
         }
     };
-    if hand_over(Item::Header(&header)) == Flow::On {
+    if hand_over(ExportItem::Header(&header)) == Flow::On {
         let wanted = Wanted { frames: true, events: true, impacts: true, ..Wanted::default() };
         reader.each(wanted, WHOLE, |entry| {
             Ok(match entry {
-                Entry::Frame(frame) => hand_over(Item::Frame(frame)),
-                Entry::Event(event) => hand_over(Item::Event(&event)),
-                Entry::Impact(impact) => hand_over(Item::Impact(&impact)),
+                Entry::Frame(frame) => hand_over(ExportItem::Frame(frame)),
+                Entry::Event(event) => hand_over(ExportItem::Event(&event)),
+                Entry::Impact(impact) => hand_over(ExportItem::Impact(&impact)),
                 Entry::Head(_) | Entry::Keyframe(_) => Flow::On,
             })
         })?;
@@ -181,7 +184,7 @@ fn read(path: &Path, mut take: impl FnMut(Item<'_>) -> Result<ControlFlow<()>, F
 
 /// An export in progress.
 struct Export<'a> {
-    plan: &'a Plan,
+    plan: &'a ExportPlan,
     header: Header,
     /// Empty before the header.
     writers: Vec<TableWriter>,
@@ -192,14 +195,14 @@ struct Export<'a> {
 }
 
 impl Export<'_> {
-    fn new(plan: &Plan) -> Export<'_> {
+    fn new(plan: &ExportPlan) -> Export<'_> {
         Export { plan, header: Header::default(), writers: Vec::new(), frames_seen: 0, frames: 0, last_s: 0.0 }
     }
 
-    fn take(&mut self, item: Item<'_>) -> Result<(), Failure> {
+    fn take(&mut self, item: ExportItem<'_>) -> Result<(), Failure> {
         match item {
-            Item::Header(header) => self.open(header)?,
-            Item::Frame(frame) => {
+            ExportItem::Header(header) => self.open(header)?,
+            ExportItem::Frame(frame) => {
                 let at = Moment { header: &self.header, index: self.frames_seen, frame };
                 self.frames_seen += 1;
                 self.last_s = frame.t_s;
@@ -210,14 +213,14 @@ impl Export<'_> {
                     }
                 }
             }
-            Item::Impact(impact) => {
+            ExportItem::Impact(impact) => {
                 if self.plan.wants(impact.t_s) {
                     for writer in &mut self.writers {
                         writer.impact(&self.header, impact)?;
                     }
                 }
             }
-            Item::Event(event) => {
+            ExportItem::Event(event) => {
                 if self.plan.wants(event.t_s) {
                     for writer in &mut self.writers {
                         writer.event(&self.header, event)?;
@@ -241,7 +244,7 @@ impl Export<'_> {
     }
 }
 
-impl Plan {
+impl ExportPlan {
     fn wants(&self, t_s: f64) -> bool {
         t_s >= self.from_s && t_s <= self.to_s
     }

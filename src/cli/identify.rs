@@ -3,7 +3,7 @@
 use super::{Failure, Outcome, print_json, print_out};
 use crate::drive::Drive;
 use crate::identify::plant::Plant;
-use crate::identify::report::{Report, Verdict};
+use crate::identify::report::{IdentificationReport, IdentificationVerdict};
 use crate::identify::search::{Budget, Context};
 use crate::identify::{identify, text};
 use crate::machine::Machine;
@@ -97,7 +97,7 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
 }
 
 /// Everything that is read before a model is run.
-struct Input {
+struct IdentifyInput {
     measurement: Measurement,
     machine: Machine,
     /// The drive, if it has link bodies.
@@ -106,7 +106,7 @@ struct Input {
 }
 
 /// Reads measurement, drive and data. All errors are found before a model is run.
-fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
+fn read(path: &Path, memory: usize) -> Result<IdentifyInput, Failure> {
     let input = |r: crate::diag::Report| Failure::Input(r.to_string());
     let text = read_text(path, "measurement file")?;
     let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(input)?;
@@ -134,11 +134,11 @@ fn read(path: &Path, memory: usize) -> Result<Input, Failure> {
         let help = "add `[sensors.tachometer.SPROCKET]`; `pitchline sensors` lists the kinds";
         return Err(Failure::Input(format!("drive `{}` has no sensors\nhelp: {help}", measurement.drive)));
     }
-    let data = load(&measurement, &machine, &folder, &mut Memory::of_program(memory)).map_err(|e| match e {
+    let data = load(&measurement, &machine, &folder, &mut Memory::for_program(memory)).map_err(|e| match e {
         DataError::File(report) => Failure::Input(report.to_string()),
         DataError::World(text) => Failure::Input(text),
     })?;
-    Ok(Input { measurement, machine, links, data })
+    Ok(IdentifyInput { measurement, machine, links, data })
 }
 
 /// Refuses outputs that are inputs.
@@ -165,7 +165,7 @@ fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), F
 }
 
 pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
-    let Input { measurement, machine, links, data } = read(&args.measurement, args.memory)?;
+    let IdentifyInput { measurement, machine, links, data } = read(&args.measurement, args.memory)?;
     check_outputs(args, &measurement)?;
     for w in &data.warnings {
         eprintln!("warning: {w}");
@@ -211,11 +211,11 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
     }
     Ok(if report.interrupted {
         Outcome::Interrupted
-    } else if report.outcome == Verdict::Ambiguous
+    } else if report.outcome == IdentificationVerdict::Ambiguous
         || !report.converged
         || report.budget_spent
         || !data.missing.is_empty()
-        || (report.outcome == Verdict::None && !report.explained)
+        || (report.outcome == IdentificationVerdict::None && !report.explained)
         || report.numbers_after.iter().any(|n| n.at_bound)
     {
         // A result was printed, but it is uncertain.
@@ -257,7 +257,7 @@ fn facts(args: &IdentifyArgs, data: &Data) -> Result<Outcome, Failure> {
     print_out(&text)
 }
 
-fn write(args: &IdentifyArgs, machine: &Machine, report: &Report) -> Result<(), Failure> {
+fn write(args: &IdentifyArgs, machine: &Machine, report: &IdentificationReport) -> Result<(), Failure> {
     let put = |path: &Path, text: &str| crate::output::write(path, text.as_bytes()).map_err(Failure::from);
     for out in &args.output {
         if out.extension().is_some_and(|e| e == "toml") {
@@ -273,7 +273,7 @@ fn write(args: &IdentifyArgs, machine: &Machine, report: &Report) -> Result<(), 
 }
 
 #[cfg(feature = "rerun")]
-fn write_series(out: &Path, report: &Report) -> Result<(), Failure> {
+fn write_series(out: &Path, report: &IdentificationReport) -> Result<(), Failure> {
     use crate::recording::rerun::measured::{Series, write};
     let mut all = Vec::new();
     for (i, c) in report.curves.iter().enumerate() {
@@ -285,6 +285,6 @@ fn write_series(out: &Path, report: &Report) -> Result<(), Failure> {
 }
 
 #[cfg(not(feature = "rerun"))]
-fn write_series(out: &Path, _report: &Report) -> Result<(), Failure> {
+fn write_series(out: &Path, _report: &IdentificationReport) -> Result<(), Failure> {
     Err(Failure::Input(format!("{}: this pitchline was built without rerun", out.display())))
 }

@@ -1,7 +1,7 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::suspects::{Suspect, against, suspects};
+use crate::analysis::suspects::{Suspect, compared_with, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
         None => suspects(&all, &header),
         Some(other) => {
             let (their, _) = read(other)?;
-            against(&all, &header, &their, other.header())
+            compared_with(&all, &header, &their, other.header())
         }
     };
     let mut list: Vec<(usize, &Impact)> = all

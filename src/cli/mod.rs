@@ -194,7 +194,7 @@ enum Answer {
     Text(String),
 }
 
-fn say_missing<'a>(what: impl IntoIterator<Item = &'a String>) {
+fn print_missing<'a>(what: impl IntoIterator<Item = &'a String>) {
     for what in what {
         eprintln!("warning: {what}");
     }
@@ -204,7 +204,7 @@ fn say_missing<'a>(what: impl IntoIterator<Item = &'a String>) {
 /// from incomplete data ends with exit code 3.
 fn answer(readers: &[&crate::recording::reader::Reader], answer: Answer, outcome: Outcome) -> Result<Outcome, Failure> {
     let missing: Vec<&String> = readers.iter().flat_map(|r| r.missing()).collect();
-    say_missing(readers.iter().flat_map(|r| r.missing_since_open()));
+    print_missing(readers.iter().flat_map(|r| r.missing_since_open()));
     match answer {
         Answer::Text(text) => print_out(&text)?,
         Answer::Json(mut value) => {
@@ -288,13 +288,13 @@ fn load_drive(drive: &str, overrides: &[String]) -> Result<crate::drive::Drive, 
 }
 
 /// Time after which assembling prints a note; most drives need a tenth of it.
-const SILENCE: std::time::Duration = std::time::Duration::from_secs(3);
+const NOTE_AFTER: std::time::Duration = std::time::Duration::from_secs(3);
 
 /// Assembles a drive.
 fn assemble(drive: &crate::drive::Drive) -> Result<crate::assemble::Assembly, Failure> {
     let (done, ended) = std::sync::mpsc::channel::<()>();
     std::thread::spawn(move || {
-        if ended.recv_timeout(SILENCE) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+        if ended.recv_timeout(NOTE_AFTER) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
             eprintln!(
                 "note: assembling goes on: a long chain, or steps far smaller than the run-in; Ctrl-C ends it, `run.run_in_ms` shortens it"
             );
@@ -331,6 +331,6 @@ fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<us
 /// Opens a recording and reports what it lacks. A missing or invalid file is an error of the user.
 fn open_recording(path: &Path) -> Result<crate::recording::reader::Reader, Failure> {
     let reader = crate::recording::reader::Reader::open(path).map_err(|e| Failure::Input(format!("{e:#}")))?;
-    say_missing(reader.missing());
+    print_missing(reader.missing());
     Ok(reader)
 }

@@ -91,11 +91,11 @@ fn repair(args: &ReplayArgs, output: &Path) -> Result<Outcome, Failure> {
     let stop = stop_on_interrupt();
     let (frames, until, damage) = copy(&mut reader, sink.as_mut(), &stop)?;
     if stop.load(Ordering::Relaxed) {
-        eprintln!("note: a part of it lies in {}", sink.lies_at().display());
+        eprintln!("note: a part of it lies in {}", sink.current_path().display());
         return Ok(Outcome::Interrupted);
     }
     let bytes = sink.finish()?;
-    super::say_missing(damage.iter().chain(reader.missing_since_open()));
+    super::print_missing(damage.iter().chain(reader.missing_since_open()));
     let lost: Vec<String> = damage.into_iter().chain(reader.missing().iter().cloned()).collect();
     if args.json {
         print_json(&serde_json::json!({

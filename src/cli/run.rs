@@ -12,7 +12,7 @@ use crate::recording::capture::Camera;
 use crate::recording::frame::{Energy, Header, Parent};
 use crate::recording::{Output, Sink, ViewOptions, capture, create, extensions};
 use crate::replay::{Replay, drive_of, resting};
-use crate::simulate::{Around, Breaks, Ending, Job, Span, Summary, hit_text, run_job};
+use crate::simulate::{Breaks, DenseWindow, Ending, Job, RunLength, Summary, hit_text, run_job};
 use crate::state::State;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
@@ -92,7 +92,7 @@ pub(super) fn instant(text: &str) -> Result<f64, String> {
 }
 
 /// Start of a run.
-struct Start {
+struct RunStart {
     drive: Drive,
     model: Model,
     state: State,
@@ -115,7 +115,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
         Some(recording) => resumed(args, recording, drive)?,
     };
     let step_s = start.model.step_s;
-    let span = Span::new(args.duration, args.every, step_s);
+    let span = RunLength::new(args.duration, args.every, step_s);
     start.header.steps_per_frame = span.steps_per_frame;
     let breaks = breaks(args, breakpoints, &start.model)?;
     let view = ViewOptions { picture_interval_s: args.picture_every };
@@ -125,7 +125,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
     let mut sinks = open(&paths, &start.header, view)?;
     sinks.append(&mut viewers);
     let started = Instant::now();
-    let Start { drive, model, mut state, header, impacts, report } = start;
+    let RunStart { drive, model, mut state, header, impacts, report } = start;
     let mut scratch = Scratch::new(&model);
     if args.stats {
         scratch.count_pairs(&model);
@@ -141,7 +141,7 @@ pub fn run(args: &RunArgs) -> Result<Outcome, Failure> {
         Ok(summary) => summary,
         Err(e) => {
             let written: Vec<String> =
-                sinks.iter().take(paths.len()).map(|s| s.lies_at().display().to_string()).collect();
+                sinks.iter().take(paths.len()).map(|s| s.current_path().display().to_string()).collect();
             let written = written.join(", ");
             // The others are still finished; the first error is reported.
             for sink in &mut sinks {
@@ -181,7 +181,7 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
 }
 
 /// Time limit for the final message of an interrupted program.
-const LAST_WORD: std::time::Duration = std::time::Duration::from_millis(100);
+const LAST_MESSAGE_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(100);
 
 /// Set by Ctrl-C. A second Ctrl-C ends the program at once and leaves its files as they are.
 pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
@@ -199,7 +199,7 @@ pub(super) fn stop_on_signal() -> Arc<AtomicBool> {
                 );
                 let _sent = told.send(());
             });
-            let _waited = is_told.recv_timeout(LAST_WORD);
+            let _waited = is_told.recv_timeout(LAST_MESSAGE_TIMEOUT);
             std::process::exit(1);
         }
     });
@@ -244,24 +244,24 @@ pub(super) fn finish(sinks: &mut [Box<dyn Sink>], well: bool) -> Result<Vec<Outp
     for (sink, bytes) in sinks.iter_mut().zip(bytes) {
         if well {
             sink.publish()?;
-        } else if sink.lies_at() != sink.path() {
+        } else if sink.current_path() != sink.path() {
             eprintln!(
                 "note: {} existed before and is kept; this run did not finish, it is in {}",
                 sink.path().display(),
-                sink.lies_at().display()
+                sink.current_path().display()
             );
         }
-        outputs.push(Output { bytes, path: sink.lies_at().to_path_buf() });
+        outputs.push(Output { bytes, path: sink.current_path().to_path_buf() });
     }
     Ok(outputs)
 }
 
-fn assembled(drive: Drive) -> Result<Start, Failure> {
+fn assembled(drive: Drive) -> Result<RunStart, Failure> {
     let Assembly { model, state, report } = assemble(&drive)?;
     let mut header = capture::header(&drive, &model, &report, 1);
     header.ledger_origin = Some(ledger_at(&model, &state)?);
     let impacts = ImpactWatch::new(&model);
-    Ok(Start { drive, model, state, header, impacts, report: Some(report) })
+    Ok(RunStart { drive, model, state, header, impacts, report: Some(report) })
 }
 
 fn ledger_at(model: &Model, state: &State) -> Result<Energy, Failure> {
@@ -278,7 +278,7 @@ fn resumed_drive(recording: &Path, set: &[String]) -> Result<Drive, Failure> {
 }
 
 /// Continues a recording; changed values of the drive take effect from there.
-fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Failure> {
+fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<RunStart, Failure> {
     let mut replay = Replay::open(recording)?;
     let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", recording.display())));
@@ -297,7 +297,7 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     if !changed {
         let header = Header { parent: Some(parent), ledger_origin: replay.origin, ..replay.header().clone() };
         let Replay { drive, model, .. } = replay;
-        return Ok(Start { drive, model, state: visit.state, header, impacts: visit.impacts, report: None });
+        return Ok(RunStart { drive, model, state: visit.state, header, impacts: visit.impacts, report: None });
     }
     let model = compile_in_place(&drive, &replay.model).map_err(super::assembly_failure)?;
     if let Some(moved) = moved_body(&replay.model, &model) {
@@ -322,8 +322,8 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<Start, Fail
     let note = vec!["assembly = none: goes on from a recorded State of another drive".to_string()];
     let mut header = capture::header_of(&drive, &model, replay.header().static_tension_n, note, 1);
     (header.parent, header.ledger_origin) = (Some(parent), Some(ledger_at(&model, &state)?));
-    let impacts = ImpactWatch::midway(&model, state.step);
-    Ok(Start { drive, model, state, header, impacts, report: None })
+    let impacts = ImpactWatch::for_continued_run(&model, state.step);
+    Ok(RunStart { drive, model, state, header, impacts, report: None })
 }
 
 /// A sprocket with another position or tooth count in the second model.
@@ -377,16 +377,16 @@ fn breaks(args: &RunArgs, breakpoints: Vec<Breakpoint>, model: &Model) -> Result
     }
     let steps = |t_s: f64| whole_steps(t_s, model.step_s);
     let around_every = args.around_every.map_or(1, steps);
-    let around = args.around.map(|t_s| Around { steps: steps(t_s), steps_per_frame: around_every });
+    let around = args.around.map(|t_s| DenseWindow { steps: steps(t_s), steps_per_frame: around_every });
     let hits = match (args.hits, around) {
         (Some(hits), _) => Some(usize::try_from(hits).unwrap_or(usize::MAX)),
         (None, Some(_)) => None,
         (None, None) => Some(1),
     };
-    let goes_on = args.resume.is_some();
+    let continues_run = args.resume.is_some();
     let watch = |b| {
         let mut watch = BreakWatch::new(b, model);
-        watch.goes_on = goes_on;
+        watch.continues_run = continues_run;
         watch
     };
     Ok(Some(Breaks { watches: breakpoints.into_iter().map(watch).collect(), hits, around }))

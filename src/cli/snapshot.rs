@@ -4,7 +4,7 @@ use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::Reader;
 use crate::render::png;
-use crate::render::snapshot::{Around, Drawing, Options, draw};
+use crate::render::snapshot::{Drawing, SnapshotOptions, ViewCentre, draw};
 use crate::replay::Replay;
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ const PIXELS_PER_UNIT: f64 = 2.0;
 /// Narrowest view [mm]. SVG viewers use single precision: 240 mm to 1.5e-5 mm, half a pixel here.
 const NARROWEST_MM: f64 = 0.05;
 /// Maximum number of panels of a film strip: six rows of four.
-const MOST_PANELS: usize = 24;
+const MAX_PANELS: usize = 24;
 
 /// The requested frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +66,8 @@ fn instant(text: &str) -> Result<At, String> {
     let (from_s, to_s) = (super::run::instant(from)?, super::run::instant(to)?);
     match count.trim().parse::<usize>() {
         _ if to_s <= from_s => Err(format!("`{to}` must be later than `{from}`")),
-        Ok(count) if (2..=MOST_PANELS).contains(&count) => Ok(At::Strip { from_s, to_s, count }),
-        _ => Err(format!("a film strip has 2 to {MOST_PANELS} pictures, not `{count}`")),
+        Ok(count) if (2..=MAX_PANELS).contains(&count) => Ok(At::Strip { from_s, to_s, count }),
+        _ => Err(format!("a film strip has 2 to {MAX_PANELS} pictures, not `{count}`")),
     }
 }
 
@@ -80,7 +80,7 @@ fn width(text: &str) -> Result<f64, String> {
 
 /// Format from the output's extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum ImageFormat {
     Svg,
     Png,
 }
@@ -93,14 +93,14 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
         check_columns(&header, frame, &args.recording)?;
     }
     let around = match &args.around {
-        None => Around::Drive,
+        None => ViewCentre::Drive,
         Some(what) => resolve(what, &header)?,
     };
-    let options = Options { around, width_mm: args.width_mm, joints: args.joints };
+    let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints };
     let drawing = draw(&header, &frames.iter().collect::<Vec<_>>(), options);
     let bytes = match kind {
-        Kind::Svg => drawing.svg.clone().into_bytes(),
-        Kind::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
+        ImageFormat::Svg => drawing.svg.clone().into_bytes(),
+        ImageFormat::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
     };
     let shown = args.output.display();
     crate::output::write(&args.output, &bytes)?;
@@ -114,12 +114,12 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
 }
 
 /// The output format, checked before anything is read.
-fn output_kind(args: &SnapshotArgs) -> Result<Kind, Failure> {
+fn output_kind(args: &SnapshotArgs) -> Result<ImageFormat, Failure> {
     let shown = args.output.display();
     super::check_outputs([args.output.as_path()], [args.recording.as_path()])?;
     match args.output.extension().and_then(|e| e.to_str()) {
-        Some("svg") => Ok(Kind::Svg),
-        Some("png") => Ok(Kind::Png),
+        Some("svg") => Ok(ImageFormat::Svg),
+        Some("png") => Ok(ImageFormat::Png),
         _ => Err(Failure::Input(format!("{shown}: drawings end in .svg or .png"))),
     }
 }
@@ -256,7 +256,7 @@ fn check_columns(header: &Header, frame: &Frame, path: &Path) -> Result<(), Fail
 }
 
 /// The link or body that `what` names.
-fn resolve(what: &str, header: &Header) -> Result<Around, Failure> {
+fn resolve(what: &str, header: &Header) -> Result<ViewCentre, Failure> {
     let number = what.strip_prefix("link:").or_else(|| what.strip_prefix("link ")).unwrap_or(what).trim();
     if let Ok(link) = number.parse::<usize>() {
         let n = header.links.len();
@@ -264,14 +264,14 @@ fn resolve(what: &str, header: &Header) -> Result<Around, Failure> {
             let last = n.saturating_sub(1);
             return Err(Failure::Input(format!("there is no link {link}; the links are 0 to {last}")));
         }
-        return Ok(Around::Link(link));
+        return Ok(ViewCentre::Link(link));
     }
     let last = |path: &'_ str| path.rsplit('.').next().unwrap_or_default().to_string();
     // In merged recordings several bodies may share a name; then the full path is needed.
     let fitting = header.bodies.iter().enumerate().filter(|(_, b)| b.path == what || last(&b.path) == what);
     let found: Vec<usize> = fitting.map(|(k, _)| k).collect();
     match found.as_slice() {
-        [k] => Ok(Around::Body(*k)),
+        [k] => Ok(ViewCentre::Body(*k)),
         [] => {
             let lasts: Vec<String> = header.bodies.iter().map(|b| last(&b.path)).collect();
             let names = header.bodies.iter().map(|b| b.path.as_str()).chain(lasts.iter().map(String::as_str));
@@ -293,17 +293,17 @@ fn listed(header: &Header, which: impl Fn(usize) -> bool) -> String {
     paths.collect::<Vec<_>>().join(", ")
 }
 
-fn json(args: &SnapshotArgs, kind: Kind, frames: &[Frame], drawing: &Drawing) -> serde_json::Value {
+fn json(args: &SnapshotArgs, kind: ImageFormat, frames: &[Frame], drawing: &Drawing) -> serde_json::Value {
     let pixels = |units: f64| match kind {
-        Kind::Svg => units,
-        Kind::Png => (units * PIXELS_PER_UNIT).ceil(),
+        ImageFormat::Svg => units,
+        ImageFormat::Png => (units * PIXELS_PER_UNIT).ceil(),
     };
     let newtons_per_mm = |units_per_n: Option<f64>| units_per_n.map(|u| drawing.units_per_mm / u);
     serde_json::json!({
         "path": args.output,
         "width_px": pixels(drawing.width),
         "height_px": pixels(drawing.height),
-        "px_per_mm": drawing.units_per_mm * if kind == Kind::Png { PIXELS_PER_UNIT } else { 1.0 },
+        "px_per_mm": drawing.units_per_mm * if kind == ImageFormat::Png { PIXELS_PER_UNIT } else { 1.0 },
         "force_scale_n_per_mm": newtons_per_mm(drawing.contact_units_per_n),
         "joint_force_scale_n_per_mm": newtons_per_mm(drawing.joint_units_per_n),
         "frames": frames.iter().map(|f| serde_json::json!({

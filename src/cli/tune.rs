@@ -2,7 +2,7 @@
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::compare::CompareError;
-use crate::compare::tune::{Margin, tune, worst};
+use crate::compare::tune::{Margin, smallest_margin, tune};
 use std::fmt::Write;
 
 #[derive(clap::Args, Debug)]
@@ -34,7 +34,7 @@ pub fn run(args: &TuneArgs) -> Result<Outcome, Failure> {
         return print_json(&serde_json::json!({
             "drive": drive.name,
             "tuned": tuned,
-            "worst_margin": worst(&tuned.best),
+            "worst_margin": smallest_margin(&tuned.best),
         }));
     }
     let mut text = format!("{:<26} {:>10} {:>12} {:>12} {:>9}\n", "bound", "limit", "as given", "tuned", "margin");
@@ -52,8 +52,8 @@ pub fn run(args: &TuneArgs) -> Result<Outcome, Failure> {
     let _infallible = writeln!(
         text,
         "\nworst margin {:+.1} % (as given {:+.1} %), {} runs; to use it:",
-        100.0 * worst(&tuned.best),
-        100.0 * worst(&tuned.start),
+        100.0 * smallest_margin(&tuned.best),
+        100.0 * smallest_margin(&tuned.start),
         tuned.runs
     );
     for f in &tuned.values {

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long the Rerun viewer has to end by itself.
-const PATIENCE: Duration = Duration::from_secs(2);
+const VIEWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 #[derive(clap::Args, Debug)]
 pub struct ViewArgs {
@@ -33,7 +33,7 @@ pub struct ViewArgs {
 
 /// File format of a recording, from its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum RecordingFormat {
     Rrd,
     Mcap,
 }
@@ -60,8 +60,8 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
     let shown = shown(args.web)?;
     let mut converted = Outcome::Done;
     let (path, _folder) = match kind {
-        Kind::Rrd => (args.recording.clone(), None),
-        Kind::Mcap => {
+        RecordingFormat::Rrd => (args.recording.clone(), None),
+        RecordingFormat::Mcap => {
             let folder = TemporaryFolder::new()?;
             let name = args.recording.file_stem().unwrap_or_default();
             let path = folder.0.join(name).with_added_extension("rrd");
@@ -85,7 +85,7 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
 }
 
 /// Detects the format of a file.
-fn kind(path: &Path) -> Result<Kind, Failure> {
+fn kind(path: &Path) -> Result<RecordingFormat, Failure> {
     let shown = path.display();
     if path.is_dir() {
         return Err(Failure::Input(format!("{shown} is a directory, not a recording")));
@@ -100,16 +100,16 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     let read = crate::input::open(path).and_then(|file| file.take(8).read(&mut first));
     read.map_err(|e| Failure::Input(format!("cannot read {shown}: {e}")))?;
     match first {
-        [b'R', b'R', b'F', ..] => Ok(Kind::Rrd),
-        [0x89, b'M', b'C', b'A', b'P', ..] => Ok(Kind::Mcap),
+        [b'R', b'R', b'F', ..] => Ok(RecordingFormat::Rrd),
+        [0x89, b'M', b'C', b'A', b'P', ..] => Ok(RecordingFormat::Mcap),
         _ => Err(Failure::Input(format!("{shown} is no recording; `pitchline run` writes .rrd and .mcap"))),
     }
 }
 
 /// Checks the arguments of `--output` before anything is read.
-fn check_output(recording: &Path, kind: Kind, output: &Path) -> Result<(), Failure> {
+fn check_output(recording: &Path, kind: RecordingFormat, output: &Path) -> Result<(), Failure> {
     let shown = output.display();
-    if kind == Kind::Rrd {
+    if kind == RecordingFormat::Rrd {
         return Err(Failure::Input(format!("{} is an .rrd already", recording.display())));
     }
     if !cfg!(feature = "rerun") {
@@ -187,7 +187,7 @@ fn show(program: &OsString, path: &Path, stop: &AtomicBool) -> Result<Outcome, F
         match ended {
             Some(_) if interrupted => return Ok(Outcome::Interrupted),
             // Ctrl-C in a terminal also reaches the viewer, which gets a moment to end by itself.
-            None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > PATIENCE => {
+            None if interrupted && asked.get_or_insert_with(Instant::now).elapsed() > VIEWER_TIMEOUT => {
                 let _killed = viewer.kill();
                 let _ended = viewer.wait();
                 return Ok(Outcome::Interrupted);
@@ -208,11 +208,11 @@ fn convert(from: &Path, to: &Path, stop: &AtomicBool) -> Result<Outcome, Failure
     let mut sink = create(to, reader.header(), ViewOptions::default())?;
     let (_, _, damage) = super::replay::copy(&mut reader, sink.as_mut(), stop)?;
     if stop.load(Ordering::Relaxed) {
-        eprintln!("note: a part of it lies in {}", sink.lies_at().display());
+        eprintln!("note: a part of it lies in {}", sink.current_path().display());
         return Ok(Outcome::Interrupted);
     }
     sink.finish()?;
-    super::say_missing(damage.iter().chain(reader.missing_since_open()));
+    super::print_missing(damage.iter().chain(reader.missing_since_open()));
     Ok(if damage.is_empty() && reader.missing().is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 

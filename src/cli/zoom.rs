@@ -5,7 +5,7 @@ use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, extensions};
 use crate::replay::Replay;
-use crate::simulate::{Ending, Job, Span, run_job};
+use crate::simulate::{Ending, Job, RunLength, run_job};
 use std::path::PathBuf;
 
 #[derive(clap::Args, Debug)]
@@ -75,7 +75,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     let mut sinks = open(&outputs, &header, view)?;
     let job = Job {
         header: &header,
-        span: Span { steps: to - from, steps_per_frame },
+        span: RunLength { steps: to - from, steps_per_frame },
         breaks: None,
         impacts: visit.impacts,
         camera: replay.camera(),

@@ -9,8 +9,8 @@
 //!   period.
 //! * contact sequence: guide, ring, bush, rear abutment of an abutment chain; else the most common order of kinds.
 
-use super::{Summary, WINDOW_T, median};
-use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
+use super::{DriveSummary, WINDOW_T, median};
+use crate::engagement::{BINS_PER_PITCH, ContactKind, KINDS, Pass};
 use std::collections::BTreeMap;
 
 /// Highest approach speed that still counts as impact-free, relative to p omega.
@@ -35,7 +35,7 @@ pub struct Headline {
 }
 
 /// Headline of a run. `wrap_t` is the wrap on the driver in tooth periods.
-pub fn headline(summary: &Summary, passes: &[Pass], period_s: f64, wrap_t: f64) -> Headline {
+pub fn headline(summary: &DriveSummary, passes: &[Pass], period_s: f64, wrap_t: f64) -> Headline {
     let (from, to) = WINDOW_T;
     let fastest = |f: &dyn Fn(&super::KindSummary) -> f64| summary.kinds.iter().map(f).fold(0.0, f64::max);
     let peak = |p: &Pass| KINDS.iter().map(|k| p.peak(*k, from, to)).fold(0.0, f64::max);
@@ -65,13 +65,13 @@ pub fn headline(summary: &Summary, passes: &[Pass], period_s: f64, wrap_t: f64) 
 }
 
 /// Median force from the second pitch to one pitch before the end of the wrap [N].
-fn steady(pass: &Pass, kind: Kind, wrap_t: f64) -> f64 {
+fn steady(pass: &Pass, kind: ContactKind, wrap_t: f64) -> f64 {
     let on_wrap = |bin: &usize| (1.0..wrap_t - 1.0).contains(&Pass::u_of(*bin));
     median((0..pass.force_n.len()).filter(on_wrap).map(|bin| pass.force_n[bin][kind as usize]))
 }
 
 /// Impulse [N s]; None if the pass has no contact of the kind.
-fn impulse(pass: &Pass, kind: Kind, period_s: f64) -> Option<f64> {
+fn impulse(pass: &Pass, kind: ContactKind, period_s: f64) -> Option<f64> {
     let (u, _) = pass.first_touch[kind as usize]?;
     let force = |bin: usize| pass.force_n[bin][kind as usize];
     let start = (0..pass.force_n.len()).find(|bin| Pass::u_of(*bin) + 0.5 / BINS_PER_PITCH as f64 >= u)?;

@@ -12,7 +12,7 @@ const ROOM_M: f64 = 30e-3;
 
 /// Numbering of one run in the merged recording.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Part {
+pub struct RunNumbering {
     name: String,
     first_link: u32,
     /// New index of each body, and of each coordinate.
@@ -23,7 +23,7 @@ pub struct Part {
 }
 
 /// The merged header, and the numbering of each run in it.
-pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
+pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
     // Sensors appear only in the runs' own recordings.
     let mut merged = Header { drive_name: name.to_string(), sensors: Vec::new(), ..runs[0].clone() };
     (merged.links, merged.link_outlines, merged.bodies) = (Vec::new(), Vec::new(), Vec::new());
@@ -71,7 +71,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
             numbers.push(*next as u32);
             *next += 1;
         }
-        parts.push(Part { name: short.clone(), first_link, bodies: numbers, coordinates, down_m });
+        parts.push(RunNumbering { name: short.clone(), first_link, bodies: numbers, coordinates, down_m });
         merged.drive_text += &format!("# ---- {}\n{}\n", header.drive_name, header.drive_text);
         merged.overrides.extend(header.overrides.iter().map(|o| format!("{short}: {o}")));
         merged.assembly.extend(header.assembly.iter().map(|a| format!("{short}: {a}")));
@@ -81,7 +81,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<Part>) {
 }
 
 /// One frame of all runs.
-pub fn frames(parts: &[Part], frames: &[&Frame]) -> Frame {
+pub fn frames(parts: &[RunNumbering], frames: &[&Frame]) -> Frame {
     let mut merged = Frame { step: frames[0].step, t_s: frames[0].t_s, ..Frame::default() };
     merged.crank_angle_rad = frames[0].crank_angle_rad;
     let total: usize = frames.iter().map(|f| f.rotors.angle_rad.len()).sum();
@@ -117,7 +117,7 @@ pub fn frames(parts: &[Part], frames: &[&Frame]) -> Frame {
     merged
 }
 
-fn add_contacts(merged: &mut Frame, part: &Part, frame: &Frame) {
+fn add_contacts(merged: &mut Frame, part: &RunNumbering, frame: &Frame) {
     let (to, from) = (&mut merged.contacts, &frame.contacts);
     to.link.extend(from.link.iter().map(|l| l + part.first_link));
     to.body.extend(from.body.iter().map(|b| part.bodies[*b as usize]));
@@ -165,7 +165,7 @@ fn add_energy(merged: &mut Frame, frame: &Frame) {
 }
 
 /// Converts an event of one run to the merged recording.
-pub fn event(part: &Part, event: &Event) -> Event {
+pub fn event(part: &RunNumbering, event: &Event) -> Event {
     Event {
         link: event.link + part.first_link,
         body: part.bodies.get(event.body as usize).copied().unwrap_or(event.body),
@@ -175,7 +175,7 @@ pub fn event(part: &Part, event: &Event) -> Event {
 }
 
 /// Converts an impact of one run to the merged recording.
-pub fn impact(part: &Part, impact: &Impact) -> Impact {
+pub fn impact(part: &RunNumbering, impact: &Impact) -> Impact {
     Impact {
         link: impact.link + part.first_link,
         body: part.bodies.get(impact.body as usize).copied().unwrap_or(impact.body),

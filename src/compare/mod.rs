@@ -13,14 +13,14 @@ use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;
 use crate::drive::Drive;
 use crate::elements::end_contact::LinkContour;
-use crate::engagement::{KINDS, Kind, Pass, Watch};
+use crate::engagement::{ContactKind, EngagementWatch, KINDS, Pass};
 use crate::impacts::ImpactWatch;
 use crate::integrate::StepError;
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{BodyInfo, Event, Feature, Frame, Header, Impact};
-use crate::simulate::{SLOWEST_EVENT_M_S, Span, touch_event};
+use crate::simulate::{RunLength, SLOWEST_EVENT_M_S, touch_event};
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -46,7 +46,7 @@ pub struct Run {
     /// Impacts of the recorded part, in the order in which they end.
     pub impacts: Vec<Impact>,
     pub passes: Vec<Pass>,
-    pub summary: Summary,
+    pub summary: DriveSummary,
     /// Spectrum of the first sprocket that turns freely; None if there is none, or if the run is shorter than two
     /// revolutions of the driver.
     pub spectrum: Option<Spectrum>,
@@ -55,7 +55,7 @@ pub struct Run {
 /// Statistics of one kind of contact over all passes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct KindSummary {
-    pub kind: Kind,
+    pub kind: ContactKind,
     /// Passes in which it made contact.
     pub passes: usize,
     /// u of first contact, median [T].
@@ -76,7 +76,7 @@ pub struct KindSummary {
 
 /// Results of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Summary {
+pub struct DriveSummary {
     pub drive: String,
     #[serde(flatten)]
     pub headline: headline::Headline,
@@ -185,8 +185,8 @@ fn in_parallel<J: Send, R: Send>(
 fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> Result<Run, CompareError> {
     let Assembly { model, mut state, report } = assembly;
     let mut scratch = Scratch::new(&model);
-    let mut watch = Watch::new(&model, model.driver);
-    let span = Span::new(plan.duration_s, plan.every_s, model.step_s);
+    let mut watch = EngagementWatch::new(&model, model.driver);
+    let span = RunLength::new(plan.duration_s, plan.every_s, model.step_s);
     let header = capture::header(drive, &model, &report, span.steps_per_frame);
     let recorded = (plan.recorded_s / model.step_s) as u64;
     let (mut frames, mut events) = (Vec::new(), Vec::new());
@@ -200,8 +200,8 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         }
         explicit::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
-        watch.look(&model, &state, &scratch);
-        struck.look(&model, &state, &scratch);
+        watch.observe(&model, &state, &scratch);
+        struck.observe(&model, &state, &scratch);
         impacts.extend(struck.take_done());
         let touched = struck.take_touched();
         if step <= recorded {
@@ -232,7 +232,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
     Ok(Run { name, title, header, frames, events, impacts, passes: watch.done, summary, spectrum })
 }
 
-fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
+fn summarise(drive: &Drive, model: &Model, watch: &EngagementWatch) -> DriveSummary {
     let passes = &watch.done;
     let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
     let exit_from = model
@@ -247,7 +247,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &Watch) -> Summary {
     let chain = model.chain.loops[model.sprockets[model.driver].chain].clone();
     let pitch = 2.0 * model.chain.lever[chain.start];
     let per_length = model.chain.mass[chain.clone()].iter().sum::<f64>() / (chain.len() as f64 * pitch);
-    let mut summary = Summary {
+    let mut summary = DriveSummary {
         drive: drive.name.clone(),
         headline: headline::Headline::default(),
         step_s: model.step_s,
@@ -287,7 +287,7 @@ fn touches(impacts: &[Impact], header: &Header, from_s: f64) -> Vec<BodyTouches>
     header.bodies.iter().enumerate().filter_map(of_body).collect()
 }
 
-fn summarise_kind(kind: Kind, passes: &[Pass], exit_from: f64) -> KindSummary {
+fn summarise_kind(kind: ContactKind, passes: &[Pass], exit_from: f64) -> KindSummary {
     let touched: Vec<(f64, f64)> = passes.iter().filter_map(|p| p.first_touch[kind as usize]).collect();
     let largest = |from: f64, to: f64| passes.iter().map(|p| p.peak(kind, from, to)).fold(0.0, f64::max);
     let speeds = || touched.iter().map(|t| t.1);
@@ -318,7 +318,7 @@ pub fn median(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Share of passes with contacts of guide, ring, bush and rear abutment in this order.
 fn sequence(passes: &[Pass]) -> f64 {
-    let order = [Kind::Guide, Kind::RingFront, Kind::Bush, Kind::RingRear];
+    let order = [ContactKind::Guide, ContactKind::RingFront, ContactKind::Bush, ContactKind::RingRear];
     let right = |p: &&Pass| {
         let at: Vec<Option<f64>> = order.iter().map(|k| p.first_touch[*k as usize].map(|t| t.0)).collect();
         at.windows(2).all(|w| matches!(w, [Some(a), Some(b)] if a < b))
@@ -329,7 +329,7 @@ fn sequence(passes: &[Pass]) -> f64 {
 /// Median u of first contact with the teeth, even minus odd links.
 fn odd_even_first_touch(passes: &[Pass]) -> f64 {
     let of = |odd: usize| {
-        let tooth = [Kind::Bush, Kind::FlankTrailing];
+        let tooth = [ContactKind::Bush, ContactKind::FlankTrailing];
         let first = |p: &Pass| tooth.into_iter().find_map(|k| p.first_touch[k as usize]).map(|t| t.0);
         median(passes.iter().filter(|p| p.link % 2 == odd).filter_map(first))
     };
@@ -338,7 +338,7 @@ fn odd_even_first_touch(passes: &[Pass]) -> f64 {
 
 /// (even - odd) / (even + odd) of the mean tooth force over u = 1 to 2.
 fn asymmetry(passes: &[Pass]) -> f64 {
-    let tooth = [Kind::Bush, Kind::FlankTrailing];
+    let tooth = [ContactKind::Bush, ContactKind::FlankTrailing];
     let mean = |odd: usize| {
         let of: Vec<f64> = passes
             .iter()
@@ -355,10 +355,10 @@ fn asymmetry(passes: &[Pass]) -> f64 {
     if even + odd > 0.0 { (even - odd) / (even + odd) } else { 0.0 }
 }
 
-impl Summary {
+impl DriveSummary {
     /// The contact that seats a link in the teeth.
     pub fn tooth(&self) -> Option<&KindSummary> {
-        self.kinds.iter().find(|k| matches!(k.kind, Kind::Bush | Kind::FlankTrailing))
+        self.kinds.iter().find(|k| matches!(k.kind, ContactKind::Bush | ContactKind::FlankTrailing))
     }
 
     /// Highest approach speed at first contact of any kind on the driver [m/s].
@@ -372,7 +372,7 @@ impl Summary {
         (of(&|k| k.peak_window_n), of(&|k| k.peak_lap_n))
     }
 
-    pub fn kind(&self, kind: Kind) -> Option<&KindSummary> {
+    pub fn kind(&self, kind: ContactKind) -> Option<&KindSummary> {
         self.kinds.iter().find(|k| k.kind == kind)
     }
 }
@@ -389,8 +389,8 @@ pub struct Claim {
 
 /// Impact-free engagement of every abutment chain, contrasted with the other drives; None if there is no abutment
 /// chain.
-pub fn verdict(summaries: &[&Summary]) -> Option<Vec<Claim>> {
-    let abutments: Vec<&&Summary> = summaries.iter().filter(|s| s.sequence.is_some()).collect();
+pub fn verdict(summaries: &[&DriveSummary]) -> Option<Vec<Claim>> {
+    let abutments: Vec<&&DriveSummary> = summaries.iter().filter(|s| s.sequence.is_some()).collect();
     let first = abutments.first()?;
     let mut claims: Vec<Claim> = abutments.iter().flat_map(|s| own_claims(s)).collect();
     for other in summaries.iter().filter(|s| s.sequence.is_none()) {
@@ -399,12 +399,12 @@ pub fn verdict(summaries: &[&Summary]) -> Option<Vec<Claim>> {
     Some(claims)
 }
 
-fn own_claims(smart: &Summary) -> Vec<Claim> {
+fn own_claims(smart: &DriveSummary) -> Vec<Claim> {
     let speed = smart.turning_speed_m_s;
     let pressing = smart.tight_tension_n - smart.centrifugal_tension_n;
     let fastest = smart.fastest_touch_m_s();
     let (window, lap) = smart.largest_n();
-    let ring = smart.kind(Kind::RingFront).map_or(f64::NAN, |k| k.peak_window_n);
+    let ring = smart.kind(ContactKind::RingFront).map_or(f64::NAN, |k| k.peak_window_n);
     let rise = smart.tooth().map_or(f64::NAN, |k| k.rise_t);
     let order = smart.sequence.unwrap_or(0.0);
     let claim = |text: &str, holds: bool, measured: String| Claim {
@@ -440,13 +440,13 @@ fn own_claims(smart: &Summary) -> Vec<Claim> {
     ]
 }
 
-fn contrasts(smart: &Summary, other: &Summary) -> Vec<Claim> {
+fn contrasts(smart: &DriveSummary, other: &DriveSummary) -> Vec<Claim> {
     let Some(tooth) = other.tooth() else { return Vec::new() };
     let (fastest, rise) = (smart.fastest_touch_m_s(), smart.tooth().map_or(f64::NAN, |k| k.rise_t));
     let (strikes, speed) = (tooth.approach_median_m_s, other.turning_speed_m_s);
     let (times, rises) = (strikes / fastest, rise / tooth.rise_t);
     // A bush lands on a seat, a flank rolls onto a flank: expected from the kinematics of both.
-    let (faster, sharper) = if tooth.kind == Kind::Bush { (20.0, 30.0) } else { (5.0, 10.0) };
+    let (faster, sharper) = if tooth.kind == ContactKind::Bush { (20.0, 30.0) } else { (5.0, 10.0) };
     let claim = |text: String, holds: bool, measured: String| Claim {
         contrast: true,
         claim: format!("{}: {text}", other.drive),

@@ -3,9 +3,9 @@
 //! are met only in a corner of that space. Pattern search on the worst margin: every parameter is moved up and down by
 //! its step and the best trial is kept; the steps are halved when no trial is better. Deterministic.
 
-use super::{CompareError, Plan, Summary, run};
+use super::{CompareError, DriveSummary, Plan, run};
 use crate::drive::{ChainSpec, Drive};
-use crate::engagement::Kind;
+use crate::engagement::ContactKind;
 use std::sync::atomic::AtomicBool;
 
 /// A free parameter: path in the drive file with its unit, value and step.
@@ -38,13 +38,13 @@ pub struct Tuned {
 /// Passes in one trial.
 const PASSES: f64 = 12.0;
 /// Maximum number of rounds.
-const MOST_ROUNDS: usize = 5;
+const MAX_ROUNDS: usize = 5;
 
 /// The bounds of impact-free engagement and the measured values.
-pub fn margins(s: &Summary) -> Vec<Margin> {
+pub fn margins(s: &DriveSummary) -> Vec<Margin> {
     let (window, lap) = s.largest_n();
     let pressing = s.tight_tension_n - s.centrifugal_tension_n;
-    let ring = s.kind(Kind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
+    let ring = s.kind(ContactKind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
     let rise = s.tooth().map_or(0.0, |k| k.rise_t);
     let below = |name, value: f64, bound: f64, unit| Margin { name, value, bound, unit, margin: 1.0 - value / bound };
     vec![
@@ -67,7 +67,7 @@ pub fn margins(s: &Summary) -> Vec<Margin> {
 }
 
 /// The smallest margin.
-pub fn worst(margins: &[Margin]) -> f64 {
+pub fn smallest_margin(margins: &[Margin]) -> f64 {
     // A value that could not be measured counts as violated.
     let known = |m: &Margin| if m.margin.is_nan() { f64::NEG_INFINITY } else { m.margin };
     margins.iter().map(known).fold(f64::INFINITY, f64::min)
@@ -98,8 +98,8 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
     let start = trial(&values)?;
     let mut best = start.clone();
     let mut runs = 1;
-    told(runs, worst(&best));
-    for _ in 0..MOST_ROUNDS {
+    told(runs, smallest_margin(&best));
+    for _ in 0..MAX_ROUNDS {
         let mut moves = Vec::new();
         for i in 0..values.len() {
             for sign in [1.0, -1.0] {
@@ -115,12 +115,14 @@ pub fn tune(drive: &Drive, stop: &AtomicBool, mut told: impl FnMut(usize, f64)) 
             Err(CompareError::Interrupted) => Err(CompareError::Interrupted),
             Err(_) => Ok(None),
         })?;
-        let winner = tried.into_iter().flatten().max_by(|a, b| worst(&a.1).total_cmp(&worst(&b.1)));
+        let winner = tried.into_iter().flatten().max_by(|a, b| smallest_margin(&a.1).total_cmp(&smallest_margin(&b.1)));
         match winner {
-            Some((moved, margins)) if worst(&margins) > worst(&best) => (values, best) = (moved, margins),
+            Some((moved, margins)) if smallest_margin(&margins) > smallest_margin(&best) => {
+                (values, best) = (moved, margins)
+            }
             _ => values.iter_mut().for_each(|f| f.step *= 0.5),
         }
-        told(runs, worst(&best));
+        told(runs, smallest_margin(&best));
     }
     Ok(Some(Tuned { start, best, values, runs }))
 }

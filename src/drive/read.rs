@@ -2,7 +2,7 @@
 //! unknown.
 
 use super::reader::{Places, TomlTable};
-use super::shafts::{self, MotionSpec, Names, ShaftTrain, Speeds};
+use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
     ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
     JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
@@ -47,7 +47,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let sliders = mechanism::read_sliders(root, &names, &arms);
     let tip_contact = mechanism::read_tips(&tip_table, &sliders, read);
     let oil = mechanism::read_oil(root, &sliders);
-    let moving = Names { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
+    let moving = MovingNames { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
     let mut train = ShaftTrain { motion, couplings: shafts::read_couplings(root, &moving), ..ShaftTrain::default() };
     shafts::read_loads(&loads, &moving, &mut train);
     loads.finish();

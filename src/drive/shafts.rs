@@ -160,15 +160,15 @@ fn harmonics(t: &TomlTable<'_>, key: &str, unit: f64, range: std::ops::RangeIncl
     rows.map(|((order, amplitude), phase_rad)| Harmonic { order, amplitude, phase_rad }).collect()
 }
 
-/// Names of all that moves.
-pub(super) struct Names<'a> {
+/// MovingNames of all that moves.
+pub(super) struct MovingNames<'a> {
     pub(super) sprockets: &'a [SprocketDrive],
     pub(super) shafts: &'a [ShaftSpec],
     pub(super) arms: &'a [ArmSpec],
     pub(super) sliders: &'a [SliderSpec],
 }
 
-impl Names<'_> {
+impl MovingNames<'_> {
     fn find(&self, name: &str) -> Option<Moving> {
         let sprocket = self.sprockets.iter().position(|s| s.name == name).map(Moving::Sprocket);
         let shaft = || self.shafts.iter().position(|s| s.name == name).map(Moving::Shaft);
@@ -202,7 +202,7 @@ impl Names<'_> {
 }
 
 /// Loads by laws and by orders: `[loads]` without `[loads.constant]`.
-pub(super) fn read_loads(loads: &TomlTable<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
+pub(super) fn read_loads(loads: &TomlTable<'_>, names: &MovingNames<'_>, train: &mut ShaftTrain) {
     for (kind, row) in LOADS.into_iter().filter(|(kind, _)| *kind != "constant") {
         let table = loads.table(kind);
         let Some(effect) = named(row) else { continue };
@@ -232,7 +232,7 @@ pub(super) fn read_loads(loads: &TomlTable<'_>, names: &Names<'_>, train: &mut S
 }
 
 /// Effects on shafts, arms and sliders: `[effects.NAME.BODY]`.
-pub(super) fn read_effects(effects: &TomlTable<'_>, names: &Names<'_>, train: &mut ShaftTrain) {
+pub(super) fn read_effects(effects: &TomlTable<'_>, names: &MovingNames<'_>, train: &mut ShaftTrain) {
     for effect in EFFECTS {
         match (effect.links, effect.physics) {
             (Some(On::Body), Physics::BodyForce(_)) => {
@@ -262,7 +262,7 @@ pub(super) fn read_effects(effects: &TomlTable<'_>, names: &Names<'_>, train: &m
     }
 }
 
-fn read_load(t: &TomlTable<'_>, effect: &'static Effect, name: &str, names: &Names<'_>, train: &mut ShaftTrain) {
+fn read_load(t: &TomlTable<'_>, effect: &'static Effect, name: &str, names: &MovingNames<'_>, train: &mut ShaftTrain) {
     let on = names.required(t, name);
     if names.is_prescribed(on) {
         t.error(
@@ -293,7 +293,7 @@ fn values(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
 }
 
 /// `[couplings.NAME]`.
-pub(super) fn read_couplings(root: &TomlTable<'_>, names: &Names<'_>) -> Vec<CouplingSpec> {
+pub(super) fn read_couplings(root: &TomlTable<'_>, names: &MovingNames<'_>) -> Vec<CouplingSpec> {
     let table = root.table("couplings");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -319,7 +319,7 @@ pub(super) fn read_couplings(root: &TomlTable<'_>, names: &Names<'_>) -> Vec<Cou
     all
 }
 
-impl Names<'_> {
+impl MovingNames<'_> {
     /// Whether two parts turn by one coordinate.
     fn same_shaft(&self, between: [Moving; 2]) -> bool {
         let shaft = |m: Moving| match m {
@@ -330,7 +330,7 @@ impl Names<'_> {
     }
 }
 
-/// Names of what sensors of turning read: sprockets, shafts without sprockets, arms.
+/// MovingNames of what sensors of turning read: sprockets, shafts without sprockets, arms.
 pub(super) fn turning_names(sprockets: &[SprocketDrive], shafts: &[ShaftSpec], arms: &[ArmSpec]) -> Vec<String> {
     let bare = (0..shafts.len()).filter(|k| sprockets.iter().all(|s| s.shaft != Some(*k)));
     let names = sprockets.iter().map(|s| &s.name).chain(bare.map(|k| &shafts[k].name));

@@ -472,7 +472,7 @@ impl PeakMeter {
     /// Largest force since the node before [N]. `now`: penetration [m] and closing speed [m/s] where it touches; `approach_m_s` at first
     /// touch. `None` for a law that depends on what else is known of the pair (Hertz). Less than `best`, the largest so far, is not
     /// found exactly: then the force at the node is good enough.
-    pub fn look(
+    pub fn peak_since(
         &mut self,
         law: &ContactLaw,
         now: Option<(f64, f64)>,

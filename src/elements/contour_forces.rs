@@ -51,7 +51,7 @@ struct EndLane {
     offset: f64,
 }
 
-/// What the contact law is told of the motion along a normal.
+/// Motion along a normal, as the contact law takes it.
 #[derive(Clone, Copy)]
 struct NormalMotion {
     mobility: f64,

@@ -61,13 +61,13 @@ impl LinkInGapFrame {
     }
 
     #[inline(always)]
-    fn direction(self, v: &Points, i: usize) -> (f64, f64) {
+    fn direction_in_gap(self, v: &Points, i: usize) -> (f64, f64) {
         (self.cos * v[0][i] - self.sin * v[1][i], self.sin * v[0][i] + self.cos * v[1][i])
     }
 
     #[inline(always)]
-    fn position(self, p: &Points, i: usize) -> (f64, f64) {
-        let (x, y) = self.direction(p, i);
+    fn position_in_gap(self, p: &Points, i: usize) -> (f64, f64) {
+        let (x, y) = self.direction_in_gap(p, i);
         (self.x + x, self.y + y)
     }
 }
@@ -180,8 +180,8 @@ impl FlankLanes {
         let mut touches = [0; LANES];
         for i in 0..LANES {
             let link = LinkInGapFrame::new(placed, i);
-            let (sx, sy) = link.position(&self.start, i);
-            let (nx, ny) = link.direction(&self.normal, i);
+            let (sx, sy) = link.position_in_gap(&self.start, i);
+            let (nx, ny) = link.direction_in_gap(&self.normal, i);
             let line = |circle: Circle, faces: bool, segment: f64| {
                 let (dx, dy) = (circle.centre.x - sx, circle.centre.y - sy);
                 let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
@@ -195,9 +195,9 @@ impl FlankLanes {
                 corner_name,
             ));
 
-            let (tx, ty) = link.position(&self.toe, i);
-            let (ox, oy) = link.direction(&self.outer, i);
-            let (ix, iy) = link.direction(&self.inner, i);
+            let (tx, ty) = link.position_in_gap(&self.toe, i);
+            let (ox, oy) = link.direction_in_gap(&self.outer, i);
+            let (ix, iy) = link.direction_in_gap(&self.inner, i);
             // Whether the toe reaches there, to which its own normal is opposite.
             let on_toe = |nx: f64, ny: f64, length: f64| {
                 let rounding = NORMAL_ROUNDING * length;
@@ -238,7 +238,7 @@ impl FlankLanes {
                 (on_toe_arcs.deeper(in_root), tx, ty, toe_radius)
             } else {
                 // The tip corner of the tooth in the crotch of the link that straddles it.
-                let (cx, cy) = link.position(&self.crotch, i);
+                let (cx, cy) = link.position_in_gap(&self.crotch, i);
                 let (dx, dy) = (corner.centre.x - cx, corner.centre.y - cy);
                 let length = (dx * dx + dy * dy).sqrt();
                 // Out of the link's teeth: its y axis.
@@ -295,10 +295,10 @@ impl FlankLanes {
         let mut out = [0.0; LANES];
         for i in 0..LANES {
             let link = LinkInGapFrame::new(placed, i);
-            let toe = link.position(&self.toe, i);
+            let toe = link.position_in_gap(&self.toe, i);
             let flank = FlankLine {
-                start: link.position(&self.start, i),
-                normal: link.direction(&self.normal, i),
+                start: link.position_in_gap(&self.start, i),
+                normal: link.direction_in_gap(&self.normal, i),
                 from_m: self.from_m[i],
                 to_m: self.to_m[i],
             };
@@ -308,7 +308,7 @@ impl FlankLanes {
             if OUTER {
                 of_toe = smaller(of_toe, root_arc.distance(toe));
             } else {
-                let crotch = link.position(&self.crotch, i);
+                let crotch = link.position_in_gap(&self.crotch, i);
                 let (dx, dy) = (corner_at.0 - crotch.0, corner_at.1 - crotch.1);
                 let length = (dx * dx + dy * dy).sqrt();
                 // It touches only from within, and only where it looks up into the crotch from near its middle.

@@ -30,7 +30,7 @@ pub struct GuideBody {
     pub stick_speed_m_s: f64,
 }
 
-/// Whether any joint is within `reach_m` of touching, or touches: a first look at positions alone. With `reach_m` at least what
+/// Whether any joint is within `reach_m` of touching, or touches: a first test of positions alone. With `reach_m` at least what
 /// a joint moves in a step, whatever touched a step ago is found too.
 #[inline(always)]
 pub fn any_within(body: &GuideBody, reach_m: f64, x: LaneBlock, y: LaneBlock) -> bool {

@@ -8,7 +8,7 @@
 //! ```
 //! M acts on link j + 1, w_rel = omega(j + 1) - omega(j). Stored: k/2 u^2, or k/2 (|u| - c_r)^2. Lost: c u'^2 and M w_rel.
 //! Source: joint force unit of Schaffner, Sopouch and Priebsch (section 3.1) and of Fritz et al. (fig. 2), linear here.
-//! Damping and friction take the mean velocity about the node, which the step finds by a second look; the damping bounds the step.
+//! Damping and friction take the mean velocity about the node, which the step finds by evaluating the joints a second time; the damping bounds the step.
 
 use super::friction;
 use super::tooth_contact::{LANES, LaneBlock, blocks};

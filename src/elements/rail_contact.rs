@@ -11,7 +11,7 @@
 //! ```
 //! A flat edge on a line is carried at both ends of what they share: ends of the plate, or edge supports. The edge's contact point moves along
 //! the plate while it rolls and slides over an arc; where a joint passes an edge support, the contact of the end becomes that of the edge or the
-//! other way round: gap and normal are continuous there, and the contact is one and the same (the step hands its memory on).
+//! other way round: gap and normal are continuous there, and the contact is one and the same (the step transfers its memory).
 //!
 //! Second derivative of the gap of an edge that turns with the link (omega), on a rail that turns about the origin (W), s the place of q
 //! on the axis, u the speed of q along the axis against the centre c, rho = |q - c|:
@@ -386,7 +386,7 @@ impl NearestPieces {
             let mut ax = lanes.ax[i] - link_alpha[i] * at * f + alpha * py;
             let mut ay = lanes.ay[i] + link_alpha[i] * at * e - alpha * px;
             if flat {
-                // The normal of a flat edge turns with the link. `rates` reckons with a normal that turns with the rail: the difference.
+                // The normal of a flat edge turns with the link. `rates` assumes a normal that turns with the rail: the difference.
                 let rho = self.radius[i] + self.plate_radius_m - self.depth[i];
                 let (cx, cy) = (px - wx * rho, py - wy * rho);
                 let u = wx * (vy - omega * cx) - wy * (vx + omega * cy);

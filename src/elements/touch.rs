@@ -8,8 +8,8 @@
 //! ```
 //! O: pivot, C and r: centre and radius of the tip, c and R: of the pad. With J = dg/dq and H its second derivatives, closing speed -J.q',
 //! inverse effective mass w = sum J^2/I, generalised force +F J: the force opens the gap, and its power is that on the gap. Forces are means
-//! over the step after [`super::contact_law`], from the accelerations that all else gives in this step; touches of one coordinate reckon with
-//! those before them. Friction after [`super::friction`] along the tangent, n turned by +90 degrees.
+//! over the step after [`super::contact_law`], from the accelerations that all else gives in this step; touches of one coordinate take those
+//! before them into account. Friction after [`super::friction`] along the tangent, n turned by +90 degrees.
 
 use super::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
 use super::friction;

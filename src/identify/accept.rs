@@ -7,16 +7,16 @@
 //! reported as a finding. A rival is another effect that fits as well in the same place.
 
 use super::candidates::Hypothesis;
-use super::crossed::{Pair, pair};
+use super::crossed::{HeldOutComparison, compare_held_out};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
-use super::model::{Model, globals_of, rebuilt, score, standard_error, without_effect};
+use super::model::{FittedModel, globals_of, refitted, score, standard_error, without_effect};
 use super::problem::Problem;
-use super::screen::{Base, Seed, promise};
-use super::search::{Context, MOST_EFFECTS, Searched, Trial, WORTH};
+use super::screen::{FitStart, LinearisedBase, screen};
+use super::search::{Context, MAX_EFFECTS, MIN_SCORE_GAIN, SearchResult, Trial};
 use super::stats::Random;
 use super::steady;
-use super::structure::{Alike, Detectable};
+use super::structure::{Detectable, IndistinguishablePair};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
 use crate::effects::Kind;
@@ -31,23 +31,23 @@ pub struct Rival {
 }
 
 /// Result of the acceptance.
-pub struct Found<'a> {
-    pub declared: Model<'a>,
-    pub best: Model<'a>,
+pub struct AcceptedResult<'a> {
+    pub declared: FittedModel<'a>,
+    pub best: FittedModel<'a>,
     /// For every effect of the best model: the effects that the records cannot distinguish from it.
     pub rivals: Vec<Vec<Rival>>,
     pub trials: Vec<Trial>,
     pub reasons: Vec<(String, String)>,
     /// For every effect of the best model: the evidence on which it was accepted.
-    pub grounds: Vec<Ground>,
+    pub evidence: Vec<Evidence>,
     pub detectable: Vec<Detectable>,
-    pub alike: Vec<Alike>,
+    pub alike: Vec<IndistinguishablePair>,
     pub cut_short: bool,
 }
 
 /// Evidence for an accepted effect.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ground {
+pub struct Evidence {
     pub identity: String,
     /// Held-out error with the effect, relative to that without it, and its interval.
     pub judge_ratio: [f64; 3],
@@ -55,7 +55,7 @@ pub struct Ground {
     /// show the effect.
     pub left_out: Vec<String>,
     /// Remaining error with the effect.
-    pub left: Left,
+    pub remaining: RemainingError,
     /// Score without the effect minus score with it.
     pub score: f64,
     /// Share of the cost that the effect removes; `sham` is the same for its shams.
@@ -65,47 +65,47 @@ pub struct Ground {
 
 /// Two sets are rivals if their scores differ by less than this: twice the natural logarithm of a likelihood ratio of
 /// 150.
-const CLEAR: f64 = 10.0;
+const CLEAR_SCORE_GAP: f64 = 10.0;
 /// An effect that leaves more than this fraction of the held-out error is not named: its contribution is less than a
 /// third of the remaining error.
-const WORTH_A_NAME: f64 = 0.95;
+const MAX_REMAINING_SHARE: f64 = 0.95;
 /// A set that leaves more than this fraction of the squared error above the noise floor does not explain it: near the
 /// floor, and far from it. In 230 blind cases whose cause is in the catalogue, the named effects left at most 48 % near
 /// the floor and 10 % far from it; where the catalogue lacks the cause, 3 to 53 %. A stricter limit would reject
 /// effects of machines with several causes.
-const MOST: f64 = 2.0 / 3.0;
-const MOST_FAR: f64 = 0.4;
+const MAX_ABOVE_FLOOR: f64 = 2.0 / 3.0;
+const MAX_ABOVE_FLOOR_FAR: f64 = 0.4;
 /// Close to the noise floor an effect is also named if it removes half of the squared error above the floor, provided
 /// that it lowers the error by a hundredth and that the squared error exceeds the floor by a hundredth.
-const HALF: f64 = 0.5;
-const LITTLE: f64 = 0.01;
+const MAX_ABOVE_FLOOR_NEAR: f64 = 0.5;
+const MIN_EXCESS: f64 = 0.01;
 /// An effect must explain three times as much as a sham, or leave at most this fraction of what the sham leaves.
-const SHAM: f64 = 0.8;
+const SHAM_REMAINDER: f64 = 0.8;
 /// Number of shams with which each effect is compared.
-const SHAMS: usize = 40;
+const SHAM_COUNT: usize = 40;
 
 /// Selects the set to be examined: of every size the best set whose effects are all accepted; a larger set only if it
 /// leaves clearly less error. With many samples even small differences are significant, but they do not justify a name.
-fn smallest_that_stands<'a>(
-    declared: &Model<'a>,
-    all: &[Model<'a>],
+fn smallest_confirmed_set<'a>(
+    declared: &FittedModel<'a>,
+    all: &[FittedModel<'a>],
     effective: &[f64],
     refused: &[Vec<String>],
     own: &'a Data,
     threads: usize,
-) -> Model<'a> {
+) -> FittedModel<'a> {
     let mut best = declared;
-    for size in 1..=MOST_EFFECTS {
+    for size in 1..=MAX_EFFECTS {
         if best.is_exhausted() {
             break;
         }
         // In the order of their scores.
-        let looked_at = |m: &&Model| m.effects.len() == size && !refused.contains(&m.identity());
+        let looked_at = |m: &&FittedModel| m.effects.len() == size && !refused.contains(&m.identity());
         let next = all.iter().filter(looked_at).find(|m| {
             let is_new = |e: &usize| best.effects.iter().all(|o| o.identity() != m.effects[*e].identity());
             let new: Vec<usize> = (0..m.effects.len()).filter(is_new).collect();
             let gain = score(best, effective) - score(m, effective);
-            is_better(m, best, &new, gain, own, threads) && stands(m, all, effective, own, threads)
+            is_better(m, best, &new, gain, own, threads) && all_effects_improve(m, all, effective, own, threads)
         });
         best = next.unwrap_or(best);
     }
@@ -114,23 +114,30 @@ fn smallest_that_stands<'a>(
 
 /// Whether the held-out data confirm that a set is better than the same set without some effects, whose score is worse
 /// by `gain`.
-fn is_better(with: &Model, without: &Model, effects: &[usize], gain: f64, own: &Data, threads: usize) -> bool {
-    if gain < WORTH {
+fn is_better(
+    with: &FittedModel,
+    without: &FittedModel,
+    effects: &[usize],
+    gain: f64,
+    own: &Data,
+    threads: usize,
+) -> bool {
+    if gain < MIN_SCORE_GAIN {
         return false;
     }
-    let judged = pair(with, without, effects, own, threads);
+    let judged = compare_held_out(with, without, effects, own, threads);
     // The held-out data do not determine the drive's parameters, so their likelihood counts in full, minus a penalty
     // for the parameters that belong to the held-out records and segments alone.
     let samples = effective_samples(&judged.with.judge);
-    let price = own_numbers(with, effects, own) as f64 * libm::log(samples.iter().sum::<f64>().max(2.0));
+    let price = held_out_parameters(with, effects, own) as f64 * libm::log(samples.iter().sum::<f64>().max(2.0));
     let predicted = deviance(&judged.without.judge, &samples) - deviance(&judged.with.judge, &samples) - price;
     let on_sensor = effects.iter().any(|e| is_signal(with.effects[*e].effect));
-    let left = left_of(on_sensor, &with.problem, &judged);
-    gain + predicted >= WORTH && left.is_worth_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
+    let left = remaining_error(on_sensor, &with.problem, &judged);
+    gain + predicted >= MIN_SCORE_GAIN && left.justifies_a_name() && judged.with.judge_ratio(&judged.without)[2] < 1.0
 }
 
 /// Number of these effects' parameters that held-out segments fit for themselves: phases, and states at their start.
-fn own_numbers(model: &Model, effects: &[usize], own: &Data) -> usize {
+fn held_out_parameters(model: &FittedModel, effects: &[usize], own: &Data) -> usize {
     let fits = |r: usize| model.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
     let mut records: Vec<usize> = own.segments.iter().map(|s| s.record).filter(|r| !fits(*r)).collect();
     records.sort_unstable();
@@ -145,7 +152,7 @@ fn own_numbers(model: &Model, effects: &[usize], own: &Data) -> usize {
 
 /// Error that remains with a set, relative to that of another set, on the held-out data.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Left {
+pub struct RemainingError {
     /// Ratio of the errors: of all channels; for an effect on a sensor, which no other channel shows, of the channel
     /// that gains most.
     pub error: f64,
@@ -154,13 +161,14 @@ pub struct Left {
     pub above_floor: Option<f64>,
 }
 
-impl Left {
-    fn is_worth_a_name(self) -> bool {
-        self.error <= WORTH_A_NAME || self.error <= 1.0 - LITTLE && self.above_floor.is_some_and(|a| a <= HALF)
+impl RemainingError {
+    fn justifies_a_name(self) -> bool {
+        self.error <= MAX_REMAINING_SHARE
+            || self.error <= 1.0 - MIN_EXCESS && self.above_floor.is_some_and(|a| a <= MAX_ABOVE_FLOOR_NEAR)
     }
 }
 
-fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
+fn remaining_error(on_sensor: bool, problem: &Problem, judged: &HeldOutComparison) -> RemainingError {
     let (r, b) = (&judged.with, &judged.without);
     let error = if on_sensor { r.best_ratio(b) } else { r.judge_ratio(b)[0] };
     let best = (0..r.judge.len()).min_by(|x, y| {
@@ -168,7 +176,7 @@ fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
         gain(*x).total_cmp(&gain(*y))
     });
     let above = |r: &Residuals| -> f64 {
-        let of = |(c, channel): (usize, &crate::measurement::segments::Channel)| {
+        let of = |(c, channel): (usize, &crate::measurement::segments::MeasuredChannel)| {
             // The floor of a channel is at least a millionth of its remaining error.
             let noise = channel.noise.max(1e-6 * b.rms(c).1).max(1e-300);
             ((r.rms(c).1 / noise).powi(2) - 1.0).max(0.0)
@@ -177,12 +185,18 @@ fn left_of(on_sensor: bool, problem: &Problem, judged: &Pair) -> Left {
         channels.filter(|(c, _)| !on_sensor || best == Some(*c)).map(of).sum()
     };
     let (now, then) = (above(r), above(b));
-    let above_floor = (problem.plant.is_none() && then > LITTLE).then(|| now / then);
-    Left { error, above_floor }
+    let above_floor = (problem.plant.is_none() && then > MIN_EXCESS).then(|| now / then);
+    RemainingError { error, above_floor }
 }
 
 /// Whether every effect of a set improves on the set without it, if that smaller set was fitted.
-fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: usize) -> bool {
+fn all_effects_improve(
+    model: &FittedModel,
+    all: &[FittedModel],
+    effective: &[f64],
+    own: &Data,
+    threads: usize,
+) -> bool {
     (0..model.effects.len()).all(|e| {
         let mut rest: Vec<String> = model.identity();
         let id = model.effects[e].identity();
@@ -195,7 +209,7 @@ fn stands(model: &Model, all: &[Model], effective: &[f64], own: &Data, threads: 
 
 /// The hypothesis with shape parameters a thirtieth as wide, which then approximate a jump or step that they would
 /// round off.
-fn sharper(h: &Hypothesis) -> Hypothesis {
+fn narrowed(h: &Hypothesis) -> Hypothesis {
     let mut sharp = h.clone();
     for (value, row) in sharp.values.iter_mut().zip(&h.rows) {
         if row.kind == Kind::Shape {
@@ -206,34 +220,35 @@ fn sharper(h: &Hypothesis) -> Hypothesis {
 }
 
 /// Decides which of the search results to accept.
-pub fn accept<'a>(searched: Searched<'a>, own: &'a Data, context: &Context<'_>) -> Found<'a> {
-    context.say("comparing the found effects with held-out data");
-    let Searched { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } = searched;
-    let (mut best, mut grounds) = first_that_holds(&declared, &all, &effective, own, context, &mut trials);
-    (best, grounds) = of_known_form(&declared, (best, grounds), &effective, own, context, &mut trials);
-    if let Some(why) = only_a_lead(&declared, &best, own, context.threads) {
+pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'_>) -> AcceptedResult<'a> {
+    context.report("comparing the found effects with held-out data");
+    let SearchResult { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } =
+        searched;
+    let (mut best, mut evidence) = first_confirmed_set(&declared, &all, &effective, own, context, &mut trials);
+    (best, evidence) = with_known_laws(&declared, (best, evidence), &effective, own, context, &mut trials);
+    if let Some(why) = reason_why_unexplained(&declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
             trials.iter_mut().filter(own).for_each(|t| t.why.clone_from(&why));
         }
-        (best, grounds) = (declared.clone(), Vec::new());
+        (best, evidence) = (declared.clone(), Vec::new());
     }
     let rivals = rivals(&declared, &best, &all, (&hypotheses, &alike), &effective, own, context, &mut trials);
-    told(&best, &all, &effective, &mut trials);
-    Found { declared, best, rivals, trials, reasons, grounds, detectable, alike, cut_short }
+    record_outcomes(&best, &all, &effective, &mut trials);
+    AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }
 }
 
 /// Removes loads for which an unnamed form fits clearly better in their place: the true load follows another law.
-fn of_known_form<'a>(
-    declared: &Model<'a>,
-    (best, grounds): (Model<'a>, Vec<Ground>),
+fn with_known_laws<'a>(
+    declared: &FittedModel<'a>,
+    (best, evidence): (FittedModel<'a>, Vec<Evidence>),
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
-) -> (Model<'a>, Vec<Ground>) {
+) -> (FittedModel<'a>, Vec<Evidence>) {
     for which in 0..best.effects.len() {
-        if context.ends() {
+        if context.must_end() {
             break;
         }
         let form = better_form(declared, &best, which, effective, own, context);
@@ -243,17 +258,17 @@ fn of_known_form<'a>(
                 t.why = format!("not its law: a force of the form {form} in its place leaves clearly less");
             }
             let less = without_effect(declared, &best, which, own, context.threads);
-            let left = pruned(declared, less, effective, own, context, trials);
-            return of_known_form(declared, left, effective, own, context, trials);
+            let left = without_rejected_effects(declared, less, effective, own, context, trials);
+            return with_known_laws(declared, left, effective, own, context, trials);
         }
     }
-    (best, grounds)
+    (best, evidence)
 }
 
 /// The form that leaves clearly less error than the set when it replaces the set's load.
 fn better_form<'a>(
-    declared: &Model<'a>,
-    best: &Model<'a>,
+    declared: &FittedModel<'a>,
+    best: &FittedModel<'a>,
     which: usize,
     effective: &[f64],
     own: &'a Data,
@@ -264,11 +279,11 @@ fn better_form<'a>(
     let forms = unnamed::in_place_of(best, which);
     let own_score = score(best, effective);
     let models = parallel(forms.len(), context.threads, |i| {
-        let seed = Seed { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-        rebuilt(declared, best, &kept, Some((&forms[i], &seed)), own, 1)
+        let fit_start = FitStart { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+        refitted(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1)
     });
     let clear = models.iter().zip(&forms).filter(|(m, _)| {
-        let is_better = score(m, effective) < own_score - CLEAR;
+        let is_better = score(m, effective) < own_score - CLEAR_SCORE_GAP;
         is_better && m.residuals().judge_ratio(best.residuals())[2] < 1.0
     });
     let best_form = clear.min_by(|a, b| score(a.0, effective).total_cmp(&score(b.0, effective)));
@@ -277,13 +292,13 @@ fn better_form<'a>(
 
 /// Reason why an accepted set is only a lead: most of the error remains, so that another cause is likely, of which the
 /// set may be a side effect.
-fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Option<String> {
+fn reason_why_unexplained(declared: &FittedModel, best: &FittedModel, own: &Data, threads: usize) -> Option<String> {
     // If all effects are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let effects: Vec<usize> = (0..best.effects.len()).collect();
-    let left = left_of(on_sensors, &best.problem, &pair(best, declared, &effects, own, threads))
+    let left = remaining_error(on_sensors, &best.problem, &compare_held_out(best, declared, &effects, own, threads))
         .above_floor
-        .filter(|left| *left > if best.is_near_the_floor() { MOST } else { MOST_FAR })?;
+        .filter(|left| *left > if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR })?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")
@@ -291,39 +306,39 @@ fn only_a_lead(declared: &Model, best: &Model, own: &Data, threads: usize) -> Op
 }
 
 /// Number of sets that are examined closely, one after the other, until one is accepted unchanged.
-const CLOSE_LOOKS: usize = 4;
+const MAX_EXAMINED_SETS: usize = 4;
 
 /// The first accepted set that loses no effect in a close examination; if there is none, what remains of the first set.
-fn first_that_holds<'a>(
-    declared: &Model<'a>,
-    all: &[Model<'a>],
+fn first_confirmed_set<'a>(
+    declared: &FittedModel<'a>,
+    all: &[FittedModel<'a>],
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
-) -> (Model<'a>, Vec<Ground>) {
-    let set = |refused: &[Vec<String>]| smallest_that_stands(declared, all, effective, refused, own, context.threads);
+) -> (FittedModel<'a>, Vec<Evidence>) {
+    let set = |refused: &[Vec<String>]| smallest_confirmed_set(declared, all, effective, refused, own, context.threads);
     let first = set(&[]);
     let mut refused = vec![first.identity()];
-    let left = pruned(declared, first, effective, own, context, trials);
+    let left = without_rejected_effects(declared, first, effective, own, context, trials);
     if left.0.identity() == refused[0] {
         return left;
     }
-    while refused.len() < CLOSE_LOOKS && !context.ends() {
+    while refused.len() < MAX_EXAMINED_SETS && !context.must_end() {
         let next = set(&refused);
         if next.effects.len() <= left.0.effects.len() {
             break;
         }
-        let mut grounds = Vec::new();
+        let mut all_evidence = Vec::new();
         let holds = (0..next.effects.len()).all(|which| {
             let less = without_effect(declared, &next, which, own, context.threads);
-            let ground = ground(&next, &less, which, effective, own, context.threads);
-            let doubt = doubt(&next, which, &ground);
-            grounds.push(ground);
-            doubt.is_none()
+            let evidence = evidence_for(&next, &less, which, effective, own, context.threads);
+            let reason = rejection_reason(&next, which, &evidence);
+            all_evidence.push(evidence);
+            reason.is_none()
         });
         if holds {
-            return (next, grounds);
+            return (next, all_evidence);
         }
         refused.push(next.identity());
     }
@@ -332,29 +347,29 @@ fn first_that_holds<'a>(
 
 /// Removes effects that fail, one at a time, the weakest first. Returns the remaining set with the evidence for each
 /// effect.
-fn pruned<'a>(
-    declared: &Model<'a>,
-    mut best: Model<'a>,
+fn without_rejected_effects<'a>(
+    declared: &FittedModel<'a>,
+    mut best: FittedModel<'a>,
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
-) -> (Model<'a>, Vec<Ground>) {
+) -> (FittedModel<'a>, Vec<Evidence>) {
     loop {
-        let mut weakest: Option<(f64, Model<'a>, usize, String)> = None;
-        let mut grounds = Vec::new();
+        let mut weakest: Option<(f64, FittedModel<'a>, usize, String)> = None;
+        let mut all_evidence = Vec::new();
         for which in 0..best.effects.len() {
             let less = without_effect(declared, &best, which, own, context.threads);
-            let ground = ground(&best, &less, which, effective, own, context.threads);
-            let why = doubt(&best, which, &ground);
+            let evidence = evidence_for(&best, &less, which, effective, own, context.threads);
+            let why = rejection_reason(&best, which, &evidence);
             if let Some(why) = why
-                && weakest.as_ref().is_none_or(|(w, ..)| ground.score < *w)
+                && weakest.as_ref().is_none_or(|(w, ..)| evidence.score < *w)
             {
-                weakest = Some((ground.score, less, which, why));
+                weakest = Some((evidence.score, less, which, why));
             }
-            grounds.push(ground);
+            all_evidence.push(evidence);
         }
-        let Some((_, less, which, why)) = weakest else { return (best, grounds) };
+        let Some((_, less, which, why)) = weakest else { return (best, all_evidence) };
         let id = best.effects[which].identity();
         for t in trials.iter_mut().filter(|t| t.identity == id && t.rms_fit.is_some() && t.why.is_empty()) {
             t.why = format!("not accepted: {why}");
@@ -364,14 +379,21 @@ fn pruned<'a>(
 }
 
 /// Evidence for one effect: the set with it compared with the set without it.
-fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Data, threads: usize) -> Ground {
-    let (gain, sham) = shams(best, less, which, threads);
-    let judged = pair(best, less, &[which], own, threads);
+fn evidence_for(
+    best: &FittedModel,
+    less: &FittedModel,
+    which: usize,
+    effective: &[f64],
+    own: &Data,
+    threads: usize,
+) -> Evidence {
+    let (gain, sham) = sham_gain(best, less, which, threads);
+    let judged = compare_held_out(best, less, &[which], own, threads);
     let name = |r: &usize| best.problem.data.records[*r].clone();
-    Ground {
+    Evidence {
         identity: best.effects[which].identity(),
         judge_ratio: judged.with.judge_ratio(&judged.without),
-        left: left_of(is_signal(best.effects[which].effect), &best.problem, &judged),
+        remaining: remaining_error(is_signal(best.effects[which].effect), &best.problem, &judged),
         left_out: judged.left_out.iter().map(name).collect(),
         score: score(less, effective) - score(best, effective),
         gain,
@@ -380,29 +402,29 @@ fn ground(best: &Model, less: &Model, which: usize, effective: &[f64], own: &Dat
 }
 
 /// Reason against an effect, if there is one.
-fn doubt(best: &Model, which: usize, ground: &Ground) -> Option<String> {
-    let [ratio, low, high] = ground.judge_ratio;
-    let (gain, sham) = (ground.gain, ground.sham);
-    let sure = sigmas(best, which);
-    if ground.score < WORTH {
-        Some(format!("worth {:.1}, less than {WORTH}", ground.score))
-    } else if !ground.left.is_worth_a_name() || high >= 1.0 {
+fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Option<String> {
+    let [ratio, low, high] = evidence.judge_ratio;
+    let (gain, sham) = (evidence.gain, evidence.sham);
+    let sure = size_in_standard_errors(best, which);
+    if evidence.score < MIN_SCORE_GAIN {
+        Some(format!("worth {:.1}, less than {MIN_SCORE_GAIN}", evidence.score))
+    } else if !evidence.remaining.justifies_a_name() || high >= 1.0 {
         Some(format!("the held-out error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
-    } else if gain < 3.0 * sham && 1.0 - gain > SHAM * (1.0 - sham) {
+    } else if gain < 3.0 * sham && 1.0 - gain > SHAM_REMAINDER * (1.0 - sham) {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
     } else if sure < 3.0 {
         Some(format!("its size is {sure:.1} standard errors from nothing"))
     } else if let sizes = steady::sizes(best, which)
         && steady::differ(&sizes)
     {
-        Some(format!("it has no one size: {} (halves of records)", steady::told(&sizes)))
+        Some(format!("it has no one size: {} (halves of records)", steady::sizes_text(&sizes)))
     } else {
         at_bound(best, which)
     }
 }
 
 /// Records the final outcome of every trial.
-fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
+fn record_outcomes(best: &FittedModel, all: &[FittedModel], effective: &[f64], trials: &mut [Trial]) {
     let best_score = score(best, effective);
     let accepted: Vec<String> = best.effects.iter().map(Hypothesis::identity).collect();
     for t in trials {
@@ -417,7 +439,7 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
         t.score = Some(score(m, effective) - best_score);
         t.rms_judge = m.known_judge_error();
         if t.why.is_empty() {
-            let times = mean_error(&m.left) / mean_error(&best.left);
+            let times = mean_error(&m.fit_residuals) / mean_error(&best.fit_residuals);
             t.why = if accepted.contains(&t.identity) {
                 "accepted".into()
             } else if times > 1.0 {
@@ -434,12 +456,12 @@ fn told(best: &Model, all: &[Model], effective: &[f64], trials: &mut [Trial]) {
 }
 
 /// Gain of an effect over the model without it, from screening, and the median gain of its shams.
-fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64) {
+fn sham_gain(best: &FittedModel, less: &FittedModel, which: usize, threads: usize) -> (f64, f64) {
     let h = &best.effects[which];
-    let base = Base::new(&less.problem, &less.fit);
+    let base = LinearisedBase::new(&less.problem, &less.fit);
     // Squares of all channels, weighted as in the smaller model, so that units cancel.
-    let squares = |m: &Model| -> f64 {
-        let of = m.left.iter().zip(&less.problem.weights);
+    let squares = |m: &FittedModel| -> f64 {
+        let of = m.fit_residuals.iter().zip(&less.problem.weights);
         of.map(|(parts, w)| parts.iter().flatten().map(|x| x * x / (w * w)).sum::<f64>()).sum()
     };
     let gain = 1.0 - squares(best) / squares(less).max(1e-300);
@@ -447,18 +469,18 @@ fn shams(best: &Model, less: &Model, which: usize, threads: usize) -> (f64, f64)
         // A wave with a free phase explains as much when it is shifted, so that it has no sham.
         return (gain, 0.0);
     }
-    let p = promise(&less.problem, &base, &less.fit, h);
+    let p = screen(&less.problem, &base, &less.fit, h);
     if p.columns.is_empty() {
         return (gain, 0.0);
     }
     let mut random = Random::new(3);
-    let shifts: Vec<usize> = (0..SHAMS).map(|_| 100 + random.below(800)).collect();
-    let mut gains = parallel(SHAMS, threads, |i| base.gain(&base.shifted(&p.columns, shifts[i])));
+    let shifts: Vec<usize> = (0..SHAM_COUNT).map(|_| 100 + random.below(800)).collect();
+    let mut gains = parallel(SHAM_COUNT, threads, |i| base.gain(&base.shifted(&p.columns, shifts[i])));
     (gain, crate::measurement::facts::median(&mut gains))
 }
 
 /// Largest distance of an effect's amplitudes from zero, in standard errors; infinite if the effect has no amplitude.
-fn sigmas(model: &Model, which: usize) -> f64 {
+fn size_in_standard_errors(model: &FittedModel, which: usize) -> f64 {
     let amplitude = |g: &usize| {
         let key = model.problem.machine.slots[model.problem.globals[*g].slot].path.rsplit('.').next();
         let keys = model.problem.machine.keys(model.effects[which].effect, model.effects[which].target);
@@ -470,7 +492,7 @@ fn sigmas(model: &Model, which: usize) -> f64 {
 }
 
 /// Message for an amplitude that lies at a bound of its range.
-fn at_bound(model: &Model, which: usize) -> Option<String> {
+fn at_bound(model: &FittedModel, which: usize) -> Option<String> {
     for g in globals_of(model, which) {
         let global = &model.problem.globals[g];
         let (low, high) = global.law.bounds();
@@ -485,10 +507,10 @@ fn at_bound(model: &Model, which: usize) -> Option<String> {
 
 /// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well.
 fn rivals<'a>(
-    declared: &Model<'a>,
-    best: &Model<'a>,
-    all: &[Model<'a>],
-    (hypotheses, alike): (&[Hypothesis], &[Alike]),
+    declared: &FittedModel<'a>,
+    best: &FittedModel<'a>,
+    all: &[FittedModel<'a>],
+    (hypotheses, alike): (&[Hypothesis], &[IndistinguishablePair]),
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
@@ -500,17 +522,17 @@ fn rivals<'a>(
         let id = best.effects[which].identity();
         let rest: Vec<usize> = (0..best.effects.len()).filter(|i| *i != which).collect();
         let mut mine: Vec<Rival> = Vec::new();
-        context.say("looking for rivals");
+        context.report("looking for rivals");
         let less = without_effect(declared, best, which, own, context.threads);
         // Alternatives are the hypotheses that were fitted at any stage, and those whose columns looked alike from the
         // start, in their own form and with sharper shapes, even if they explained little in their own form.
         let taken = |other: &str| best.effects.iter().any(|b| b.identity() == other);
         let twin = |h: &&Hypothesis| {
             let other = h.identity();
-            let is_pair = |a: &Alike| (a.a == id && a.b == other) || (a.b == id && a.a == other);
+            let is_pair = |a: &IndistinguishablePair| (a.a == id && a.b == other) || (a.b == id && a.a == other);
             declared.problem.plant.is_none() && !taken(&other) && alike.iter().any(is_pair)
         };
-        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), sharper(h)]).collect();
+        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), narrowed(h)]).collect();
         let mut tried: Vec<&Hypothesis> = twins.iter().collect();
         for h in all.iter().flat_map(|m| &m.effects) {
             let own_id = h.identity();
@@ -518,24 +540,24 @@ fn rivals<'a>(
                 tried.push(h);
             }
         }
-        let base = Base::new(&less.problem, &less.fit);
-        let own_gain = promise(&less.problem, &base, &less.fit, &best.effects[which]).gain;
+        let base = LinearisedBase::new(&less.problem, &less.fit);
+        let own_gain = screen(&less.problem, &base, &less.fit, &best.effects[which]).gain;
         let models = parallel(tried.len(), context.threads, |i| {
-            if context.ends() {
+            if context.must_end() {
                 return None;
             }
-            let p = promise(&less.problem, &base, &less.fit, tried[i]);
+            let p = screen(&less.problem, &base, &less.fit, tried[i]);
             // A hypothesis that explains far less as a small addition is not a rival.
             if !p.columns.is_empty() && p.gain < 0.25 * own_gain {
                 return None;
             }
-            Some(rebuilt(declared, best, &rest, Some((tried[i], &p.seed)), own, 1))
+            Some(refitted(declared, best, &rest, Some((tried[i], &p.fit_start)), own, 1))
         });
         for m in models.into_iter().flatten() {
             let worse = score(&m, effective) - best_score;
             let ratio = m.residuals().judge_ratio(best.residuals());
             let Some(h) = m.effects.last() else { continue };
-            let as_good = worse < CLEAR && ratio[1] < 1.02;
+            let as_good = worse < CLEAR_SCORE_GAP && ratio[1] < 1.02;
             if as_good {
                 mine.push(Rival { identity: h.identity(), path: h.path(), score: worse, judge_ratio: ratio });
                 for t in trials.iter_mut().filter(|t| t.identity == h.identity()) {

@@ -3,7 +3,7 @@
 use super::fit::cost_at;
 use super::plant::{has_place, nominal_speed};
 use super::problem::{Global, Law, Local, Point, Problem};
-use super::screen::Seed;
+use super::screen::FitStart;
 use crate::drive::sensors::is_signal;
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
 use crate::machine::simulate::Samples;
@@ -95,7 +95,7 @@ fn rms(values: &[f64]) -> f64 {
 
 impl Sizes {
     /// Runs the fitted model once and reads the sizes from it.
-    pub fn of(problem: &Problem, point: &Point) -> Sizes {
+    pub fn new(problem: &Problem, point: &Point) -> Sizes {
         let m = &problem.machine;
         let data = problem.data;
         if m.linked.is_some() {
@@ -262,7 +262,7 @@ fn rate(problem: &Problem) -> f64 {
 }
 
 /// Maximum number of hypotheses of one effect at one place.
-const MOST_FORMS: usize = 24;
+const MAX_FORMS: usize = 24;
 
 /// All hypotheses for a machine. Effects that are left out go into `reasons` with the reason.
 pub fn all(
@@ -374,7 +374,7 @@ pub fn all(
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
             }
-            forms.truncate(MOST_FORMS);
+            forms.truncate(MAX_FORMS);
             for values in forms {
                 // With link bodies the response is evaluated at the starting value, so that this is the scale.
                 let scales = match m.linked.is_some() && !is_signal(effect) {
@@ -412,19 +412,19 @@ pub fn all(
 /// Factor by which a shape parameter may change from its start in both directions.
 const FORM_RANGE: f64 = 12.0;
 
-/// Ratio of the cost with the full seed to that with the share `HARDLY_ANY` of it, above which the seed stops the
-/// machine or makes it run away. Such a seed gives the fit no direction, because the other parameters have not yet
-/// adapted. The shares `SHORTENED` are then tried.
-const RUNS_AWAY: f64 = 10.0;
-const SHORTENED: [f64; 3] = [0.5, 0.2, 0.05];
-const HARDLY_ANY: f64 = 1e-3;
+/// Ratio of the cost at the starting values to that at the share `NEGLIGIBLE_SHARE` of them, above which they stop the
+/// machine or make it run away. Such values give the fit no direction, because the other parameters have not yet
+/// adapted. The shares `REDUCED_SHARES` are then tried.
+const DIVERGING_COST_RATIO: f64 = 10.0;
+const REDUCED_SHARES: [f64; 3] = [0.5, 0.2, 0.05];
+const NEGLIGIBLE_SHARE: f64 = 1e-3;
 
-/// As [`with`], but with a smaller amplitude if the seed's value stops the machine or makes it run away.
-pub fn begun<'a>(
+/// As [`with_hypothesis`], but with a smaller amplitude if the starting value stops the machine or makes it run away.
+pub fn with_stable_start<'a>(
     problem: &Problem<'a>,
     point: &Point,
     h: &Hypothesis,
-    seed: &Seed,
+    fit_start: &FitStart,
     threads: usize,
 ) -> (Problem<'a>, Point) {
     let sized = |share: f64| {
@@ -432,8 +432,8 @@ pub fn begun<'a>(
             Kind::Amplitude | Kind::PerMark => share * value,
             _ => *value,
         };
-        let values = seed.values.iter().zip(&h.rows).map(size).collect();
-        with(problem, point, h, &Seed { values, ..seed.clone() })
+        let values = fit_start.values.iter().zip(&h.rows).map(size).collect();
+        with_hypothesis(problem, point, h, &FitStart { values, ..fit_start.clone() })
     };
     let whole = sized(1.0);
     let has_size = h.rows.iter().any(|r| matches!(r.kind, Kind::Amplitude | Kind::PerMark));
@@ -441,21 +441,26 @@ pub fn begun<'a>(
         return whole;
     }
     let cost = |(problem, point): &(Problem, Point)| cost_at(problem, point, threads);
-    let hardly = sized(HARDLY_ANY);
+    let hardly = sized(NEGLIGIBLE_SHARE);
     let without = cost(&hardly);
-    if cost(&whole) < RUNS_AWAY * without {
+    if cost(&whole) < DIVERGING_COST_RATIO * without {
         return whole;
     }
-    SHORTENED.iter().map(|share| sized(*share)).find(|start| cost(start) < without).unwrap_or(hardly)
+    REDUCED_SHARES.iter().map(|share| sized(*share)).find(|start| cost(start) < without).unwrap_or(hardly)
 }
 
-/// The problem with a hypothesis added. Its parameters are free and start at the seed's values.
-pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &Seed) -> (Problem<'a>, Point) {
-    let (values, phases) = (&seed.values, &seed.phases);
+/// The problem with a hypothesis added. Its parameters are free and begin at the starting values.
+pub fn with_hypothesis<'a>(
+    problem: &Problem<'a>,
+    point: &Point,
+    h: &Hypothesis,
+    fit_start: &FitStart,
+) -> (Problem<'a>, Point) {
+    let (values, phases) = (&fit_start.values, &fit_start.phases);
     let mut next = problem.clone();
     let mut point = point.clone();
     if let Some(at) = problem.locals.iter().position(|l| *l == Local::Travel) {
-        for (locals, travel) in point.locals.iter_mut().zip(&seed.travels) {
+        for (locals, travel) in point.locals.iter_mut().zip(&fit_start.travels) {
             locals[at] = *travel;
         }
     }
@@ -464,7 +469,7 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
     while next.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
         name.push('+');
     }
-    let (machine, slots) = next.machine.with(h.effect, &name, h.target, values);
+    let (machine, slots) = next.machine.with_effect(h.effect, &name, h.target, values);
     next.machine = machine;
     for (i, (row, slot)) in h.rows.iter().zip(&slots).enumerate() {
         let s = &next.machine.slots[*slot];
@@ -480,7 +485,7 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
             Kind::Start => {
                 let law = Law { scale: h.scales[i].abs(), logarithm: false, low, high };
                 next.locals.push(Local::Slot { slot: *slot, law });
-                point.locals.iter_mut().for_each(|own| own.push(law.seen(values[i])));
+                point.locals.iter_mut().for_each(|own| own.push(law.scaled(values[i])));
                 continue;
             }
             Kind::Whole | Kind::Index | Kind::Given => continue,
@@ -488,11 +493,11 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
         if row.kind == Kind::Phase {
             for (record, phase) in phases.iter().enumerate() {
                 next.globals.push(Global { slot: *slot, record: Some(record), law, prior: None });
-                point.globals.push(law.seen(*phase));
+                point.globals.push(law.scaled(*phase));
             }
         } else {
             next.globals.push(Global { slot: *slot, record: None, law, prior: None });
-            point.globals.push(law.seen(values[i]));
+            point.globals.push(law.scaled(values[i]));
         }
     }
     if let (Physics::SecondBody { .. }, Target::Body(near)) = (h.effect.physics, h.target)

@@ -4,7 +4,7 @@
 //! data on which it is measured.
 
 use super::fit::{Fit, parallel};
-use super::model::Model;
+use super::model::FittedModel;
 use super::problem::Problem;
 use super::stats;
 use super::unnamed;
@@ -57,7 +57,7 @@ pub struct Periodogram {
 
 /// Residual analysis of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ChannelLeft {
+pub struct ChannelResiduals {
     pub channel: String,
     pub unit: String,
     pub white: bool,
@@ -73,7 +73,7 @@ pub struct ChannelLeft {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Diagnosis {
-    pub channels: Vec<ChannelLeft>,
+    pub channels: Vec<ChannelResiduals>,
     /// Forces on bodies: share of the total error that a small force of each form would remove, all channels together.
     pub forces: Vec<StateLine>,
 }
@@ -81,45 +81,46 @@ pub struct Diagnosis {
 /// Highest order examined, besides tooth and chain-loop orders.
 const ORDERS: u32 = 6;
 /// Maximum number of reported lines of each kind.
-const TOLD: usize = 3;
+const MAX_LINES: usize = 3;
 /// A smaller share is not reported.
-const LITTLE: f64 = 0.03;
+const MIN_SHARE: f64 = 0.03;
 /// A line is significant if its share exceeds this multiple of the share expected from noise.
-const CHANCE: f64 = 4.0;
+const CHANCE_FACTOR: f64 = 4.0;
 
 /// Position and speed of a body at the samples of a segment.
-struct Moves {
+struct BodyMotionSamples {
     q: Vec<f64>,
     v: Vec<f64>,
 }
 
 /// Residuals of a segment, channel by channel, and the motion of every body in it.
-struct Part {
+struct SegmentResiduals {
     residuals: Vec<Vec<f64>>,
-    moves: Vec<Moves>,
+    moves: Vec<BodyMotionSamples>,
 }
 
 /// Analyses the residuals of a model on the data to which it was fitted.
-pub fn diagnose(model: &Model, threads: usize) -> Diagnosis {
+pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
     let problem = &model.problem;
     let m = &problem.machine;
     let bodies: Vec<usize> = (0..m.bodies.len()).filter(|b| !m.bodies[*b].path.starts_with("effects.")).collect();
     let fitting: Vec<usize> =
         (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].judge_from > 0).collect();
-    let parts: Vec<Part> = parallel(fitting.len(), threads, |i| part(problem, &model.fit, fitting[i], &bodies))
-        .into_iter()
-        .flatten()
-        .collect();
+    let parts: Vec<SegmentResiduals> =
+        parallel(fitting.len(), threads, |i| segment_residuals(problem, &model.fit, fitting[i], &bodies))
+            .into_iter()
+            .flatten()
+            .collect();
     let channels = (0..problem.channels.len()).map(|c| channel(problem, &parts, &bodies, c)).collect();
     let mut forces = if problem.plant.is_some() { Vec::new() } else { unnamed::forces(model, threads) };
     forces.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
-    forces.retain(|f| f.share > LITTLE);
-    forces.truncate(TOLD);
+    forces.retain(|f| f.share > MIN_SHARE);
+    forces.truncate(MAX_LINES);
     Diagnosis { channels, forces }
 }
 
 /// Returns None if the model cannot simulate this segment.
-fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part> {
+fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<SegmentResiduals> {
     let s = &problem.data.segments[k];
     let n = s.judge_from;
     let weighted = problem.residuals(k, &fit.point.globals, &fit.point.locals[k]);
@@ -129,16 +130,17 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
             let (numbers, _) = problem.numbers(k, &fit.point.globals, &fit.point.locals[k]);
             let steady = |b: &usize| {
                 let v = super::plant::nominal_speed(&problem.machine, &numbers, *b);
-                Moves { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
+                BodyMotionSamples { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
             };
-            Some(Part { residuals, moves: bodies.iter().map(steady).collect() })
+            Some(SegmentResiduals { residuals, moves: bodies.iter().map(steady).collect() })
         }
         Samples::Times { .. } => {
             let reads: Vec<Reads> = bodies.iter().flat_map(|b| [Reads::Angle(*b), Reads::Speed(*b)]).collect();
             let shown = problem.with_sensors(&reads);
             let seen = shown.model(k, &fit.point.globals, &fit.point.locals[k], true).ok()?;
-            let moves = seen.chunks(2).map(|of| Moves { q: of[0][..n].to_vec(), v: of[1][..n].to_vec() }).collect();
-            Some(Part { residuals, moves })
+            let moves =
+                seen.chunks(2).map(|of| BodyMotionSamples { q: of[0][..n].to_vec(), v: of[1][..n].to_vec() }).collect();
+            Some(SegmentResiduals { residuals, moves })
         }
         Samples::Pulses { .. } => {
             // A pulse is a fraction of a revolution of the body with the marks. The motion of the other bodies is
@@ -150,7 +152,7 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
             let turn = TAU / marks.max(1) as f64;
             let moves = bodies
                 .iter()
-                .map(|b| Moves {
+                .map(|b| BodyMotionSamples {
                     q: (0..n).map(|i| if *b == on { turn * i as f64 } else { 0.0 }).collect(),
                     v: (0..n)
                         .map(|i| if *b == on { turn / libm::exp(s.measured[0][i]) } else { 0.0 })
@@ -158,7 +160,7 @@ fn part(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<Part
                         .collect(),
                 })
                 .collect();
-            Some(Part { residuals, moves })
+            Some(SegmentResiduals { residuals, moves })
         }
     }
 }
@@ -168,13 +170,14 @@ fn known(v: f64) -> f64 {
     if v.is_finite() { v } else { 0.0 }
 }
 
-fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> ChannelLeft {
+fn channel(problem: &Problem, parts: &[SegmentResiduals], bodies: &[usize], c: usize) -> ChannelResiduals {
     let m = &problem.machine;
     let all: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals[c].clone()).collect();
     let whole: f64 = all.iter().flatten().map(|r| r * r).sum::<f64>().max(1e-300);
     let samples: usize = all.iter().map(Vec::len).sum();
     let effective = stats::effective(&all).max(1.0);
-    let told = |share: f64, numbers: usize| share > LITTLE && share > CHANCE * numbers as f64 / effective;
+    let significant =
+        |share: f64, numbers: usize| share > MIN_SHARE && share > CHANCE_FACTOR * numbers as f64 / effective;
     let (mut orders, mut states, mut by_order) = (Vec::new(), Vec::new(), Vec::new());
     let shown =
         problem.weights[c] * if problem.data.channels[c].relative { 100.0 } else { problem.data.channels[c].shown };
@@ -198,7 +201,7 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
             for (name, order) in looked {
                 let found: Vec<(f64, f64, f64)> = parts.iter().filter_map(|p| line(p, i, c, order)).collect();
                 let share = found.iter().map(|f| f.0).sum::<f64>() / whole;
-                if told(share, 2 * found.len()) {
+                if significant(share, 2 * found.len()) {
                     let speed_exponent = exponent(&found);
                     orders.push(OrderLine { name, body: body.path.clone(), order, share, speed_exponent });
                 }
@@ -215,20 +218,20 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
                 size += x.iter().map(|x| x * x).sum::<f64>();
             }
             let share = along * along / size.max(1e-300) / whole;
-            if told(share, 1) {
+            if significant(share, 1) {
                 states.push(StateLine { body: body.path.clone(), term: term.into(), share });
             }
         }
     }
     orders.sort_by(|a: &OrderLine, b| b.share.total_cmp(&a.share));
-    orders.truncate(TOLD);
+    orders.truncate(MAX_LINES);
     states.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
     // At a single speed all powers of it fit equally.
     states.dedup_by(|a, b| a.body == b.body && (a.share - b.share).abs() < 1e-3 * b.share);
-    states.truncate(TOLD);
+    states.truncate(MAX_LINES);
     let channel = &problem.data.channels[c];
     let noise = channel.noise / problem.weights[c];
-    ChannelLeft {
+    ChannelResiduals {
         channel: channel.name.clone(),
         unit: if channel.relative { "%".into() } else { channel.unit.clone() },
         periodogram: periodogram(&all),
@@ -242,8 +245,8 @@ fn channel(problem: &Problem, parts: &[Part], bodies: &[usize], c: usize) -> Cha
 }
 
 /// States that a residual may follow.
-type State = fn(f64, f64) -> f64;
-const STATES: [(&str, State); 6] = [
+type StateTerm = fn(f64, f64) -> f64;
+const STATES: [(&str, StateTerm); 6] = [
     ("1", |_, _| 1.0),
     ("v", |_, v| v),
     ("|v|", |_, v| v.abs()),
@@ -258,7 +261,7 @@ fn sign(v: f64) -> f64 {
 
 /// Share of the squares that a wave of this order removes from a channel in a segment, its amplitude, and the mean
 /// speed. None if the segment is too short or its sampling too coarse.
-fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, f64)> {
+fn line(p: &SegmentResiduals, body: usize, channel: usize, order: f64) -> Option<(f64, f64, f64)> {
     let (q, r) = (&p.moves[body].q, &p.residuals[channel]);
     let n = r.len();
     if n < 16 {
@@ -287,12 +290,12 @@ fn line(p: &Part, body: usize, channel: usize, order: f64) -> Option<(f64, f64, 
 }
 
 /// Orders that are computed for a spectrum, and lines that are drawn.
-const LOOKED: usize = 2000;
-const DRAWN: usize = 200;
+const MAX_ORDERS: usize = 2000;
+const ORDER_BINS: usize = 200;
 
 /// Orders, and amplitudes times `shown`. None if the body does not turn often enough.
-fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let turns = |p: &Part| p.moves[body].q.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / TAU;
+fn spectrum(parts: &[SegmentResiduals], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let turns = |p: &SegmentResiduals| p.moves[body].q.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / TAU;
     let (longest, samples) =
         parts.iter().map(|p| (turns(p), p.residuals[channel].len())).max_by(|a, b| a.0.total_cmp(&b.0))?;
     if longest < 6.0 || samples < 64 {
@@ -300,10 +303,10 @@ fn spectrum(parts: &[Part], body: usize, channel: usize, shown: f64) -> Option<(
     }
     // Orders at half the resolution limit of records of this length, up to the maximum count.
     let last = 0.45 * samples as f64 / longest;
-    let count = ((2.0 * longest * last) as usize).clamp(DRAWN, LOOKED);
+    let count = ((2.0 * longest * last) as usize).clamp(ORDER_BINS, MAX_ORDERS);
     let (mut orders, mut amplitudes) = (Vec::new(), Vec::new());
-    for bin in 0..DRAWN {
-        let inside = bin * count / DRAWN..(bin + 1) * count / DRAWN;
+    for bin in 0..ORDER_BINS {
+        let inside = bin * count / ORDER_BINS..(bin + 1) * count / ORDER_BINS;
         let of = |i: usize| {
             let order = last * (i as f64 + 1.0) / count as f64;
             let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, body, channel, order)).map(|l| l.1).collect();
@@ -396,7 +399,7 @@ mod tests {
     fn a_wave_stands_at_its_order_with_its_amplitude() {
         let q: Vec<f64> = (0..2000).map(|i| 0.1 * f64::from(i) + 1e-5 * f64::from(i * i)).collect();
         let residuals = vec![q.iter().map(|q| 0.7 * libm::sin(3.0 * q + 0.4)).collect()];
-        let part = Part { residuals, moves: vec![Moves { v: vec![1.0; q.len()], q }] };
+        let part = SegmentResiduals { residuals, moves: vec![BodyMotionSamples { v: vec![1.0; q.len()], q }] };
         let (orders, amplitudes) = spectrum(&[part], 0, 0, 10.0).expect("turns often enough");
         let top = (0..orders.len()).max_by(|a, b| amplitudes[*a].total_cmp(&amplitudes[*b])).expect("lines");
         assert!(

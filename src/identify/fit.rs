@@ -34,17 +34,17 @@ const CONVERGED: f64 = 2e-6;
 /// update (Broyden 1965) instead of new differences, at most so many times in a row. This costs one run instead of one
 /// for every parameter.
 const GOOD_GAIN: f64 = 0.3;
-const MOST_UPDATES: usize = 4;
+const MAX_UPDATES: usize = 4;
 /// Factor on the iteration limit while the cost still falls.
 const STILL_FALLING: usize = 3;
 /// At the iteration limit a fit has also converged if the last two iterations lowered its cost by no more than this
 /// fraction.
-const STANDS: f64 = 1e-4;
+const STALLED_DECREASE: f64 = 1e-4;
 /// Maximum number of steps for a drive with link bodies, whose model is nearly linear in the unknowns.
 const LINKED_ITERATIONS: usize = 8;
 
 /// Residuals and derivatives of one segment.
-struct Part {
+struct SegmentJacobian {
     residuals: Vec<f64>,
     /// Columns: the globals that affect the segment, then its locals.
     columns: Vec<Vec<f64>>,
@@ -80,7 +80,7 @@ pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sy
 
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct FitOptions {
     pub iterations: usize,
     pub threads: usize,
 }
@@ -91,7 +91,7 @@ fn falls(costs: &[f64]) -> bool {
 }
 
 /// Fits all parameters, starting from `start`.
-pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
+pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
     let segments = &problem.data.segments;
     let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
     let mut point = start.clone();
@@ -99,7 +99,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
     let mut lambda = 1e-3;
     let mut grow = 2.0;
     let mut converged = false;
-    let residuals = evaluated(problem, &point, &parts, options);
+    let residuals = all_residuals(problem, &point, &parts, options);
     let mut cost = total(problem, &point, &residuals);
     let mut jacobian = linearised(problem, &point, &parts, residuals, options);
     // Number of rank-one updates since the Jacobian was last differenced.
@@ -131,12 +131,12 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
             }
         }
         keep_inside(problem, &mut trial);
-        let residuals = evaluated(problem, &trial, &parts, options);
+        let residuals = all_residuals(problem, &trial, &parts, options);
         let new_cost = total(problem, &trial, &residuals);
         let gain = (cost - new_cost) / step.predicted.max(1e-300);
         if new_cost < cost {
             let small = (cost - new_cost) < converges * cost;
-            let good = updates < MOST_UPDATES && gain > GOOD_GAIN && !small;
+            let good = updates < MAX_UPDATES && gain > GOOD_GAIN && !small;
             if good {
                 update(problem, &parts, &mut jacobian, residuals, &point, &trial);
                 updates += 1;
@@ -176,7 +176,7 @@ pub fn fit(problem: &Problem, start: &Point, options: Options) -> Fit {
         }
     }
     // Poorly determined parameters may drift on although the cost no longer changes.
-    let stands = |two_ago: &f64| two_ago - cost < STANDS * cost;
+    let stands = |two_ago: &f64| two_ago - cost < STALLED_DECREASE * cost;
     converged |= taken >= most && taken > 2 && costs.iter().nth_back(1).is_some_and(stands);
     if updates > 0 {
         let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
@@ -207,7 +207,7 @@ pub(super) fn priors(problem: &Problem, point: &Point) -> f64 {
 }
 
 /// Residuals of all segments.
-fn evaluated(problem: &Problem, point: &Point, parts: &[usize], options: Options) -> Vec<Vec<f64>> {
+fn all_residuals(problem: &Problem, point: &Point, parts: &[usize], options: FitOptions) -> Vec<Vec<f64>> {
     parallel(parts.len(), options.threads, |i| problem.residuals(parts[i], &point.globals, &point.locals[parts[i]]))
 }
 
@@ -217,7 +217,7 @@ pub fn cost_at(problem: &Problem, point: &Point, threads: usize) -> f64 {
     let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
     let mut point = point.clone();
     keep_inside(problem, &mut point);
-    total(problem, &point, &evaluated(problem, &point, &parts, Options { iterations: 0, threads }))
+    total(problem, &point, &all_residuals(problem, &point, &parts, FitOptions { iterations: 0, threads }))
 }
 
 fn total(problem: &Problem, point: &Point, residuals: &[Vec<f64>]) -> f64 {
@@ -228,7 +228,7 @@ fn total(problem: &Problem, point: &Point, residuals: &[Vec<f64>]) -> f64 {
 fn update(
     problem: &Problem,
     parts: &[usize],
-    jacobian: &mut [Part],
+    jacobian: &mut [SegmentJacobian],
     residuals: Vec<Vec<f64>>,
     before: &Point,
     after: &Point,
@@ -260,8 +260,8 @@ fn linearised(
     point: &Point,
     parts: &[usize],
     residuals: Vec<Vec<f64>>,
-    options: Options,
-) -> Vec<Part> {
+    options: FitOptions,
+) -> Vec<SegmentJacobian> {
     // Segments and columns form one list of jobs, so that a few long segments use all cores as well as many short ones.
     let mut jobs: Vec<(usize, usize)> = Vec::new();
     for (i, k) in parts.iter().enumerate() {
@@ -295,7 +295,8 @@ fn linearised(
         }
         (width, problem.residuals(k, &globals, &locals))
     });
-    let mut all: Vec<Part> = residuals.into_iter().map(|residuals| Part { residuals, columns: Vec::new() }).collect();
+    let mut all: Vec<SegmentJacobian> =
+        residuals.into_iter().map(|residuals| SegmentJacobian { residuals, columns: Vec::new() }).collect();
     for ((i, _), (width, values)) in jobs.iter().zip(columns) {
         let part = &mut all[*i];
         let slope = values.iter().zip(&part.residuals).map(|(a, b)| (a - b) / width).collect();
@@ -304,7 +305,7 @@ fn linearised(
     all
 }
 
-struct Step {
+struct FitStep {
     globals: DVector<f64>,
     locals: Vec<DVector<f64>>,
     /// Decrease of the cost that a linear model predicts.
@@ -322,7 +323,13 @@ struct Blocks {
     l: DVector<f64>,
 }
 
-fn solve(problem: &Problem, point: &Point, parts: &[usize], jacobian: &[Part], lambda: f64) -> Option<Step> {
+fn solve(
+    problem: &Problem,
+    point: &Point,
+    parts: &[usize],
+    jacobian: &[SegmentJacobian],
+    lambda: f64,
+) -> Option<FitStep> {
     let n = problem.globals.len();
     let n_local = problem.locals.len();
     let mut a = DMatrix::<f64>::zeros(n, n);
@@ -407,7 +414,7 @@ fn product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     out
 }
 
-fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, blocks: &[Blocks], lambda: f64, held: &[bool]) -> Option<Step> {
+fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, blocks: &[Blocks], lambda: f64, held: &[bool]) -> Option<FitStep> {
     let n = b.len();
     let mut schur = damped(a, lambda);
     let mut right = -b.clone();
@@ -440,14 +447,21 @@ fn solve_free(a: &DMatrix<f64>, b: &DVector<f64>, blocks: &[Blocks], lambda: f64
         locals.push(step);
     }
     if globals.iter().chain(locals.iter().flat_map(|l| l.iter())).all(|x| x.is_finite()) {
-        Some(Step { globals, locals, predicted: predicted.max(0.0) })
+        Some(FitStep { globals, locals, predicted: predicted.max(0.0) })
     } else {
         None
     }
 }
 
 /// Computes the covariance, and the Jacobians of the globals with the locals projected out.
-fn finish(problem: &Problem, point: Point, cost: f64, converged: bool, parts: &[usize], jacobian: Vec<Part>) -> Fit {
+fn finish(
+    problem: &Problem,
+    point: Point,
+    cost: f64,
+    converged: bool,
+    parts: &[usize],
+    jacobian: Vec<SegmentJacobian>,
+) -> Fit {
     let n = problem.globals.len();
     let mut information = DMatrix::<f64>::zeros(n, n);
     let mut residuals = vec![Vec::new(); problem.data.segments.len()];
@@ -459,7 +473,7 @@ fn finish(problem: &Problem, point: Point, cost: f64, converged: bool, parts: &[
             let basis = orthonormal(local);
             let mut j = DMatrix::zeros(part.residuals.len(), n);
             for (column, g) in global.iter().zip(&concerned) {
-                j.set_column(*g, &DVector::from_vec(without(column, &basis)));
+                j.set_column(*g, &DVector::from_vec(project_out(column, &basis)));
             }
             information += j.tr_mul(&j);
             jacobians[*k] = j;
@@ -481,9 +495,9 @@ pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for column in columns {
         let before = libm::sqrt(dot(column, column));
-        let mut rest = without(column, &basis);
+        let mut rest = project_out(column, &basis);
         // Twice is enough: Kahan and Parlett.
-        rest = without(&rest, &basis);
+        rest = project_out(&rest, &basis);
         let size = libm::sqrt(dot(&rest, &rest));
         if size > 1e-9 * before && size > 0.0 {
             rest.iter_mut().for_each(|x| *x /= size);
@@ -494,7 +508,7 @@ pub fn orthonormal(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
 }
 
 /// The column minus its projection onto the basis.
-pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
+pub fn project_out(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut rest = column.to_vec();
     for b in basis {
         let along = dot(&rest, b);

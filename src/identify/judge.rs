@@ -1,9 +1,9 @@
 //! Residuals and scores of a fit on the data it was fitted to, and on held-out data.
 
-use super::fit::{Fit, Options, fit};
+use super::fit::{Fit, FitOptions, fit};
 use super::problem::{Point, Problem};
 use super::stats;
-use crate::measurement::segments::{Data, Segment};
+use crate::measurement::segments::{Data, RecordSegment};
 
 /// Unweighted residuals in the unit in which channels are compared, channel by channel and segment by segment.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -16,7 +16,7 @@ pub struct Residuals {
 }
 
 /// The held-out segments, marked as fitting data so that their local parameters can be fitted.
-pub fn judging(data: &Data) -> Data {
+pub fn held_out_segments(data: &Data) -> Data {
     let mut own = data.clone();
     own.segments.retain(|s| s.judge_from == 0);
     for s in &mut own.segments {
@@ -27,7 +27,7 @@ pub fn judging(data: &Data) -> Data {
 
 /// Fits the local parameters (initial states, phases of their records) of the held-out segments; the drive's parameters
 /// are fixed.
-pub fn fit_judging<'a>(
+pub fn fit_held_out<'a>(
     problem: &Problem<'a>,
     found: &Fit,
     own: &'a Data,
@@ -46,21 +46,21 @@ pub fn fit_judging<'a>(
                 // A record that was also fitted has already determined its parameters.
                 let fits = problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
                 if fits {
-                    held.held.push((Some(r), g.slot, g.law.value(*x)));
+                    held.fixed.push((Some(r), g.slot, g.law.value(*x)));
                 } else {
                     kept.push(g.clone());
                     start.push(*x);
                 }
             }
             Some(_) => {}
-            None => held.held.push((None, g.slot, g.law.value(*x))),
+            None => held.fixed.push((None, g.slot, g.law.value(*x))),
         }
     }
     held.globals = kept;
     let mut point = Point { globals: start, locals: held.start().locals };
-    held.find_travels(&mut point, threads);
-    held.turn_starts(&mut point, threads);
-    let options = Options { iterations: 30, threads };
+    held.find_start_positions(&mut point, threads);
+    held.reverse_better_starts(&mut point, threads);
+    let options = FitOptions { iterations: 30, threads };
     let mut best = fit(&held, &point, options);
     // A phase may have started on the wrong side of its circle.
     let phases: Vec<usize> = (0..held.globals.len())
@@ -82,10 +82,10 @@ pub fn fit_judging<'a>(
 }
 
 /// Unweighted residuals of the fitted data, channel by channel and segment by segment.
-pub fn fitting(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
+pub fn fitted_residuals(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
     let of = |c: usize| {
         let fits = problem.data.segments.iter().zip(&found.residuals).filter(|(s, _)| s.judge_from > 0);
-        let part = |(s, r): (&Segment, &Vec<f64>)| {
+        let part = |(s, r): (&RecordSegment, &Vec<f64>)| {
             let known = (0..s.judge_from).filter(|i| s.measured[c][*i].is_finite());
             known.map(|i| r[c * s.judge_from + i] * problem.weights[c]).collect()
         };
@@ -134,28 +134,28 @@ pub fn residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> 
     };
     for (k, s) in problem.data.segments.iter().enumerate().filter(|(_, s)| s.judge_from > 0) {
         let model = problem.model(k, &found.point.globals, &found.point.locals[k], false);
-        let model = model.unwrap_or_else(|_| lost(s.measured.len(), s.len()));
+        let model = model.unwrap_or_else(|_| diverged_output(s.measured.len(), s.len()));
         take(s.record, &s.measured, &model, s.judge_from);
     }
-    for (s, model) in own.segments.iter().zip(own_models(problem, found, own, threads)) {
+    for (s, model) in own.segments.iter().zip(held_out_models(problem, found, own, threads)) {
         take(s.record, &s.measured, &model, 0);
     }
     out
 }
 
 /// Model output in the held-out segments, after a fit of their local parameters.
-fn own_models(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
-    let Some((held, point)) = fit_judging(problem, found, own, threads) else { return Vec::new() };
-    let model = |(k, s): (usize, &Segment)| {
+fn held_out_models(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
+    let Some((held, point)) = fit_held_out(problem, found, own, threads) else { return Vec::new() };
+    let model = |(k, s): (usize, &RecordSegment)| {
         let model = held.model(k, &point.globals, &point.locals[k], false);
-        model.unwrap_or_else(|_| lost(s.measured.len(), s.len()))
+        model.unwrap_or_else(|_| diverged_output(s.measured.len(), s.len()))
     };
     own.segments.iter().enumerate().map(model).collect()
 }
 
 /// Residuals of the held-out segments, channel by channel and segment by segment.
-pub fn own_residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
-    let models = own_models(problem, found, own, threads);
+pub fn held_out_residuals(problem: &Problem, found: &Fit, own: &Data, threads: usize) -> Vec<Vec<Vec<f64>>> {
+    let models = held_out_models(problem, found, own, threads);
     let parts = |c: usize| {
         let all = own.segments.iter().zip(&models);
         all.map(|(s, m)| differences(&s.measured[c], m.get(c), 0..s.len())).collect()
@@ -170,7 +170,7 @@ fn differences(measured: &[f64], model: Option<&Vec<f64>>, samples: std::ops::Ra
 }
 
 /// Output of a model that ran away: large values, so that it explains nothing.
-fn lost(channels: usize, samples: usize) -> Vec<Vec<f64>> {
+fn diverged_output(channels: usize, samples: usize) -> Vec<Vec<f64>> {
     vec![vec![1e6; samples]; channels]
 }
 

@@ -26,7 +26,7 @@ pub mod windows;
 use crate::machine::Machine;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
-use report::{Report, Verdict};
+use report::{IdentificationReport, IdentificationVerdict};
 use search::Context;
 use std::sync::atomic::Ordering;
 
@@ -36,8 +36,8 @@ pub fn identify(
     machine: &Machine,
     data: &Data,
     context: &Context,
-) -> Result<Report, String> {
-    let own = judge::judging(data);
+) -> Result<IdentificationReport, String> {
+    let own = judge::held_out_segments(data);
     let problem = search::declared(measurement, machine, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
@@ -47,22 +47,26 @@ pub fn identify(
     }
     let searched = search::search(measurement, problem, &own, context);
     let found = accept::accept(searched, &own, context);
-    let cut_short = found.cut_short || context.ends();
+    let cut_short = found.cut_short || context.must_end();
     let mut report = report::report(measurement, data, &found);
-    if search::is_at_most_steps(&found.best) {
-        let most = found.best.problem.most_steps;
+    if search::is_at_step_limit(&found.best) {
+        let most = found.best.problem.max_steps;
         report.warnings.push(format!(
             "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not tried: give the stiffness and damping parameters `low` and `high`"
         ));
     }
-    report.warnings.extend(search::far_numbers(&found.declared, &found.best));
-    context.say("analysing the residuals");
+    report.warnings.extend(search::moved_parameters(&found.declared, &found.best));
+    context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {
         report.diagnosis_after = Some(diagnosis::diagnose(&found.best, context.threads));
     }
-    if report.outcome == Verdict::None && !report.explained && !context.ends() && context.plant.is_none() {
-        context.say("searching an unnamed formula");
+    if report.outcome == IdentificationVerdict::None
+        && !report.explained
+        && !context.must_end()
+        && context.plant.is_none()
+    {
+        context.report("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);

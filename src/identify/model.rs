@@ -2,10 +2,10 @@
 //! models.
 
 use super::candidates::{self, Hypothesis};
-use super::fit::{Fit, Options, fit, priors};
+use super::fit::{Fit, FitOptions, fit, priors};
 use super::judge::{self, Residuals};
 use super::problem::{Point, Problem};
-use super::screen::Seed;
+use super::screen::FitStart;
 use super::stats;
 use crate::effects::Kind;
 use crate::measurement::facts;
@@ -14,23 +14,29 @@ use std::sync::OnceLock;
 
 /// A fitted set of effects.
 #[derive(Clone, Debug)]
-pub struct Model<'a> {
+pub struct FittedModel<'a> {
     pub problem: Problem<'a>,
     pub fit: Fit,
     pub effects: Vec<Hypothesis>,
     /// Residuals on the fitted data, channel by channel and segment by segment.
-    pub left: Vec<Vec<Vec<f64>>>,
+    pub fit_residuals: Vec<Vec<Vec<f64>>>,
     /// Held-out segments. They are run on `threads` threads when their residuals are first needed.
     own: &'a Data,
     pub threads: usize,
     judged: OnceLock<Residuals>,
 }
 
-impl<'a> Model<'a> {
+impl<'a> FittedModel<'a> {
     /// `own` are the held-out segments.
-    pub fn new(problem: Problem<'a>, fit: Fit, effects: Vec<Hypothesis>, own: &'a Data, threads: usize) -> Model<'a> {
-        let left = judge::fitting(&problem, &fit);
-        Model { problem, fit, effects, left, own, threads, judged: OnceLock::new() }
+    pub fn new(
+        problem: Problem<'a>,
+        fit: Fit,
+        effects: Vec<Hypothesis>,
+        own: &'a Data,
+        threads: usize,
+    ) -> FittedModel<'a> {
+        let left = judge::fitted_residuals(&problem, &fit);
+        FittedModel { problem, fit, effects, fit_residuals: left, own, threads, judged: OnceLock::new() }
     }
 
     /// All residuals; those of held-out data are computed on first use.
@@ -55,13 +61,13 @@ impl<'a> Model<'a> {
     }
 
     /// Root mean square of the coloured (not white) part of the residuals, for every channel.
-    pub fn coloured(&self) -> Vec<f64> {
+    pub fn coloured_rms(&self) -> Vec<f64> {
         let of = |parts: &Vec<Vec<f64>>| {
             let mut noises: Vec<f64> = parts.iter().map(|p| facts::noise(p)).collect();
             let (rough, rms) = (facts::median(&mut noises), stats::rms(parts));
             libm::sqrt((rms * rms - rough * rough).max(0.0))
         };
-        self.left.iter().map(of).collect()
+        self.fit_residuals.iter().map(of).collect()
     }
 
     /// Whether a drive with link bodies has at least one effect and its remaining error is no larger than its
@@ -71,20 +77,23 @@ impl<'a> Model<'a> {
             return false;
         }
         let unrepeated = self.problem.unrepeated(&self.fit.point);
-        self.coloured().iter().zip(&unrepeated).all(|(c, u)| c <= u)
+        self.coloured_rms().iter().zip(&unrepeated).all(|(c, u)| c <= u)
     }
 
     /// Whether the remaining error on fitted data is little more than noise.
     pub fn is_near_the_floor(&self) -> bool {
         let channels = self.problem.data.channels.iter().enumerate();
-        channels.map(|(c, channel)| stats::rms(&self.left[c]) / channel.noise.max(1e-300)).all(|times| times < NEAR)
+        channels
+            .map(|(c, channel)| stats::rms(&self.fit_residuals[c]) / channel.noise.max(1e-300))
+            .all(|times| times < NEAR_FLOOR)
     }
 
     /// Deviance on the fitted data, with priors. It compares fits of the same parameters, because their costs are not
     /// comparable: every fit weights channels by their own residuals.
     pub fn misfit(&self) -> f64 {
-        let samples: Vec<f64> = self.left.iter().map(|p| p.iter().map(Vec::len).sum::<usize>() as f64).collect();
-        judge::deviance(&self.left, &samples) + priors(&self.problem, &self.fit.point)
+        let samples: Vec<f64> =
+            self.fit_residuals.iter().map(|p| p.iter().map(Vec::len).sum::<usize>() as f64).collect();
+        judge::deviance(&self.fit_residuals, &samples) + priors(&self.problem, &self.fit.point)
     }
 
     pub fn identity(&self) -> Vec<String> {
@@ -95,23 +104,23 @@ impl<'a> Model<'a> {
 }
 
 /// Up to this multiple of the noise a model counts as near the floor.
-const NEAR: f64 = 1.5;
+const NEAR_FLOOR: f64 = 1.5;
 
 /// Maximum number of times that a fit of a drive with link bodies restarts from slightly shifted records.
-const REALIGNED: usize = 3;
+const MAX_REALIGNMENTS: usize = 3;
 
 /// Fits, weights the channels by their residuals, and fits again.
-pub fn fitted<'a>(
+pub fn fit_model<'a>(
     mut problem: Problem<'a>,
     start: &Point,
     own: &'a Data,
     effects: Vec<Hypothesis>,
     threads: usize,
     iterations: usize,
-) -> Model<'a> {
-    let options = Options { iterations, threads };
+) -> FittedModel<'a> {
+    let options = FitOptions { iterations, threads };
     let mut found = fit(&problem, start, options);
-    for _ in 0..REALIGNED {
+    for _ in 0..MAX_REALIGNMENTS {
         let mut point = found.point.clone();
         if problem.plant.is_none() || !problem.realign(&mut point, threads) {
             break;
@@ -119,49 +128,55 @@ pub fn fitted<'a>(
         found = fit(&problem, &point, options);
     }
     if problem.channels.len() > 1 {
-        let left = judge::fitting(&problem, &found);
+        let left = judge::fitted_residuals(&problem, &found);
         for (c, w) in problem.weights.iter_mut().enumerate() {
             *w = stats::rms(&left[c]).max(problem.data.channels[c].noise).max(1e-12);
         }
         found = fit(&problem, &found.point, options);
     }
-    Model::new(problem, found, effects, own, threads)
+    FittedModel::new(problem, found, effects, own, threads)
 }
 
 /// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
-pub fn score(model: &Model, effective: &[f64]) -> f64 {
+pub fn score(model: &FittedModel, effective: &[f64]) -> f64 {
     let n: f64 = effective.iter().sum();
-    judge::deviance(&model.left, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
+    judge::deviance(&model.fit_residuals, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
 }
 
 /// The model with one more hypothesis, fitted.
-pub fn refit_with<'a>(model: &Model<'a>, h: &Hypothesis, seed: &Seed, own: &'a Data, threads: usize) -> Model<'a> {
-    let (problem, start) = candidates::begun(&model.problem, &model.fit.point, h, seed, threads);
+pub fn refit_with<'a>(
+    model: &FittedModel<'a>,
+    h: &Hypothesis,
+    fit_start: &FitStart,
+    own: &'a Data,
+    threads: usize,
+) -> FittedModel<'a> {
+    let (problem, start) = candidates::with_stable_start(&model.problem, &model.fit.point, h, fit_start, threads);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-    fitted(problem, &start, own, effects, threads, 40)
+    fit_model(problem, &start, own, effects, threads, 40)
 }
 
 /// The model without one of its effects, fitted again from the remaining parameters.
 pub fn without_effect<'a>(
-    declared: &Model<'a>,
-    model: &Model<'a>,
+    declared: &FittedModel<'a>,
+    model: &FittedModel<'a>,
     which: usize,
     own: &'a Data,
     threads: usize,
-) -> Model<'a> {
+) -> FittedModel<'a> {
     let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
-    rebuilt(declared, model, &rest, None, own, threads)
+    refitted(declared, model, &rest, None, own, threads)
 }
 
 /// A model with some of another's effects, and optionally one more, fitted from their parameters.
-pub fn rebuilt<'a>(
-    declared: &Model<'a>,
-    model: &Model<'a>,
+pub fn refitted<'a>(
+    declared: &FittedModel<'a>,
+    model: &FittedModel<'a>,
     kept: &[usize],
-    more: Option<(&Hypothesis, &Seed)>,
+    more: Option<(&Hypothesis, &FitStart)>,
     own: &'a Data,
     threads: usize,
-) -> Model<'a> {
+) -> FittedModel<'a> {
     let n_declared = declared.problem.globals.len();
     let mut problem = declared.problem.clone();
     problem.weights.clone_from(&model.problem.weights);
@@ -196,25 +211,25 @@ pub fn rebuilt<'a>(
         let locals = at_local..at_local + h.own_locals;
         at_local = locals.end;
         if kept.contains(&i) {
-            let seed = Seed { values, phases, travels: Vec::new() };
-            (problem, point) = candidates::with(&problem, &point, h, &seed);
+            let fit_start = FitStart { values, phases, travels: Vec::new() };
+            (problem, point) = candidates::with_hypothesis(&problem, &point, h, &fit_start);
             for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
                 let first = own.len() - locals.len();
                 own[first..].clone_from_slice(&from[locals.clone()]);
             }
-            effects.push(Hypothesis { values: seed.values, ..h.clone() });
+            effects.push(Hypothesis { values: fit_start.values, ..h.clone() });
         }
     }
-    if let Some((h, seed)) = more {
-        (problem, point) = candidates::begun(&problem, &point, h, seed, threads);
+    if let Some((h, fit_start)) = more {
+        (problem, point) = candidates::with_stable_start(&problem, &point, h, fit_start, threads);
         effects.push(h.clone());
     }
-    problem.turn_starts(&mut point, threads);
-    fitted(problem, &point, own, effects, threads, 40)
+    problem.reverse_better_starts(&mut point, threads);
+    fit_model(problem, &point, own, effects, threads, 40)
 }
 
 /// Path of an effect in the machine. Declared effects of the same kind at the same place come first.
-pub fn placed_path(model: &Model, which: usize) -> String {
+pub fn placed_path(model: &FittedModel, which: usize) -> String {
     let h = &model.effects[which];
     let base = h.path();
     let placed = &model.problem.machine.placed;
@@ -225,7 +240,7 @@ pub fn placed_path(model: &Model, which: usize) -> String {
 }
 
 /// Indices of an effect's globals.
-pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
+pub fn globals_of(model: &FittedModel, which: usize) -> Vec<usize> {
     let path = format!("{}.", placed_path(model, which));
     (0..model.problem.globals.len())
         .filter(|g| model.problem.machine.slots[model.problem.globals[*g].slot].path.starts_with(&path))
@@ -233,7 +248,7 @@ pub fn globals_of(model: &Model, which: usize) -> Vec<usize> {
 }
 
 /// Variance of the weighted residuals, times the factor by which correlation increases it.
-pub fn inflation(model: &Model) -> f64 {
+pub fn inflation(model: &FittedModel) -> f64 {
     let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
     let n: usize = parts.iter().map(Vec::len).sum();
     let free = model.problem.globals.len() + model.problem.locals.len() * parts.len();
@@ -242,6 +257,6 @@ pub fn inflation(model: &Model) -> f64 {
 }
 
 /// Standard error of a scaled global.
-pub fn standard_error(model: &Model, global: usize) -> f64 {
+pub fn standard_error(model: &FittedModel, global: usize) -> f64 {
     libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
 }

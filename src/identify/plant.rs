@@ -10,8 +10,8 @@
 use crate::drive::Drive;
 use crate::effects::{Effect, On, Physics};
 use crate::elements::driver_motion::Harmonic;
-use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, cubic, through_sensor};
-use crate::machine::{Machine, Motion, Reads, differs_round_turn};
+use crate::machine::simulate::{InitialState, RunError, Samples, Task, between, clock, cubic, through_sensor};
+use crate::machine::{BodyMotion, Machine, Reads, differs_round_turn};
 use crate::measurement::segments::Data;
 use crate::sensing::Tracer;
 use std::collections::HashMap;
@@ -24,16 +24,16 @@ const SETTLE_S: f64 = 0.06;
 const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
 /// Folding continues until the standard error of the mean is below this fraction of a channel's noise.
-const SURE: f64 = 0.15;
+const MEAN_ERROR_SHARE: f64 = 0.15;
 /// Minimum number of readings per two pitches, and the time between two [s].
-const LEAST_BINS: usize = 64;
+const MIN_BINS: usize = 64;
 const BIN_S: f64 = 5e-6;
 /// Maximum number of readings of a long period, to limit memory over hundreds of runs; two pitches keep their minimum.
-const MOST_BINS: usize = 1 << 16;
+const MAX_BINS: usize = 1 << 16;
 
 /// Result of a run: one period of every sensor.
 #[derive(Clone, Debug)]
-pub struct Waves {
+pub struct PeriodicResponse {
     pub pitches: f64,
     pub pitches_per_s: f64,
     /// One series of bins over a period for every sensor, SI; angles minus their mean rotation.
@@ -50,7 +50,7 @@ pub struct Plant {
     machine: Machine,
     /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
     noise: Vec<f64>,
-    known: Mutex<HashMap<String, Arc<Result<Waves, String>>>>,
+    known: Mutex<HashMap<String, Arc<Result<PeriodicResponse, String>>>>,
 }
 
 impl Plant {
@@ -75,14 +75,14 @@ impl Plant {
         let own = m.slots.iter().zip(values).zip(&self.machine.slots).zip(&self.machine.values);
         for (((slot, value), _), file) in own {
             if value != file && !slot.path.starts_with("sensors.") && !self.is_signal(&slot.path) {
-                all.push(format!("{}={}", slot.path, written(value / slot.unit)));
+                all.push(format!("{}={}", slot.path, toml_literal(value / slot.unit)));
             }
         }
         for p in m.placed.iter().filter(|p| !matches!(p.effect.physics, Physics::Signal(_) | Physics::Clock(_))) {
             for ((key, row), slot) in m.keys(p.effect, p.target).iter().zip(&p.slots) {
                 let value = values[*slot] / row.unit;
                 let value = if row.kind.is_whole() { libm::round(value) } else { value };
-                all.push(format!("{}.{key}={}", p.path, written(value)));
+                all.push(format!("{}.{key}={}", p.path, toml_literal(value)));
             }
         }
         all
@@ -93,23 +93,23 @@ impl Plant {
     }
 
     /// Sensor readings of the drive with these values.
-    pub fn waves(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<Waves, String>> {
+    pub fn response(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<PeriodicResponse, String>> {
         let overrides = self.overrides(m, values);
         let key = overrides.join("\n");
         if let Ok(known) = self.known.lock()
-            && let Some(waves) = known.get(&key)
+            && let Some(response) = known.get(&key)
         {
-            return waves.clone();
+            return response.clone();
         }
         runs.fetch_add(1, Ordering::Relaxed);
-        let waves = Arc::new(self.run(m, &overrides));
+        let response = Arc::new(self.run(m, &overrides));
         if let Ok(mut known) = self.known.lock() {
-            known.insert(key, waves.clone());
+            known.insert(key, response.clone());
         }
-        waves
+        response
     }
 
-    fn run(&self, m: &Machine, overrides: &[String]) -> Result<Waves, String> {
+    fn run(&self, m: &Machine, overrides: &[String]) -> Result<PeriodicResponse, String> {
         let drive = Drive::parse(&self.name, &self.text, overrides).map_err(|e| e.to_string())?;
         if drive.train.motion.speeds.len() > 1 {
             return Err("the speed changes with time: measured records are compared at constant speeds".into());
@@ -124,10 +124,10 @@ impl Plant {
         let period_s = pitches / pitches_per_s;
         let pairs = (m.repeats() / 2).max(1);
         let pair_s = period_s / f64::from(pairs);
-        let bin_s = BIN_S.max(period_s / MOST_BINS as f64).min(pair_s / LEAST_BINS as f64);
+        let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(&drive, bin_s)?;
-        tracer.go_on(SETTLE_S)?;
-        tracer.forget();
+        tracer.run_for(SETTLE_S)?;
+        tracer.clear_readings();
         let turning: Vec<Option<f64>> = drive
             .sensors
             .iter()
@@ -138,22 +138,22 @@ impl Plant {
             .collect();
         // The number of bins is an integer for every two pitches, because waves are also folded on these.
         let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;
-        let mut fold = Fold::new(drive.sensors.len(), bins);
+        let mut fold = PeriodFold::new(drive.sensors.len(), bins);
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
             // Two readings beyond the end, for the cubic interpolation.
-            tracer.go_on_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
-            fold.take(&tracer, &turning, period_s, wanted);
+            tracer.run_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
+            fold.add_periods(&tracer, &turning, period_s, wanted);
             let sure = (0..drive.sensors.len()).all(|s| {
                 let noise = self.noise.get(s).copied().unwrap_or(0.0);
-                noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < SURE * noise
+                noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < MEAN_ERROR_SHARE * noise
             });
             if sure || 2.0 * wanted as f64 * period_s > LONGEST_S {
                 break;
             }
             wanted *= 2;
         }
-        Ok(Waves {
+        Ok(PeriodicResponse {
             pitches,
             pitches_per_s,
             unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
@@ -166,37 +166,37 @@ impl Plant {
         &self,
         (m, values): (&Machine, &[f64]),
         (corners, folded): (&[(f64, Vec<f64>)], bool),
-        (task, start): (&Task, &Start),
+        (task, start): (&Task, &InitialState),
         channels: &[usize],
         runs: &AtomicU64,
     ) -> Result<Vec<Vec<f64>>, RunError> {
         let (travel, angles) = (start.travel, &start.q);
-        let mut waves: Option<Waves> = None;
+        let mut response: Option<PeriodicResponse> = None;
         for (weight, values) in corners {
-            let run = self.waves(m, values, runs);
+            let run = self.response(m, values, runs);
             let Ok(run) = run.as_ref() else { return Err(RunError::Diverged { t_s: 0.0 }) };
-            match &mut waves {
-                None if *weight == 1.0 => waves = Some(run.clone()),
-                None => waves = Some(run.times(*weight)),
-                Some(waves) => waves.add(run, *weight),
+            match &mut response {
+                None if *weight == 1.0 => response = Some(run.clone()),
+                None => response = Some(run.scaled_by(*weight)),
+                Some(response) => response.add(run, *weight),
             }
         }
-        let Some(waves) = waves else { return Err(RunError::Diverged { t_s: 0.0 }) };
-        let waves = &if folded { waves.folded() } else { waves };
+        let Some(response) = response else { return Err(RunError::Diverged { t_s: 0.0 }) };
+        let response = &if folded { response.folded() } else { response };
         let Samples::Times { t_s, step_s, .. } = &task.samples else {
             return Err(RunError::NoPulse { t_s: 0.0, pulses: 0 });
         };
         let clock = clock(m, values);
         Ok(channels
             .iter()
-            .map(|c| self.channel((m, values), waves, (t_s, *step_s), travel, angles, *c, clock))
+            .map(|c| self.channel((m, values), response, (t_s, *step_s), travel, angles, *c, clock))
             .collect())
     }
 
     fn channel(
         &self,
         (m, values): (&Machine, &[f64]),
-        waves: &Waves,
+        response: &PeriodicResponse,
         (t_s, step_s): (&[f64], f64),
         travel: f64,
         angles: &[f64],
@@ -208,8 +208,8 @@ impl Plant {
         let speed = body.map_or(0.0, |b| nominal_speed(m, values, b));
         let turns = matches!(m.sensors[sensor].reads, Reads::Angle(_));
         let at = |t: f64| {
-            let wave = waves.at(sensor, travel + t * waves.pitches_per_s);
-            if turns { wave + angles[body.unwrap_or(0)] + speed * t } else { wave }
+            let mean = response.at(sensor, travel + t * response.pitches_per_s);
+            if turns { mean + angles[body.unwrap_or(0)] + speed * t } else { mean }
         };
         let altered = m.placed.iter().any(|p| p.target == crate::machine::Target::Sensor(sensor));
         if !altered {
@@ -229,7 +229,7 @@ impl Plant {
 /// Mean speed of a sprocket: chain speed divided by its teeth [rad/s].
 pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     let driver = m.bodies.iter().find_map(|b| match b.motion {
-        Motion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
+        BodyMotion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
         _ => None,
     });
     let Some((speed, teeth)) = driver else { return 0.0 };
@@ -237,27 +237,27 @@ pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     turns_as.map_or(0.0, |like| speed * f64::from(teeth) / f64::from(m.bodies[like].teeth.unwrap_or(1)))
 }
 
-impl Waves {
+impl PeriodicResponse {
     /// The mean over all pairs of links: the response of a drive whose links and teeth are all alike.
-    fn folded(&self) -> Waves {
+    fn folded(&self) -> PeriodicResponse {
         let pairs = (self.pitches / 2.0) as usize;
-        let fold = |wave: &Vec<f64>| -> Vec<f64> {
-            let n = wave.len() / pairs.max(1);
-            (0..n).map(|b| (0..pairs).map(|p| wave[p * n + b]).sum::<f64>() / pairs as f64).collect()
+        let fold = |means: &Vec<f64>| -> Vec<f64> {
+            let n = means.len() / pairs.max(1);
+            (0..n).map(|b| (0..pairs).map(|p| means[p * n + b]).sum::<f64>() / pairs as f64).collect()
         };
         if pairs < 2 || self.means.iter().any(|w| w.len() % pairs != 0) {
             return self.clone();
         }
-        Waves { pitches: 2.0, means: self.means.iter().map(fold).collect(), ..self.clone() }
+        PeriodicResponse { pitches: 2.0, means: self.means.iter().map(fold).collect(), ..self.clone() }
     }
 
-    fn times(&self, weight: f64) -> Waves {
+    fn scaled_by(&self, weight: f64) -> PeriodicResponse {
         let mut all = self.clone();
         all.means.iter_mut().flatten().for_each(|x| *x *= weight);
         all
     }
 
-    fn add(&mut self, other: &Waves, weight: f64) {
+    fn add(&mut self, other: &PeriodicResponse, weight: f64) {
         for (own, other) in self.means.iter_mut().zip(&other.means) {
             own.iter_mut().zip(other).for_each(|(x, y)| *x += weight * y);
         }
@@ -265,32 +265,32 @@ impl Waves {
 
     /// Mean of a sensor at a position in the period [pitches]: cubic through four bins.
     pub fn at(&self, sensor: usize, pitches: f64) -> f64 {
-        let wave = &self.means[sensor];
-        let n = wave.len();
+        let means = &self.means[sensor];
+        let n = means.len();
         let x = pitches / self.pitches;
         let at = (x - libm::floor(x)) * n as f64;
         let low = libm::floor(at);
         let (x, low) = (at - low, low as usize);
-        let value = |k: usize| wave[(low + n + k - 1) % n];
+        let value = |k: usize| means[(low + n + k - 1) % n];
         let (a, b, c, d) = (value(0), value(1), value(2), value(3));
         cubic([a, b, c, d], x)
     }
 }
 
 /// Sums over periods.
-struct Fold {
+struct PeriodFold {
     periods: usize,
     sums: Vec<Vec<f64>>,
     squares: Vec<Vec<f64>>,
 }
 
-impl Fold {
-    fn new(sensors: usize, bins: usize) -> Fold {
-        Fold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
+impl PeriodFold {
+    fn new(sensors: usize, bins: usize) -> PeriodFold {
+        PeriodFold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
     }
 
     /// Adds the new periods up to `until`.
-    fn take(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
+    fn add_periods(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
         for period in self.periods..until {
             for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
                 let bins = sums.len();
@@ -322,7 +322,7 @@ impl Fold {
 }
 
 /// Formats a number so that TOML reads back the same bits.
-fn written(x: f64) -> String {
+fn toml_literal(x: f64) -> String {
     if x == libm::trunc(x) && x.abs() < 1e9 { format!("{}", x as i64) } else { format!("{x:?}") }
 }
 

@@ -6,9 +6,9 @@
 //! parameters, so that the fit eliminates them segment by segment.
 
 use super::plant::Plant;
-use crate::machine::simulate::{RunError, Samples, Start, run};
-use crate::machine::{Machine, Motion, Reads, Sensor, Slot};
-use crate::measurement::segments::{Data, Segment};
+use crate::machine::simulate::{InitialState, RunError, Samples, run};
+use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
+use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -54,7 +54,7 @@ pub struct Law {
 }
 
 impl Law {
-    pub fn seen(&self, value: f64) -> f64 {
+    pub fn scaled(&self, value: f64) -> f64 {
         if self.logarithm { libm::log((value / self.scale).max(1e-300)) } else { value / self.scale }
     }
 
@@ -65,7 +65,7 @@ impl Law {
 
     /// Bounds of x.
     pub fn bounds(&self) -> (f64, f64) {
-        (self.seen(self.low), self.seen(self.high))
+        (self.scaled(self.low), self.scaled(self.high))
     }
 }
 
@@ -82,11 +82,11 @@ pub struct Problem<'a> {
     pub globals: Vec<Global>,
     pub locals: Vec<Local>,
     /// Fixed parameters: record (None: all), slot and value. They override values that records set.
-    pub held: Vec<(Option<usize>, usize, f64)>,
+    pub fixed: Vec<(Option<usize>, usize, f64)>,
     /// For a drive with link bodies: average over all pairs of links, to find the position of a record.
     pub folded: bool,
     /// Steps per sample beyond which a model counts as too stiff.
-    pub most_steps: f64,
+    pub max_steps: f64,
     /// Model runs so far.
     pub runs: &'a AtomicU64,
 }
@@ -104,13 +104,13 @@ const DIFFERENCE: f64 = 1e-6;
 pub const FINE_PITCHES: f64 = 0.005;
 const FINEST_PITCHES: f64 = 0.1 * FINE_PITCHES;
 /// Residual of a sample that a model did not reach.
-const LOST: f64 = 1e6;
+const DIVERGED_RESIDUAL: f64 = 1e6;
 
 impl<'a> Problem<'a> {
     /// Start values of all free parameters: the drive's own.
     pub fn start(&self) -> Point {
         Point {
-            globals: self.globals.iter().map(|g| g.law.seen(self.file_value(g))).collect(),
+            globals: self.globals.iter().map(|g| g.law.scaled(self.file_value(g))).collect(),
             locals: self.data.segments.iter().map(|s| self.local_start(s)).collect(),
         }
     }
@@ -121,14 +121,14 @@ impl<'a> Problem<'a> {
         set.map_or(self.machine.values[g.slot], |(_, value)| *value)
     }
 
-    fn local_start(&self, s: &Segment) -> Vec<f64> {
+    fn local_start(&self, s: &RecordSegment) -> Vec<f64> {
         self.locals
             .iter()
             .map(|l| match *l {
                 Local::Travel => s.start.travel,
                 Local::Angle { body, scale } => s.start.q.get(body).map_or(0.0, |q| q / scale),
                 Local::Speed { body, scale } => s.start.v.get(body).map_or(0.0, |v| v / scale),
-                Local::Slot { slot, law } => law.seen(self.machine.values[slot]),
+                Local::Slot { slot, law } => law.scaled(self.machine.values[slot]),
             })
             .collect()
     }
@@ -139,13 +139,13 @@ impl<'a> Problem<'a> {
     }
 
     /// Parameter values and initial state for a segment.
-    pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, Start) {
+    pub(super) fn numbers(&self, segment: usize, globals: &[f64], locals: &[f64]) -> (Vec<f64>, InitialState) {
         let s = &self.data.segments[segment];
         let mut values = self.machine.values.clone();
         for (slot, value) in &self.data.set[s.record] {
             values[*slot] = *value;
         }
-        for (_, slot, value) in self.held.iter().filter(|(r, ..)| r.is_none_or(|r| r == s.record)) {
+        for (_, slot, value) in self.fixed.iter().filter(|(r, ..)| r.is_none_or(|r| r == s.record)) {
             values[*slot] = *value;
         }
         for (g, x) in self.globals.iter().zip(globals) {
@@ -205,9 +205,9 @@ impl<'a> Problem<'a> {
         }
         self.runs.fetch_add(1, Ordering::Relaxed);
         if fitting && s.judge_from < s.len() && s.judge_from > 0 {
-            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.most_steps);
+            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.max_steps);
         }
-        run(&self.machine, &values, &s.task, &start, &self.channels, self.most_steps)
+        run(&self.machine, &values, &s.task, &start, &self.channels, self.max_steps)
     }
 
     /// The problem with additional sensors of unit gain, which become its only channels.
@@ -252,10 +252,10 @@ impl<'a> Problem<'a> {
         for k in &parts {
             let (values, _) = self.numbers(*k, &point.globals, &point.locals[*k]);
             let Some((_, corner)) = self.corners(*k, &point.globals, &values).into_iter().next() else { continue };
-            let waves = plant.waves(&self.machine, &corner, self.runs);
-            let Ok(waves) = waves.as_ref() else { continue };
+            let response = plant.response(&self.machine, &corner, self.runs);
+            let Ok(response) = response.as_ref() else { continue };
             for (square, sensor) in squares.iter_mut().zip(&self.channels) {
-                let size = waves.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
+                let size = response.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
                 *square += size * size / parts.len() as f64;
             }
         }
@@ -273,11 +273,11 @@ impl<'a> Problem<'a> {
                 for (c, series) in model.iter().enumerate() {
                     for i in 0..n {
                         let r = (series[i] - s.measured[c][i]) / self.weights[c];
-                        out.push(if r.is_finite() { r.clamp(-LOST, LOST) } else { 0.0 });
+                        out.push(if r.is_finite() { r.clamp(-DIVERGED_RESIDUAL, DIVERGED_RESIDUAL) } else { 0.0 });
                     }
                 }
             }
-            Err(_) => out.resize(n * self.channels.len(), LOST),
+            Err(_) => out.resize(n * self.channels.len(), DIVERGED_RESIDUAL),
         }
         out
     }
@@ -344,7 +344,7 @@ impl<'a> Problem<'a> {
     /// Finds the position in the period, and the angles, at which every segment of a drive with link bodies starts:
     /// first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
     /// the pair of links, and the exact position.
-    pub fn find_travels(&self, point: &mut Point, threads: usize) {
+    pub fn find_start_positions(&self, point: &mut Point, threads: usize) {
         if self.plant.is_none() {
             return;
         }
@@ -409,7 +409,7 @@ impl<'a> Problem<'a> {
 
     /// The locals of a segment with all motion reversed, for sensors that do not show the direction: from the given
     /// locals, or from the records. None if nothing is free to reverse.
-    pub fn turned(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
+    pub fn reversed_locals(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
         let s = &self.data.segments[segment];
         let moves = |l: &Local| matches!(l, Local::Speed { .. } | Local::Angle { .. });
         if s.at_rest || self.plant.is_some() || !self.locals.iter().any(|l| matches!(l, Local::Speed { .. })) {
@@ -421,7 +421,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Reverses the initial motion of all segments that fit better that way.
-    pub fn turn_starts(&self, point: &mut Point, threads: usize) {
+    pub fn reverse_better_starts(&self, point: &mut Point, threads: usize) {
         let cost =
             |k: usize, locals: &[f64]| -> f64 { self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum() };
         let turned = super::fit::parallel(self.data.segments.len(), threads, |k| {
@@ -429,7 +429,7 @@ impl<'a> Problem<'a> {
             if self.data.segments[k].judge_from == 0 {
                 return None;
             }
-            let tries = [false, true].into_iter().filter_map(|as_shown| self.turned(k, own, as_shown));
+            let tries = [false, true].into_iter().filter_map(|as_shown| self.reversed_locals(k, own, as_shown));
             let best = tries.map(|t| (cost(k, &t), t)).min_by(|a, b| a.0.total_cmp(&b.0))?;
             (best.0 < cost(k, own)).then_some(best.1)
         });
@@ -479,15 +479,16 @@ impl<'a> Problem<'a> {
         };
         let pulses = data.channels.iter().any(|c| c.relative);
         for (b, body) in machine.bodies.iter().enumerate() {
-            let most =
-                |of: fn(&Start) -> &Vec<f64>| data.segments.iter().map(|s| of(&s.start)[b].abs()).fold(0.0, f64::max);
+            let most = |of: fn(&InitialState) -> &Vec<f64>| {
+                data.segments.iter().map(|s| of(&s.start)[b].abs()).fold(0.0, f64::max)
+            };
             let speed = channel_scale(machine, data, b, true).max(most(|s| &s.v)).max(1e-6);
-            if body.motion == Motion::Free {
+            if body.motion == BodyMotion::Free {
                 locals.push(Local::Speed { body: b, scale: speed });
             }
             let sprung = machine.springs.iter().any(|s| s.ends.iter().any(|e| e.body == b));
             if (sprung || sensed(b)) && !(pulses && sensed(b)) {
-                let free = body.motion == Motion::Free || sensed(b);
+                let free = body.motion == BodyMotion::Free || sensed(b);
                 if free {
                     locals.push(Local::Angle { body: b, scale: channel_scale(machine, data, b, false).max(1e-6) });
                 }

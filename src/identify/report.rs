@@ -1,14 +1,14 @@
 //! Final report: outcome, effects with their errors, the tried hypotheses and why they were rejected, errors before and
 //! after.
 
-use super::accept::{Found, Rival};
+use super::accept::{AcceptedResult, Rival};
 use super::diagnosis::Diagnosis;
 use super::judge::Residuals;
-use super::model::{Model, placed_path, standard_error};
+use super::model::{FittedModel, placed_path, standard_error};
 use super::problem::{Point, Problem};
 use super::search::Trial;
 use super::steady::{self, Size};
-use super::structure::{self, Alike, Collision, Detectable};
+use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
 use super::{candidates::Hypothesis, stats};
 use crate::effects::family;
@@ -20,7 +20,7 @@ use serde::Serialize;
 /// Outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum IdentificationVerdict {
     Named,
     Ambiguous,
     None,
@@ -28,7 +28,7 @@ pub enum Verdict {
 
 /// A fitted parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Number {
+pub struct FittedNumber {
     pub path: String,
     /// Set if the value holds for one record only.
     pub record: Option<String>,
@@ -50,7 +50,7 @@ pub struct NamedEffect {
     pub family: String,
     pub path: String,
     /// Path and value, in the unit of the path.
-    pub parameters: Vec<Number>,
+    pub parameters: Vec<FittedNumber>,
     /// Standard error of the first amplitude, in its unit.
     pub standard_error: f64,
     /// Effects that the records cannot distinguish from it.
@@ -140,9 +140,9 @@ pub struct Curve {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct IdentificationReport {
     pub title: String,
-    pub outcome: Verdict,
+    pub outcome: IdentificationVerdict,
     pub effects: Vec<NamedEffect>,
     pub candidates: Vec<Trial>,
     pub left_out: Vec<(String, String)>,
@@ -155,13 +155,13 @@ pub struct Report {
     /// Residuals of the declared model, and of the model with the effects.
     pub diagnosis: Diagnosis,
     pub diagnosis_after: Option<Diagnosis>,
-    pub numbers_before: Vec<Number>,
-    pub numbers_after: Vec<Number>,
+    pub numbers_before: Vec<FittedNumber>,
+    pub numbers_after: Vec<FittedNumber>,
     pub error_budget: Vec<Share>,
     pub transfer: Vec<Transfer>,
     pub collisions: Vec<Collision>,
     pub detectable: Vec<Detectable>,
-    pub alike: Vec<Alike>,
+    pub alike: Vec<IndistinguishablePair>,
     pub facts: Vec<Facts>,
     pub clocks: Vec<Clock>,
     pub warnings: Vec<String>,
@@ -177,7 +177,12 @@ pub struct Report {
     pub curves: Vec<Curve>,
 }
 
-fn numbers(model: &Model, data: &Data, globals: impl Iterator<Item = usize>, nameplates: &[f64]) -> Vec<Number> {
+fn numbers(
+    model: &FittedModel,
+    data: &Data,
+    globals: impl Iterator<Item = usize>,
+    nameplates: &[f64],
+) -> Vec<FittedNumber> {
     globals
         .map(|g| {
             let global = &model.problem.globals[g];
@@ -187,7 +192,7 @@ fn numbers(model: &Model, data: &Data, globals: impl Iterator<Item = usize>, nam
             let se = standard_error(model, g) * if global.law.logarithm { value.abs() } else { global.law.scale };
             let nameplate = nameplates.get(global.slot).copied();
             let (low, high) = global.law.bounds();
-            Number {
+            FittedNumber {
                 path: slot.path.clone(),
                 record: global.record.map(|r| data.records[r].clone()),
                 value: value / slot.unit,
@@ -233,8 +238,8 @@ fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
     all
 }
 
-fn floors(best: &Model, data: &Data) -> Vec<Floor> {
-    let (unrepeated, coloured) = (best.problem.unrepeated(&best.fit.point), best.coloured());
+fn floors(best: &FittedModel, data: &Data) -> Vec<Floor> {
+    let (unrepeated, coloured) = (best.problem.unrepeated(&best.fit.point), best.coloured_rms());
     data.channels
         .iter()
         .enumerate()
@@ -261,7 +266,7 @@ fn floors(best: &Model, data: &Data) -> Vec<Floor> {
 /// Within this multiple of the floor, and white, the error counts as explained.
 const EXPLAINED: f64 = 1.5;
 
-fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
+fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let best = &found.best;
     let h: &Hypothesis = &best.effects[which];
     let path = placed_path(best, which);
@@ -274,7 +279,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
     let keys = best.problem.machine.keys(h.effect, h.target);
     for ((key, row), value) in keys.iter().zip(&h.values) {
         if row.kind.is_whole() {
-            parameters.push(Number {
+            parameters.push(FittedNumber {
                 path: format!("{path}.{key}"),
                 record: None,
                 value: value / row.unit,
@@ -287,7 +292,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         }
     }
     let mut rivals = found.rivals.get(which).cloned().unwrap_or_default();
-    let locked = structure::locked(&best.problem.machine, h.effect, h.target);
+    let locked = structure::locked_orders(&best.problem.machine, h.effect, h.target);
     let mut by_order: Vec<String> = Vec::new();
     for other in locked.into_iter().filter(|p| best.effects.iter().all(|e| e.path() != *p)) {
         if rivals.iter().all(|r| r.path != other) {
@@ -308,7 +313,7 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         (effect.map(family), words.collect::<Vec<_>>().join("."))
     };
     let only_its_law_is_open = rivals.iter().all(|r| kind(&r.path) == kind(&h.path()));
-    let ground = found.grounds.get(which);
+    let evidence = found.evidence.get(which);
     NamedEffect {
         name: h.effect.name.to_string(),
         family: family(h.effect).to_string(),
@@ -318,29 +323,29 @@ fn effect(found: &Found, which: usize, data: &Data) -> NamedEffect {
         rivals,
         only_its_law_is_open,
         by_order,
-        judge_ratio: ground.map_or([1.0; 3], |g| g.judge_ratio),
+        judge_ratio: evidence.map_or([1.0; 3], |g| g.judge_ratio),
         sizes: steady::sizes(best, which),
-        judged_by_leaving_out: ground.map_or_else(Vec::new, |g| g.left_out.clone()),
-        score: ground.map_or(0.0, |g| g.score),
-        gain: ground.map_or(0.0, |g| g.gain),
-        sham_gain: ground.map_or(0.0, |g| g.sham),
+        judged_by_leaving_out: evidence.map_or_else(Vec::new, |g| g.left_out.clone()),
+        score: evidence.map_or(0.0, |g| g.score),
+        gain: evidence.map_or(0.0, |g| g.gain),
+        sham_gain: evidence.map_or(0.0, |g| g.sham),
     }
 }
 
 /// Assembles the report. The caller adds how the search ended.
-pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
+pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) -> IdentificationReport {
     let best = &found.best;
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
     let noise_floor = floors(best, data);
     let explained = noise_floor.iter().all(|f| f.reached);
-    let (toothed, links) = structure::counts(&found.declared.problem.machine);
+    let (toothed, links) = structure::tooth_and_link_counts(&found.declared.problem.machine);
     let collisions = structure::collisions(&toothed, links);
     let outcome = if effects.is_empty() {
-        Verdict::None
+        IdentificationVerdict::None
     } else if effects.iter().all(|e| e.only_its_law_is_open) {
-        Verdict::Named
+        IdentificationVerdict::Named
     } else {
-        Verdict::Ambiguous
+        IdentificationVerdict::Ambiguous
     };
     let mut next_experiment: Vec<String> = Vec::new();
     for e in &effects {
@@ -358,7 +363,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &Found) -> Report {
     }
     let machine = &found.declared.problem.machine;
     let n_declared = found.declared.problem.globals.len();
-    Report {
+    IdentificationReport {
         title: measurement.title.clone(),
         outcome,
         error_before: errors(found.declared.residuals(), data),
@@ -404,14 +409,14 @@ fn held_out_hash(data: &Data) -> String {
 }
 
 /// Error on records that were neither fitted nor held out for judging; only their initial states are fitted.
-fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
+fn transfer(found: &AcceptedResult, data: &Data) -> Vec<Transfer> {
     if data.transfer.is_empty() {
         return Vec::new();
     }
     let mut elsewhere = data.clone();
     elsewhere.segments.clone_from(&data.transfer);
-    let own = super::judge::judging(&elsewhere);
-    let residuals = |m: &Model| {
+    let own = super::judge::held_out_segments(&elsewhere);
+    let residuals = |m: &FittedModel| {
         let mut problem = m.problem.clone();
         problem.data = &elsewhere;
         super::judge::residuals(&problem, &m.fit, &own, 1)
@@ -441,20 +446,20 @@ fn transfer(found: &Found, data: &Data) -> Vec<Transfer> {
 }
 
 /// Share of the declared model's squared error that each effect removes, in the order of acceptance, and the remainder.
-fn budget(found: &Found) -> Vec<Share> {
+fn budget(found: &AcceptedResult) -> Vec<Share> {
     let total = |r: &Residuals| -> f64 {
         let n = r.fit.len().max(1) as f64;
         r.fit
             .iter()
-            .zip(&found.declared.left)
+            .zip(&found.declared.fit_residuals)
             .map(|(a, b)| (stats::rms(a) / stats::rms(b).max(1e-300)) * (stats::rms(a) / stats::rms(b).max(1e-300)))
             .sum::<f64>()
             / n
     };
     let left = total(found.best.residuals());
-    let weights: f64 = found.grounds.iter().map(|g| g.gain.max(0.0)).sum();
+    let weights: f64 = found.evidence.iter().map(|g| g.gain.max(0.0)).sum();
     let mut shares: Vec<Share> = found
-        .grounds
+        .evidence
         .iter()
         .map(|g| Share {
             of: g.identity.clone(),
@@ -469,7 +474,7 @@ fn budget(found: &Found) -> Vec<Share> {
         .iter()
         .enumerate()
         .map(|(c, channel)| {
-            let x = channel.noise / stats::rms(&found.declared.left[c]).max(1e-300);
+            let x = channel.noise / stats::rms(&found.declared.fit_residuals[c]).max(1e-300);
             x * x
         })
         .sum::<f64>()
@@ -481,22 +486,22 @@ fn budget(found: &Found) -> Vec<Share> {
 }
 
 /// Maximum number of segments that are plotted.
-const MOST_CURVES: usize = 12;
+const MAX_CURVES: usize = 12;
 
 /// Measured curve, and model before and after, held-out segments first.
-fn curves(found: &Found, data: &Data) -> Vec<Curve> {
+fn curves(found: &AcceptedResult, data: &Data) -> Vec<Curve> {
     let mut order: Vec<usize> = (0..data.segments.len()).collect();
     order.sort_by_key(|k| (data.segments[*k].judge_from == data.segments[*k].len(), *k));
-    let own = super::judge::judging(data);
-    fn refit<'a>(m: &'a Model, own: &'a Data) -> Option<(Problem<'a>, Point)> {
-        super::judge::fit_judging(&m.problem, &m.fit, own, 1)
+    let own = super::judge::held_out_segments(data);
+    fn refit<'a>(m: &'a FittedModel, own: &'a Data) -> Option<(Problem<'a>, Point)> {
+        super::judge::fit_held_out(&m.problem, &m.fit, own, 1)
     }
     let (before, after) = (refit(&found.declared, &own), refit(&found.best, &own));
     let mut all = Vec::new();
-    for k in order.into_iter().take(MOST_CURVES) {
+    for k in order.into_iter().take(MAX_CURVES) {
         let s = &data.segments[k];
         let at = own.segments.iter().position(|o| o.record == s.record && o.start_s == s.start_s);
-        let series = |m: &Model, judged: &Option<(Problem, Point)>| -> Vec<Vec<f64>> {
+        let series = |m: &FittedModel, judged: &Option<(Problem, Point)>| -> Vec<Vec<f64>> {
             let model = match (judged, at) {
                 (Some((held, point)), Some(at)) if s.judge_from == 0 => {
                     let p = Problem { data, ..held.clone() };

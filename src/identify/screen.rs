@@ -7,7 +7,7 @@
 //! 1973).
 
 use super::candidates::Hypothesis;
-use super::fit::{Fit, orthonormal, without};
+use super::fit::{Fit, orthonormal, project_out};
 use super::problem::{FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
 use crate::units::within;
@@ -15,10 +15,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Screening result of a hypothesis.
 #[derive(Clone, Debug)]
-pub struct Promise {
+pub struct ScreeningResult {
     /// Share of the cost that it would remove.
     pub gain: f64,
-    pub seed: Seed,
+    pub fit_start: FitStart,
     /// Its columns: residuals of all segments one after the other, with the free parameters projected out.
     pub columns: Vec<Vec<f64>>,
     /// Whether it changes nothing in these records.
@@ -27,7 +27,7 @@ pub struct Promise {
 
 /// Start of a fit of a hypothesis.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seed {
+pub struct FitStart {
     /// All its parameters, SI.
     pub values: Vec<f64>,
     /// One for each record.
@@ -37,7 +37,7 @@ pub struct Seed {
 }
 
 /// Residuals of a fit and the directions of its free parameters, for all segments together.
-pub struct Base {
+pub struct LinearisedBase {
     pub residual: Vec<f64>,
     /// Residuals before projection.
     raw: Vec<f64>,
@@ -50,8 +50,8 @@ pub struct Base {
 /// Amplitude of a probe, as a fraction of the starting amplitude.
 const PROBE: f64 = 1e-3;
 
-impl Base {
-    pub fn new(problem: &Problem, fit: &Fit) -> Base {
+impl LinearisedBase {
+    pub fn new(problem: &Problem, fit: &Fit) -> LinearisedBase {
         let mut residual = Vec::new();
         let mut parts = Vec::new();
         let n = problem.globals.len();
@@ -71,7 +71,8 @@ impl Base {
             }
         }
         let local_bases = parts.iter().map(|(k, _)| local_basis(problem, &fit.point, *k)).collect();
-        let mut base = Base { raw: residual.clone(), residual, basis: orthonormal(&columns), parts, local_bases };
+        let mut base =
+            LinearisedBase { raw: residual.clone(), residual, basis: orthonormal(&columns), parts, local_bases };
         let residual = base.residual.clone();
         base.residual = base.projected(&residual);
         base
@@ -82,9 +83,9 @@ impl Base {
         let mut out = Vec::with_capacity(column.len());
         for (i, (_, from)) in self.parts.iter().enumerate() {
             let to = self.parts.get(i + 1).map_or(column.len(), |(_, from)| *from);
-            out.extend(without(&column[*from..to], &self.local_bases[i]));
+            out.extend(project_out(&column[*from..to], &self.local_bases[i]));
         }
-        without(&out, &self.basis)
+        project_out(&out, &self.basis)
     }
 
     /// Sum of squares that remains to be explained.
@@ -142,13 +143,19 @@ fn local_basis(problem: &Problem, point: &Point, part: usize) -> Vec<Vec<f64>> {
 
 /// Residuals of all fitted segments with a hypothesis at the given values, minus those without it; all other parameters
 /// fixed.
-fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: &[f64]) -> Vec<f64> {
+fn residual_change(
+    problem: &Problem,
+    base: &LinearisedBase,
+    point: &Point,
+    h: &Hypothesis,
+    values: &[f64],
+) -> Vec<f64> {
     let mut with = problem.clone();
     let mut name = h.name.clone();
     while with.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
         name.push('+');
     }
-    (with.machine, _) = problem.machine.with(h.effect, &name, h.target, values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &name, h.target, values);
     let mut out = Vec::new();
     for (k, from) in &base.parts {
         let now = with.residuals(*k, &point.globals, &point.locals[*k]);
@@ -158,23 +165,23 @@ fn moved(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis, values: 
 }
 
 /// Screens a hypothesis at this fit.
-pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Promise {
+pub fn screen(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> ScreeningResult {
     let records = problem.data.records.len();
     let mut probe = h.values.clone();
     let amplitudes = h.amplitudes();
     for i in &amplitudes {
         probe[*i] = h.rows[*i].off * h.rows[*i].unit;
     }
-    let seed = Seed { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-    let none = Promise { gain: 0.0, seed, columns: Vec::new(), idle: false };
+    let fit_start = FitStart { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+    let none = ScreeningResult { gain: 0.0, fit_start, columns: Vec::new(), idle: false };
     if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
-        return by_trial(problem, base, &fit.point, h).unwrap_or_else(|| {
-            let idle = moved(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
-            Promise { idle: idle && idle_when_turned(problem, base, &fit.point, h), ..none }
+        return screen_by_trial(problem, base, &fit.point, h).unwrap_or_else(|| {
+            let idle = residual_change(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);
+            ScreeningResult { idle: idle && idle_when_reversed(problem, base, &fit.point, h), ..none }
         });
     }
     if problem.plant.is_some() && !crate::drive::sensors::is_signal(h.effect) {
-        return promise_of_links(problem, base, fit, h).unwrap_or(none);
+        return screen_links(problem, base, fit, h).unwrap_or(none);
     }
     let mut columns = Vec::new();
     // Meaning of each column: amplitude, record of its phase, cosine or sine.
@@ -188,7 +195,8 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
             if let Some(p) = h.phase() {
                 values[p] = *angle;
             }
-            let column: Vec<f64> = moved(problem, base, &fit.point, h, &values).iter().map(|d| d / size).collect();
+            let column: Vec<f64> =
+                residual_change(problem, base, &fit.point, h, &values).iter().map(|d| d / size).collect();
             if column.iter().any(|x| !x.is_finite()) {
                 return none;
             }
@@ -239,23 +247,23 @@ pub fn promise(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Pro
             values[i] = within(0.1 * h.values[i], low, high);
         }
     }
-    Promise { gain, seed: Seed { values, phases, travels: Vec::new() }, columns, idle: false }
+    ScreeningResult { gain, fit_start: FitStart { values, phases, travels: Vec::new() }, columns, idle: false }
 }
 
 /// Multiples of a shape's starting value that are tried.
-const TRIED: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+const TRIED_FACTORS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
 /// Screens a hypothesis that is not linear at small values (a limit, a preload, a resonance): tries several values of
 /// its first amplitude or shape and projects the residuals on the resulting change. None if it has no such parameter,
 /// or changes nothing.
-fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Option<Promise> {
+fn screen_by_trial(problem: &Problem, base: &LinearisedBase, point: &Point, h: &Hypothesis) -> Option<ScreeningResult> {
     let form = h.rows.iter().position(|r| matches!(r.kind, Kind::Amplitude | Kind::Shape))?;
     let row = h.rows[form];
-    let mut best: Option<Promise> = None;
-    for factor in TRIED {
+    let mut best: Option<ScreeningResult> = None;
+    for factor in TRIED_FACTORS {
         let mut values = h.values.clone();
         values[form] = within(factor * h.values[form], row.low * row.unit, row.high * row.unit);
-        let change = moved(problem, base, point, h, &values);
+        let change = residual_change(problem, base, point, h, &values);
         if change.iter().any(|x| !x.is_finite()) || change.iter().all(|x| *x == 0.0) {
             continue;
         }
@@ -263,22 +271,22 @@ fn by_trial(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> Op
         let (along, _) = dot_and_size(&base.residual, &column);
         let gain = if along < 0.0 { base.gain(std::slice::from_ref(&column)) } else { 0.0 };
         if best.as_ref().is_none_or(|b| gain > b.gain) {
-            let seed = Seed { values, phases: vec![0.0; problem.data.records.len()], travels: Vec::new() };
-            best = Some(Promise { gain, seed, columns: vec![column], idle: false });
+            let fit_start = FitStart { values, phases: vec![0.0; problem.data.records.len()], travels: Vec::new() };
+            best = Some(ScreeningResult { gain, fit_start, columns: vec![column], idle: false });
         }
     }
     best
 }
 
 /// Whether an effect on a sensor also changes nothing when all segments start with reversed motion.
-fn idle_when_turned(problem: &Problem, base: &Base, point: &Point, h: &Hypothesis) -> bool {
+fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h: &Hypothesis) -> bool {
     if !crate::drive::sensors::is_signal(h.effect) {
         return true;
     }
     let mut with = problem.clone();
-    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
     base.parts.iter().all(|(k, _)| {
-        let turned = problem.turned(*k, &point.locals[*k], true);
+        let turned = problem.reversed_locals(*k, &point.locals[*k], true);
         let shows = |of: &Problem, locals: &[f64]| of.residuals(*k, &point.globals, locals);
         turned.is_none_or(|locals| shows(&with, &locals) == shows(problem, &locals))
     })
@@ -286,10 +294,10 @@ fn idle_when_turned(problem: &Problem, base: &Base, point: &Point, h: &Hypothesi
 
 /// Screens a hypothesis on links, joints, teeth or guides: its amplitude, and for every segment the best place on the
 /// loop, from one run for each operating point.
-fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -> Option<Promise> {
+fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> Option<ScreeningResult> {
     let amplitude = *h.amplitudes().first()?;
     let mut with = problem.clone();
-    (with.machine, _) = problem.machine.with(h.effect, &h.name, h.target, &h.values);
+    (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
     let places = if super::plant::has_place(h.effect) { (with.machine.repeats() / 2).max(1) } else { 1 };
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
     // For every segment and place: product with the residual, and square.
@@ -303,7 +311,7 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
         locals[travel] += moved_on;
         let now = with.residuals(k, &globals, &locals);
         let moved: Vec<f64> = now.iter().zip(&alone[at]).map(|(a, b)| a - b).collect();
-        without(&moved, &base.local_bases[at])
+        project_out(&moved, &base.local_bases[at])
     };
     let size_of = |at: usize, c: &[f64]| {
         let from = base.parts[at].1;
@@ -356,7 +364,8 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
             locals[travel] += 2.0 * f64::from(*place);
             let now = with.residuals(k, &globals, &locals);
             let change: Vec<f64> = now.iter().zip(&rest).map(|(a, b)| a - b).collect();
-            let (change, rest) = (without(&change, &base.local_bases[at]), without(&rest, &base.local_bases[at]));
+            let (change, rest) =
+                (project_out(&change, &base.local_bases[at]), project_out(&rest, &base.local_bases[at]));
             let (along, size) = dot_and_size(&rest, &change);
             let taken = if along * sign < 0.0 { along * along / f64::max(size, 1e-300) } else { 0.0 };
             let left = rest.iter().map(|r| r * r).sum::<f64>() - taken;
@@ -367,8 +376,8 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
         rests.extend(rest);
         travels[k] = moved_to;
     }
-    let columns = vec![without(&whole, &base.basis)];
-    let rests = without(&rests, &base.basis);
+    let columns = vec![project_out(&whole, &base.basis)];
+    let rests = project_out(&rests, &base.basis);
     let (along, size) = dot_and_size(&rests, &columns[0]);
     let x = within(-along / f64::max(size, 1e-300), low.max(-1e6), high.min(1e6));
     let mut values = h.values.clone();
@@ -379,7 +388,7 @@ fn promise_of_links(problem: &Problem, base: &Base, fit: &Fit, h: &Hypothesis) -
     let left = rests.iter().map(|r| r * r).sum::<f64>() + 2.0 * x * along + x * x * size;
     let gain = (1.0 - left / f64::max(base.cost(), 1e-300)).max(0.0);
     let phases = vec![0.0; problem.data.records.len()];
-    Some(Promise { gain, seed: Seed { values, phases, travels }, columns, idle: false })
+    Some(ScreeningResult { gain, fit_start: FitStart { values, phases, travels }, columns, idle: false })
 }
 
 /// Product of two columns, and the square of the second.

@@ -5,20 +5,20 @@
 //! sets are examined, held-out data decide which are accepted.
 
 use super::candidates::{self, Hypothesis, Sizes};
-use super::fit::{Fit, Options, fit, parallel};
+use super::fit::{Fit, FitOptions, fit, parallel};
 use super::judge;
-use super::model::{Model, fitted, score};
+use super::model::{FittedModel, fit_model, score};
 use super::plant::Plant;
 use super::problem::{Global, Law, Point, Problem};
-use super::screen::{Base, Promise, promise};
+use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::stats::{self, Random};
-use super::structure::{self, Alike, Detectable};
+use super::structure::{self, Detectable, IndistinguishablePair};
 use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
-use crate::machine::simulate::{MOST_STEPS, steps_needed};
-use crate::measurement::segments::{Data, Segment};
-use crate::measurement::{Measurement, Scope};
+use crate::machine::simulate::{MAX_STEPS, steps_needed};
+use crate::measurement::segments::{Data, RecordSegment};
+use crate::measurement::{FitScope, Measurement};
 use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -47,13 +47,13 @@ pub struct Context<'a> {
 
 impl Context<'_> {
     /// Whether the search must end: interrupted, or out of budget.
-    pub fn ends(&self) -> bool {
+    pub fn must_end(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
             || self.budget.runs.is_some_and(|n| self.runs.load(Ordering::Relaxed) >= n)
             || self.budget.seconds.is_some_and(|s| self.started.elapsed().as_secs_f64() >= s)
     }
 
-    pub fn say(&self, stage: &str) {
+    pub fn report(&self, stage: &str) {
         (self.progress)(stage, self.runs.load(Ordering::Relaxed));
     }
 }
@@ -75,17 +75,17 @@ pub struct Trial {
 }
 
 /// Result of a search.
-pub struct Searched<'a> {
-    pub declared: Model<'a>,
+pub struct SearchResult<'a> {
+    pub declared: FittedModel<'a>,
     /// All fitted sets, the best score first.
-    pub all: Vec<Model<'a>>,
+    pub all: Vec<FittedModel<'a>>,
     /// Effective samples of every channel, the same for all sets.
     pub effective: Vec<f64>,
     pub trials: Vec<Trial>,
     /// Effects that were not examined, and why.
     pub reasons: Vec<(String, String)>,
     pub detectable: Vec<Detectable>,
-    pub alike: Vec<Alike>,
+    pub alike: Vec<IndistinguishablePair>,
     /// All hypotheses for the declared model, in every form.
     pub hypotheses: Vec<Hypothesis>,
     pub cut_short: bool,
@@ -94,7 +94,7 @@ pub struct Searched<'a> {
 /// Sets kept after each round; later rounds keep fewer.
 const BEAM: [usize; 3] = [6, 3, 2];
 /// A set whose score is worse than the best by more than this is dropped.
-const HOPE: f64 = 60.0;
+const MAX_SCORE_GAP: f64 = 60.0;
 /// Hypotheses that are fitted in a round for each set.
 const FITTED: usize = 6;
 /// The same for drives with link bodies, whose runs take a second each, and their maximum number of effects.
@@ -102,10 +102,10 @@ const LINKED_BEAM: usize = 2;
 const LINKED_FITTED: usize = 4;
 const LINKED_EFFECTS: usize = 2;
 /// Maximum number of effects.
-pub const MOST_EFFECTS: usize = 4;
+pub const MAX_EFFECTS: usize = 4;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
 /// Held-out data, shams and standard errors are stricter conditions that it must also meet.
-pub const WORTH: f64 = 3.0;
+pub const MIN_SCORE_GAIN: f64 = 3.0;
 /// The declared model with its free numbers.
 pub fn declared<'a>(
     measurement: &Measurement,
@@ -122,60 +122,60 @@ pub fn declared<'a>(
         let high = spec.high.unwrap_or(s.high).min(s.high) * s.unit;
         let logarithm = value > 0.0 && low >= 0.0;
         let range = |given: Option<f64>, far: f64, bound: f64| if given.is_none() && logarithm { far } else { bound };
-        let low = range(spec.low, value / WIDEST, low).max(low);
-        let high = range(spec.high, value * WIDEST, high).min(high);
+        let low = range(spec.low, value / SEARCH_FACTOR, low).max(low);
+        let high = range(spec.high, value * SEARCH_FACTOR, high).min(high);
         let law = Law {
             scale: if value == 0.0 { scale_of_zero(low, high) } else { value.abs() },
             logarithm,
             low: if logarithm { low.max(value * 1e-9) } else { low },
             high,
         };
-        let prior = spec.spread.map(|spread| (law.seen(value), spread));
+        let prior = spec.spread.map(|spread| (law.scaled(value), spread));
         match spec.scope {
-            Scope::All => globals.push(Global { slot, record: None, law, prior }),
-            Scope::Record => {
+            FitScope::All => globals.push(Global { slot, record: None, law, prior }),
+            FitScope::Record => {
                 let all = 0..data.records.len();
                 globals.extend(all.map(|r| Global { slot, record: Some(r), law, prior }));
             }
-            Scope::Part => locals.push(super::problem::Local::Slot { slot, law }),
+            FitScope::Part => locals.push(super::problem::Local::Slot { slot, law }),
         }
     }
     let mut problem = Problem {
         machine: machine.clone(),
         plant: context.plant,
-        held: Vec::new(),
+        fixed: Vec::new(),
         folded: false,
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
         weights: data.channels.iter().map(|c| c.noise.max(1e-12)).collect(),
         globals,
         locals,
-        most_steps: MOST_STEPS,
+        max_steps: MAX_STEPS,
         runs: context.runs,
     };
     if problem.plant.is_none() {
         let start = problem.start();
         // Ranges from the measurement may be used to their ends.
-        let mut most = FILE_STIFFER * needed(&problem, &start);
+        let mut most = FILE_STIFFNESS_FACTOR * steps_needed_at(&problem, &start);
         for spec in &measurement.fit {
             let own = (0..problem.globals.len()).filter(|g| machine.slots[problem.globals[*g].slot].path == spec.path);
             for g in own {
                 let unit = machine.slots[problem.globals[g].slot].unit;
                 for bound in [spec.low, spec.high].into_iter().flatten().filter(|x| x.is_finite() && *x != 0.0) {
                     let mut at = start.clone();
-                    at.globals[g] = problem.globals[g].law.seen(bound * unit);
-                    most = most.max(needed(&problem, &at));
+                    at.globals[g] = problem.globals[g].law.scaled(bound * unit);
+                    most = most.max(steps_needed_at(&problem, &at));
                 }
             }
         }
-        problem.most_steps = within(most, STIFF, MOST_STEPS);
+        problem.max_steps = within(most, MAX_STIFFNESS, MAX_STEPS);
     }
     problem
 }
 
 /// A positive parameter is searched within this factor of the file's value, unless the measurement gives a range.
 /// Without a limit, a poorly determined damping grows until every run takes hundreds of steps a sample.
-const WIDEST: f64 = 1000.0;
+const SEARCH_FACTOR: f64 = 1000.0;
 
 /// Scale of a parameter whose value is zero, from its bounds.
 fn scale_of_zero(low: f64, high: f64) -> f64 {
@@ -184,19 +184,19 @@ fn scale_of_zero(low: f64, high: f64) -> f64 {
 }
 
 /// Fits whose deviances differ by less are equal.
-const SAME: f64 = 1e-3;
+const DEVIANCE_TOLERANCE: f64 = 1e-3;
 
 /// The baseline fit: started from the drive's own parameters and from values around them, so that it does not miss a
 /// better minimum.
-pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> Model<'a> {
+pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> FittedModel<'a> {
     let mut start = problem.start();
-    problem.find_travels(&mut start, context.threads);
-    problem.turn_starts(&mut start, context.threads);
-    let mut best = fitted(problem.clone(), &start, own, Vec::new(), context.threads, 60);
+    problem.find_start_positions(&mut start, context.threads);
+    problem.reverse_better_starts(&mut start, context.threads);
+    let mut best = fit_model(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
     for _ in 0..4 {
         // A drive with link bodies is too costly to restart, and its parameters are close to the true ones.
-        if context.ends() || problem.globals.is_empty() || problem.plant.is_some() {
+        if context.must_end() || problem.globals.is_empty() || problem.plant.is_some() {
             break;
         }
         let mut other = start.clone();
@@ -204,8 +204,8 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> M
             let d = (random.below(2001) as f64 / 1000.0 - 1.0) * g.prior.map_or(1.0, |(_, s)| s.min(1.0));
             *x += d;
         }
-        let model = fitted(problem.clone(), &other, own, Vec::new(), context.threads, 40);
-        if model.misfit() < best.misfit() - SAME {
+        let model = fit_model(problem.clone(), &other, own, Vec::new(), context.threads, 40);
+        if model.misfit() < best.misfit() - DEVIANCE_TOLERANCE {
             best = model;
         }
     }
@@ -218,59 +218,67 @@ pub fn search<'a>(
     problem: Problem<'a>,
     own: &'a Data,
     context: &Context<'_>,
-) -> Searched<'a> {
-    context.say("fitting the declared model");
+) -> SearchResult<'a> {
+    context.report("fitting the declared model");
     let mut declared = baseline(problem, own, context);
     if declared.problem.plant.is_none() {
-        set_most_steps(&mut declared.problem, &declared.fit.point);
+        set_step_limit(&mut declared.problem, &declared.fit.point);
     }
     // Detectable sizes and indistinguishable pairs are those at the declared model, where the search also begins.
-    let base = Base::new(&declared.problem, &declared.fit);
-    let first = looked(measurement, &declared, &base, context);
-    let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.promises);
-    let alike = structure::alike(&first.hypotheses, &first.promises);
+    let base = LinearisedBase::new(&declared.problem, &declared.fit);
+    let first = screened(measurement, &declared, &base, context);
+    let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.screenings);
+    let alike = structure::indistinguishable_pairs(&first.hypotheses, &first.screenings);
     let hypotheses = first.hypotheses.clone();
     let mut first = Some(first);
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
-    let mut beam: Vec<Model<'a>> = vec![declared.clone()];
+    let mut beam: Vec<FittedModel<'a>> = vec![declared.clone()];
     // Sets that were fitted: starting near the file's parameters, and far from them.
     let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
     let file = declared.problem.start();
-    let mut all: Vec<Model<'a>> = vec![declared.clone()];
+    let mut all: Vec<FittedModel<'a>> = vec![declared.clone()];
     let mut cut_short = false;
     let linked = declared.problem.plant.is_some();
-    let most_effects = if linked { LINKED_EFFECTS } else { MOST_EFFECTS };
+    let most_effects = if linked { LINKED_EFFECTS } else { MAX_EFFECTS };
     for round in 1..=most_effects {
-        let mut next: Vec<Model<'a>> = Vec::new();
+        let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {
             if model.is_exhausted() {
                 continue;
             }
-            if context.ends() {
+            if context.must_end() {
                 cut_short = true;
                 break;
             }
-            context.say(&format!("round {round}: screening hypotheses"));
-            let looked = first
-                .take()
-                .unwrap_or_else(|| looked(measurement, model, &Base::new(&model.problem, &model.fit), context));
+            context.report(&format!("round {round}: screening hypotheses"));
+            let screened_now = first.take().unwrap_or_else(|| {
+                screened(measurement, model, &LinearisedBase::new(&model.problem, &model.fit), context)
+            });
             let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
-            let grown = grow(looked, model, own, context, seen, &mut trials, &mut reasons);
+            let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
             next.extend(grown);
         }
         if round == 1
             && let Some(near) = near_the_file(&declared, own, context)
         {
-            context.say("round 1: searching again from the drive's own parameters");
-            let looked = looked(measurement, &near, &Base::new(&near.problem, &near.fit), context);
-            next.extend(grow(looked, &near, own, context, &mut seen[0], &mut trials, &mut reasons));
+            context.report("round 1: searching again from the drive's own parameters");
+            let screened_now = screened(measurement, &near, &LinearisedBase::new(&near.problem, &near.fit), context);
+            next.extend(extend_by_one_effect(
+                screened_now,
+                &near,
+                own,
+                context,
+                &mut seen[0],
+                &mut trials,
+                &mut reasons,
+            ));
         }
-        if round == 1 && !next.iter().any(Model::is_near_the_floor) && !context.ends() {
-            context.say("round 1: searching again in short stretches");
+        if round == 1 && !next.iter().any(FittedModel::is_near_the_floor) && !context.must_end() {
+            context.report("round 1: searching again in short stretches");
             let found = from_stretches(measurement, &declared, own, context);
             for m in &found {
-                tell(&mut trials, m.effects[0].identity(), &[], None, stats::rms(&m.left[0]));
+                record_trial(&mut trials, m.effects[0].identity(), &[], None, stats::rms(&m.fit_residuals[0]));
             }
             next.extend(found);
         }
@@ -290,10 +298,10 @@ pub fn search<'a>(
         });
         next.truncate(if linked { LINKED_BEAM } else { BEAM[(round - 1).min(BEAM.len() - 1)] });
         let lead = next.first().map_or(f64::MAX, |m| score(m, &effective));
-        next.retain(|m| score(m, &effective) <= lead + HOPE);
+        next.retain(|m| score(m, &effective) <= lead + MAX_SCORE_GAP);
         let before = beam.iter().map(|m| score(m, &effective)).fold(f64::MAX, f64::min);
         let after = next.first().map_or(f64::MAX, |m| score(m, &effective));
-        if after > before - WORTH {
+        if after > before - MIN_SCORE_GAIN {
             break;
         }
         beam = next;
@@ -301,81 +309,87 @@ pub fn search<'a>(
             break;
         }
     }
-    let sorted = |all: &mut Vec<Model<'a>>| {
+    let sorted = |all: &mut Vec<FittedModel<'a>>| {
         let effective = best_effective(all);
         all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
         effective
     };
     sorted(&mut all);
-    let again: Vec<_> = all.iter().take(AGAIN).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
+    let again: Vec<_> =
+        all.iter().take(REFITTED_SETS).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
     all.extend(again);
     let effective = sorted(&mut all);
-    Searched { declared, all, effective, trials, reasons, detectable, alike, hypotheses, cut_short }
+    SearchResult { declared, all, effective, trials, reasons, detectable, alike, hypotheses, cut_short }
 }
 
 /// A free parameter that moved by e to this power from its file value may hide a missing effect.
-const FAR: f64 = 0.7;
+const FAR_FROM_FILE: f64 = 0.7;
 
 /// Whether a free parameter of the declared model is far from its value in the file.
 fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
     let logarithms = (0..file.globals.len()).filter(|g| declared.globals[*g].law.logarithm);
     let far = logarithms.map(|g| (file.globals[g] - at.globals[g]).abs()).fold(0.0, f64::max);
-    declared.plant.is_none() && far >= FAR
+    declared.plant.is_none() && far >= FAR_FROM_FILE
 }
 
 /// Without a stated uncertainty, a parameter this far from its file value is implausible: a factor of 5.
-const HARD_TO_BELIEVE: f64 = 1.6;
+const IMPLAUSIBLE_CHANGE: f64 = 1.6;
 
 /// Warnings about declared parameters that the final fit has moved far from their file values.
-pub fn far_numbers(declared: &Model, best: &Model) -> Vec<String> {
+pub fn moved_parameters(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
     let file = declared.problem.start();
     let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
-    let far =
-        numbers.filter(|(g, (from, to))| g.law.logarithm && g.prior.is_none() && (*from - *to).abs() > HARD_TO_BELIEVE);
-    let told = |(g, (from, to)): (&Global, (&f64, &f64))| {
+    let far = numbers
+        .filter(|(g, (from, to))| g.law.logarithm && g.prior.is_none() && (*from - *to).abs() > IMPLAUSIBLE_CHANGE);
+    let text = |(g, (from, to)): (&Global, (&f64, &f64))| {
         let path = &declared.problem.machine.slots[g.slot].path;
         let times = libm::exp(to - from);
         format!(
             "the fit has moved `{path}` to {times:.3} times the file's value: it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it"
         )
     };
-    far.map(told).collect()
+    far.map(text).collect()
 }
 
 /// Number of best sets that are fitted again from the file's parameters.
-const AGAIN: usize = 2;
+const REFITTED_SETS: usize = 2;
 
 /// Fits a set of effects again from the file's parameters, if it is far from them: the effects that were missing when
 /// the parameters moved away are now in the set.
-fn from_the_file<'a>(declared: &Model<'a>, model: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
+fn from_the_file<'a>(
+    declared: &FittedModel<'a>,
+    model: &FittedModel<'a>,
+    own: &'a Data,
+    context: &Context,
+) -> Option<FittedModel<'a>> {
     let file = declared.problem.start();
-    if !is_far(&declared.problem, &file, &model.fit.point) || context.ends() {
+    if !is_far(&declared.problem, &file, &model.fit.point) || context.must_end() {
         return None;
     }
     let mut start = model.fit.point.clone();
     start.globals[..file.globals.len()].copy_from_slice(&file.globals);
-    Some(fitted(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
+    Some(fit_model(model.problem.clone(), &start, own, model.effects.clone(), context.threads, 40))
 }
 
 /// The declared model with the parameters of its file, if the fit has moved one far away. The search for effects is
 /// repeated from there.
-fn near_the_file<'a>(declared: &Model<'a>, own: &'a Data, context: &Context) -> Option<Model<'a>> {
+fn near_the_file<'a>(declared: &FittedModel<'a>, own: &'a Data, context: &Context) -> Option<FittedModel<'a>> {
     let start = declared.problem.start();
-    if !is_far(&declared.problem, &start, &declared.fit.point) || context.ends() {
+    if !is_far(&declared.problem, &start, &declared.fit.point) || context.must_end() {
         return None;
     }
     // With the parameters fixed at the file's values, only the initial states of the segments are fitted.
     let mut held = declared.problem.clone();
     held.globals.clear();
-    let options = Options { iterations: 20, threads: context.threads };
+    let options = FitOptions { iterations: 20, threads: context.threads };
     let locals = fit(&held, &Point { globals: Vec::new(), locals: start.locals }, options).point.locals;
     let point = Point { globals: start.globals, locals };
-    let found = fit(&declared.problem, &point, Options { iterations: 0, ..options });
-    Some(Model::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
+    let found = fit(&declared.problem, &point, FitOptions { iterations: 0, ..options });
+    Some(FittedModel::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
 /// Number of shortest stretches that are joined, per level; the last level is whole records.
-const TOGETHER: [usize; 2] = [1, 4];
+const JOINED_STRETCHES: [usize; 2] = [1, 4];
 /// Hypotheses that are fitted to short stretches, and how many of them are then fitted to whole records.
 const SHORT_FITTED: usize = 6;
 const SHORT_KEPT: usize = 3;
@@ -383,12 +397,12 @@ const SHORT_KEPT: usize = 3;
 /// Models with one effect that was found in short stretches of the records and then fitted to whole records.
 fn from_stretches<'a>(
     measurement: &Measurement,
-    declared: &Model<'a>,
+    declared: &FittedModel<'a>,
     own: &'a Data,
     context: &Context<'_>,
-) -> Vec<Model<'a>> {
+) -> Vec<FittedModel<'a>> {
     let whole = &declared.problem;
-    let levels: Option<Vec<_>> = TOGETHER.iter().map(|together| windows::split(whole, *together)).collect();
+    let levels: Option<Vec<_>> = JOINED_STRETCHES.iter().map(|together| windows::split(whole, *together)).collect();
     let Some(levels) = levels else { return Vec::new() };
     let weights: Vec<f64> = whole.data.channels.iter().map(|c| c.noise.max(1e-12)).collect();
     let runs = AtomicU64::new(0);
@@ -396,16 +410,16 @@ fn from_stretches<'a>(
         .iter()
         .map(|(data, _)| Problem { weights: weights.clone(), runs: &runs, ..windows::problem(whole, data) })
         .collect();
-    let options = Options { iterations: 30, threads: context.threads };
+    let options = FitOptions { iterations: 30, threads: context.threads };
     let found = fit(&shorter[0], &shorter[0].start(), options);
-    let base = Base::new(&shorter[0], &found);
-    let short = Model::new(shorter[0].clone(), found, Vec::new(), own, context.threads);
-    if context.ends() {
+    let base = LinearisedBase::new(&shorter[0], &found);
+    let short = FittedModel::new(shorter[0].clone(), found, Vec::new(), own, context.threads);
+    if context.must_end() {
         return Vec::new();
     }
-    let Looked { hypotheses, promises, .. } = looked(measurement, &short, &base, context);
-    let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !promises[*i].columns.is_empty()).collect();
-    order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
+    let ScreenedHypotheses { hypotheses, screenings, .. } = screened(measurement, &short, &base, context);
+    let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !screenings[*i].columns.is_empty()).collect();
+    order.sort_by(|a, b| screenings[*b].gain.total_cmp(&screenings[*a].gain).then(a.cmp(b)));
     let mut chosen: Vec<usize> = Vec::new();
     for i in order {
         let known = chosen.iter().any(|c| hypotheses[*c].identity() == hypotheses[i].identity());
@@ -415,8 +429,9 @@ fn from_stretches<'a>(
     }
     let mut fits: Vec<(usize, Problem, Fit)> = parallel(chosen.len(), context.threads, |at| {
         let i = chosen[at];
-        let (problem, start) = candidates::with(&short.problem, &short.fit.point, &hypotheses[i], &promises[i].seed);
-        let found = fit(&problem, &start, Options { threads: 1, ..options });
+        let (problem, start) =
+            candidates::with_hypothesis(&short.problem, &short.fit.point, &hypotheses[i], &screenings[i].fit_start);
+        let found = fit(&problem, &start, FitOptions { threads: 1, ..options });
         (i, problem, found)
     });
     fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
@@ -427,34 +442,34 @@ fn from_stretches<'a>(
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
     parallel(fits.len(), context.threads, |at| {
         let (i, problem, found) = &fits[at];
-        let (h, seed) = (&hypotheses[*i], &promises[*i].seed);
+        let (h, fit_start) = (&hypotheses[*i], &screenings[*i].fit_start);
         // The declared parameters come first, then those of the effect.
         let mut short = (problem.clone(), found.point.clone(), &levels[0].1);
         for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
-            let (with, mut start) = candidates::with(problem, &problem.start(), h, seed);
+            let (with, mut start) = candidates::with_hypothesis(problem, &problem.start(), h, fit_start);
             start.locals = windows::joined((&with, &start, own), (&short.0, &short.1, short.2));
             start.globals = short.1.globals;
-            let found = fit(&with, &start, Options { threads: 1, ..options }).point;
+            let found = fit(&with, &start, FitOptions { threads: 1, ..options }).point;
             short = (with, found, own);
         }
-        let (problem, mut start) = candidates::with(whole, &declared.fit.point, h, seed);
+        let (problem, mut start) = candidates::with_hypothesis(whole, &declared.fit.point, h, fit_start);
         start.locals = windows::joined((&problem, &start, &begins), (&short.0, &short.1, short.2));
         start.globals = short.1.globals;
-        fitted(problem, &start, own, vec![h.clone()], 1, 40)
+        fit_model(problem, &start, own, vec![h.clone()], 1, 40)
     })
 }
 
 /// Limits of stiffness in steps per sample. At the first value a spring oscillates faster than the samples resolve, and
 /// a damper settles between two samples. Stiffer models are searched only up to this multiple of the steps that the
 /// file's parameters need.
-const STIFF: f64 = 40.0;
-const FILE_STIFFER: f64 = 16.0;
+const MAX_STIFFNESS: f64 = 40.0;
+const FILE_STIFFNESS_FACTOR: f64 = 16.0;
 /// An added effect may need this multiple of the steps of the fitted model.
-const STIFFER: f64 = 4.0;
+const ADDED_STIFFNESS_FACTOR: f64 = 4.0;
 
 /// Steps per sample that a run needs with these parameters, at least one.
-fn needed(problem: &Problem, point: &Point) -> f64 {
-    let of = |(k, s): (usize, &Segment)| {
+fn steps_needed_at(problem: &Problem, point: &Point) -> f64 {
+    let of = |(k, s): (usize, &RecordSegment)| {
         let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
         steps_needed(&problem.machine, &values, &s.task, &start)
     };
@@ -462,44 +477,53 @@ fn needed(problem: &Problem, point: &Point) -> f64 {
 }
 
 /// Whether a fit is near the limit of steps per sample.
-pub fn is_at_most_steps(declared: &Model) -> bool {
+pub fn is_at_step_limit(declared: &FittedModel) -> bool {
     declared.problem.plant.is_none()
-        && needed(&declared.problem, &declared.fit.point) > 0.9 * declared.problem.most_steps
+        && steps_needed_at(&declared.problem, &declared.fit.point) > 0.9 * declared.problem.max_steps
 }
 
 /// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.
-fn set_most_steps(problem: &mut Problem, fitted: &Point) {
-    let most = STIFFER * needed(problem, &problem.start()).max(needed(problem, fitted));
-    problem.most_steps = within(most, 16.0, problem.most_steps);
+fn set_step_limit(problem: &mut Problem, fitted: &Point) {
+    let most =
+        ADDED_STIFFNESS_FACTOR * steps_needed_at(problem, &problem.start()).max(steps_needed_at(problem, fitted));
+    problem.max_steps = within(most, 16.0, problem.max_steps);
 }
 
 /// Hypotheses for a model, with their screening results.
-struct Looked {
+struct ScreenedHypotheses {
     hypotheses: Vec<Hypothesis>,
-    promises: Vec<Promise>,
+    screenings: Vec<ScreeningResult>,
     /// Effects that were left out, and why.
     left_out: Vec<(String, String)>,
 }
 
-fn looked(measurement: &Measurement, model: &Model, base: &Base, context: &Context) -> Looked {
-    let sizes = Sizes::of(&model.problem, &model.fit.point);
+fn screened(
+    measurement: &Measurement,
+    model: &FittedModel,
+    base: &LinearisedBase,
+    context: &Context,
+) -> ScreenedHypotheses {
+    let sizes = Sizes::new(&model.problem, &model.fit.point);
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
     let (m, data) = (&model.problem.machine, model.problem.data);
     let mut left_out = Vec::new();
     let hypotheses = candidates::all(m, data, &sizes, &measurement.candidates, &slots, &mut left_out);
-    let promise = |i: usize| promise(&model.problem, base, &model.fit, &hypotheses[i]);
-    let promises = parallel(hypotheses.len(), context.threads, promise);
-    Looked { hypotheses, promises, left_out }
+    let screened = |i: usize| screen(&model.problem, base, &model.fit, &hypotheses[i]);
+    let screenings = parallel(hypotheses.len(), context.threads, screened);
+    ScreenedHypotheses { hypotheses, screenings, left_out }
 }
 
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
-fn best_effective(models: &[Model]) -> Vec<f64> {
-    let error = |m: &Model| judge::mean_error(&m.left);
-    models.iter().min_by(|a, b| error(a).total_cmp(&error(b))).map_or_else(Vec::new, |m| judge::effective(&m.left))
+fn best_effective(models: &[FittedModel]) -> Vec<f64> {
+    let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
+    models
+        .iter()
+        .min_by(|a, b| error(a).total_cmp(&error(b)))
+        .map_or_else(Vec::new, |m| judge::effective(&m.fit_residuals))
 }
 
 /// Records a fit. Of several fits with the same effects, only the best is kept.
-fn tell(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: Option<f64>, rms_fit: f64) {
+fn record_trial(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: Option<f64>, rms_fit: f64) {
     let old = trials.iter_mut().find(|t| t.identity == identity && t.beside == beside);
     let before = old.as_ref().and_then(|t| t.rms_fit);
     if before.is_some_and(|rms| rms <= rms_fit) {
@@ -515,16 +539,16 @@ fn tell(trials: &mut Vec<Trial>, identity: String, beside: &[String], promised: 
 }
 
 /// The model with one more effect, in every form that justifies a fit.
-fn grow<'a>(
-    looked: Looked,
-    model: &Model<'a>,
+fn extend_by_one_effect<'a>(
+    screened: ScreenedHypotheses,
+    model: &FittedModel<'a>,
     own: &'a Data,
     context: &Context<'_>,
     seen: &mut Vec<Vec<String>>,
     trials: &mut Vec<Trial>,
     reasons: &mut Vec<(String, String)>,
-) -> Vec<Model<'a>> {
-    let Looked { hypotheses, promises, left_out } = looked;
+) -> Vec<FittedModel<'a>> {
+    let ScreenedHypotheses { hypotheses, screenings, left_out } = screened;
     for r in left_out {
         if !reasons.contains(&r) {
             reasons.push(r);
@@ -532,15 +556,15 @@ fn grow<'a>(
     }
     // The best form of every identity; hypotheses that cannot be screened are always fitted.
     let mut order: Vec<usize> = (0..hypotheses.len()).collect();
-    order.sort_by(|a, b| promises[*b].gain.total_cmp(&promises[*a].gain).then(a.cmp(b)));
-    let most = promises.iter().map(|p| p.gain).fold(0.0, f64::max);
+    order.sort_by(|a, b| screenings[*b].gain.total_cmp(&screenings[*a].gain).then(a.cmp(b)));
+    let most = screenings.iter().map(|p| p.gain).fold(0.0, f64::max);
     let mut chosen: Vec<usize> = Vec::new();
     let mut linear = 0;
     for i in order {
-        let unscreened = promises[i].columns.is_empty() && !promises[i].idle;
+        let unscreened = screenings[i].columns.is_empty() && !screenings[i].idle;
         let id = hypotheses[i].identity();
         let others = chosen.iter().filter(|c| hypotheses[**c].identity() == id).count();
-        let useful = unscreened || promises[i].gain > (0.1 * most).max(1e-4);
+        let useful = unscreened || screenings[i].gain > (0.1 * most).max(1e-4);
         if !useful || others > usize::from(hypotheses[i].rows.len() > 1) {
             continue;
         }
@@ -563,11 +587,11 @@ fn grow<'a>(
             trials.push(Trial {
                 identity: id,
                 beside: beside.clone(),
-                promised: promises[i].gain,
+                promised: screenings[i].gain,
                 rms_fit: None,
                 rms_judge: None,
                 score: None,
-                why: match promises[i].idle {
+                why: match screenings[i].idle {
                     true => "changes nothing in these records".into(),
                     false => "screening: explains less than others".into(),
                 },
@@ -583,34 +607,34 @@ fn grow<'a>(
             !seen.contains(&id)
         })
         .collect();
-    context.say("fitting hypotheses");
+    context.report("fitting hypotheses");
     let fits = parallel(jobs.len(), context.threads, |job| {
-        if context.ends() {
+        if context.must_end() {
             return None;
         }
         let h = &hypotheses[jobs[job]];
-        let p = &promises[jobs[job]];
+        let p = &screenings[jobs[job]];
         // Without a screening result the fit starts from the hypothesis' own values.
         let (base, point) = (&model.problem, &model.fit.point);
         let (problem, mut start) = match p.columns.is_empty() {
-            true => candidates::with(base, point, h, &p.seed),
-            false => candidates::begun(base, point, h, &p.seed, 1),
+            true => candidates::with_hypothesis(base, point, h, &p.fit_start),
+            false => candidates::with_stable_start(base, point, h, &p.fit_start, 1),
         };
         if p.columns.is_empty() && is_signal(h.effect) {
-            problem.turn_starts(&mut start, 1);
+            problem.reverse_better_starts(&mut start, 1);
         }
         let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-        let model = fitted(problem, &start, own, effects, 1, 40);
-        context.say("fitting hypotheses");
+        let model = fit_model(problem, &start, own, effects, 1, 40);
+        context.report("fitting hypotheses");
         Some(model)
     });
-    let mut models: Vec<Model<'a>> = Vec::new();
+    let mut models: Vec<FittedModel<'a>> = Vec::new();
     for (i, m) in jobs.iter().zip(fits) {
         let Some(mut m) = m else { continue };
         m.threads = context.threads;
         let id = m.identity();
-        let rms_fit = stats::rms(&m.left[0]);
-        tell(trials, hypotheses[*i].identity(), &beside, Some(promises[*i].gain), rms_fit);
+        let rms_fit = stats::rms(&m.fit_residuals[0]);
+        record_trial(trials, hypotheses[*i].identity(), &beside, Some(screenings[*i].gain), rms_fit);
         match models.iter_mut().find(|o| o.identity() == id) {
             Some(o) if o.misfit() > m.misfit() => *o = m,
             Some(_) => {}

@@ -64,7 +64,7 @@ impl Random {
         Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }
 
-    pub fn draw(&mut self) -> u64 {
+    pub fn next_u64(&mut self) -> u64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
@@ -73,7 +73,7 @@ impl Random {
 
     /// An integer below `n`.
     pub fn below(&mut self, n: usize) -> usize {
-        ((self.draw() >> 11) as f64 / (1_u64 << 53) as f64 * n as f64) as usize
+        ((self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64 * n as f64) as usize
     }
 }
 

@@ -1,7 +1,7 @@
 //! Whether an effect has the same size in all parts of the records (Green et al.: let a constant parameter differ from
 //! window to window). A real cause has one size; a substitute for another cause takes a different size in each record.
 
-use super::model::{Model, globals_of, inflation};
+use super::model::{FittedModel, globals_of, inflation};
 use crate::effects::Kind;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -17,9 +17,9 @@ pub struct Size {
 }
 
 /// Sizes that spread by less than this are equal: a slightly wrong law has the same spread.
-const SPREAD: f64 = 0.3;
+const EQUAL_SPREAD: f64 = 0.3;
 /// Standard normal deviate of 99 %.
-const SURE: f64 = 2.326;
+const DEVIATE_99: f64 = 2.326;
 
 /// Whether sizes differ by more than their standard errors and by more than a slightly wrong law explains: chi-squared
 /// of their spread is beyond its 99 % point (Wilson and Hilferty 1931), and their standard deviation exceeds 30 %. A
@@ -37,15 +37,15 @@ pub fn differ(sizes: &[Size]) -> bool {
         (sizes.iter().map(|s| weight(s) * (s.relative - mean) * (s.relative - mean)).sum::<f64>(), weights)
     };
     let chi2 = about_mean(0.0).0;
-    let (squares, weights) = about_mean(SPREAD * SPREAD);
+    let (squares, weights) = about_mean(EQUAL_SPREAD * EQUAL_SPREAD);
     let spread = squares / weights * (free + 1.0) / free;
     let narrow = 2.0 / (9.0 * free);
-    let point = free * (1.0 - narrow + SURE * libm::sqrt(narrow)).powi(3);
-    chi2 > point && spread > SPREAD * SPREAD
+    let point = free * (1.0 - narrow + DEVIATE_99 * libm::sqrt(narrow)).powi(3);
+    chi2 > point && spread > EQUAL_SPREAD * EQUAL_SPREAD
 }
 
 /// `0.98 1.02 in first, 1.00 0.99 in second`.
-pub fn told(sizes: &[Size]) -> String {
+pub fn sizes_text(sizes: &[Size]) -> String {
     let mut text = String::new();
     for (i, s) in sizes.iter().enumerate() {
         text += &format!("{:.2}", s.relative);
@@ -58,7 +58,7 @@ pub fn told(sizes: &[Size]) -> String {
 
 /// Sizes of an effect in the halves of the fitted records, estimated together with all other parameters from the
 /// Jacobian at the fit. Empty if the effect has no size, or one that is searched by its logarithm.
-pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
+pub fn sizes(model: &FittedModel, which: usize) -> Vec<Size> {
     let (problem, fit) = (&model.problem, &model.fit);
     let n = problem.globals.len();
     let keys = problem.machine.keys(model.effects[which].effect, model.effects[which].target);
@@ -129,7 +129,7 @@ pub fn sizes(model: &Model, which: usize) -> Vec<Size> {
 mod tests {
     use super::*;
 
-    fn of(all: &[(f64, f64)]) -> Vec<Size> {
+    fn sizes_of(all: &[(f64, f64)]) -> Vec<Size> {
         let size = |(i, s): (usize, &(f64, f64))| Size {
             record: if i < 2 { "first".into() } else { "second".into() },
             half: 1 + i as u32 % 2,
@@ -141,11 +141,17 @@ mod tests {
 
     #[test]
     fn sizes_differ_beyond_their_errors_and_beyond_a_law_that_is_a_little_off() {
-        assert!(differ(&of(&[(0.51, 0.14), (1.14, 0.04), (0.63, 0.10), (1.06, 0.03)])));
-        assert!(!differ(&of(&[(0.91, 0.001), (1.10, 0.001), (0.95, 0.001), (1.05, 0.001)])), "small, however sure");
-        assert!(!differ(&of(&[(0.5, 0.4), (1.5, 0.4), (0.6, 0.4), (1.4, 0.4)])), "large, but not sure");
-        assert!(!differ(&of(&[(0.95, 0.005), (1.05, 0.005), (1.00, 0.005), (2.0, 1.0)])), "one half tells nothing");
-        assert!(!differ(&of(&[(1.0, 0.1)])));
-        assert_eq!(told(&of(&[(1.0, 0.1), (0.9, 0.1), (1.1, 0.1)])), "1.00 0.90 in first, 1.10 in second");
+        assert!(differ(&sizes_of(&[(0.51, 0.14), (1.14, 0.04), (0.63, 0.10), (1.06, 0.03)])));
+        assert!(
+            !differ(&sizes_of(&[(0.91, 0.001), (1.10, 0.001), (0.95, 0.001), (1.05, 0.001)])),
+            "small, however sure"
+        );
+        assert!(!differ(&sizes_of(&[(0.5, 0.4), (1.5, 0.4), (0.6, 0.4), (1.4, 0.4)])), "large, but not sure");
+        assert!(
+            !differ(&sizes_of(&[(0.95, 0.005), (1.05, 0.005), (1.00, 0.005), (2.0, 1.0)])),
+            "one half tells nothing"
+        );
+        assert!(!differ(&sizes_of(&[(1.0, 0.1)])));
+        assert_eq!(sizes_text(&sizes_of(&[(1.0, 0.1), (0.9, 0.1), (1.1, 0.1)])), "1.00 0.90 in first, 1.10 in second");
     }
 }

@@ -2,7 +2,7 @@
 //! effect, and effects that these records cannot distinguish.
 
 use super::candidates::Hypothesis;
-use super::screen::{Base, Promise};
+use super::screen::{LinearisedBase, ScreeningResult};
 use crate::effects::Effect;
 use crate::machine::{Machine, Target, gcd};
 use serde::Serialize;
@@ -29,7 +29,7 @@ pub struct Detectable {
 
 /// Two hypotheses that look alike in these records.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Alike {
+pub struct IndistinguishablePair {
     pub a: String,
     pub b: String,
     pub angle_deg: f64,
@@ -95,7 +95,7 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
 
 /// Paths of effects all of whose orders are also orders of this effect, because the tooth count divides the link count:
 /// a tooth or runout always meets the same links, and one link the same tooth.
-pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
+pub fn locked_orders(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     const ON_SPROCKETS: [&str; 2] = ["sprocket_runout", "gap_error"];
     const ON_LINKS: [&str; 2] = ["pitch_error", "tight_joint"];
     let Some(links) = m.chain.as_ref().map(|c| c.links) else { return Vec::new() };
@@ -119,15 +119,20 @@ pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
 }
 
 /// Teeth and links of a machine.
-pub fn counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
+pub fn tooth_and_link_counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
     (m.toothed(), m.chain.as_ref().map(|c| c.links))
 }
 
 /// Detection limit of every hypothesis, once for each effect and place.
-pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Detectable> {
+pub fn detectable(
+    m: &Machine,
+    base: &LinearisedBase,
+    hypotheses: &[Hypothesis],
+    screenings: &[ScreeningResult],
+) -> Vec<Detectable> {
     let sigma = libm::sqrt(base.cost() / base.residual.len().max(1) as f64);
     let mut found: Vec<Detectable> = Vec::new();
-    for (h, p) in hypotheses.iter().zip(promises) {
+    for (h, p) in hypotheses.iter().zip(screenings) {
         let (Some(first), Some(column)) = (h.amplitudes().first().copied(), p.columns.first()) else { continue };
         // A hypothesis that is not linear at small values has no slope.
         if h.rows[first].off != 0.0 {
@@ -147,8 +152,11 @@ pub fn detectable(m: &Machine, base: &Base, hypotheses: &[Hypothesis], promises:
 }
 
 /// Pairs whose columns are nearly parallel, within 15 degrees.
-pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
-    let bases: Vec<(usize, Vec<Vec<f64>>)> = promises
+pub fn indistinguishable_pairs(
+    hypotheses: &[Hypothesis],
+    screenings: &[ScreeningResult],
+) -> Vec<IndistinguishablePair> {
+    let bases: Vec<(usize, Vec<Vec<f64>>)> = screenings
         .iter()
         .enumerate()
         .filter(|(i, p)| {
@@ -178,7 +186,11 @@ pub fn alike(hypotheses: &[Hypothesis], promises: &[Promise]) -> Vec<Alike> {
             }
             let angle = libm::acos(libm::sqrt(least.clamp(0.0, 1.0))).to_degrees();
             if angle < 15.0 {
-                found.push(Alike { a: hypotheses[*i].identity(), b: hypotheses[*j].identity(), angle_deg: angle });
+                found.push(IndistinguishablePair {
+                    a: hypotheses[*i].identity(),
+                    b: hypotheses[*j].identity(),
+                    angle_deg: angle,
+                });
             }
         }
     }

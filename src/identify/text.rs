@@ -1,12 +1,12 @@
 //! The report as text, and the drive file updated with the result.
 
 use super::diagnosis::Diagnosis;
-use super::report::{Number, Report, Verdict};
+use super::report::{FittedNumber, IdentificationReport, IdentificationVerdict};
 use crate::machine::Machine;
 use std::fmt::Write;
 
 /// Four significant digits.
-fn short(x: f64) -> String {
+fn four_digits(x: f64) -> String {
     let size = x.abs();
     if x == 0.0 || !x.is_finite() {
         format!("{x}")
@@ -18,18 +18,18 @@ fn short(x: f64) -> String {
     }
 }
 
-fn optional(x: Option<f64>) -> String {
-    x.map_or("-".to_string(), short)
+fn optional_number(x: Option<f64>) -> String {
+    x.map_or("-".to_string(), four_digits)
 }
 
 /// The report as text for a terminal.
-pub fn text(r: &Report) -> String {
+pub fn text(r: &IdentificationReport) -> String {
     let mut t = String::new();
     write_all(&mut t, r);
     t
 }
 
-fn verdict(r: &Report) -> String {
+fn verdict(r: &IdentificationReport) -> String {
     let named = |law: bool| {
         let names: Vec<String> = r
             .effects
@@ -39,13 +39,13 @@ fn verdict(r: &Report) -> String {
         names.join(", ")
     };
     match r.outcome {
-        Verdict::Named => format!("NAMED: {}", named(true)),
-        Verdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
-        Verdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
+        IdentificationVerdict::Named => format!("NAMED: {}", named(true)),
+        IdentificationVerdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
+        IdentificationVerdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
     }
 }
 
-fn write_all(t: &mut String, r: &Report) {
+fn write_all(t: &mut String, r: &IdentificationReport) {
     // Writing into a String never fails.
     let _infallible = (|| -> std::fmt::Result {
         writeln!(t, "{}", r.title)?;
@@ -55,7 +55,7 @@ fn write_all(t: &mut String, r: &Report) {
                 "  record {:<14} {:>8} samples, {} 1/s, {:.4} s{}",
                 c.record,
                 c.samples,
-                short(c.rate_hz),
+                four_digits(c.rate_hz),
                 c.length_s,
                 if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
             )?;
@@ -84,18 +84,19 @@ fn write_all(t: &mut String, r: &Report) {
         errors(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
-        rest(t, r)
+        push_remaining_sections(t, r)
     })();
 }
 
-fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
+fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     writeln!(
         t,
         "\nchannel            record         unit        floor  held out before -> after            ratio  x floor  white"
     )?;
     for (b, a) in r.error_before.iter().zip(&r.error_after) {
         let floor = r.noise_floor.iter().find(|f| f.channel == b.channel);
-        let interval = a.held_out_interval.map_or(String::new(), |[l, h]| format!("[{}, {}]", short(l), short(h)));
+        let interval =
+            a.held_out_interval.map_or(String::new(), |[l, h]| format!("[{}, {}]", four_digits(l), four_digits(h)));
         let ratio = match (b.held_out, a.held_out) {
             (Some(b), Some(a)) if b > 0.0 => format!("{:.3}", a / b),
             _ => "-".into(),
@@ -105,7 +106,7 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
         let (before, after) = if only_fits { (b.fit, a.fit) } else { (b.held_out, a.held_out) };
         let interval = if only_fits { "(fitted)".to_string() } else { interval };
         let (floor_value, white) = match (&b.record, floor) {
-            (None, Some(f)) => (short(f.noise_floor), if f.white { "yes" } else { "no" }),
+            (None, Some(f)) => (four_digits(f.noise_floor), if f.white { "yes" } else { "no" }),
             _ => (String::new(), ""),
         };
         let times = match (&b.record, floor) {
@@ -119,8 +120,8 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
             b.record.as_deref().unwrap_or("all"),
             b.unit,
             floor_value,
-            optional(before),
-            optional(after),
+            optional_number(before),
+            optional_number(after),
             interval,
             ratio,
             times,
@@ -130,19 +131,19 @@ fn errors(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
-fn number(n: &Number) -> String {
+fn number(n: &FittedNumber) -> String {
     let key = n.path.rsplit('.').next().unwrap_or(&n.path);
     let of = n.record.as_ref().map_or(String::new(), |r| format!(" in {r}"));
     if !n.determined {
         format!("{key}{of}: not determined by the fitted data")
     } else if n.standard_error > 0.0 {
-        format!("{key}{of} = {} +- {}", short(n.value), short(n.standard_error))
+        format!("{key}{of} = {} +- {}", four_digits(n.value), four_digits(n.standard_error))
     } else {
-        format!("{key}{of} = {}", short(n.value))
+        format!("{key}{of} = {}", four_digits(n.value))
     }
 }
 
-fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
+fn effects(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     for (i, e) in r.effects.iter().enumerate() {
         let row = crate::effects::named(&e.name);
         writeln!(t, "\neffect {}: {}  {}", i + 1, e.path, row.map_or("", |r| r.title))?;
@@ -159,7 +160,11 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
             100.0 * e.sham_gain
         )?;
         if !e.sizes.is_empty() {
-            writeln!(t, "    its size in halves of records, over that in all: {}", super::steady::told(&e.sizes))?;
+            writeln!(
+                t,
+                "    its size in halves of records, over that in all: {}",
+                super::steady::sizes_text(&e.sizes)
+            )?;
         }
         if !e.judged_by_leaving_out.is_empty() {
             let records = e.judged_by_leaving_out.join(", ");
@@ -190,7 +195,7 @@ fn effects(t: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
-fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
+fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     if r.numbers_before.is_empty() {
         return Ok(());
     }
@@ -203,10 +208,10 @@ fn declared_numbers(t: &mut String, r: &Report) -> std::fmt::Result {
                 Some(record) => format!("{} ({record})", b.path),
                 None => b.path.clone(),
             },
-            optional(b.nameplate),
-            short(b.value),
-            short(a.value),
-            short(a.standard_error),
+            optional_number(b.nameplate),
+            four_digits(b.value),
+            four_digits(a.value),
+            four_digits(a.standard_error),
             if a.at_bound { "  AT ITS BOUND" } else { "" }
         )?;
     }
@@ -242,7 +247,7 @@ fn diagnosis(t: &mut String, d: &Diagnosis, title: &str) -> std::fmt::Result {
     lines.iter().try_for_each(|l| writeln!(t, "    {l}"))
 }
 
-fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
+fn push_remaining_sections(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     diagnosis(t, &r.diagnosis, "what the declared model leaves, by itself")?;
     if let Some(after) = &r.diagnosis_after {
         diagnosis(t, after, "what is left with the effects, by itself")?;
@@ -259,10 +264,10 @@ fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
                 "    {:<14} {:<14} {} -> {} {} of a signal of {}: {}",
                 x.record,
                 x.channel,
-                short(x.error_before),
-                short(x.error),
+                four_digits(x.error_before),
+                four_digits(x.error),
                 x.unit,
-                short(x.signal),
+                four_digits(x.signal),
                 if x.refused { "REFUSED, another plant or another state of it" } else { "holds" }
             )?;
         }
@@ -293,7 +298,7 @@ fn rest(t: &mut String, r: &Report) -> std::fmt::Result {
 }
 
 /// The drive file with fitted parameters and effects written in; comments are kept. `Err`: what could not be placed.
-pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
+pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, String> {
     let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
     let mut inserts: Vec<(usize, String)> = Vec::new();
     for n in r.numbers_after.iter().filter(|n| n.record.is_none()) {
@@ -341,7 +346,7 @@ pub fn updated(machine: &Machine, r: &Report) -> Result<String, String> {
             let key = n.path.rsplit('.').next().unwrap_or_default();
             let note = match (&n.record, n.standard_error > 0.0) {
                 (Some(record), _) => format!(" # in record {record}; other records have their own"),
-                (None, true) => format!(" # +- {}", short(n.standard_error)),
+                (None, true) => format!(" # +- {}", four_digits(n.standard_error)),
                 (None, false) => String::new(),
             };
             if !keys.contains(&key) {

@@ -5,11 +5,11 @@ use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
 use super::judge::mean_error;
-use super::model::{Model, placed_path, refit_with};
-use super::screen::{Base, promise};
+use super::model::{FittedModel, placed_path, refit_with};
+use super::screen::{LinearisedBase, screen};
 use super::search::Context;
 use crate::effects::{BodyAt, BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
-use crate::machine::{Motion, Target};
+use crate::machine::{BodyMotion, Target};
 use crate::measurement::segments::Data;
 use serde::Serialize;
 
@@ -72,19 +72,19 @@ fn effect(index: usize) -> &'static Effect {
 }
 
 /// Maximum number of terms of a formula.
-const MOST_TERMS: usize = 3;
+const MAX_TERMS: usize = 3;
 
 /// The shortest formula for the remainder, if one holds.
-pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Option<Unnamed> {
+pub fn search<'a>(best: &FittedModel<'a>, own: &'a Data, context: &Context<'_>) -> Option<Unnamed> {
     let m = &best.problem.machine;
-    let mut found: Option<(Model<'a>, usize, Vec<usize>)> = None;
+    let mut found: Option<(FittedModel<'a>, usize, Vec<usize>)> = None;
     for (b, body) in m.bodies.iter().enumerate() {
-        if body.motion != Motion::Free || body.path.starts_with("effects.") {
+        if body.motion != BodyMotion::Free || body.path.starts_with("effects.") {
             continue;
         }
         let mut model = best.clone();
         let mut terms: Vec<usize> = Vec::new();
-        while terms.len() < MOST_TERMS && !context.ends() {
+        while terms.len() < MAX_TERMS && !context.must_end() {
             let Some((term, next)) = one_more(&model, b, &terms, own, context) else { break };
             let ratio = next.residuals().judge_ratio(model.residuals());
             if ratio[2] >= 1.0 || ratio[0] > 0.97 {
@@ -93,8 +93,8 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
             terms.push(term);
             model = next;
         }
-        let error = |m: &Model| mean_error(&m.residuals().judge);
-        let better = |old: &Model| error(&model) < error(old);
+        let error = |m: &FittedModel| mean_error(&m.residuals().judge);
+        let better = |old: &FittedModel| error(&model) < error(old);
         if !terms.is_empty() && found.as_ref().is_none_or(|(old, ..)| better(old)) {
             found = Some((model, b, terms));
         }
@@ -124,7 +124,7 @@ pub fn search<'a>(best: &Model<'a>, own: &'a Data, context: &Context<'_>) -> Opt
 /// Terms in a body's speed that could replace an effect's load, each of the same size at the body's usual speed. Empty
 /// if the effect is not a load that depends on speed. The effect's own law is left out, also in another smoothing of
 /// the same friction.
-pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
+pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
     let h = &model.effects[which];
     let (Target::Body(body), Physics::BodyForce(law)) = (h.target, h.effect.physics) else { return Vec::new() };
     if model.problem.plant.is_some() || h.phase().is_some() {
@@ -138,7 +138,7 @@ pub fn in_place_of(model: &Model, which: usize) -> Vec<Hypothesis> {
         free.map_or(m.values[*slot], |(g, x)| g.law.value(*x))
     };
     let numbers: Vec<f64> = placed.slots.iter().map(number).collect();
-    let sizes = super::candidates::Sizes::of(&model.problem, &model.fit.point);
+    let sizes = super::candidates::Sizes::new(&model.problem, &model.fit.point);
     let at = BodyAt { q: 0.0, v: sizes.speed(body) };
     let force = law(&numbers, at);
     let own_form = OWN_FORM.iter().find(|(name, _)| *name == h.effect.name).map(|(_, form)| *form);
@@ -160,22 +160,22 @@ const OWN_FORM: [(&str, &str); 3] =
     [("viscous_friction", "v"), ("quadratic_drag", "v |v|"), ("coulomb_friction", "sign(v)")];
 
 /// Share of a model's remaining error that a small force of every term on every free body would remove.
-pub fn forces(model: &Model, threads: usize) -> Vec<StateLine> {
+pub fn forces(model: &FittedModel, threads: usize) -> Vec<StateLine> {
     let m = &model.problem.machine;
     let free = (0..m.bodies.len())
-        .filter(|b| m.bodies[*b].motion == Motion::Free && !m.bodies[*b].path.starts_with("effects."));
+        .filter(|b| m.bodies[*b].motion == BodyMotion::Free && !m.bodies[*b].path.starts_with("effects."));
     let all: Vec<(usize, usize)> = free.flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t))).collect();
-    let base = Base::new(&model.problem, &model.fit);
-    let sizes = super::candidates::Sizes::of(&model.problem, &model.fit.point);
+    let base = LinearisedBase::new(&model.problem, &model.fit);
+    let sizes = super::candidates::Sizes::new(&model.problem, &model.fit.point);
     parallel(all.len(), threads, |i| {
         let (b, t) = all[i];
         let h = hypothesis(model, b, t, sizes.force(b));
-        let share = promise(&model.problem, &base, &model.fit, &h).gain;
+        let share = screen(&model.problem, &base, &model.fit, &h).gain;
         StateLine { body: m.bodies[b].path.clone(), term: LIBRARY[t].0.into(), share }
     })
 }
 
-fn hypothesis(model: &Model, body: usize, term: usize, scale: f64) -> Hypothesis {
+fn hypothesis(model: &FittedModel, body: usize, term: usize, scale: f64) -> Hypothesis {
     Hypothesis {
         effect: effect(term),
         name: model.problem.machine.bodies[body].name.clone(),
@@ -190,25 +190,25 @@ fn hypothesis(model: &Model, body: usize, term: usize, scale: f64) -> Hypothesis
 
 /// The term that explains most, fitted beside the others.
 fn one_more<'a>(
-    model: &Model<'a>,
+    model: &FittedModel<'a>,
     body: usize,
     taken: &[usize],
     own: &'a Data,
     context: &Context<'_>,
-) -> Option<(usize, Model<'a>)> {
+) -> Option<(usize, FittedModel<'a>)> {
     let fit: &Fit = &model.fit;
-    let base = Base::new(&model.problem, fit);
-    let sizes = super::candidates::Sizes::of(&model.problem, &fit.point);
+    let base = LinearisedBase::new(&model.problem, fit);
+    let sizes = super::candidates::Sizes::new(&model.problem, &fit.point);
     let scale = sizes.force(body);
     let hypothesis = |t: usize| hypothesis(model, body, t, scale);
     let gains = parallel(LIBRARY.len(), context.threads, |t| {
-        if taken.contains(&t) { 0.0 } else { promise(&model.problem, &base, fit, &hypothesis(t)).gain }
+        if taken.contains(&t) { 0.0 } else { screen(&model.problem, &base, fit, &hypothesis(t)).gain }
     });
     let term = (0..LIBRARY.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b]))?;
     if gains[term] < 0.02 {
         return None;
     }
     let h = hypothesis(term);
-    let p = promise(&model.problem, &base, fit, &h);
-    Some((term, refit_with(model, &h, &p.seed, own, context.threads)))
+    let p = screen(&model.problem, &base, fit, &h);
+    Some((term, refit_with(model, &h, &p.fit_start, own, context.threads)))
 }

@@ -5,8 +5,8 @@
 
 use super::problem::{Local, Point, Problem};
 use crate::machine::simulate::Samples;
-use crate::machine::{InputKind, Machine, Motion, Reads};
-use crate::measurement::segments::{Data, Segment, first_guess};
+use crate::machine::{BodyMotion, InputKind, Machine, Reads};
+use crate::measurement::segments::{Data, RecordSegment, first_guess};
 
 /// Stretches per segment, provided that each has at least `SHORTEST` samples.
 const STRETCHES: usize = 16;
@@ -25,7 +25,7 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
     let (mut stretches, mut begins) = (Vec::new(), Vec::new());
     for (k, s) in data.segments.iter().enumerate().filter(|(_, s)| s.judge_from > 0) {
         let Samples::Times { t_s, step_s, even } = &s.task.samples else { return None };
-        let values = whole_values(problem, k);
+        let values = parameter_values(problem, k);
         let angles = angles((m, &values), data, s, t_s)?;
         let length = together * (s.judge_from / STRETCHES).max(SHORTEST);
         for i in 0..(s.judge_from / length).max(1) {
@@ -64,7 +64,7 @@ pub fn problem<'a>(whole: &Problem<'a>, data: &'a Data) -> Problem<'a> {
     let grounded = |g: usize| m.springs.iter().any(|s| matches!(s.ends.as_slice(), [end] if group[end.body] == g));
     let anchored = |g: usize| {
         let own = (0..m.bodies.len()).filter(|b| group[*b] == g);
-        own.into_iter().any(|b| m.bodies[b].motion != Motion::Free || reads(Reads::Angle(b))) || grounded(g)
+        own.into_iter().any(|b| m.bodies[b].motion != BodyMotion::Free || reads(Reads::Angle(b))) || grounded(g)
     };
     let keeps = |b: usize| {
         let first = (0..m.bodies.len()).find(|o| group[*o] == group[b] && reads(Reads::Speed(*o)));
@@ -100,13 +100,13 @@ pub fn joined(
 }
 
 /// The machine's parameter values in a segment, with those of its record.
-fn whole_values(problem: &Problem, k: usize) -> Vec<f64> {
+fn parameter_values(problem: &Problem, k: usize) -> Vec<f64> {
     let start = problem.start();
     problem.numbers(k, &start.globals, &start.locals[k]).0
 }
 
 /// Angle or position of every body at the samples of a segment, from measurements; None if one cannot be determined.
-fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &Segment, t_s: &[f64]) -> Option<Vec<Vec<f64>>> {
+fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &RecordSegment, t_s: &[f64]) -> Option<Vec<Vec<f64>>> {
     let mut known: Vec<Option<Vec<f64>>> = vec![None; m.bodies.len()];
     let summed = |speed: &mut dyn FnMut(usize) -> f64| -> Vec<f64> {
         let (mut q, mut before) = (0.0, speed(0));
@@ -148,7 +148,7 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &Segment, t_s: &[f64]
         }
     }
     for (b, body) in m.bodies.iter().enumerate() {
-        if let Motion::Constant(slot) = body.motion {
+        if let BodyMotion::Constant(slot) = body.motion {
             known[b] = Some(t_s.iter().map(|t| values[slot] * (t - t_s[0])).collect());
         }
     }

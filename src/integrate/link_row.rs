@@ -129,7 +129,7 @@ fn advance(link: &RowLink, row: &ContactRow, h: f64, state: &[f64]) -> Vec<f64> 
             forces.push(force * force_scale);
         }
     }
-    // What contacts give, without the joints' first look, and the joints as they feel all of it.
+    // Accelerations by contacts, without the predicted ones by joints; and the joints at the mean over the step.
     let (contact_y, contact_t) = (mixed(&ay, &jy, -1.0), mixed(&alpha, &jt, -1.0));
     let mean = [mixed(&y, &ay, square / 12.0), mixed(&turn, &alpha, square / 12.0)];
     let mean_rates = [

@@ -44,7 +44,7 @@ impl Isa {
     }
 }
 
-/// Loops over columns that are looked at in every step.
+/// Loops over columns, run in every step.
 pub trait VectorKernel {
     type Output;
     /// To be marked `inline(always)`: what a vector unit runs is compiled with all that is inlined here. (A closure or a function
@@ -52,7 +52,7 @@ pub trait VectorKernel {
     fn run(self) -> Self::Output;
 }
 
-/// A look compiled for a vector unit.
+/// Runs a kernel that is compiled for a vector unit.
 #[inline(always)]
 pub fn vectorised<L: VectorKernel>(isa: Isa, of: L) -> L::Output {
     match isa {
@@ -64,7 +64,7 @@ pub fn vectorised<L: VectorKernel>(isa: Isa, of: L) -> L::Output {
         // SAFETY: as above.
         Isa::Avx512 => unsafe { with_avx512(of) },
         #[cfg(not(target_arch = "x86_64"))]
-        _ => of.look(),
+        _ => of.run(),
     }
 }
 

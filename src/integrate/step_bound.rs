@@ -4,7 +4,7 @@
 //! contact           h <= 0.95 / sqrt(k w)      accuracy: three steps in half a period of the contact oscillator
 //! contact damping   h <= 0.75 / (c w)          accuracy: the series of the mean force takes c w h as small
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
-//! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
+//! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the second evaluation of the joints lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
 //! couplings         h <= 0.95 / sqrt(k w), 0.75 / (c w); loads 0.75 / (dQ/dv w): w of the coordinates
 //! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers, plungers at their low stops

@@ -24,10 +24,10 @@ use tokio::net::TcpListener;
 use tokio::task::AbortHandle;
 
 /// Maximum number of connections; a browser opens six.
-const MOST_CONNECTIONS: usize = 32;
+const MAX_CONNECTIONS: usize = 32;
 /// Longest head of a request [bytes], maximum number of headers, and maximum duration.
 const LONGEST_HEAD: usize = 32 << 10;
-const MOST_HEADERS: usize = 64;
+const MAX_HEADERS: usize = 64;
 const HEAD_TIME: Duration = Duration::from_secs(20);
 /// Bytes of a file in memory for one connection.
 const PIECE: u64 = 256 << 10;
@@ -52,59 +52,59 @@ pub async fn accept(listener: TcpListener, site: Arc<Site>) {
             continue;
         };
         connections.retain(|connection| !connection.is_finished());
-        while connections.len() >= MOST_CONNECTIONS {
+        while connections.len() >= MAX_CONNECTIONS {
             if let Some(oldest) = connections.pop_front() {
                 oldest.abort();
             }
         }
-        let talk = tokio::spawn(talk(stream, Arc::clone(&site)));
-        connections.push_back(talk.abort_handle());
+        let connection = tokio::spawn(serve_connection(stream, Arc::clone(&site)));
+        connections.push_back(connection.abort_handle());
     }
 }
 
 /// Serves one connection until either side closes it.
-pub async fn talk<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
+pub async fn serve_connection<S: AsyncRead + AsyncWrite + Unpin>(stream: S, site: Arc<Site>) {
     let answers = service_fn(move |request| {
         let response = answer(&request, &site);
         async move { Ok::<_, Infallible>(response) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).title_case_headers(true);
-    http.max_buf_size(LONGEST_HEAD).max_headers(MOST_HEADERS);
+    http.max_buf_size(LONGEST_HEAD).max_headers(MAX_HEADERS);
     // A browser that disconnects is not a failure.
     let _ended = http.serve_connection(TokioIo::new(stream), answers).await;
 }
 
-fn answer(request: &Request<Incoming>, site: &Site) -> Response<Piecewise> {
+fn answer(request: &Request<Incoming>, site: &Site) -> Response<PiecewiseBody> {
     let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
     if !is_named(host, site.port) {
-        return empty(StatusCode::FORBIDDEN);
+        return empty_response(StatusCode::FORBIDDEN);
     }
     if !matches!(*request.method(), Method::GET | Method::HEAD) {
-        return empty(StatusCode::METHOD_NOT_ALLOWED);
+        return empty_response(StatusCode::METHOD_NOT_ALLOWED);
     }
     let wanted = request.uri().path();
     if let Some((_, mime, bytes)) = site.pages.iter().find(|(path, ..)| *path == wanted) {
-        return found(mime, Piecewise::Bytes(bytes));
+        return content_response(mime, PiecewiseBody::Bytes(bytes));
     }
     let (path, recording) = &site.recording;
     let file = (*path == wanted).then(|| File::open(recording).and_then(|file| Ok((file.metadata()?.len(), file))));
     match file {
-        Some(Ok((left, file))) => found("application/octet-stream", Piecewise::File { file, left }),
-        Some(Err(_)) | None => empty(StatusCode::NOT_FOUND),
+        Some(Ok((left, file))) => content_response("application/octet-stream", PiecewiseBody::File { file, left }),
+        Some(Err(_)) | None => empty_response(StatusCode::NOT_FOUND),
     }
 }
 
-fn empty(status: StatusCode) -> Response<Piecewise> {
-    let mut response = Response::new(Piecewise::Bytes(&[]));
+fn empty_response(status: StatusCode) -> Response<PiecewiseBody> {
+    let mut response = Response::new(PiecewiseBody::Bytes(&[]));
     *response.status_mut() = status;
     response
 }
 
 /// Not chunked, because the page shows its progress by the length. Not cached, because the next recording has the same
 /// address.
-fn found(mime: &'static str, body: Piecewise) -> Response<Piecewise> {
-    let length = body.left();
+fn content_response(mime: &'static str, body: PiecewiseBody) -> Response<PiecewiseBody> {
+    let length = body.remaining();
     let mut response = Response::new(body);
     let headers = response.headers_mut();
     headers.insert(CONTENT_LENGTH, HeaderValue::from(length));
@@ -115,31 +115,31 @@ fn found(mime: &'static str, body: Piecewise) -> Response<Piecewise> {
 }
 
 /// A response body that is sent in pieces.
-enum Piecewise {
+enum PiecewiseBody {
     Bytes(&'static [u8]),
     File { file: File, left: u64 },
 }
 
-impl Piecewise {
-    fn left(&self) -> u64 {
+impl PiecewiseBody {
+    fn remaining(&self) -> u64 {
         match self {
-            Piecewise::Bytes(bytes) => bytes.len() as u64,
-            Piecewise::File { left, .. } => *left,
+            PiecewiseBody::Bytes(bytes) => bytes.len() as u64,
+            PiecewiseBody::File { left, .. } => *left,
         }
     }
 }
 
-impl Body for Piecewise {
+impl Body for PiecewiseBody {
     type Data = Bytes;
     type Error = std::io::Error;
 
     fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<std::io::Result<Frame<Bytes>>>> {
-        if self.left() == 0 {
+        if self.remaining() == 0 {
             return Poll::Ready(None);
         }
         Poll::Ready(Some(match &mut *self {
-            Piecewise::Bytes(bytes) => Ok(Frame::data(Bytes::from_static(std::mem::take(bytes)))),
-            Piecewise::File { file, left } => {
+            PiecewiseBody::Bytes(bytes) => Ok(Frame::data(Bytes::from_static(std::mem::take(bytes)))),
+            PiecewiseBody::File { file, left } => {
                 let mut piece = Vec::new();
                 match file.take(PIECE.min(*left)).read_to_end(&mut piece) {
                     // The file has become shorter: the connection ends, and the browser detects it by the length.
@@ -155,10 +155,10 @@ impl Body for Piecewise {
     }
 
     fn is_end_stream(&self) -> bool {
-        self.left() == 0
+        self.remaining() == 0
     }
 
     fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(self.left())
+        SizeHint::with_exact(self.remaining())
     }
 }

@@ -1,11 +1,11 @@
 //! Prepares a lumped machine for simulation and computes the forces on its bodies and its fastest rates.
 
-use super::{Body, Machine, Motion, Placed, Target};
+use super::{Body, BodyMotion, Machine, PlacedEffect, Target};
 use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MotionLaw, Physics, SpanAt};
 use std::f64::consts::PI;
 
 /// A machine with its parameter values, prepared for simulation.
-pub(super) struct Ready<'a> {
+pub(super) struct PreparedMachine<'a> {
     pub(super) m: &'a Machine,
     pub(super) values: &'a [f64],
     pub(super) inertia: Vec<f64>,
@@ -13,34 +13,34 @@ pub(super) struct Ready<'a> {
     pub(super) springs: Vec<(f64, f64)>,
     /// Effects on bodies and springs, separated by target.
     pub(super) on_body: Vec<(usize, BodyLaw, Vec<f64>)>,
-    pub(super) on_spring: Vec<Vec<OnSpring>>,
+    pub(super) on_spring: Vec<Vec<SpringEffect>>,
     pub(super) motion: Vec<(usize, MotionLaw, Vec<f64>)>,
     pub(super) chain_torque: Vec<(ChainTorqueLaw, Vec<f64>)>,
     pub(super) leader_teeth: f64,
-    pub(super) most_steps: f64,
+    pub(super) max_steps: f64,
     /// The body that represents each body: for an added body without inertia, its host.
     pub(super) stands_for: Vec<usize>,
 }
 
-pub(super) enum OnSpring {
+pub(super) enum SpringEffect {
     Length { body: usize, teeth: u32, law: fn(&[f64], u32, f64) -> (f64, f64), p: Vec<f64> },
     Chain { law: fn(&[f64], ChainAt) -> (f64, f64), p: Vec<f64> },
     Force { law: fn(&[f64], SpanAt) -> f64, p: Vec<f64> },
     Loss { law: fn(&[f64], f64, f64) -> f64, p: Vec<f64> },
 }
 
-/// Forces and tensions at one instant, filled by `Ready::forces`.
+/// Forces and tensions at one instant, filled by `PreparedMachine::forces`.
 #[derive(Default)]
-pub(super) struct Acting {
+pub(super) struct ActingForces {
     pub(super) force: Vec<f64>,
     pub(super) tension: Vec<f64>,
     pub(super) slopes: Vec<(usize, f64)>,
 }
 
-impl<'a> Ready<'a> {
-    pub(super) fn new(m: &'a Machine, values: &'a [f64], most_steps: f64) -> Ready<'a> {
-        let of = |p: &Placed| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
-        let mut ready = Ready {
+impl<'a> PreparedMachine<'a> {
+    pub(super) fn new(m: &'a Machine, values: &'a [f64], max_steps: f64) -> PreparedMachine<'a> {
+        let of = |p: &PlacedEffect| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
+        let mut ready = PreparedMachine {
             m,
             values,
             inertia: m.bodies.iter().map(|b| inertia(b, values)).collect(),
@@ -50,7 +50,7 @@ impl<'a> Ready<'a> {
             motion: Vec::new(),
             chain_torque: Vec::new(),
             leader_teeth: m.chain.as_ref().and_then(|c| m.bodies[c.leader].teeth).map_or(0.0, f64::from),
-            most_steps,
+            max_steps,
             stands_for: (0..m.bodies.len()).collect(),
         };
         for spring in m.springs.iter().filter(|s| s.tuned.is_some_and(|slot| values[slot] == 0.0)) {
@@ -63,24 +63,24 @@ impl<'a> Ready<'a> {
                 (Physics::BodyForce(law), Target::Body(b)) => ready.on_body.push((b, law, of(p))),
                 (Physics::Motion(law), Target::Body(b)) => ready.motion.push((b, law, of(p))),
                 (Physics::SpanForce(law), Target::Spring(s)) => {
-                    ready.on_spring[s].push(OnSpring::Force { law, p: of(p) });
+                    ready.on_spring[s].push(SpringEffect::Force { law, p: of(p) });
                 }
                 (Physics::SpanLength(law), Target::Body(body)) => {
                     let teeth = m.bodies[body].teeth.unwrap_or(1);
                     for (s, spring) in m.springs.iter().enumerate() {
                         if spring.ends.iter().any(|e| e.body == body) {
-                            ready.on_spring[s].push(OnSpring::Length { body, teeth, law, p: of(p) });
+                            ready.on_spring[s].push(SpringEffect::Length { body, teeth, law, p: of(p) });
                         }
                     }
                 }
                 (Physics::ChainLength(law), Target::Chain) => {
                     for (s, _) in m.springs.iter().enumerate().filter(|(_, s)| s.links.is_some()) {
-                        ready.on_spring[s].push(OnSpring::Chain { law, p: of(p) });
+                        ready.on_spring[s].push(SpringEffect::Chain { law, p: of(p) });
                     }
                 }
                 (Physics::SpanLoss(law), Target::Chain) => {
                     for on in &mut ready.on_spring {
-                        on.push(OnSpring::Loss { law, p: of(p) });
+                        on.push(SpringEffect::Loss { law, p: of(p) });
                     }
                 }
                 (Physics::ChainTorque(law), Target::Chain) => ready.chain_torque.push((law, of(p))),
@@ -97,7 +97,7 @@ impl<'a> Ready<'a> {
     }
 
     /// Forces on all bodies, without inputs.
-    pub(super) fn forces(&self, q: &[f64], v: &[f64], out: &mut Acting) {
+    pub(super) fn forces(&self, q: &[f64], v: &[f64], out: &mut ActingForces) {
         out.force.clear();
         out.force.resize(q.len(), 0.0);
         out.tension.clear();
@@ -116,8 +116,8 @@ impl<'a> Ready<'a> {
             }
             for on in &self.on_spring[s] {
                 let (body, (length, slope)) = match on {
-                    OnSpring::Length { body, teeth, law, p } => (*body, law(p, *teeth, q[*body])),
-                    OnSpring::Chain { law, p } => {
+                    SpringEffect::Length { body, teeth, law, p } => (*body, law(p, *teeth, q[*body])),
+                    SpringEffect::Chain { law, p } => {
                         let leader = self.m.chain.as_ref().map_or(0, |c| c.leader);
                         let (length, slope) = law(p, self.chain_at(s, q));
                         (leader, (length, slope * self.leader_teeth / (2.0 * PI)))
@@ -132,7 +132,7 @@ impl<'a> Ready<'a> {
             let declared = k * stretch + c * rate;
             let mut tension = declared;
             for on in &self.on_spring[s] {
-                if let OnSpring::Force { law, p } = on {
+                if let SpringEffect::Force { law, p } = on {
                     tension += law(p, SpanAt { stretch, rate, stiffness: k, force: tension });
                 }
             }
@@ -143,7 +143,7 @@ impl<'a> Ready<'a> {
                 force[*body] -= slope * tension;
             }
             for on in &self.on_spring[s] {
-                if let OnSpring::Loss { law, p } = on {
+                if let SpringEffect::Loss { law, p } = on {
                     for e in &spring.ends {
                         force[e.body] += law(p, tension, v[e.body]);
                     }
@@ -166,7 +166,7 @@ impl<'a> Ready<'a> {
     pub(super) fn highest_order(&self) -> Option<f64> {
         let mut highest: Option<f64> = None;
         // Effects that are off need no steps.
-        let on = |p: &Placed| {
+        let on = |p: &PlacedEffect| {
             let rows = p.effect.parameters.iter().zip(&p.slots);
             rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
         };
@@ -196,7 +196,7 @@ impl<'a> Ready<'a> {
         for (s, spring) in self.m.springs.iter().enumerate() {
             let (mut k, mut c) = self.springs[s];
             for on in &self.on_spring[s] {
-                if let OnSpring::Force { law, p } = on {
+                if let SpringEffect::Force { law, p } = on {
                     let at = |stretch, rate| SpanAt { stretch, rate, stiffness: 0.0, force: 0.0 };
                     k += law(p, at(1e-6, 0.0)).abs() / 1e-6;
                     c += law(p, at(0.0, 1e-6)).abs() / 1e-6;
@@ -218,7 +218,7 @@ impl<'a> Ready<'a> {
             rate[*body] +=
                 [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[*body];
         }
-        let free = |i: usize| self.m.bodies[i].motion == Motion::Free;
+        let free = |i: usize| self.m.bodies[i].motion == BodyMotion::Free;
         let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);
         // Two bodies on one spring: the squared frequency is at most the sum of both squares.
         (libm::sqrt(2.0 * most(&omega2)), 2.0 * most(&rate))

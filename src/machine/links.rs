@@ -1,7 +1,9 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{Body, Linked, Loop, Machine, Motion, PartQuantity, Placed, Reads, Sensor, Slot, Target};
+use super::{
+    Body, BodyMotion, ChainLoop, LinkedDrive, Machine, PartQuantity, PlacedEffect, Reads, Sensor, Slot, Target,
+};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
@@ -10,7 +12,7 @@ use crate::units::RPM;
 
 /// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
 /// start of a record is found as the record's travel, so that effects on links have no phase of their own.
-pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
+pub(super) fn accepts(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
 }
 
@@ -35,7 +37,7 @@ impl Machine {
         let mut m = Machine {
             name: drive.name.clone(),
             text: drive.text.clone(),
-            chain: Some(Loop { links: drive.links as u32, leader: drive.driver() }),
+            chain: Some(ChainLoop { links: drive.links as u32, leader: drive.driver() }),
             places: drive.places.clone(),
             ..Machine::empty(drive.title.clone())
         };
@@ -55,10 +57,10 @@ impl Machine {
             let (inertia, motion) = match s.outer {
                 OuterSpec::Speed { speed_rad_s } => {
                     let speed = slot(format!("speeds.constant.{}.speed_rpm", s.name), RPM, speed_rad_s);
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), Motion::Constant(speed))
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), BodyMotion::Constant(speed))
                 }
                 OuterSpec::Load { inertia_kg_m2, .. } => {
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), Motion::Free)
+                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), BodyMotion::Free)
                 }
             };
             m.bodies.push(Body {
@@ -88,7 +90,7 @@ impl Machine {
                 path,
                 minus: None,
                 teeth: None,
-                motion: Motion::Free,
+                motion: BodyMotion::Free,
             });
         }
         for s in &drive.sensors {
@@ -113,9 +115,9 @@ impl Machine {
             let keys = s.effect.parameters.iter().zip(&s.values);
             let slots = keys.map(|(p, value)| slot(format!("{}.{}", s.path, p.key), p.unit, *value)).collect();
             let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
-            m.placed.push(Placed { effect: s.effect, path, target, slots });
+            m.placed.push(PlacedEffect { effect: s.effect, path, target, slots });
         }
-        m.linked = Some(Linked {
+        m.linked = Some(LinkedDrive {
             guides: drive.guides.iter().map(|g| g.name.clone()).collect(),
             repeats: repeats(drive),
             declared: declared(&drive.places),
@@ -135,7 +137,7 @@ impl Machine {
         })
     }
 
-    pub(super) fn targets_on_links(&self, linked: &Linked, effect: &Effect) -> Vec<(String, Target)> {
+    pub(super) fn targets_on_links(&self, linked: &LinkedDrive, effect: &Effect) -> Vec<(String, Target)> {
         if is_signal(effect) {
             let turns = |r: Reads| matches!(r, Reads::Angle(_) | Reads::Speed(_));
             let all = self.sensors.iter().enumerate();
@@ -146,8 +148,8 @@ impl Machine {
             Some(On::Sprocket) => self.bodies_by(&|b| b.teeth.is_some()),
             Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
             Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
-            Some(On::Body) => self.bodies_by(&|b| b.motion == Motion::Free),
-            Some(On::Prescribed) => self.bodies_by(&|b| b.motion != Motion::Free),
+            Some(On::Body) => self.bodies_by(&|b| b.motion == BodyMotion::Free),
+            Some(On::Prescribed) => self.bodies_by(&|b| b.motion != BodyMotion::Free),
             Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
             _ => Vec::new(),
         }
@@ -189,7 +191,7 @@ fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
 
 /// Adds every number of the file by its path, in the unit of its key.
 fn numbers_of_the_file(m: &mut Machine, text: &str) {
-    fn walk(prefix: &str, value: &toml::Value, m: &mut Machine) {
+    fn add_numbers(prefix: &str, value: &toml::Value, m: &mut Machine) {
         let mut leaf = |number: f64| {
             let path = prefix.to_string();
             m.slots.push(Slot { path, unit: 1.0, low: f64::MIN, high: f64::MAX });
@@ -201,14 +203,14 @@ fn numbers_of_the_file(m: &mut Machine, text: &str) {
             toml::Value::Table(table) => {
                 for (key, value) in table {
                     let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-                    walk(&path, value, m);
+                    add_numbers(&path, value, m);
                 }
             }
             _ => {}
         }
     }
     if let Ok(table) = text.parse::<toml::Table>() {
-        walk("", &toml::Value::Table(table), m);
+        add_numbers("", &toml::Value::Table(table), m);
     }
 }
 

@@ -36,10 +36,10 @@ pub struct Machine {
     pub inputs: Vec<Input>,
     pub sensors: Vec<Sensor>,
     /// Loads and effects; effects on sensors are in the order of the catalogue.
-    pub placed: Vec<Placed>,
-    pub chain: Option<Loop>,
+    pub placed: Vec<PlacedEffect>,
+    pub chain: Option<ChainLoop>,
     /// For a drive with link bodies: data that the lumped form does not contain.
-    pub linked: Option<Linked>,
+    pub linked: Option<LinkedDrive>,
     pub places: Places,
 }
 
@@ -66,11 +66,11 @@ pub struct Body {
     /// Slot of the inertia that an added second body has taken from it.
     pub minus: Option<usize>,
     pub teeth: Option<u32>,
-    pub motion: Motion,
+    pub motion: BodyMotion,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
+pub enum BodyMotion {
     Free,
     /// Slot of the speed.
     Constant(usize),
@@ -166,7 +166,7 @@ pub struct Sensor {
 
 /// An effect at its place.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Placed {
+pub struct PlacedEffect {
     pub effect: &'static Effect,
     pub path: String,
     pub target: Target,
@@ -186,7 +186,7 @@ pub enum Target {
 
 /// Link count of the chain loop, which determines orders.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loop {
+pub struct ChainLoop {
     pub links: u32,
     /// Body whose teeth count the passing links.
     pub leader: usize,
@@ -194,7 +194,7 @@ pub struct Loop {
 
 /// Data of a drive with link bodies besides its shafts, as far as measured records need them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Linked {
+pub struct LinkedDrive {
     pub guides: Vec<String>,
     /// Period of the declared drive in pitches.
     pub repeats: u32,

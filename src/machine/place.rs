@@ -1,6 +1,6 @@
 //! Placing effects on a machine: possible targets, keys of the parameters, and added parts.
 
-use super::{Body, End, InputKind, Machine, Motion, Placed, Reads, Slot, Spring, Target, links};
+use super::{Body, BodyMotion, End, InputKind, Machine, PlacedEffect, Reads, Slot, Spring, Target, links};
 use crate::effects::{EFFECTS, Effect, Kind, On, Parameter, Physics};
 
 impl Machine {
@@ -25,9 +25,9 @@ impl Machine {
         };
         let sprung = |i: usize| self.springs.iter().any(|s| s.ends.iter().any(|e| e.body == i));
         match effect.on {
-            On::Body => bodies(&|b| b.motion == Motion::Free && !(b.slides && by_angle)),
+            On::Body => bodies(&|b| b.motion == BodyMotion::Free && !(b.slides && by_angle)),
             // A measured speed already contains its fluctuation.
-            On::Prescribed => bodies(&|b| matches!(b.motion, Motion::Constant(_)) && !b.slides),
+            On::Prescribed => bodies(&|b| matches!(b.motion, BodyMotion::Constant(_)) && !b.slides),
             On::Sprocket => {
                 let all = self.bodies.iter().enumerate();
                 all.filter(|(i, b)| b.teeth.is_some() && sprung(*i))
@@ -70,7 +70,7 @@ impl Machine {
             _ => false,
         };
         let mut keys = Vec::new();
-        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::takes(effect, p)) {
+        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::accepts(effect, p)) {
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
                 let marks = match target {
@@ -80,7 +80,7 @@ impl Machine {
                     },
                     _ => 1,
                 };
-                for mark in 1..marks.min(super::read::MOST_MARKS) {
+                for mark in 1..marks.min(super::read::MAX_MARKS) {
                     keys.push((key.replace('#', &mark.to_string()), p));
                 }
             } else {
@@ -91,7 +91,13 @@ impl Machine {
     }
 
     /// The machine with one more effect, its slots at `values` (SI).
-    pub fn with(&self, effect: &'static Effect, name: &str, target: Target, values: &[f64]) -> (Machine, Vec<usize>) {
+    pub fn with_effect(
+        &self,
+        effect: &'static Effect,
+        name: &str,
+        target: Target,
+        values: &[f64],
+    ) -> (Machine, Vec<usize>) {
         let mut m = self.clone();
         let path = format!("effects.{}.{name}", effect.name);
         let keys = self.keys(effect, target);
@@ -104,16 +110,16 @@ impl Machine {
                 m.slots.len() - 1
             })
             .collect();
-        m.put(effect, path, target, slots.clone());
+        m.attach_effect(effect, path, target, slots.clone());
         (m, slots)
     }
 
     /// Places an effect whose slots exist; signals pass the effects in the order of the catalogue.
-    pub(super) fn put(&mut self, effect: &'static Effect, path: String, target: Target, slots: Vec<usize>) {
+    pub(super) fn attach_effect(&mut self, effect: &'static Effect, path: String, target: Target, slots: Vec<usize>) {
         if let (Physics::SecondBody { sensors_move }, Target::Body(near)) = (effect.physics, target) {
             self.second_body(near, &path, &slots, sensors_move);
         }
-        self.placed.push(Placed { effect, path, target, slots });
+        self.placed.push(PlacedEffect { effect, path, target, slots });
         let rank = |e: &Effect| EFFECTS.iter().position(|o| o.name == e.name).unwrap_or(EFFECTS.len());
         self.placed.sort_by_key(|p| rank(p.effect));
     }
@@ -130,7 +136,7 @@ impl Machine {
             inertia,
             minus: None,
             teeth: None,
-            motion: Motion::Free,
+            motion: BodyMotion::Free,
         });
         self.slots.push(Slot { path: format!("{path}.one"), unit: 1.0, low: 1.0, high: 1.0 });
         self.values.push(1.0);

@@ -1,16 +1,16 @@
 //! A pulse pickup on a lumped machine. A pulse occurs where the cubic between two nodes (values and slopes) crosses a
 //! mark; its error is of the order of the integration scheme.
 
-use super::forces::Ready;
-use super::simulate::{RunError, Start, Work, clock, rk4};
-use super::{Motion, Reads, Target};
+use super::forces::PreparedMachine;
+use super::simulate::{InitialState, Rk4Buffers, RunError, clock, rk4};
+use super::{BodyMotion, Reads, Target};
 use crate::effects::{MarkLaw, Physics};
 use std::f64::consts::PI;
 
 /// Runs the machine and counts pulses. Values are the natural logarithms of the intervals.
 pub(super) fn pulses(
-    ready: &Ready,
-    start: &Start,
+    ready: &PreparedMachine,
+    start: &InitialState,
     (intervals, first): (usize, usize),
     (interval_s, longest_s): (f64, f64),
     channels: &[usize],
@@ -40,12 +40,12 @@ pub(super) fn pulses(
         (gap * ((first + k) as f64 + table[mark].0), table[mark].1)
     };
     let h = step_s(ready, start, interval_s, marks);
-    if h < interval_s / ready.most_steps {
+    if h < interval_s / ready.max_steps {
         return Err(RunError::Stiff { steps: interval_s / h });
     }
     let (mut q, mut v) = (start.q.clone(), start.v.clone());
     q[body] = place(0).0;
-    let mut work = Work::new(m);
+    let mut work = Rk4Buffers::new(m);
     let mut out = Vec::with_capacity(intervals);
     let clock = 1.0 + clock(ready.m, ready.values);
     let (mut t, mut k) = (0.0_f64, 1);
@@ -53,7 +53,7 @@ pub(super) fn pulses(
     let mut since = 0.0;
     let mut nothing = |_: f64, _: &[f64], v: &mut [f64], _: &mut [f64]| {
         for (i, b) in m.bodies.iter().enumerate() {
-            if let Motion::Constant(slot) = b.motion {
+            if let BodyMotion::Constant(slot) = b.motion {
                 v[i] = ready.values[slot];
             }
         }
@@ -119,7 +119,7 @@ fn crossing(qa: f64, va: f64, qb: f64, vb: f64, h: f64, target: f64) -> f64 {
 }
 
 /// Largest suitable step: a revolution if no effect depends on angle, else ten steps for a wave of the highest order.
-pub(super) fn step_s(ready: &Ready, start: &Start, interval_s: f64, marks: usize) -> f64 {
+pub(super) fn step_s(ready: &PreparedMachine, start: &InitialState, interval_s: f64, marks: usize) -> f64 {
     let turn_s = interval_s * marks as f64;
     let coarse = match ready.highest_order() {
         Some(order) => turn_s / (10.0 * order),

@@ -1,12 +1,12 @@
 //! Reading a lumped drive, table by table.
 
-use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
+use super::{Body, BodyMotion, ChainLoop, End, Input, InputKind, Machine, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::TomlTable;
 use crate::effects::{EFFECTS, Effect, LOADS, On, named};
 use crate::units::{MM, RPM};
 
 /// Maximum number of marks whose spacing is fitted individually.
-pub const MOST_MARKS: usize = 60;
+pub const MAX_MARKS: usize = 60;
 
 /// Reads everything. The reader collects the errors; the returned values are then invalid.
 pub(super) fn machine(root: &TomlTable<'_>) -> Machine {
@@ -50,15 +50,15 @@ fn bodies(root: &TomlTable<'_>, m: &mut Machine) {
         for (name, t) in table.tables() {
             let speed = constant.table(&name);
             let motion = if speed.is_present() {
-                Motion::Constant(match slides {
+                BodyMotion::Constant(match slides {
                     false => slot(m, &speed, "speed_rpm", RPM, (-1e6, 1e6), None),
                     true => slot(m, &speed, "speed_m_s", 1.0, (-1e4, 1e4), None),
                 })
             } else {
-                Motion::Free
+                BodyMotion::Free
             };
             speed.finish();
-            let needs = if motion == Motion::Free { None } else { Some(1.0) };
+            let needs = if motion == BodyMotion::Free { None } else { Some(1.0) };
             let inertia = slot(m, &t, key, 1.0, (1e-12, 1e9), needs);
             let teeth = t.integer("teeth", 5..=1000).map(|z| z as u32);
             if m.bodies.iter().any(|b| b.name == name) {
@@ -157,10 +157,10 @@ fn inputs(root: &TomlTable<'_>, m: &mut Machine) {
                 _ => InputKind::Angle,
             };
             if let (Some(b), false) = (m.bodies.get(body), matches!(kind, InputKind::Force(_))) {
-                if b.motion != Motion::Free {
+                if b.motion != BodyMotion::Free {
                     t.error(format!("the motion of `{}` is given twice", b.name), Some("keep one of them".into()));
                 }
-                m.bodies[body].motion = Motion::Measured(m.inputs.len());
+                m.bodies[body].motion = BodyMotion::Measured(m.inputs.len());
             }
             m.inputs.push(Input { path: t.path().to_string(), name, body, kind });
             t.finish();
@@ -182,7 +182,7 @@ fn chain(root: &TomlTable<'_>, m: &mut Machine) {
         if m.bodies.get(leader).is_none_or(|b| b.teeth.is_none()) {
             t.error("no body of this chain has teeth".into(), Some("add `teeth = ...` to its `[rotors.NAME]`".into()));
         }
-        m.chain = Some(Loop { links, leader });
+        m.chain = Some(ChainLoop { links, leader });
     }
     t.finish();
 }
@@ -220,7 +220,7 @@ fn sensors(root: &TomlTable<'_>, m: &mut Machine) {
                     "accelerometer" => Reads::Acceleration(body),
                     "pulse_pickup" => Reads::Pulses { body, marks: t.required_integer("marks", 1..=100_000) as usize },
                     "torque" | "force" => {
-                        if m.bodies.get(body).is_some_and(|b| b.motion == Motion::Free) {
+                        if m.bodies.get(body).is_some_and(|b| b.motion == BodyMotion::Free) {
                             t.error(
                                 format!("`{on}` moves freely: no external torque or force drives it"),
                                 Some("prescribe its motion with `[inputs.speed.NAME]` or `[speeds.constant.NAME]`, or measure the torque of a coupling with `[sensors.strain_gauge.NAME]`".into()),
@@ -290,7 +290,7 @@ fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Ta
             slot(m, t, key, p.unit, (p.low, p.high), p.default)
         })
         .collect();
-    m.put(effect, t.path().to_string(), target, slots);
+    m.attach_effect(effect, t.path().to_string(), target, slots);
 }
 
 impl Machine {

@@ -3,9 +3,9 @@
 //! The step divides the time between two samples. It is the largest one that resolves the fastest oscillation by 30
 //! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run.
 
-use super::forces::{Acting, Ready};
+use super::forces::{ActingForces, PreparedMachine};
 use super::pulses::{self, pulses};
-use super::{InputKind, Machine, Motion, Reads, Target};
+use super::{BodyMotion, InputKind, Machine, Reads, Target};
 use crate::effects::{Physics, Trace};
 use std::f64::consts::PI;
 
@@ -54,11 +54,11 @@ impl std::fmt::Display for RunError {
 }
 
 /// Maximum number of steps per sample, unless the caller sets a lower limit.
-pub const MOST_STEPS: f64 = 300.0;
+pub const MAX_STEPS: f64 = 300.0;
 
 /// Initial state of a run: angle or position and speed of every body.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Start {
+pub struct InitialState {
     pub q: Vec<f64>,
     pub v: Vec<f64>,
     /// For a drive with link bodies: pitches since its period began.
@@ -71,11 +71,11 @@ pub fn run(
     m: &Machine,
     values: &[f64],
     task: &Task,
-    start: &Start,
+    start: &InitialState,
     channels: &[usize],
-    most_steps: f64,
+    max_steps: f64,
 ) -> Result<Vec<Vec<f64>>, RunError> {
-    let ready = Ready::new(m, values, most_steps);
+    let ready = PreparedMachine::new(m, values, max_steps);
     match &task.samples {
         Samples::Pulses { intervals, first, interval_s, longest_s } => {
             pulses(&ready, start, (*intervals, *first), (*interval_s, *longest_s), channels)
@@ -85,8 +85,8 @@ pub fn run(
 }
 
 /// Steps that a sample of this task, or the shortest interval between pulses, needs with these values.
-pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> f64 {
-    let ready = Ready::new(m, values, MOST_STEPS);
+pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> f64 {
+    let ready = PreparedMachine::new(m, values, MAX_STEPS);
     match &task.samples {
         Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start)),
         Samples::Pulses { interval_s, .. } => {
@@ -100,7 +100,7 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &Start) -> 
 }
 
 /// Largest speeds that are known before a run: initial speeds, and prescribed ones.
-fn top_speeds(m: &Machine, task: &Task, start: &Start) -> Vec<f64> {
+fn top_speeds(m: &Machine, task: &Task, start: &InitialState) -> Vec<f64> {
     let mut top: Vec<f64> = start.v.iter().map(|v| v.abs().max(1e-3)).collect();
     for (input, series) in m.inputs.iter().zip(&task.inputs).filter(|(i, _)| i.kind == InputKind::Speed) {
         top[input.body] = series.iter().fold(top[input.body], |t, v| t.max(v.abs()));
@@ -109,7 +109,7 @@ fn top_speeds(m: &Machine, task: &Task, start: &Start) -> Vec<f64> {
 }
 
 /// Steps per sample: 30 for the fastest oscillation, a stable number for friction, ten for a wave of the highest order.
-fn steps(ready: &Ready, step_s: f64, top: &[f64]) -> f64 {
+fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64]) -> f64 {
     let (omega, rate) = ready.rates(top, false);
     let fastest = top.iter().copied().fold(0.0, f64::max);
     let waves = ready.highest_order().map_or(0.0, |order| order * fastest / (2.0 * PI));
@@ -120,7 +120,7 @@ fn steps(ready: &Ready, step_s: f64, top: &[f64]) -> f64 {
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
-pub(super) fn rk4(ready: &Ready, q: &mut [f64], v: &mut [f64], h: f64, work: &mut Work, at: Stage) {
+pub(super) fn rk4(ready: &PreparedMachine, q: &mut [f64], v: &mut [f64], h: f64, work: &mut Rk4Buffers, at: Stage) {
     let n = q.len();
     let free = &work.free;
     work.q.copy_from_slice(q);
@@ -159,32 +159,32 @@ pub(super) fn rk4(ready: &Ready, q: &mut [f64], v: &mut [f64], h: f64, work: &mu
     }
 }
 
-pub(super) struct Work {
+pub(super) struct Rk4Buffers {
     free: Vec<bool>,
     q: Vec<f64>,
     v: Vec<f64>,
     dq: Vec<f64>,
     dv: Vec<f64>,
     input: Vec<f64>,
-    acting: Acting,
+    acting: ActingForces,
     /// At the start of the step: force on each body, tension of each spring, speed.
     at_node: Vec<f64>,
     tension_at_node: Vec<f64>,
     v_at_node: Vec<f64>,
 }
 
-impl Work {
-    pub(super) fn new(m: &Machine) -> Work {
+impl Rk4Buffers {
+    pub(super) fn new(m: &Machine) -> Rk4Buffers {
         let n = m.bodies.len();
         let zero = || vec![0.0; n];
-        Work {
-            free: m.bodies.iter().map(|b| b.motion == Motion::Free).collect(),
+        Rk4Buffers {
+            free: m.bodies.iter().map(|b| b.motion == BodyMotion::Free).collect(),
             q: zero(),
             v: zero(),
             dq: zero(),
             dv: zero(),
             input: zero(),
-            acting: Acting::default(),
+            acting: ActingForces::default(),
             at_node: zero(),
             tension_at_node: Vec::new(),
             v_at_node: zero(),
@@ -194,15 +194,15 @@ impl Work {
 
 /// A run with samples at given times.
 fn sampled(
-    ready: &Ready,
+    ready: &PreparedMachine,
     task: &Task,
-    start: &Start,
+    start: &InitialState,
     (t_s, step_s, even): (&[f64], f64, bool),
     channels: &[usize],
 ) -> Result<Vec<Vec<f64>>, RunError> {
     let m = ready.m;
     let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start)));
-    if !(wanted.is_finite() && wanted <= ready.most_steps) {
+    if !(wanted.is_finite() && wanted <= ready.max_steps) {
         return Err(RunError::Stiff { steps: wanted });
     }
     let parts = wanted as usize;
@@ -219,7 +219,7 @@ fn sampled(
         .map(|(i, u)| if i.kind == InputKind::Angle { derivative(u, h) } else { Vec::new() })
         .collect();
     let (mut q, mut v) = (start.q.clone(), start.v.clone());
-    let mut work = Work::new(m);
+    let mut work = Rk4Buffers::new(m);
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
@@ -247,7 +247,7 @@ fn sampled(
                 }
             }
             for (i, body) in m.bodies.iter().enumerate() {
-                if let Motion::Constant(slot) = body.motion {
+                if let BodyMotion::Constant(slot) = body.motion {
                     v[i] = ready.values[slot];
                 }
             }
@@ -339,7 +339,7 @@ pub fn through_sensor(
 
 /// Inputs at the integration nodes, after their effects.
 fn inputs_at_nodes(
-    ready: &Ready,
+    ready: &PreparedMachine,
     task: &Task,
     (t_s, even, parts): (&[f64], bool, usize),
     h: f64,

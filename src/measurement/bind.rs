@@ -1,32 +1,32 @@
 //! Binds the names in a measurement file to a drive: sensors, units, inputs, parameters. Returns all errors at once.
 
-use super::segments::{Channel, DataError};
-use super::units::{Quantity, UNITS, shows, unit};
-use super::{Measurement, RecordSpec, Scope};
+use super::segments::{DataError, MeasuredChannel};
+use super::units::{MeasuredQuantity, UNITS, shows, unit};
+use super::{FitScope, Measurement, RecordSpec};
 use crate::diag::{Diag, nearest};
 use crate::machine::{InputKind, Machine, Reads};
 
 /// Result of the binding.
-pub(super) struct Bound {
-    pub(super) channels: Vec<Channel>,
+pub(super) struct BoundColumns {
+    pub(super) channels: Vec<MeasuredChannel>,
     /// For every record the slots it sets, SI.
     pub(super) set: Vec<Vec<(usize, f64)>>,
 }
 
 /// Binds everything, or returns all errors.
-pub(super) fn bind(measurement: &Measurement, machine: &Machine) -> Result<Bound, DataError> {
+pub(super) fn bind(measurement: &Measurement, machine: &Machine) -> Result<BoundColumns, DataError> {
     let mut diags = Vec::new();
     let channels = bind_channels(measurement, machine, &mut diags);
     check_inputs(measurement, machine, &mut diags);
     let set = bind_set(measurement, machine, &mut diags);
     if diags.is_empty() {
-        Ok(Bound { channels, set })
+        Ok(BoundColumns { channels, set })
     } else {
         Err(DataError::File(Box::new(measurement.places.report(diags))))
     }
 }
 
-fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<Channel> {
+fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>) -> Vec<MeasuredChannel> {
     let mut all = Vec::new();
     for c in &measurement.channels {
         let at = |key: &str| format!("channels.{}.{key}", c.name);
@@ -73,7 +73,7 @@ fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<D
             }
         };
         let relative = matches!(bound.reads, Reads::Pulses { .. });
-        all.push(Channel {
+        all.push(MeasuredChannel {
             name: c.name.clone(),
             sensor_path: c.sensor.clone(),
             sensor,
@@ -117,10 +117,10 @@ fn check_inputs(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Di
         let slides = machine.bodies.get(m.body).is_some_and(|b| b.slides);
         let wanted = match (m.kind, slides) {
             (InputKind::Force(_), _) => continue,
-            (InputKind::Speed, false) => Quantity::AngularSpeed,
-            (InputKind::Speed, true) => Quantity::Speed,
-            (InputKind::Angle, false) => Quantity::Angle,
-            (InputKind::Angle, true) => Quantity::Length,
+            (InputKind::Speed, false) => MeasuredQuantity::AngularSpeed,
+            (InputKind::Speed, true) => MeasuredQuantity::Speed,
+            (InputKind::Angle, false) => MeasuredQuantity::Angle,
+            (InputKind::Angle, true) => MeasuredQuantity::Length,
         };
         if unit(&i.unit).is_none_or(|(q, _)| q != wanted) {
             let title = format!("`{}` is no unit of {}", i.unit, wanted.label());
@@ -156,7 +156,7 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
             diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some("widen them".into())));
         }
         let fits = |r: &&RecordSpec| r.set.iter().any(|(path, _)| *path == f.path);
-        if let Some(r) = measurement.records.iter().find(fits).filter(|_| f.scope == Scope::All) {
+        if let Some(r) = measurement.records.iter().find(fits).filter(|_| f.scope == FitScope::All) {
             let title = format!("`{}` is fitted, and record `{}` sets it", f.path, r.name);
             let help = "one number for all records cannot be set by one: fit it `per = \"record\"`, or leave one of the two out";
             diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some(help.into())));

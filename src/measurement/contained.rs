@@ -9,14 +9,14 @@ use std::path::Path;
 
 thread_local! {
     /// Whether panics of this thread are currently contained.
-    static HELD: Cell<bool> = const { Cell::new(false) };
+    static CONTAINS_PANICS: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Suppresses the output of contained panics. To be called once, at program start.
-pub fn hold_quietly() {
+pub fn silence_contained_panics() {
     let usual = take_hook();
     set_hook(Box::new(move |info| {
-        if !HELD.get() {
+        if !CONTAINS_PANICS.get() {
             usual(info);
         }
     }));
@@ -24,10 +24,10 @@ pub fn hold_quietly() {
 
 /// Runs a function that may panic while it reads `path`; a panic is returned as an error.
 pub(super) fn contained<T>(path: &Path, reads: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    HELD.set(true);
+    CONTAINS_PANICS.set(true);
     // Partial results are discarded with the error, so that no half-changed state is visible.
     let result = catch_unwind(AssertUnwindSafe(reads));
-    HELD.set(false);
+    CONTAINS_PANICS.set(false);
     result.unwrap_or_else(|panic| {
         let said = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
         Err(format!("`{}` is damaged: its reader gave up ({})", path.display(), said.unwrap_or("no message")))

@@ -94,7 +94,7 @@ fn rest(values: &[f64], band: f64) -> (usize, Option<f64>) {
 }
 
 /// Facts of one series.
-pub fn of(record: &str, channel: &str, unit: &str, values: &[f64], declared_noise: Option<f64>) -> Facts {
+pub fn from_values(record: &str, channel: &str, unit: &str, values: &[f64], declared_noise: Option<f64>) -> Facts {
     let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     let low = finite.iter().copied().fold(f64::MAX, f64::min);
     let high = finite.iter().copied().fold(f64::MIN, f64::max);

@@ -40,7 +40,7 @@ pub struct Measurement {
 pub struct FileSpec {
     pub name: String,
     pub path: String,
-    pub layout: columns::Layout,
+    pub layout: columns::FileLayout,
 }
 
 /// A measured quantity with which the model is compared.
@@ -126,12 +126,12 @@ pub struct FitSpec {
     pub low: Option<f64>,
     pub high: Option<f64>,
     /// Whether every record or every segment has its own value.
-    pub scope: Scope,
+    pub scope: FitScope,
 }
 
 /// Scope of a fitted parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scope {
+pub enum FitScope {
     All,
     Record,
     Part,

@@ -2,18 +2,18 @@
 
 use super::columns::Columns;
 use super::facts;
-use super::segments::{Data, Segment, column_of, rows_of};
+use super::segments::{Data, RecordSegment, column_of, rows_of};
 use super::units::unit;
 use super::{Measurement, PulseValues, RecordSpec, Split, Use};
 use crate::diag::Diag;
-use crate::machine::simulate::{Samples, Start, Task};
+use crate::machine::simulate::{InitialState, Samples, Task};
 use crate::machine::{Machine, Reads, Sensor};
 use std::f64::consts::PI;
 
 /// Maximum ratio of the usual interval to the shortest one, and of the longest one to the usual. The shortest sets the
 /// step of the model, the longest how long it waits for a pulse.
-const MOST_BELOW_USUAL: f64 = 1e5;
-const MOST_ABOVE_USUAL: f64 = 1e8;
+const MAX_BELOW_USUAL: f64 = 1e5;
+const MAX_ABOVE_USUAL: f64 = 1e8;
 
 /// Inserts missed pulses as unknown intervals: ln of the interval, or NaN; times; and the number of missed pulses.
 fn with_missed(intervals: &[f64]) -> (Vec<f64>, Vec<f64>, usize) {
@@ -117,7 +117,7 @@ pub(super) fn pulse_segments(
         diags.push(measurement.places.error(&format!("channels.{}.column", spec.name), title, Some(help.into())));
         return;
     }
-    let mut facts = facts::of(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
+    let mut facts = facts::from_values(&record.name, &spec.name, "s", &intervals, spec.noise.map(|n| n * factor));
     facts.rest_samples = 0;
     facts.rest_mean = None;
     data.facts.push(facts);
@@ -154,7 +154,7 @@ pub(super) fn pulse_segments(
         let shortest = known.iter().copied().fold(f64::MAX, f64::min);
         let longest = known.iter().copied().fold(f64::MIN, f64::max);
         let usual = facts::median(&mut known.clone());
-        if usual - shortest > libm::log(MOST_BELOW_USUAL) || longest - usual > libm::log(MOST_ABOVE_USUAL) {
+        if usual - shortest > libm::log(MAX_BELOW_USUAL) || longest - usual > libm::log(MAX_ABOVE_USUAL) {
             let title = format!(
                 "pulses of record `{}` come {:.3e} to {:.3e} s after one another, most {:.3e} s: no one step suits all",
                 record.name,
@@ -166,7 +166,8 @@ pub(super) fn pulse_segments(
             diags.push(measurement.places.error(&format!("records.{}", record.name), title, Some(help.into())));
             return;
         }
-        let mut start = Start { travel: 0.0, q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
+        let mut start =
+            InitialState { travel: 0.0, q: vec![0.0; machine.bodies.len()], v: vec![0.0; machine.bodies.len()] };
         if let Some(speed) = start.v.get_mut(body) {
             *speed = gap / libm::exp(mean.min(first + 1.0));
         }
@@ -176,7 +177,7 @@ pub(super) fn pulse_segments(
             _ if k >= n_parts - judged => 0,
             _ => n,
         };
-        data.segments.push(Segment {
+        data.segments.push(RecordSegment {
             record: index,
             task: Task {
                 samples: Samples::Pulses {

@@ -1,8 +1,9 @@
 //! Reading a measurement file, table by table.
 
-use super::columns::Layout;
+use super::columns::FileLayout;
 use super::{
-    CandidateSpec, ChannelSpec, FileSpec, FitSpec, InputSpec, Measurement, PulseValues, RecordSpec, Scope, Split, Use,
+    CandidateSpec, ChannelSpec, FileSpec, FitScope, FitSpec, InputSpec, Measurement, PulseValues, RecordSpec, Split,
+    Use,
 };
 use crate::diag::nearest;
 use crate::drive::reader::{Places, TomlTable};
@@ -79,7 +80,7 @@ fn files(root: &TomlTable<'_>) -> Vec<FileSpec> {
                 None
             }
         });
-        let layout = Layout {
+        let layout = FileLayout {
             header: t.flag("header").unwrap_or(true),
             separator,
             skip_lines: count(&t, "skip_lines", 0..=10_000).unwrap_or(0),
@@ -204,13 +205,13 @@ fn fit(root: &TomlTable<'_>) -> Vec<FitSpec> {
     let table = root.table("fit");
     let mut all = Vec::new();
     for (path, t) in table.tables() {
-        let scope = [("all", Scope::All), ("record", Scope::Record), ("part", Scope::Part)];
+        let scope = [("all", FitScope::All), ("record", FitScope::Record), ("part", FitScope::Part)];
         all.push(FitSpec {
             path,
             spread: t.number("spread_percent", 0.01, 0.01..=1e6),
             low: t.number("low", 1.0, -1e300..=1e300),
             high: t.number("high", 1.0, -1e300..=1e300),
-            scope: t.choice("per", &scope).unwrap_or(Scope::All),
+            scope: t.choice("per", &scope).unwrap_or(FitScope::All),
         });
         t.finish();
     }

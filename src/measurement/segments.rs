@@ -1,20 +1,20 @@
 //! Splits measured files into the record segments that a model simulates: rows, times, initial states, fitting and
 //! judging samples.
 
-use super::bind::{Bound, bind};
-use super::columns::{Columns, Memory, Wanted, read};
+use super::bind::{BoundColumns, bind};
+use super::columns::{ColumnSelection, Columns, Memory, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
-use super::units::{Quantity, unit};
+use super::units::{MeasuredQuantity, unit};
 use super::{ChannelSpec, Measurement, RecordSpec, Use};
 use crate::diag::{Diag, nearest};
-use crate::machine::simulate::{Samples, Start, Task};
+use crate::machine::simulate::{InitialState, Samples, Task};
 use crate::machine::{InputKind, Machine, Reads};
 use std::path::Path;
 
 /// A stretch of a record that is simulated in one run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Segment {
+pub struct RecordSegment {
     /// Index of its record.
     pub record: usize,
     pub task: Task,
@@ -23,14 +23,14 @@ pub struct Segment {
     /// Samples before this one fit, the others judge.
     pub judge_from: usize,
     /// An initial estimate of the start state.
-    pub start: Start,
+    pub start: InitialState,
     /// Whether it starts at rest at zero, so that the initial state is not fitted.
     pub at_rest: bool,
     /// Start of the segment in its record [s].
     pub start_s: f64,
 }
 
-impl Segment {
+impl RecordSegment {
     pub fn len(&self) -> usize {
         self.measured.first().map_or(0, Vec::len)
     }
@@ -54,7 +54,7 @@ impl Segment {
 
 /// A channel, bound to a sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Channel {
+pub struct MeasuredChannel {
     pub name: String,
     pub sensor_path: String,
     pub sensor: usize,
@@ -71,11 +71,11 @@ pub struct Channel {
 /// All data of the records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Data {
-    pub channels: Vec<Channel>,
+    pub channels: Vec<MeasuredChannel>,
     pub records: Vec<String>,
-    pub segments: Vec<Segment>,
+    pub segments: Vec<RecordSegment>,
     /// Segments of records that neither fit nor judge.
-    pub transfer: Vec<Segment>,
+    pub transfer: Vec<RecordSegment>,
     pub facts: Vec<Facts>,
     pub clocks: Vec<Clock>,
     /// Warnings for the user.
@@ -121,15 +121,15 @@ pub fn load(
     let mut tables: Vec<(String, Columns)> = Vec::new();
     for file in &measurement.files {
         let path = folder.join(&file.path);
-        let wanted = wanted_of(measurement, &file.name);
-        let columns = read(&path, file.layout, Wanted::Named(&wanted), memory).map_err(DataError::World)?;
+        let wanted = needed_columns(measurement, &file.name);
+        let columns = read(&path, file.layout, ColumnSelection::Named(&wanted), memory).map_err(DataError::World)?;
         tables.push((file.name.clone(), columns));
     }
-    cut(measurement, machine, bound, &tables)
+    split_into_segments(measurement, machine, bound, &tables)
 }
 
 /// Names of the columns that records need from a file.
-fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
+fn needed_columns(measurement: &Measurement, file: &str) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let records = || measurement.records.iter().filter(|r| r.file == file);
     names.extend(records().flat_map(|r| r.columns.iter().map(|(_, column)| column.clone())));
@@ -145,14 +145,14 @@ pub fn from_tables(
     machine: &Machine,
     tables: &[(String, Columns)],
 ) -> Result<Data, DataError> {
-    cut(measurement, machine, bind(measurement, machine)?, tables)
+    split_into_segments(measurement, machine, bind(measurement, machine)?, tables)
 }
 
 /// Splits columns into segments.
-fn cut(
+fn split_into_segments(
     measurement: &Measurement,
     machine: &Machine,
-    Bound { channels, set }: Bound,
+    BoundColumns { channels, set }: BoundColumns,
     tables: &[(String, Columns)],
 ) -> Result<Data, DataError> {
     let mut diags = Vec::new();
@@ -181,10 +181,10 @@ fn cut(
             sampled_segment(measurement, machine, (index, record), columns, &mut data, &mut diags);
         }
     }
-    let elsewhere = |s: &Segment| measurement.records.get(s.record).is_some_and(|r| r.usage == Use::Transfer);
+    let elsewhere = |s: &RecordSegment| measurement.records.get(s.record).is_some_and(|r| r.usage == Use::Transfer);
     (data.transfer, data.segments) = std::mem::take(&mut data.segments).into_iter().partition(elsewhere);
     if diags.is_empty() {
-        who_judges(measurement, &mut data, &mut diags);
+        assign_judging_samples(measurement, &mut data, &mut diags);
     }
     if !diags.is_empty() {
         return Err(DataError::File(Box::new(measurement.places.report(diags))));
@@ -301,7 +301,7 @@ fn times_of(
         (Some((name, unit_name)), None) => {
             let what = ("records", record.name.as_str(), name.as_str());
             let values = column_of(measurement, record, columns, (from, to), what, diags)?;
-            let Some((Quantity::Time, factor)) = unit(unit_name) else {
+            let Some((MeasuredQuantity::Time, factor)) = unit(unit_name) else {
                 let title = format!("`{unit_name}` is no unit of time");
                 diags.push(measurement.places.error(&format!("{at}.time_unit"), title, Some("s, ms, us".into())));
                 return None;
@@ -358,7 +358,7 @@ fn sampled_segment(
         let what = ("channels", c.name.as_str(), c.column.as_str());
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         check_values(measurement, record, c, raw, diags);
-        data.facts.push(facts::of(&record.name, &c.name, &c.unit, raw, c.noise));
+        data.facts.push(facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise));
         measured.push(raw.iter().map(|v| v / channel.shown).collect::<Vec<f64>>());
     }
     let mut inputs = Vec::new();
@@ -410,7 +410,7 @@ fn sampled_segment(
         (Use::Fit, None) => to - from,
     };
     data.clocks.push(clock);
-    data.segments.push(Segment {
+    data.segments.push(RecordSegment {
         record: index,
         task: Task { samples: Samples::Times { t_s, step_s, even }, inputs, hold },
         measured,
@@ -455,13 +455,13 @@ fn check_values(
 )]
 pub fn first_guess(
     machine: &Machine,
-    channels: &[Channel],
+    channels: &[MeasuredChannel],
     measured: &[Vec<f64>],
     step_s: f64,
     at_rest: bool,
-) -> Start {
+) -> InitialState {
     let n = machine.bodies.len();
-    let mut start = Start { q: vec![0.0; n], v: vec![0.0; n], travel: 0.0 };
+    let mut start = InitialState { q: vec![0.0; n], v: vec![0.0; n], travel: 0.0 };
     if at_rest {
         return start;
     }
@@ -503,7 +503,7 @@ pub fn first_guess(
 }
 
 /// If no record judges, the last 30 % of the segments, or of the samples of every segment, are used for judging.
-fn who_judges(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
+fn assign_judging_samples(measurement: &Measurement, data: &mut Data, diags: &mut Vec<Diag>) {
     let Some(first) = data.segments.first().map(|s| s.record) else {
         let title = "no record fits".to_string();
         diags.push(measurement.places.error("records", title, Some("give one of them `use = \"fit\"`".into())));

@@ -31,18 +31,18 @@ pub struct Camera {
     /// Frames that nobody needs any more: their memory is used again. Asking the system for 40 columns a frame took a tenth of a
     /// recorded run.
     spare: Vec<Frame>,
-    rows: Rows,
+    rows: SortedContacts,
 }
 
 /// Contacts of a node, and the order in which they are recorded: by link, feature, body.
 #[derive(Clone, Debug, Default)]
-struct Rows {
+struct SortedContacts {
     rows: Vec<Row>,
     /// Sorted instead of the rows, which are long.
     order: Vec<((usize, Feature, usize), usize)>,
 }
 
-impl Rows {
+impl SortedContacts {
     fn find(&mut self, node: &Node<'_>) {
         self.rows.clear();
         sprocket_contacts(node, &mut self.rows);
@@ -182,7 +182,7 @@ fn fill_lanes<I: Iterator<Item = f64>>(column: &mut Vec<f64>, chain: &ChainModel
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
     crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
-    let (mut links, mut rows) = (Links::default(), Rows::default());
+    let (mut links, mut rows) = (Links::default(), SortedContacts::default());
     fill_links(model, state, &scratch, &mut links);
     let node = Node { model, state, scratch: &scratch, only: None };
     rows.find(&node);
@@ -196,7 +196,7 @@ pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts 
 
 /// As [`contacts_at`], of one link where one is given.
 pub fn contacts_of(model: &Model, state: &State, scratch: &Scratch, only: Option<usize>) -> Contacts {
-    let (mut rows, mut contacts) = (Rows::default(), Contacts::default());
+    let (mut rows, mut contacts) = (SortedContacts::default(), Contacts::default());
     rows.find(&Node { model, state, scratch, only: only.map(|link| model.chain.lane_of(link)) });
     fill_contacts(&model.chain, &rows, &mut contacts);
     contacts
@@ -394,7 +394,7 @@ fn row(
     }
 }
 
-fn fill_contacts(chain: &ChainModel, rows: &Rows, c: &mut Contacts) {
+fn fill_contacts(chain: &ChainModel, rows: &SortedContacts, c: &mut Contacts) {
     fill(&mut c.link, rows.iter().map(|r| chain.number_of(r.link) as u32));
     fill(&mut c.feature, rows.iter().map(|r| r.feature as u32));
     fill(&mut c.body, rows.iter().map(|r| r.body as u32));
@@ -457,7 +457,7 @@ fn each_loop(chain: &ChainModel, of: impl FnMut(&Range<usize>) -> f64) -> f64 {
 }
 
 /// All energies at the node; losses and work since the State's ledger was opened.
-fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
+fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     let Node { model, state, scratch, .. } = *node;
     let (c, h) = (&model.chain, model.step_s);
     let mut first_link = 0;

@@ -7,15 +7,15 @@ use prost::encoding::{
 };
 
 /// A packed column.
-enum Column<'a> {
+enum PackedColumn<'a> {
     Doubles(&'a [f64]),
     Numbers(&'a [u32]),
     Flags(&'a [bool]),
 }
 
-use Column::{Doubles, Flags, Numbers};
+use PackedColumn::{Doubles, Flags, Numbers};
 
-impl Column<'_> {
+impl PackedColumn<'_> {
     /// Bytes of its values.
     fn len(&self) -> usize {
         match self {
@@ -57,7 +57,7 @@ impl Column<'_> {
 }
 
 /// Encodes a message of columns, whose tags count from one.
-fn put_columns(tag: u32, columns: &[Column<'_>], out: &mut Vec<u8>) {
+fn put_columns(tag: u32, columns: &[PackedColumn<'_>], out: &mut Vec<u8>) {
     let tagged = || (1..).zip(columns);
     encode_key(tag, WireType::LengthDelimited, out);
     encode_varint(tagged().map(|(tag, c)| c.len_with_head(tag) as u64).sum(), out);
@@ -89,17 +89,17 @@ impl Frame {
     }
 }
 
-fn of_links(l: &Links) -> [Column<'_>; 9] {
+fn of_links(l: &Links) -> [PackedColumn<'_>; 9] {
     let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = l;
     [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2].map(|column| Doubles(column))
 }
 
-fn of_joints(j: &Joints) -> [Column<'_>; 3] {
+fn of_joints(j: &Joints) -> [PackedColumn<'_>; 3] {
     let Joints { force_x_n, force_y_n, friction_torque_nm } = j;
     [force_x_n, force_y_n, friction_torque_nm].map(|column| Doubles(column))
 }
 
-fn of_contacts(c: &Contacts) -> [Column<'_>; 20] {
+fn of_contacts(c: &Contacts) -> [PackedColumn<'_>; 20] {
     let Contacts {
         link,
         feature,

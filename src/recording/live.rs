@@ -49,7 +49,7 @@ pub fn open(
 ) -> anyhow::Result<Box<dyn Sink>> {
     let sink = connect(viewer, header, view, wait, say)?;
     say(&format!("streaming to {}", sink.path().display()));
-    Ok(Box::new(Watched { address: sink.path().to_path_buf(), sink: Some(sink), say }))
+    Ok(Box::new(NonCriticalSink { address: sink.path().to_path_buf(), sink: Some(sink), say }))
 }
 
 fn connect(
@@ -85,14 +85,14 @@ pub fn wait_for<T>(wait: Duration, mut attempt: impl FnMut() -> anyhow::Result<T
 }
 
 /// Wrapper of a viewer's sink. Its failure is reported once, and the run continues without it.
-struct Watched {
+struct NonCriticalSink {
     address: PathBuf,
     /// None after an error.
     sink: Option<Box<dyn Sink>>,
     say: fn(&str),
 }
 
-impl Watched {
+impl NonCriticalSink {
     fn guarded(&mut self, f: impl FnOnce(&mut dyn Sink) -> anyhow::Result<()>) {
         let Some(sink) = &mut self.sink else { return };
         if let Err(e) = f(sink.as_mut()) {
@@ -102,7 +102,7 @@ impl Watched {
     }
 }
 
-impl Sink for Watched {
+impl Sink for NonCriticalSink {
     fn frame(&mut self, frame: &Frame) -> anyhow::Result<()> {
         self.guarded(|sink| sink.frame(frame));
         Ok(())

@@ -273,8 +273,8 @@ impl Sink for McapSink {
         self.output.path()
     }
 
-    fn lies_at(&self) -> &Path {
-        self.output.lies_at()
+    fn current_path(&self) -> &Path {
+        self.output.current_path()
     }
 }
 

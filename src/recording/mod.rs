@@ -43,7 +43,7 @@ pub trait Sink {
     /// The name that was asked for.
     fn path(&self) -> &Path;
     /// Where the bytes are until then.
-    fn lies_at(&self) -> &Path {
+    fn current_path(&self) -> &Path {
         self.path()
     }
 }

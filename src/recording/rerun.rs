@@ -17,7 +17,7 @@ use super::view_geometry::scene_bounds;
 use super::{PictureClock, Sink, ViewOptions};
 use crate::output::OutputFile;
 use anyhow::{Context, Result};
-use blueprint::Look;
+use blueprint::ViewRect;
 use rerun::blueprint::components::PlayState;
 use rerun::sink::LogSink;
 use rerun::{RecordingStream, RecordingStreamBuilder, TextLog};
@@ -26,7 +26,7 @@ use scene::{ForceScale, MM_PER_M};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use table::{Table, Times, Values};
+use table::{ComponentValues, EntityTable, Times};
 use writer::Writer;
 
 /// Recordings with the same application name share a layout in the viewer.
@@ -39,7 +39,7 @@ const PICTURE_ROWS: usize = 256;
 const CURVE_ROWS: usize = 2048;
 
 /// Destination of the rows.
-enum End {
+enum RowDestination {
     File {
         output: OutputFile,
         file: File,
@@ -55,7 +55,7 @@ enum End {
 pub struct RerunSink {
     /// Path of the file, or address of the viewer.
     path: PathBuf,
-    end: End,
+    end: RowDestination,
     header: Header,
     /// None once finished.
     stream: Option<RecordingStream>,
@@ -71,7 +71,7 @@ pub struct RerunSink {
     numbers: Numbers,
     curves: Curves,
     pictures: Pictures,
-    events: Table,
+    events: EntityTable,
 }
 
 impl RerunSink {
@@ -79,14 +79,14 @@ impl RerunSink {
     pub fn create(path: &Path, header: &Header, view: ViewOptions) -> Result<RerunSink> {
         let (output, file) = OutputFile::create(path)?;
         let writer = Writer::new(file.try_clone()?).with_context(|| cannot_write(path))?;
-        let end = End::File { output, file, writer: writer.clone() };
+        let end = RowDestination::File { output, file, writer: writer.clone() };
         RerunSink::begin(path.to_owned(), end, Box::new(writer), recording_id(header), header, view)
     }
 
     /// Sends all static data to `sink`.
     fn begin(
         path: PathBuf,
-        end: End,
+        end: RowDestination,
         sink: Box<dyn LogSink>,
         recording: String,
         header: &Header,
@@ -121,7 +121,7 @@ impl RerunSink {
         stream.send_recording_name(header.drive_name.as_str())?;
         scene::log(stream, header, scale)?;
         sink.check_written()?;
-        if let End::File { output, .. } = &mut sink.end {
+        if let RowDestination::File { output, .. } = &mut sink.end {
             output.show()?;
         }
         Ok(sink)
@@ -134,18 +134,18 @@ impl RerunSink {
     /// Waits until everything sent so far is in the file, or returns the write error.
     fn check_written(&self) -> Result<()> {
         match &self.end {
-            End::File { writer, .. } => {
+            RowDestination::File { writer, .. } => {
                 let flushed = self.stream()?.flush_blocking();
                 writer.check().and(flushed.map_err(anyhow::Error::from)).with_context(|| cannot_write(&self.path))
             }
-            End::Viewer { .. } => live::flush(self.stream()?),
+            RowDestination::Viewer { .. } => live::flush(self.stream()?),
         }
     }
 
     /// Whether a live viewer's next block is due.
     fn viewer_waits(&mut self) -> bool {
         match &mut self.end {
-            End::Viewer { last_block } if last_block.elapsed() >= live::BLOCK_INTERVAL => {
+            RowDestination::Viewer { last_block } if last_block.elapsed() >= live::BLOCK_INTERVAL => {
                 *last_block = Instant::now();
                 true
             }
@@ -182,11 +182,11 @@ impl RerunSink {
         Ok(())
     }
 
-    fn send_layout(&mut self, close_ups: &[Look]) -> Result<()> {
+    fn send_layout(&mut self, close_ups: &[ViewRect]) -> Result<()> {
         let drive = whole_drive(&self.header);
         let play = match self.end {
-            End::File { .. } => PlayState::Paused,
-            End::Viewer { .. } => PlayState::Following,
+            RowDestination::File { .. } => PlayState::Paused,
+            RowDestination::Viewer { .. } => PlayState::Following,
         };
         blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play, !self.header.sensors.is_empty())?;
         self.has_layout = true;
@@ -242,14 +242,14 @@ impl Sink for RerunSink {
         self.check_written()?;
         let stream = self.stream.take();
         match &self.end {
-            End::File { output, file, writer } => {
+            RowDestination::File { output, file, writer } => {
                 // Ends the writing thread.
                 drop(stream);
                 writer.finish().with_context(|| cannot_write(&self.path))?;
                 output.sync(file).with_context(|| cannot_write(&self.path))?;
                 Ok(file.metadata()?.len())
             }
-            End::Viewer { .. } => live::close(stream).map(|()| 0),
+            RowDestination::Viewer { .. } => live::close(stream).map(|()| 0),
         }
     }
 
@@ -259,15 +259,15 @@ impl Sink for RerunSink {
 
     fn publish(&mut self) -> Result<()> {
         match &mut self.end {
-            End::File { output, .. } => output.publish(),
-            End::Viewer { .. } => Ok(()),
+            RowDestination::File { output, .. } => output.publish(),
+            RowDestination::Viewer { .. } => Ok(()),
         }
     }
 
-    fn lies_at(&self) -> &Path {
+    fn current_path(&self) -> &Path {
         match &self.end {
-            End::File { output, .. } => output.lies_at(),
-            End::Viewer { .. } => &self.path,
+            RowDestination::File { output, .. } => output.current_path(),
+            RowDestination::Viewer { .. } => &self.path,
         }
     }
 }
@@ -275,7 +275,7 @@ impl Sink for RerunSink {
 impl Drop for RerunSink {
     fn drop(&mut self) {
         // Aborted: dropping the stream would wait for the viewer indefinitely.
-        if matches!(self.end, End::Viewer { .. }) {
+        if matches!(self.end, RowDestination::Viewer { .. }) {
             std::mem::forget(self.stream.take());
         }
     }
@@ -289,43 +289,43 @@ fn recording_id(header: &Header) -> String {
 }
 
 /// Log entries for the viewer, and their numbers.
-fn events_table() -> Table {
+fn events_table() -> EntityTable {
     let columns = vec![
-        (TextLog::descriptor_text(), Values::Text(Vec::new())),
-        (TextLog::descriptor_level(), Values::Text(Vec::new())),
-        (table::number("event", "link"), Values::U64(Vec::new())),
-        (table::number("event", "body"), Values::U64(Vec::new())),
-        (table::number("event", "value"), Values::F64(Vec::new())),
+        (TextLog::descriptor_text(), ComponentValues::Text(Vec::new())),
+        (TextLog::descriptor_level(), ComponentValues::Text(Vec::new())),
+        (table::number("event", "link"), ComponentValues::U64(Vec::new())),
+        (table::number("event", "body"), ComponentValues::U64(Vec::new())),
+        (table::number("event", "value"), ComponentValues::F64(Vec::new())),
     ];
-    Table::new("events".into(), columns)
+    EntityTable::new("events".into(), columns)
 }
 
 fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
 }
 
-fn whole_drive(header: &Header) -> Look {
+fn whole_drive(header: &Header) -> ViewRect {
     let (low, high) = scene_bounds(header);
     let name = "drive".to_owned();
     if !(low[0] <= high[0] && low[1] <= high[1]) {
-        return Look { name, centre: [0.0, 0.0], width: 300.0, height: 200.0 };
+        return ViewRect { name, centre: [0.0, 0.0], width: 300.0, height: 200.0 };
     }
     // Two pitches of room on each side for the chain.
     let room = 4.0 * scene::pitch_mm(header);
     let centre = [0, 1].map(|k| 0.5 * MM_PER_M * (low[k] + high[k]));
     let [width, height] = [0, 1].map(|k| MM_PER_M * (high[k] - low[k]) + room);
-    Look { name, centre, width, height }
+    ViewRect { name, centre, width, height }
 }
 
 /// For each sprocket the place where the chain runs on; on the driver this is the end of the tight span.
-fn close_ups(header: &Header, frame: &Frame) -> Vec<Look> {
+fn close_ups(header: &Header, frame: &Frame) -> Vec<ViewRect> {
     let pitch = scene::pitch_mm(header);
     let mut looks = Vec::new();
     for body in header.bodies.iter().filter(|body| body.rotor) {
         let Some([x_m, y_m]) = first_seated(header, body, frame) else { continue };
         let centre = [MM_PER_M * x_m, MM_PER_M * y_m];
         let name = format!("{}: chain runs on", scene::short_name(body));
-        looks.push(Look { name, centre, width: 5.0 * pitch, height: 5.0 * pitch });
+        looks.push(ViewRect { name, centre, width: 5.0 * pitch, height: 5.0 * pitch });
     }
     looks
 }

@@ -1,7 +1,7 @@
 //! The report of a comparison: one self-contained HTML file, curves as SVG.
 
-use crate::compare::{Claim, Run, Summary};
-use crate::engagement::{BINS_PER_PITCH, KINDS, Kind, Pass};
+use crate::compare::{Claim, DriveSummary, Run};
+use crate::engagement::{BINS_PER_PITCH, ContactKind, KINDS, Pass};
 use std::fmt::Write;
 
 /// Size of one diagram [px], and its margins.
@@ -10,27 +10,27 @@ const MARGIN: (f64, f64) = (56.0, 34.0);
 /// Displayed part of a pass [T].
 const SHOWN: (f64, f64) = (-1.5, 11.5);
 
-fn colour(kind: Kind) -> &'static str {
+fn colour(kind: ContactKind) -> &'static str {
     match kind {
-        Kind::Guide => "#2b8a3e",
-        Kind::RingFront => "#1c6dd0",
-        Kind::RingRear => "#6f42c1",
-        Kind::Bush => "#c92a2a",
-        Kind::FlankLeading => "#e8890c",
-        Kind::FlankTrailing => "#c92a2a",
-        Kind::InnerFlank => "#495057",
+        ContactKind::Guide => "#2b8a3e",
+        ContactKind::RingFront => "#1c6dd0",
+        ContactKind::RingRear => "#6f42c1",
+        ContactKind::Bush => "#c92a2a",
+        ContactKind::FlankLeading => "#e8890c",
+        ContactKind::FlankTrailing => "#c92a2a",
+        ContactKind::InnerFlank => "#495057",
     }
 }
 
-fn name(kind: Kind) -> &'static str {
+fn name(kind: ContactKind) -> &'static str {
     match kind {
-        Kind::Guide => "abutment on guide",
-        Kind::RingFront => "front abutment on ring",
-        Kind::RingRear => "rear abutment on ring",
-        Kind::Bush => "bush in teeth",
-        Kind::FlankLeading => "leading flank",
-        Kind::FlankTrailing => "trailing flank",
-        Kind::InnerFlank => "inner flank",
+        ContactKind::Guide => "abutment on guide",
+        ContactKind::RingFront => "front abutment on ring",
+        ContactKind::RingRear => "rear abutment on ring",
+        ContactKind::Bush => "bush in teeth",
+        ContactKind::FlankLeading => "leading flank",
+        ContactKind::FlankTrailing => "trailing flank",
+        ContactKind::InnerFlank => "inner flank",
     }
 }
 
@@ -38,7 +38,7 @@ fn name(kind: Kind) -> &'static str {
 const LINES: [&str; 6] = ["#c92a2a", "#e8890c", "#1c6dd0", "#2b8a3e", "#6f42c1", "#495057"];
 
 /// The whole page. `sweep`: summaries over speeds [rpm], if there are several.
-pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<Summary>)], recordings: &[String]) -> String {
+pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<DriveSummary>)], recordings: &[String]) -> String {
     let mut page = String::from(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Chain drives compared</title><style>\
          body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;color:#222}\
@@ -161,7 +161,7 @@ fn diagram(run: &Run, top_n: f64) -> String {
     }
     let mut key = left + 8.0;
     for kind in KINDS {
-        let Some(curves) = Curves::of(&run.passes, kind) else { continue };
+        let Some(curves) = PassCurves::from_passes(&run.passes, kind) else { continue };
         let band: String = curves
             .high
             .iter()
@@ -254,15 +254,15 @@ fn touches(run: &Run) -> String {
 }
 
 /// Short name, to fit beside a row.
-fn short(kind: Kind) -> &'static str {
+fn short(kind: ContactKind) -> &'static str {
     match kind {
-        Kind::Guide => "guide",
-        Kind::RingFront => "ring front",
-        Kind::RingRear => "ring rear",
-        Kind::Bush => "bush",
-        Kind::FlankLeading => "leading",
-        Kind::FlankTrailing => "trailing",
-        Kind::InnerFlank => "inner",
+        ContactKind::Guide => "guide",
+        ContactKind::RingFront => "ring front",
+        ContactKind::RingRear => "ring rear",
+        ContactKind::Bush => "bush",
+        ContactKind::FlankLeading => "leading",
+        ContactKind::FlankTrailing => "trailing",
+        ContactKind::InnerFlank => "inner",
     }
 }
 
@@ -342,7 +342,7 @@ fn spectra(runs: &[Run]) -> String {
 }
 
 /// Largest forces over the speed.
-fn over_speed(sweep: &[(f64, Vec<Summary>)]) -> String {
+fn over_speed(sweep: &[(f64, Vec<DriveSummary>)]) -> String {
     let (Some(first), Some(last)) = (sweep.first(), sweep.last()) else { return String::new() };
     let lines: Vec<(String, Vec<(f64, f64)>)> = (0..first.1.len())
         .map(|k| (first.1[k].drive.clone(), sweep.iter().map(|(rpm, of)| (*rpm, of[k].largest_n().0)).collect()))
@@ -355,21 +355,21 @@ fn over_speed(sweep: &[(f64, Vec<Summary>)]) -> String {
 }
 
 /// Force over u: minimum, median and maximum of the passes.
-struct Curves {
+struct PassCurves {
     low: Vec<(f64, f64)>,
     middle: Vec<(f64, f64)>,
     high: Vec<(f64, f64)>,
 }
 
-impl Curves {
+impl PassCurves {
     /// None for a kind without contact.
-    fn of(passes: &[Pass], kind: Kind) -> Option<Curves> {
+    fn from_passes(passes: &[Pass], kind: ContactKind) -> Option<PassCurves> {
         let touching = passes.iter().any(|p| p.first_touch[kind as usize].is_some());
         let bins = passes.iter().map(|p| p.force_n.len()).min()?;
         if !touching {
             return None;
         }
-        let mut curves = Curves { low: Vec::new(), middle: Vec::new(), high: Vec::new() };
+        let mut curves = PassCurves { low: Vec::new(), middle: Vec::new(), high: Vec::new() };
         // Every bin around the first contact, every fourth elsewhere.
         for bin in 0..bins {
             let u = Pass::u_of(bin);

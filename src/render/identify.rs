@@ -2,8 +2,8 @@
 //! residual's spectrum before and after, by frequency and by order; its whiteness; the states that it follows; the
 //! error budget.
 
-use crate::identify::diagnosis::{ChannelLeft, OrderSpectrum};
-use crate::identify::report::{Curve, Report};
+use crate::identify::diagnosis::{ChannelResiduals, OrderSpectrum};
+use crate::identify::report::{Curve, IdentificationReport};
 use crate::identify::text;
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -17,7 +17,7 @@ const POINTS: usize = 900;
 const COLOURS: [&str; 3] = ["#495057", "#c92a2a", "#1c6dd0"];
 
 /// The whole page.
-pub fn html(report: &Report) -> String {
+pub fn html(report: &IdentificationReport) -> String {
     let mut page = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{0}</title><style>\
          body{{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;color:#222}}\
@@ -51,7 +51,7 @@ pub fn html(report: &Report) -> String {
         }
     }
     page += "<h2>What is left, by itself</h2>\n";
-    page += &left(report);
+    page += &residuals_section(report);
     let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(&text::text(report)));
     page
 }
@@ -60,7 +60,7 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-fn budget(report: &Report) -> String {
+fn budget(report: &IdentificationReport) -> String {
     let mut svg = format!("<svg viewBox=\"0 0 {WIDTH} 64\" width=\"{WIDTH}\" height=\"64\" font-size=\"12\">");
     let palette = ["#1c6dd0", "#2b8a3e", "#e8890c", "#6f42c1"];
     let mut x = 0.0;
@@ -164,7 +164,7 @@ fn series(c: &Curve) -> String {
 }
 
 /// Amplitudes of the residual over cycles per hundred samples, mean over all plotted segments.
-fn spectrum(report: &Report, like: &Curve) -> String {
+fn spectrum(report: &IdentificationReport, like: &Curve) -> String {
     const LINES: usize = 200;
     let amplitudes = |of: fn(&Curve) -> &Vec<f64>| -> Vec<f64> {
         let mut sum = vec![0.0; LINES];
@@ -201,7 +201,7 @@ fn spectrum(report: &Report, like: &Curve) -> String {
 
 /// For every channel: residual by order of every rotating body, the cumulated periodogram, and the forms that it
 /// follows.
-fn left(report: &Report) -> String {
+fn residuals_section(report: &IdentificationReport) -> String {
     let mut page = String::new();
     let after = report.diagnosis_after.as_ref();
     for (c, before) in report.diagnosis.channels.iter().enumerate() {
@@ -238,7 +238,7 @@ fn by_order(before: &OrderSpectrum, after: Option<&OrderSpectrum>, unit: &str) -
     svg + "</svg>\n"
 }
 
-fn cumulated(before: &ChannelLeft, after: Option<&ChannelLeft>) -> String {
+fn cumulated(before: &ChannelResiduals, after: Option<&ChannelResiduals>) -> String {
     let x = (0.0, 50.0);
     let mut svg = frame((x.0, x.1, "cycles per 100 samples"), (0.0, 1.0, "of the power"));
     let band = before.periodogram.band;
@@ -257,7 +257,7 @@ fn cumulated(before: &ChannelLeft, after: Option<&ChannelLeft>) -> String {
 }
 
 /// Bars of the shares that simple forms would remove of a channel's squared error.
-fn shares(left: &ChannelLeft, colour: &str) -> String {
+fn shares(left: &ChannelResiduals, colour: &str) -> String {
     let orders = left.orders.iter().map(|o| (o.name.clone(), o.share));
     let states = left.states.iter().map(|s| (format!("{} of {}", s.term, s.body), s.share));
     let all: Vec<(String, f64)> = orders.chain(states).collect();

@@ -15,12 +15,12 @@ pub(crate) use forces::push_arrow;
 use crate::recording::frame::{Frame, Header, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
-use labels::{Rect, Taken, take, take_beside};
+use labels::{OccupiedPlaces, Rect, take_place, take_place_beside};
 use std::fmt::Write;
 
 /// Centre of the view.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Around {
+pub enum ViewCentre {
     /// The whole drive.
     Drive,
     /// Index into `Header::bodies`.
@@ -31,8 +31,8 @@ pub enum Around {
 
 /// Options of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    pub around: Around,
+pub struct SnapshotOptions {
+    pub around: ViewCentre,
     /// Width of the view [mm]; None: fitted.
     pub width_mm: Option<f64>,
     /// Whether forces in joints are drawn.
@@ -54,9 +54,9 @@ pub struct Drawing {
 }
 
 /// Maximum number of panels in a row.
-const MOST_IN_A_ROW: usize = 4;
+const MAX_IN_A_ROW: usize = 4;
 /// Width of a panel with 1, 2, 3 and 4 in a row [user units].
-const PANEL_WIDTH: [f64; MOST_IN_A_ROW] = [960.0, 600.0, 460.0, 400.0];
+const PANEL_WIDTH: [f64; MAX_IN_A_ROW] = [960.0, 600.0, 460.0, 400.0];
 const MARGIN: f64 = 16.0;
 const TITLE_HEIGHT: f64 = 34.0;
 /// View around a link [pitches], and its height as a fraction of its width.
@@ -99,9 +99,9 @@ impl Panel {
 }
 
 /// Data shared by all parts of a drawing.
-struct Sheet<'a> {
+struct DrawingSheet<'a> {
     header: &'a Header,
-    options: Options,
+    options: SnapshotOptions,
     units_per_m: f64,
     /// Font size of numbers in the panels [user units].
     font: f64,
@@ -111,7 +111,7 @@ struct Sheet<'a> {
     joint_units_per_n: Option<f64>,
 }
 
-impl Sheet<'_> {
+impl DrawingSheet<'_> {
     /// Pitch of the chain on the page [user units].
     fn pitch(&self) -> f64 {
         pitch_m(self.header) * self.units_per_m
@@ -127,10 +127,10 @@ fn pitch_m(header: &Header) -> f64 {
 /// # Panics
 /// Without frames, if the link or body of `options.around` does not exist, and if columns are shorter than the header
 /// states.
-pub fn draw(header: &Header, frames: &[&Frame], options: Options) -> Drawing {
+pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Drawing {
     assert!(!frames.is_empty(), "no frame to draw");
     let [width_m, height_m] = view_size_m(header, frames, options);
-    let rows = frames.len().div_ceil(MOST_IN_A_ROW);
+    let rows = frames.len().div_ceil(MAX_IN_A_ROW);
     let columns = frames.len().div_ceil(rows);
     let panel_width = PANEL_WIDTH[columns - 1];
     let units_per_m = panel_width / width_m;
@@ -148,7 +148,7 @@ pub fn draw(header: &Header, frames: &[&Frame], options: Options) -> Drawing {
             units_per_m,
         })
         .collect();
-    let mut sheet = Sheet {
+    let mut sheet = DrawingSheet {
         header,
         options,
         units_per_m,
@@ -223,13 +223,13 @@ fn drive_box_m(header: &Header, frames: &[&Frame]) -> [[f64; 2]; 2] {
 }
 
 /// Width and height of the view [m].
-fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2] {
+fn view_size_m(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> [f64; 2] {
     let room_m = 2.2 * pitch_m(header);
     let of_box = |[low, high]: [[f64; 2]; 2]| [high[0] - low[0] + room_m, high[1] - low[1] + room_m];
     let [width, height] = match options.around {
-        Around::Drive => of_box(drive_box_m(header, frames)),
-        Around::Body(k) => of_box(body_box_m(header, frames[0], k)),
-        Around::Link(i) => {
+        ViewCentre::Drive => of_box(drive_box_m(header, frames)),
+        ViewCentre::Body(k) => of_box(body_box_m(header, frames[0], k)),
+        ViewCentre::Link(i) => {
             let width = LINK_VIEW_PITCHES * header.links[i].pitch_m;
             [width, LINK_VIEW_ASPECT * width]
         }
@@ -239,7 +239,7 @@ fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2]
     match options.width_mm {
         None => [width, height],
         // A view of a part of a body has the aspect ratio of a link view.
-        Some(wanted) if wanted * 1e-3 < width - room_m && matches!(options.around, Around::Body(_)) => {
+        Some(wanted) if wanted * 1e-3 < width - room_m && matches!(options.around, ViewCentre::Body(_)) => {
             [wanted * 1e-3, wanted * 1e-3 * LINK_VIEW_ASPECT]
         }
         Some(wanted) => [wanted * 1e-3, wanted * 1e-3 * height / width],
@@ -247,12 +247,12 @@ fn view_size_m(header: &Header, frames: &[&Frame], options: Options) -> [f64; 2]
 }
 
 /// The centre of a frame's view [m].
-fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: Options, width_m: f64) -> [f64; 2] {
+fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: SnapshotOptions, width_m: f64) -> [f64; 2] {
     let middle = |[low, high]: [[f64; 2]; 2]| [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
     match options.around {
-        Around::Drive => middle(drive_box_m(header, frames)),
-        Around::Link(i) => [frame.links.x_m[i], frame.links.y_m[i]],
-        Around::Body(k) => {
+        ViewCentre::Drive => middle(drive_box_m(header, frames)),
+        ViewCentre::Link(i) => [frame.links.x_m[i], frame.links.y_m[i]],
+        ViewCentre::Body(k) => {
             let corners = body_box_m(header, frames[0], k);
             // A view of a part of the body is centred where the load is largest, the same place in all panels.
             let part = width_m < corners[1][0] - corners[0][0];
@@ -262,11 +262,11 @@ fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: Options,
     }
 }
 
-fn push_title(svg: &mut String, sheet: &Sheet, frames: &[&Frame], width: f64) {
+fn push_title(svg: &mut String, sheet: &DrawingSheet, frames: &[&Frame], width: f64) {
     let around = match sheet.options.around {
-        Around::Drive => String::new(),
-        Around::Body(k) => format!(", around {}", sheet.header.bodies[k].path),
-        Around::Link(i) => format!(", around link {i}"),
+        ViewCentre::Drive => String::new(),
+        ViewCentre::Body(k) => format!(", around {}", sheet.header.bodies[k].path),
+        ViewCentre::Link(i) => format!(", around link {i}"),
     };
     let title = format!("{}{around}", sheet.header.drive_name);
     push_text(svg, [MARGIN, 0.5 * TITLE_HEIGHT], 15.0, "start", INK, &title);
@@ -289,7 +289,7 @@ fn instant(frame: &Frame) -> [String; 2] {
     ]
 }
 
-fn push_panel(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, index: usize) {
+fn push_panel(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, index: usize) {
     let Panel { left, top, width, height, .. } = *panel;
     let area = format!("x=\"{left:.2}\" y=\"{top:.2}\" width=\"{width:.2}\" height=\"{height:.2}\"");
     let _infallible = writeln!(
@@ -299,7 +299,7 @@ fn push_panel(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, ind
     );
     push_contours(svg, sheet, frame, panel);
     let middle = [left + 0.5 * width, top + 0.5 * height];
-    let mut taken = Taken {
+    let mut taken = OccupiedPlaces {
         panel: Rect { centre: middle, half: [0.5 * width - 2.0, 0.5 * height - 2.0] },
         boxes: Vec::new(),
         strokes: Vec::new(),
@@ -316,7 +316,7 @@ fn push_panel(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, ind
 }
 
 /// Bodies, then links over them, in millimetres of the world.
-fn push_contours(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel) {
+fn push_contours(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel) {
     let scale = sheet.units_per_m * 1e-3;
     let [x0, y0] = panel.on_page([0.0, 0.0]);
     let _infallible = writeln!(
@@ -375,22 +375,22 @@ fn push_outline(
 /// Interval between numbered links or gaps: one in a close-up, larger and round in a wide view.
 fn number_stride(pitch: f64) -> usize {
     /// Minimum distance of numbers if not all are drawn [user units].
-    const APART: f64 = 80.0;
+    const MIN_NUMBER_DISTANCE: f64 = 80.0;
     if pitch >= NUMBERED_PITCH {
         return 1;
     }
-    [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= APART).unwrap_or(100)
+    [5, 10, 20, 50].into_iter().find(|s| *s as f64 * pitch >= MIN_NUMBER_DISTANCE).unwrap_or(100)
 }
 
-fn push_link_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_link_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let stride = number_stride(sheet.pitch());
     for (i, link) in sheet.header.links.iter().enumerate().step_by(stride) {
         let pose = link_pose(frame, i);
         // On the link if there is room, slightly away from the teeth; otherwise outside of the loop.
         let aside_m = if stride == 1 { -0.27 * link.pitch_m } else { -link.pitch_m };
         let text = [i.to_string()];
-        let place = Rect::of_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
-        if take(taken, place) {
+        let place = Rect::around_text(&text, sheet.font, panel.on_page(pose.apply([0.0, aside_m])));
+        if take_place(taken, place) {
             let colour = ROW_COLOURS[link.outline as usize % ROW_COLOURS.len()];
             push_number(svg, &place, sheet.font, colour, &text);
         }
@@ -398,7 +398,7 @@ fn push_link_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pan
 }
 
 /// Numbers of tooth gaps, below their roots.
-fn push_gap_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let stride = number_stride(sheet.pitch()) as u32;
     let size = 0.85 * sheet.font;
     for (k, body) in sheet.header.bodies.iter().enumerate().filter(|(_, b)| b.rotor && b.teeth > 0) {
@@ -409,8 +409,8 @@ fn push_gap_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pane
         for gap in (0..body.teeth).step_by(stride as usize) {
             let (s, c) = crate::units::sin_cos(std::f64::consts::TAU * f64::from(gap) / f64::from(body.teeth));
             let text = [gap.to_string()];
-            let place = Rect::of_text(&text, size, panel.on_page(pose.apply([radius_m * c, radius_m * s])));
-            if take(taken, place) {
+            let place = Rect::around_text(&text, size, panel.on_page(pose.apply([radius_m * c, radius_m * s])));
+            if take_place(taken, place) {
                 push_number(svg, &place, size, "#667", &text);
             }
         }
@@ -418,7 +418,7 @@ fn push_gap_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pane
 }
 
 /// Names of the bodies: sprockets on their axes, guides beside their middle.
-fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     for (k, body) in sheet.header.bodies.iter().enumerate() {
         let name = body.path.rsplit('.').next().unwrap_or(&body.path).to_string();
         let [low, high] = body_box_m(sheet.header, frame, k);
@@ -427,16 +427,16 @@ fn push_body_names(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
             let turning = body.coordinate.and_then(|q| frame.rotors.speed_rad_s.get(q as usize));
             let speed = turning.copied().unwrap_or(0.0) / crate::units::RPM;
             let lines = [name, format!("{} teeth", body.teeth), format!("{speed:.0} rpm")];
-            let place = Rect::of_text(&lines, sheet.font, at);
-            if take(taken, place) {
+            let place = Rect::around_text(&lines, sheet.font, at);
+            if take_place(taken, place) {
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         } else {
             let lines = [format!("{} {name}", if body.path.contains("rail") { "rail" } else { "guide" })];
-            let like = Rect::of_text(&lines, sheet.font, at);
-            let inside = Rect { centre: at, half: [0.0; 2] }.lies_in(&taken.panel);
+            let like = Rect::around_text(&lines, sheet.font, at);
+            let inside = Rect { centre: at, half: [0.0; 2] }.is_inside(&taken.panel);
             // Towards the inside of most loops, away from the chain: below the upper guide, above the lower one.
-            if inside && let Some(place) = take_beside(taken, like, [at, at]) {
+            if inside && let Some(place) = take_place_beside(taken, like, [at, at]) {
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         }

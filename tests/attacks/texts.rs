@@ -5,7 +5,7 @@ use pitchline::breakpoint::{Breakpoint, Names};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
-use pitchline::measurement::columns::{Layout, Memory, Wanted, read};
+use pitchline::measurement::columns::{ColumnSelection, FileLayout, Memory, read};
 
 const PIECES: [&str; 24] = [
     "",
@@ -182,7 +182,7 @@ fn measured_files_are_read_or_refused_within_their_memory() {
         }
         let path = folder.path().join(fixture.file_name().expect("a name"));
         std::fs::write(&path, bytes).expect("written");
-        match read(&path, Layout::default(), Wanted::All, &mut Memory::of_program(100_000_000)) {
+        match read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000)) {
             Ok(columns) => {
                 let fits = |(v, w): (&Vec<f64>, &Option<String>)| v.len() == columns.rows() || w.is_some();
                 assert!(columns.values.iter().zip(&columns.wrong).all(fits), "case {case}");

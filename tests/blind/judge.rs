@@ -3,7 +3,7 @@
 use super::blind::{Case, Class, case};
 use pitchline::identify::fit::parallel;
 use pitchline::identify::identify;
-use pitchline::identify::report::{ChannelError, Report, Verdict};
+use pitchline::identify::report::{ChannelError, IdentificationReport, IdentificationVerdict};
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
@@ -35,14 +35,14 @@ pub struct Outcome {
     pub line: String,
 }
 
-fn report_of(c: &Case) -> Result<Report, String> {
+fn report_of(c: &Case) -> Result<IdentificationReport, String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
     for (name, text) in &c.csvs {
         std::fs::write(folder.path().join(name), text).map_err(|e| e.to_string())?;
     }
     let measurement = Measurement::parse("measurement.toml", &c.measurement_toml).map_err(|r| r.to_string())?;
     let machine = Machine::parse(&measurement.drive, &c.drive_toml, &[]).map_err(|r| r.to_string())?;
-    let data = load(&measurement, &machine, folder.path(), &mut Memory::of_program(1_000_000_000))
+    let data = load(&measurement, &machine, folder.path(), &mut Memory::for_program(1_000_000_000))
         .map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
@@ -96,7 +96,7 @@ fn outcome(class: Class, number: u64) -> Outcome {
         }
     };
     o.runs = r.model_runs;
-    o.ambiguous = r.outcome == Verdict::Ambiguous;
+    o.ambiguous = r.outcome == IdentificationVerdict::Ambiguous;
     let right = |path: &str| c.truth.iter().any(|t| same(&t.path, path)) || c.rivals.iter().any(|p| same(p, path));
     let true_one = |path: &str| c.truth.iter().any(|t| same(&t.path, path));
     let sets: Vec<Vec<&str>> = r

@@ -134,7 +134,7 @@ impl EngagementWatch {
         let window = self.window_s;
         for follow in self.open.values_mut() {
             let approach = follow.engagement.approach;
-            let top = follow.meter.look(&self.law, follow.now, approach, self.step_s, 0.0).expect("no Hertz law");
+            let top = follow.meter.peak_since(&self.law, follow.now, approach, self.step_s, 0.0).expect("no Hertz law");
             follow.engagement.peak = follow.engagement.peak.max(top);
         }
         let ended = |f: &Follow| t_s - f.engagement.start_s > window;

@@ -3,7 +3,7 @@
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::identify::identify;
 use pitchline::identify::plant::Plant;
-use pitchline::identify::report::Report;
+use pitchline::identify::report::IdentificationReport;
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::machine::simulate::between;
@@ -145,9 +145,9 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
         sets.push(format!("speeds.constant.driver.speed_rpm={rpm}"));
         let real = Drive::parse("drive.toml", &drive, &sets).unwrap_or_else(|e| panic!("{e}"));
         let mut tracer = Tracer::new(&real, 2.5e-6).expect("assembled");
-        tracer.go_on(0.1 + 0.1 * random.uniform()).expect("runs");
-        tracer.forget();
-        tracer.go_on_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
+        tracer.run_for(0.1 + 0.1 * random.uniform()).expect("runs");
+        tracer.clear_readings();
+        tracer.run_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
         let columns: Vec<Vec<f64>> = (0..channels.len())
             .map(|c| {
                 let sensor = real.sensors.iter().position(|s| s.path == CHANNELS[c].1).expect("a sensor");
@@ -187,7 +187,7 @@ fn encoder(real: &Drive, values: &[f64]) -> Vec<f64> {
 }
 
 /// Identifies the measurement in `folder`.
-pub fn identified(folder: &Path, threads: usize) -> Result<Report, String> {
+pub fn identified(folder: &Path, threads: usize) -> Result<IdentificationReport, String> {
     let path = folder.join("measured.toml");
     let text = std::fs::read_to_string(&path).map_err(|e| e.to_string())?;
     let measurement = Measurement::parse("measured.toml", &text).map_err(|r| r.to_string())?;
@@ -195,7 +195,7 @@ pub fn identified(folder: &Path, threads: usize) -> Result<Report, String> {
     let drive = Drive::parse("drive.toml", &text, &[]).map_err(|r| r.to_string())?;
     let machine = Machine::of_links(&drive);
     let data =
-        load(&measurement, &machine, folder, &mut Memory::of_program(1_000_000_000)).map_err(|e| e.to_string())?;
+        load(&measurement, &machine, folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let plant = Plant::new(&drive, &machine, &data);
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let verbose = std::env::var_os("PITCHLINE_VERBOSE").is_some();

@@ -109,7 +109,7 @@ impl ContourArc {
     }
 
     /// The part that begins where the normal is `from`.
-    fn after(&self, from: Vec2) -> ContourArc {
+    fn beyond_normal(&self, from: Vec2) -> ContourArc {
         ContourArc {
             start: self.centre + from * self.radius_m,
             normal_start: from,
@@ -283,7 +283,7 @@ fn hull(arcs: &[ContourArc]) -> Result<Vec<ContourArc>, ContourError> {
     };
     let mut convex = arcs.iter().enumerate().skip(last + 1).filter(|(_, a)| a.radius_m.is_finite());
     let (at, normal) = convex.find_map(|(k, a)| touches(a).map(|n| (k, n))).ok_or(ContourError::Concave(last))?;
-    let rest = arcs[at].after(normal);
+    let rest = arcs[at].beyond_normal(normal);
     // The arc through `from` that is tangent at the end: |from - end + n radius| = radius.
     let back = from - rest.start;
     let radius_m = -back.norm_squared() / (2.0 * back.dot(&normal));

@@ -313,7 +313,7 @@ impl EndContactPass<'_> {
     }
 
     /// Bounds for all points of the links of a block that may touch a body. Between two nodes they move by the speeds in the middle of
-    /// the step; contacts reckon with those at the node, which differ by the accelerations of this step and the one before.
+    /// the step; contacts use those at the node, which differ by the accelerations of this step and the one before.
     #[inline(always)]
     fn motion_bounds<const UPDATED: bool>(&self, meeting: &BodyInStep<'_>, at: usize) -> MotionBounds {
         let l = &self.links;
@@ -536,7 +536,7 @@ pub(crate) fn body_rotation(model: &Model, state: &State, body: &EndBody) -> ((f
     }
 }
 
-/// For those who look at every step.
+/// For observers of every step.
 fn observe(
     model: &Model,
     watched: &mut ObservedStep,

@@ -87,7 +87,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     scratch.lanes = Some(own_lanes);
 }
 
-/// For those who look at every step.
+/// For observers of every step.
 #[inline(always)]
 fn observe(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
     let Some(watched) = &mut scratch.watched else { return };

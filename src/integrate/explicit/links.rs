@@ -10,7 +10,7 @@ use crate::elements::tooth_contact::{LANES, blocks, blocks_mut};
 use crate::model::{ChainModel, Model};
 use crate::state::{LinkState, State};
 
-/// What the joints give at this node, and what contacts may reckon with: accelerations of a step ago with the change that the
+/// Accelerations by the joints at this node, and the predictions that contacts use: accelerations of a step ago with the change that the
 /// joints have made since, and the velocities that come of it.
 #[inline(always)]
 pub(super) fn predict_from_joints(model: &Model, state: &State, scratch: &mut Scratch) {
@@ -130,8 +130,8 @@ fn predict_joint_forces(model: &Model, state: &State, scratch: &mut Scratch) {
     JointColumn::wrap_loops([joint_x, joint_y, joint_torque], c);
 }
 
-/// What contacts give, into the accelerations; ends and speeds as joints feel them on the mean over the step with these and
-/// with what the joints gave at first.
+/// Accelerations by contacts; ends and speeds as the mean over the step that joints take, with these and
+/// with the predicted accelerations by the joints.
 #[inline(always)]
 pub(super) fn apply_contacts(model: &Model, state: &State, scratch: &mut Scratch) {
     let (quarter, shift) = (0.25 * model.step_s, model.step_s * model.step_s / 12.0);
@@ -305,7 +305,7 @@ fn end_motion_kernel(
     }
 }
 
-/// Forces of the joints on ends and speeds as they feel them, and the accelerations that these add to those from contacts.
+/// Forces of the joints from the mean ends and speeds, and the accelerations that these add to those from contacts.
 #[inline(always)]
 pub(super) fn apply_joints(model: &Model, state: &State, scratch: &mut Scratch) {
     joint_forces(model, scratch);
@@ -332,7 +332,7 @@ pub(super) fn apply_joints(model: &Model, state: &State, scratch: &mut Scratch) 
     tight_joints(model, scratch);
 }
 
-/// Forces of the joints and the power they lose, on ends and speeds as they feel them.
+/// Forces of the joints and the power they lose, from the mean ends and speeds.
 #[inline(always)]
 fn joint_forces(model: &Model, scratch: &mut Scratch) {
     let c = &model.chain;

@@ -220,7 +220,7 @@ fn count_query(scratch: &mut Scratch, k: usize, lanes: Option<&[Lanes; 3]>, begu
     }
 }
 
-/// For those who look at every step.
+/// For observers of every step.
 #[inline(always)]
 fn observe(
     model: &Model,

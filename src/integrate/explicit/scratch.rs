@@ -26,7 +26,7 @@ pub struct Scratch {
     pub(super) front: LinkEnds,
     pub(super) rear: LinkEnds,
     pub(super) omega: Vec<f64>,
-    /// Ends and speeds as joints feel them on the mean over a step.
+    /// Mean ends and speeds over a step, from which the forces of the joints follow.
     pub(super) mean_front: LinkEnds,
     pub(super) mean_rear: LinkEnds,
     pub(super) mean_omega: Vec<f64>,
@@ -104,7 +104,7 @@ pub struct Scratch {
     pub(super) contour_step: u64,
     /// Per set of contour ends and block: how many of the two memories still hold an old contact.
     pub(super) stale_ends: [Vec<u8>; 6],
-    /// For those who look at every step.
+    /// For observers of every step.
     pub(super) watched: Option<Box<ObservedStep>>,
     /// For those who ask what contacts cost.
     pub(super) counts: Option<Box<ContactCounts>>,
@@ -112,7 +112,7 @@ pub struct Scratch {
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
     pub alpha: Vec<f64>,
-    /// What joints give at this node, at a first look.
+    /// Accelerations by the joints at this node, as predicted before the contacts.
     pub joint_ax: Vec<f64>,
     pub joint_ay: Vec<f64>,
     pub joint_alpha: Vec<f64>,
@@ -230,7 +230,7 @@ pub(super) struct LinkEnds {
     pub(super) vy: Vec<f64>,
 }
 
-/// Headings, and the accelerations that contacts reckon with, one value longer.
+/// Headings, and the predicted accelerations that contacts use, one value longer.
 pub(super) struct WrappedColumns {
     pub(super) cos: Vec<f64>,
     pub(super) sin: Vec<f64>,

@@ -169,7 +169,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     s.chain_torque[q] += partial.iter().sum::<f64>();
 }
 
-/// For those who look at every step.
+/// For observers of every step.
 #[inline(always)]
 fn observe(
     model: &Model,

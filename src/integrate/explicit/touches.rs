@@ -6,7 +6,7 @@ use crate::elements::touch::{CoordinateRates, PastTouch};
 use crate::model::Model;
 use crate::state::State;
 
-/// Forces of loads, couplings, oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
+/// Forces of loads, couplings, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     if model.touches.is_empty() && model.oil.is_none() && !model.has_shaft_forces() {
         return;

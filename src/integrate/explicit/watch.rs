@@ -1,4 +1,4 @@
-//! What a step keeps beside its forces for those who look at every step: segments, extremes of its contacts, and which of them there
+//! What a step keeps beside its forces for observers of every step: segments, extremes of its contacts, and which of them there
 //! are. Nothing of it is kept unasked, and nothing of it enters a force.
 //!
 //! All of it is noted where a block of contacts has just been computed and its values are at hand: a second walk over

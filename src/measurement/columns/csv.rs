@@ -7,7 +7,7 @@
 //! exports, would swallow the following rows: if the next line is a complete row, the quotation mark is treated as
 //! stray, with a warning.
 
-use super::{Columns, Layout, Memory, Wanted};
+use super::{ColumnSelection, Columns, FileLayout, Memory};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
 use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
@@ -16,22 +16,27 @@ use std::io::{BufRead, BufReader, Read};
 /// Longest line [bytes].
 const LONGEST_LINE: usize = 4 << 20;
 /// Maximum number of lines of one row; text notes have a few.
-const MOST_LINES_OF_A_ROW: usize = 100;
+const MAX_LINES_PER_ROW: usize = 100;
 /// Maximum number of columns of a file.
-const MOST_COLUMNS: usize = 50_000;
+const MAX_COLUMNS: usize = 50_000;
 /// Lines are stored without line ends; this one is appended.
 const LINE_END: Terminator = Terminator::Any(b'\n');
 /// Bytes from which the encoding is detected.
 const LOOKED_AT: u64 = 4096;
 
 /// Columns of a text file. Errors begin with the line number if they concern a line.
-pub fn parse_csv(input: impl Read, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+pub fn parse_csv(
+    input: impl Read,
+    layout: FileLayout,
+    wanted: ColumnSelection<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
     let (input, encoding) = decoded(input).map_err(|e| format!(" cannot be read: {e}"))?;
     let mut lines = Lines { input: BufReader::with_capacity(1 << 16, input), line: Vec::new(), number: 0 };
     for _ in 0..layout.skip_lines {
         lines.next()?;
     }
-    let mut table = Table::new(layout, wanted);
+    let mut table = CsvTable::new(layout, wanted);
     while lines.next()? {
         // Without an encoding mark, a line that is not valid UTF-8 is read as Windows-1252.
         let text = std::str::from_utf8(&lines.line).map_or_else(
@@ -97,7 +102,7 @@ impl<R: Read> Lines<R> {
 
 /// Type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum ColumnType {
     /// No value so far.
     Unknown,
     Number,
@@ -106,30 +111,30 @@ enum Kind {
 }
 
 /// A requested column.
-struct Column {
+struct CsvColumn {
     /// Index in the file.
     index: usize,
-    kind: Kind,
-    marks: Marks,
+    kind: ColumnType,
+    marks: DecimalMarks,
 }
 
 /// Decimal marks that have occurred.
 #[derive(Clone, Copy, Debug, Default)]
-struct Marks {
+struct DecimalMarks {
     point: bool,
     comma: bool,
 }
 
-struct Table<'a> {
-    layout: Layout,
-    wanted: Wanted<'a>,
+struct CsvTable<'a> {
+    layout: FileLayout,
+    wanted: ColumnSelection<'a>,
     separator: u8,
     splitter: Reader,
     /// Concatenated fields of the row, and the end of each.
     fields: Vec<u8>,
     ends: Vec<usize>,
     columns: Columns,
-    kept: Vec<Column>,
+    kept: Vec<CsvColumn>,
     has_names: bool,
     /// Lines of a row whose last quoted field is still open, and the number of the first.
     open: Option<(String, usize)>,
@@ -139,16 +144,16 @@ struct Table<'a> {
     stray_quotes: usize,
 }
 
-impl<'a> Table<'a> {
-    fn new(layout: Layout, wanted: Wanted<'a>) -> Table<'a> {
-        Table {
+impl<'a> CsvTable<'a> {
+    fn new(layout: FileLayout, wanted: ColumnSelection<'a>) -> CsvTable<'a> {
+        CsvTable {
             layout,
             wanted,
             separator: b',',
             splitter: Reader::new(),
             fields: Vec::new(),
             ends: Vec::new(),
-            columns: Columns::of_numbers(Vec::new(), Vec::new()),
+            columns: Columns::from_numbers(Vec::new(), Vec::new()),
             kept: Vec::new(),
             has_names: false,
             open: None,
@@ -175,12 +180,12 @@ impl<'a> Table<'a> {
         };
         // A line that is a complete row cannot continue a quoted text.
         if self.has_names && self.split(line, true) && self.ends.len() == self.columns.names.len() {
-            self.stray(&open, first, memory)?;
+            self.stray_quote(&open, first, memory)?;
             return self.line(line, number, memory);
         }
         let joined = format!("{open}\n{line}");
-        if joined.len() > LONGEST_LINE || number - first > MOST_LINES_OF_A_ROW {
-            return Err(format!(":{first}: a quotation mark is not closed within {MOST_LINES_OF_A_ROW} lines"));
+        if joined.len() > LONGEST_LINE || number - first > MAX_LINES_PER_ROW {
+            return Err(format!(":{first}: a quotation mark is not closed within {MAX_LINES_PER_ROW} lines"));
         }
         if self.split(&joined, true) {
             return self.row(first, memory).map_err(|e| format!(":{first}: {e}"));
@@ -190,7 +195,7 @@ impl<'a> Table<'a> {
     }
 
     /// Processes a line with a stray quotation mark.
-    fn stray(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+    fn stray_quote(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
         self.split(line, false);
         if line.contains('\n') || self.ends.len() != self.columns.names.len() {
             return Err(format!(
@@ -298,8 +303,8 @@ impl<'a> Table<'a> {
 
     fn name_columns(&mut self, width: usize) -> Result<(), String> {
         self.has_names = true;
-        if width > MOST_COLUMNS {
-            return Err(format!("{width} columns; at most {MOST_COLUMNS} are read"));
+        if width > MAX_COLUMNS {
+            return Err(format!("{width} columns; at most {MAX_COLUMNS} are read"));
         }
         let header = self.layout.header;
         let name = |i: usize| if header { self.field(i).to_string() } else { (i + 1).to_string() };
@@ -307,16 +312,18 @@ impl<'a> Table<'a> {
         if header && names.iter().all(|n| n.parse::<f64>().is_ok()) {
             return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
         }
-        let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.wants(name));
-        self.kept = kept.map(|(index, _)| Column { index, kind: Kind::Unknown, marks: Marks::default() }).collect();
-        self.columns = Columns::of_numbers(names, vec![Vec::new(); width]);
+        let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.selects(name));
+        self.kept = kept
+            .map(|(index, _)| CsvColumn { index, kind: ColumnType::Unknown, marks: DecimalMarks::default() })
+            .collect();
+        self.columns = Columns::from_numbers(names, vec![Vec::new(); width]);
         Ok(())
     }
 
     /// Whether this is a row of units: below the names, before any number, and without any number.
     fn is_row_of_units(&self, width: usize) -> bool {
         let texts = (0..width).map(|i| self.field(i)).filter(|t| !t.is_empty());
-        let mut probe = Column { index: 0, kind: Kind::Unknown, marks: Marks::default() };
+        let mut probe = CsvColumn { index: 0, kind: ColumnType::Unknown, marks: DecimalMarks::default() };
         let mut numbers = texts.clone().filter(|t| probe.number(t, self.separator).is_some());
         self.layout.header
             && self.columns.units.iter().all(Option::is_none)
@@ -326,7 +333,7 @@ impl<'a> Table<'a> {
 
     fn finish(mut self, memory: &mut Memory) -> Result<Columns, String> {
         if let Some((open, first)) = self.open.take() {
-            self.stray(&open, first, memory)?;
+            self.stray_quote(&open, first, memory)?;
         }
         if self.columns.rows == 0 {
             return Err(" holds no rows".into());
@@ -344,16 +351,16 @@ impl<'a> Table<'a> {
                     format!("column `{name}` has decimal points in some rows and commas in others")
                 });
             }
-            if matches!(column.kind, Kind::Instant(_)) {
+            if matches!(column.kind, ColumnType::Instant(_)) {
                 *unit = Some("s".into());
             }
         }
-        self.columns.look_for_twins();
+        self.columns.refuse_duplicate_names();
         Ok(self.columns)
     }
 }
 
-impl Column {
+impl CsvColumn {
     /// The number in a field: NaN if it is empty, None if it contains anything else.
     fn number(&mut self, text: &str, separator: u8) -> Option<f64> {
         if matches!(text, "" | "nan" | "NaN" | "NAN" | "NA") {
@@ -362,16 +369,16 @@ impl Column {
         let comma = separator != b',' && text.contains(',') && !text.contains('.');
         let number = if comma { text.replacen(',', ".", 1).parse::<f64>() } else { text.parse::<f64>() };
         match (number, self.kind) {
-            (Ok(number), Kind::Unknown | Kind::Number) => {
-                self.kind = Kind::Number;
+            (Ok(number), ColumnType::Unknown | ColumnType::Number) => {
+                self.kind = ColumnType::Number;
                 self.marks.point |= text.contains('.');
                 self.marks.comma |= comma;
                 Some(number)
             }
-            (Err(_), Kind::Unknown | Kind::Instant(_)) => {
+            (Err(_), ColumnType::Unknown | ColumnType::Instant(_)) => {
                 let t_ns = instant_ns(text)?;
-                let Kind::Instant(first_ns) = self.kind else {
-                    self.kind = Kind::Instant(t_ns);
+                let ColumnType::Instant(first_ns) = self.kind else {
+                    self.kind = ColumnType::Instant(t_ns);
                     return Some(0.0);
                 };
                 Some((t_ns - first_ns) as f64 * 1e-9)

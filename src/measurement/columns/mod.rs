@@ -38,7 +38,7 @@ pub struct Columns {
 
 /// Layout of a text file, and the group to be read from an MDF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Layout {
+pub struct FileLayout {
     pub header: bool,
     /// None: comma, semicolon or tab, by the first line.
     pub separator: Option<u8>,
@@ -47,24 +47,24 @@ pub struct Layout {
     pub group: Option<usize>,
 }
 
-impl Default for Layout {
-    fn default() -> Layout {
-        Layout { header: true, separator: None, skip_lines: 0, group: None }
+impl Default for FileLayout {
+    fn default() -> FileLayout {
+        FileLayout { header: true, separator: None, skip_lines: 0, group: None }
     }
 }
 
 /// Requested columns.
 #[derive(Clone, Copy, Debug)]
-pub enum Wanted<'a> {
+pub enum ColumnSelection<'a> {
     All,
     Named(&'a [String]),
 }
 
-impl Wanted<'_> {
-    fn wants(&self, name: &str) -> bool {
+impl ColumnSelection<'_> {
+    fn selects(&self, name: &str) -> bool {
         match self {
-            Wanted::All => true,
-            Wanted::Named(names) => names.iter().any(|n| n == name),
+            ColumnSelection::All => true,
+            ColumnSelection::Named(names) => names.iter().any(|n| n == name),
         }
     }
 }
@@ -81,7 +81,7 @@ const COPIES: usize = 10;
 
 impl Memory {
     /// The limit for a program that may use this many bytes in total.
-    pub fn of_program(bytes: usize) -> Memory {
+    pub fn for_program(bytes: usize) -> Memory {
         Memory { bytes: bytes / COPIES, left: bytes / COPIES }
     }
 
@@ -101,7 +101,7 @@ impl Memory {
 
 impl Columns {
     /// Columns in which all values are numbers.
-    fn of_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
+    fn from_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
         Columns {
             wrong: vec![None; names.len()],
             units: vec![None; names.len()],
@@ -124,21 +124,21 @@ impl Columns {
     }
 
     /// Sets the values of a column, and their unit if the file gives it.
-    fn put(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
+    fn set_column(&mut self, index: usize, values: Vec<f64>, unit: Option<String>) {
         if let (Some(place), Some(units)) = (self.values.get_mut(index), self.units.get_mut(index)) {
             (*place, *units) = (values, unit);
         }
     }
 
     /// Records why a column cannot be used.
-    fn refuse(&mut self, index: usize, why: String) {
+    fn mark_unusable(&mut self, index: usize, why: String) {
         if let Some(wrong) = self.wrong.get_mut(index) {
             *wrong = Some(why);
         }
     }
 
     /// Refuses columns that share a name, because a request for it would be ambiguous.
-    fn look_for_twins(&mut self) {
+    fn refuse_duplicate_names(&mut self) {
         let mut firsts: std::collections::HashMap<&str, usize> = std::collections::HashMap::new();
         let mut twins = Vec::new();
         for (index, name) in self.names.iter().enumerate() {
@@ -149,13 +149,18 @@ impl Columns {
             }
         }
         for (first, why) in twins {
-            self.refuse(first, why);
+            self.mark_unusable(first, why);
         }
     }
 }
 
 /// Reads the wanted columns of a file. Errors name the file, and line and column of the unreadable value.
-pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+pub fn read(
+    path: &Path,
+    layout: FileLayout,
+    wanted: ColumnSelection<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
     let shown = path.display();
     let cannot = |e: &dyn std::fmt::Display| format!("cannot read `{shown}`: {e}");
     let metadata = std::fs::metadata(path).map_err(|e| cannot(&e))?;
@@ -186,7 +191,12 @@ pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
 /// Largest block of an MDF file that is allocated before its bytes are read.
 const LARGEST_BLOCK: usize = 64 << 20;
 
-fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+fn read_mdf(
+    path: &Path,
+    layout: FileLayout,
+    wanted: ColumnSelection<'_>,
+    memory: &mut Memory,
+) -> Result<Columns, String> {
     let shown = path.display();
     let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
     let source = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
@@ -201,7 +211,7 @@ fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
 pub fn parse_mdf(
     file: &falcon_mdf::Mf4File,
     group: Option<usize>,
-    wanted: Wanted<'_>,
+    wanted: ColumnSelection<'_>,
     memory: &mut Memory,
 ) -> Result<Columns, String> {
     let groups = file.data_groups().iter().flat_map(|g| &g.channel_groups).enumerate();
@@ -235,17 +245,17 @@ pub fn parse_mdf(
     let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
     let channels: Vec<&falcon_mdf::Channel> = full.iter().flat_map(|(_, g)| &g.channels).collect();
     let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
-    let mut columns = Columns::of_numbers(names, vec![Vec::new(); channels.len()]);
+    let mut columns = Columns::from_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
-    for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.wants(&c.name)) {
+    for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.selects(&c.name)) {
         memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
         // An unreadable channel is an error only if it is requested.
         match mdf_channel(file, channel, rows) {
-            Ok((values, unit)) => columns.put(index, values, (!unit.is_empty()).then_some(unit)),
-            Err(why) => columns.refuse(index, format!("`{}` {why}", channel.name)),
+            Ok((values, unit)) => columns.set_column(index, values, (!unit.is_empty()).then_some(unit)),
+            Err(why) => columns.mark_unusable(index, format!("`{}` {why}", channel.name)),
         }
     }
-    columns.look_for_twins();
+    columns.refuse_duplicate_names();
     Ok(columns)
 }
 
@@ -292,7 +302,7 @@ fn mdf_channel(
 
 /// A recording's frames: `t_s`; angle, speed and torques of every sprocket (`rotors.NAME.speed_rad_s`); every sensor of
 /// its drive by its path, as displayed, with its gain and the errors that its drive file declares.
-fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
+fn read_recording(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> anyhow::Result<Columns> {
     let mut reader = Reader::open(path)?;
     let header = reader.header().clone();
     let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides).map_err(|e| anyhow!("{e}"))?;
@@ -335,10 +345,10 @@ fn read_recording(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> anyho
         let shown = reading.iter().map(|v| gain * v).collect();
         *reading = through_sensor(&m, &m.values, sensor, shown, &angles, step_s);
     }
-    let mut columns = Columns::of_numbers(names, values);
+    let mut columns = Columns::from_numbers(names, values);
     columns.missing = reader.missing().to_vec();
     // Sensors with declared errors are computed from other columns, so that all are read.
-    for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.wants(name)) {
+    for (name, values) in columns.names.iter().zip(&mut columns.values).filter(|(name, _)| !wanted.selects(name)) {
         let _unused = (name, std::mem::take(values));
     }
     Ok(columns)

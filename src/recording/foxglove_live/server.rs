@@ -2,8 +2,8 @@
 //! bounded amount of memory and never delays the run:
 //!
 //! * a client has a queue of at most [`LARGEST_QUEUE`] bytes; if it reads too slowly, its oldest messages are dropped;
-//! * a client that has read nothing for [`PATIENCE`], or sends more than a viewer needs to, is disconnected;
-//! * there are at most [`MOST_CLIENTS`] clients, and [`MOST_SHAKING`] more connections before their handshake.
+//! * a client that has read nothing for [`MESSAGE_TIMEOUT`], or sends more than a viewer needs to, is disconnected;
+//! * there are at most [`MAX_CLIENTS`] clients, and [`MAX_HANDSHAKES`] more connections before their handshake.
 //!
 //! All dropped messages and closed connections are counted ([`Counts`]).
 
@@ -29,18 +29,18 @@ use tokio_tungstenite::tungstenite::http::{HeaderValue, StatusCode, header};
 use tokio_tungstenite::tungstenite::protocol::{Message, WebSocketConfig};
 
 /// Maximum number of clients.
-pub const MOST_CLIENTS: usize = 8;
+pub const MAX_CLIENTS: usize = 8;
 /// Maximum number of connections before their handshake; the oldest is closed to make room.
-const MOST_SHAKING: usize = 32;
+const MAX_HANDSHAKES: usize = 32;
 /// Bytes that may wait for a client before its oldest message is dropped: some 700 frames.
 const LARGEST_QUEUE: usize = 8 << 20;
 /// Time limit of a client for one message, and for its handshake.
-const PATIENCE: Duration = Duration::from_secs(10);
-const HANDSHAKE: Duration = Duration::from_secs(5);
+const MESSAGE_TIMEOUT: Duration = Duration::from_secs(10);
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Longest message from a client: subscriptions to all topics take 1 kB.
 const LONGEST_FROM_CLIENT: usize = 16 << 10;
 /// Maximum number of messages from a client per second.
-const MOST_IN_A_SECOND: u32 = 200;
+const MAX_MESSAGES_PER_S: u32 = 200;
 /// Subprotocol of Foxglove's SDK; clients that offer none of its names are refused.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
 /// First bytes of binary messages to the client.
@@ -87,7 +87,7 @@ struct Queue {
 struct Client {
     queue: Mutex<Queue>,
     /// Signals that something was put into the queue.
-    bell: Notify,
+    wake: Notify,
     /// Subscription number that the client gave to each topic.
     subscriptions: Mutex<[Option<u32>; TOPICS.len()]>,
 }
@@ -104,7 +104,7 @@ pub struct Shared {
     /// Number of subscribers of each topic.
     subscribers: [AtomicUsize; TOPICS.len()],
     subscribed: AtomicU64,
-    seats: Semaphore,
+    client_slots: Semaphore,
     counts: Counts,
 }
 
@@ -178,7 +178,7 @@ impl Server {
     pub fn set_clock(&self, t_ns: u64) {
         for client in locked(&self.shared.clients).iter() {
             locked(&client.queue).clock_ns = Some(t_ns);
-            client.bell.notify_one();
+            client.wake.notify_one();
         }
     }
 
@@ -187,7 +187,7 @@ impl Server {
         let started = std::time::Instant::now();
         for client in locked(&self.shared.clients).iter() {
             locked(&client.queue).ends = true;
-            client.bell.notify_one();
+            client.wake.notify_one();
         }
         while self.clients() > 0 && started.elapsed() < linger {
             std::thread::sleep(Duration::from_millis(5));
@@ -220,7 +220,7 @@ impl Shared {
             clients: Mutex::default(),
             subscribers: Default::default(),
             subscribed: AtomicU64::new(0),
-            seats: Semaphore::new(MOST_CLIENTS),
+            client_slots: Semaphore::new(MAX_CLIENTS),
             counts: Counts::default(),
         }
     }
@@ -242,7 +242,7 @@ impl Client {
             counts.left_out.fetch_add(1, Ordering::Relaxed);
         }
         drop(queue);
-        self.bell.notify_one();
+        self.wake.notify_one();
     }
 
     /// The next message in wire format; None if nothing waits. The flag is set when no more messages will come.
@@ -274,46 +274,46 @@ impl Client {
 }
 
 async fn accept(listener: TcpListener, shared: Arc<Shared>) {
-    let mut shaking: VecDeque<(AbortHandle, Arc<AtomicBool>)> = VecDeque::new();
+    let mut handshakes: VecDeque<(AbortHandle, Arc<AtomicBool>)> = VecDeque::new();
     loop {
         let Ok((stream, _)) = listener.accept().await else {
             // Usually out of file descriptors; some will be released.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
-        shaking.retain(|(task, at_the_door)| at_the_door.load(Ordering::Relaxed) && !task.is_finished());
+        handshakes.retain(|(task, in_handshake)| in_handshake.load(Ordering::Relaxed) && !task.is_finished());
         // The oldest connection without a handshake is closed to make room.
-        while shaking.len() >= MOST_SHAKING {
-            if let Some((oldest, _)) = shaking.pop_front() {
+        while handshakes.len() >= MAX_HANDSHAKES {
+            if let Some((oldest, _)) = handshakes.pop_front() {
                 oldest.abort();
                 shared.counts.refused.fetch_add(1, Ordering::Relaxed);
             }
         }
-        let at_the_door = Arc::new(AtomicBool::new(true));
-        let door = Door(Arc::clone(&at_the_door));
+        let in_handshake = Arc::new(AtomicBool::new(true));
+        let guard = HandshakeGuard(Arc::clone(&in_handshake));
         let shared = Arc::clone(&shared);
         // Sends small messages without delay where the system supports it.
         let _set = stream.set_nodelay(true);
-        let task = tokio::spawn(async move { welcome(stream, &shared, door).await });
-        shaking.push_back((task.abort_handle(), at_the_door));
+        let task = tokio::spawn(async move { accept_client(stream, &shared, guard).await });
+        handshakes.push_back((task.abort_handle(), in_handshake));
     }
 }
 
 /// Signals on drop that a handshake is over.
-struct Door(Arc<AtomicBool>);
+struct HandshakeGuard(Arc<AtomicBool>);
 
-impl Drop for Door {
+impl Drop for HandshakeGuard {
     fn drop(&mut self) {
         self.0.store(false, Ordering::Relaxed);
     }
 }
 
-/// Performs the handshake with a new connection and serves it if it is accepted. `door` is dropped after the handshake.
-pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &Shared, door: D) {
+/// Performs the handshake with a new connection and serves it if it is accepted. `guard` is dropped after the handshake.
+pub async fn accept_client<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &Shared, guard: D) {
     let mut seat = None;
-    let shaken = tokio::time::timeout(HANDSHAKE, shake_hands(stream, shared, &mut seat)).await;
-    drop(door);
-    match shaken {
+    let outcome = tokio::time::timeout(HANDSHAKE_TIMEOUT, handshake(stream, shared, &mut seat)).await;
+    drop(guard);
+    match outcome {
         Ok(Ok(socket)) => serve(socket, shared).await,
         Ok(Err(_)) | Err(_) => {
             shared.counts.refused.fetch_add(1, Ordering::Relaxed);
@@ -324,7 +324,7 @@ pub async fn welcome<S: AsyncRead + AsyncWrite + Unpin, D>(stream: S, shared: &S
 
 // The size of the error is the crate's.
 #[allow(clippy::result_large_err)]
-async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
+async fn handshake<'a, S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
     shared: &'a Shared,
     seat: &mut Option<SemaphorePermit<'a>>,
@@ -354,7 +354,7 @@ async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
             return Err(refuse(StatusCode::BAD_REQUEST, "this server speaks foxglove.sdk.v1"));
         }
         // Only accepted clients take a seat.
-        *seat = shared.seats.try_acquire().ok();
+        *seat = shared.client_slots.try_acquire().ok();
         if seat.is_none() {
             return Err(refuse(StatusCode::SERVICE_UNAVAILABLE, "too many viewers"));
         }
@@ -368,7 +368,7 @@ async fn shake_hands<'a, S: AsyncRead + AsyncWrite + Unpin>(
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, shared: &Shared) {
     let client = Arc::new(Client {
         queue: Mutex::default(),
-        bell: Notify::new(),
+        wake: Notify::new(),
         subscriptions: Mutex::new(Default::default()),
     });
     for text in &shared.greeting {
@@ -381,16 +381,16 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, sh
         loop {
             let (message, ends) = client.next();
             match message {
-                Some(message) => match tokio::time::timeout(PATIENCE, to_client.send(message)).await {
+                Some(message) => match tokio::time::timeout(MESSAGE_TIMEOUT, to_client.send(message)).await {
                     Ok(Ok(())) => {}
                     Ok(Err(_)) => return false,
                     Err(_) => return true,
                 },
                 None if ends => {
-                    let _said = tokio::time::timeout(PATIENCE, to_client.close()).await;
+                    let _said = tokio::time::timeout(MESSAGE_TIMEOUT, to_client.close()).await;
                     return false;
                 }
-                None => client.bell.notified().await,
+                None => client.wake.notified().await,
             }
         }
     };
@@ -402,7 +402,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(socket: WebSocketStream<S>, sh
             }
             messages += 1;
             match message {
-                _ if messages > MOST_IN_A_SECOND => return true,
+                _ if messages > MAX_MESSAGES_PER_S => return true,
                 Ok(Message::Text(text)) => listen(text.as_str(), &client, shared),
                 Ok(Message::Close(_)) => return false,
                 Ok(_) => {}

@@ -14,7 +14,7 @@ const LONGEST_RECORD: u64 = 64 << 20;
 /// times their size, so that this also limits memory.
 const LONGEST_MESSAGE: usize = 8 << 20;
 /// Maximum number of chunks of one file.
-const MOST_CHUNKS: usize = 1 << 22;
+const MAX_CHUNKS: usize = 1 << 22;
 /// Records of a table of contents: entry of a chunk, and message counts.
 const CHUNK_INDEX_LENGTH: usize = 32;
 const STATISTICS_LENGTH: usize = 46;
@@ -101,7 +101,7 @@ impl Reader {
             let Some(end) = content.checked_add(at + RECORD_HEAD).filter(|end| *end <= length) else { break };
             match kind {
                 op::CHUNK => {
-                    ensure!(self.chunks.len() < MOST_CHUNKS, "more than {MOST_CHUNKS} chunks at byte {at}");
+                    ensure!(self.chunks.len() < MAX_CHUNKS, "more than {MAX_CHUNKS} chunks at byte {at}");
                     let chunk = self.chunk_at(at, content).with_context(|| format!("chunk at byte {at}"))?;
                     self.chunks.push(chunk);
                 }
@@ -112,7 +112,7 @@ impl Reader {
                     at = end + mcap::MAGIC.len() as u64;
                     break;
                 }
-                op::CHUNK_INDEX if content >= CHUNK_INDEX_LENGTH as u64 && index.len() < MOST_CHUNKS => {
+                op::CHUNK_INDEX if content >= CHUNK_INDEX_LENGTH as u64 && index.len() < MAX_CHUNKS => {
                     let mut entry = [0; CHUNK_INDEX_LENGTH];
                     self.file.read_exact(&mut entry)?;
                     let (start_ns, end_ns, offset) = (u64_at(&entry, 0), u64_at(&entry, 8), u64_at(&entry, 16));

@@ -24,7 +24,7 @@ const HALF_FIELD_OF_VIEW_RAD: f64 = 0.48;
 
 /// A rectangle to be shown [mm].
 #[derive(Clone, Debug)]
-pub struct Look {
+pub struct ViewRect {
     pub name: String,
     pub centre: [f64; 2],
     pub width: f64,
@@ -36,8 +36,8 @@ pub struct Look {
 pub fn send(
     stream: &RecordingStream,
     recording: &str,
-    drive: &Look,
-    close_ups: &[Look],
+    drive: &ViewRect,
+    close_ups: &[ViewRect],
     play: PlayState,
     sensors: bool,
 ) -> Result<()> {
@@ -49,7 +49,7 @@ pub fn send(
     layout.disable_timeline("log_time");
     layout.disable_timeline("log_tick");
     layout.set_time_sequence("blueprint", 0);
-    log_layout(&mut Layout { stream: layout, ids: 0 }, drive, close_ups, play, sensors)?;
+    log_layout(&mut ViewerLayout { stream: layout, ids: 0 }, drive, close_ups, play, sensors)?;
     let messages = storage.take();
     let blueprint_id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
@@ -60,7 +60,13 @@ pub fn send(
     Ok(())
 }
 
-fn log_layout(layout: &mut Layout, drive: &Look, close_ups: &[Look], play: PlayState, sensors: bool) -> Result<()> {
+fn log_layout(
+    layout: &mut ViewerLayout,
+    drive: &ViewRect,
+    close_ups: &[ViewRect],
+    play: PlayState,
+    sensors: bool,
+) -> Result<()> {
     // Panes are about twice as wide as high, or square without neighbours.
     let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
     let mut near = Vec::new();
@@ -126,40 +132,40 @@ fn contact_columns() -> DataframeQuery {
     DataframeQuery::new().with_timeline("sim_time").with_auto_scroll(true).with_select(selected)
 }
 
-fn tabs(layout: &mut Layout, name: &str, views: &[Placed]) -> Result<Placed> {
-    let views: Vec<(Placed, f32)> = views.iter().map(|view| (view.clone(), 1.0)).collect();
+fn tabs(layout: &mut ViewerLayout, name: &str, views: &[LayoutNode]) -> Result<LayoutNode> {
+    let views: Vec<(LayoutNode, f32)> = views.iter().map(|view| (view.clone(), 1.0)).collect();
     layout.container(ContainerKind::Tabs, name, &views)
 }
 
 /// A view or a container in the layout's store.
 #[derive(Clone)]
-struct Placed {
+struct LayoutNode {
     path: String,
     id: [u8; 16],
 }
 
-struct Layout {
+struct ViewerLayout {
     stream: RecordingStream,
     /// Number of ids given.
     ids: u8,
 }
 
-impl Layout {
-    fn place(&mut self, kind: &str) -> Placed {
+impl ViewerLayout {
+    fn place(&mut self, kind: &str) -> LayoutNode {
         self.ids += 1;
         let mut id = *b"pitchline\0\0\0\0\0\0\0";
         // Version 4, variant 1, as readers of UUIDs expect.
         (id[6], id[8], id[15]) = (0x40 | (id[6] & 0x0f), 0x80 | (id[8] & 0x3f), self.ids);
         let hex: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
         let text = [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..]].join("-");
-        Placed { path: format!("{kind}/{text}"), id }
+        LayoutNode { path: format!("{kind}/{text}"), id }
     }
 
-    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Placed> {
+    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<LayoutNode> {
         self.view_of(class, name, origin, &["$origin/**"])
     }
 
-    fn view_of(&mut self, class: &str, name: &str, origin: &str, contents: &[&str]) -> Result<Placed> {
+    fn view_of(&mut self, class: &str, name: &str, origin: &str, contents: &[&str]) -> Result<LayoutNode> {
         let placed = self.place("view");
         self.property(&placed, "ViewContents", &ViewContents::new(contents.iter().copied()))?;
         let view = ViewBlueprint::new(class).with_display_name(name).with_space_origin(origin);
@@ -167,12 +173,12 @@ impl Layout {
         Ok(placed)
     }
 
-    fn property(&self, view: &Placed, name: &str, property: &dyn AsComponents) -> Result<()> {
+    fn property(&self, view: &LayoutNode, name: &str, property: &dyn AsComponents) -> Result<()> {
         Ok(self.stream.log(format!("{}/{name}", view.path), property)?)
     }
 
     /// A view from the front; `aspect` is the approximate ratio of width to height of its pane.
-    fn camera(&mut self, look: &Look, aspect: f64) -> Result<Placed> {
+    fn camera(&mut self, look: &ViewRect, aspect: f64) -> Result<LayoutNode> {
         let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**"];
         let view = self.view_of("3D", &look.name, "/", &shown)?;
         let half_height = 0.5 * look.height.max(look.width / aspect);
@@ -196,14 +202,14 @@ impl Layout {
         Ok(view)
     }
 
-    fn curves(&mut self, name: &str, origin: &str) -> Result<Placed> {
+    fn curves(&mut self, name: &str, origin: &str) -> Result<LayoutNode> {
         let view = self.view("TimeSeries", name, origin)?;
         self.property(&view, "TimeAxis", &TimeAxis::new().with_link(LinkAxis::LinkToGlobal))?;
         Ok(view)
     }
 
     /// A container; `parts` with their shares of its length.
-    fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(Placed, f32)]) -> Result<Placed> {
+    fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(LayoutNode, f32)]) -> Result<LayoutNode> {
         let placed = self.place("container");
         let mut container = ContainerBlueprint::new(kind)
             .with_display_name(name)
@@ -219,7 +225,7 @@ impl Layout {
         Ok(placed)
     }
 
-    fn panels(&self, root: &Placed, play: PlayState) -> Result<()> {
+    fn panels(&self, root: &LayoutNode, play: PlayState) -> Result<()> {
         let viewport = ViewportBlueprint::new()
             .with_root_container(Uuid { bytes: root.id })
             .with_auto_layout(false)

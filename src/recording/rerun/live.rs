@@ -1,7 +1,7 @@
 //! Shows a run in a Rerun viewer while it computes: the rows of the `.rrd` over gRPC. The run waits for a slow viewer,
-//! but at most for [`PATIENCE`]; a viewer that has stopped reading is then dropped like one that has closed.
+//! but at most for [`SEND_TIMEOUT`]; a viewer that has stopped reading is then dropped like one that has closed.
 
-use super::{End, RerunSink, recording_id};
+use super::{RerunSink, RowDestination, recording_id};
 use crate::recording::frame::Header;
 use crate::recording::{ViewOptions, live};
 use anyhow::{Context, Result};
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 pub const BLOCK_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Time limit of a viewer for reading a block.
-const PATIENCE: Duration = Duration::from_secs(10);
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 
 impl RerunSink {
     /// Shows the run to the viewer at `url`, e.g. `rerun+http://127.0.0.1:9876/proxy`; waits until it is available.
@@ -29,7 +29,7 @@ impl RerunSink {
         // Distinguishes two runs of one drive in one viewer.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let recording = format!("{}-live-{}", recording_id(header), now.as_millis());
-        let end = End::Viewer { last_block: Instant::now() };
+        let end = RowDestination::Viewer { last_block: Instant::now() };
         RerunSink::begin(PathBuf::from(url), end, Box::new(GrpcSink::new(uri)), recording, header, view)
             .with_context(|| format!("no Rerun viewer at {url}"))
     }
@@ -44,7 +44,7 @@ fn reach(origin: &Origin) -> Result<()> {
 
 /// Waits until everything sent so far has been passed to the network.
 pub fn flush(stream: &RecordingStream) -> Result<()> {
-    Ok(stream.flush_with_timeout(PATIENCE)?)
+    Ok(stream.flush_with_timeout(SEND_TIMEOUT)?)
 }
 
 /// Ends the stream when everything has been read.
@@ -57,5 +57,5 @@ pub fn close(stream: Option<RecordingStream>) -> Result<()> {
         // Fails if the receiver has stopped waiting.
         let _told = done.send(());
     });
-    ended.recv_timeout(PATIENCE).context("the viewer has stopped reading")
+    ended.recv_timeout(SEND_TIMEOUT).context("the viewer has stopped reading")
 }

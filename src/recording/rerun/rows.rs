@@ -1,26 +1,27 @@
 //! Distributes the data of a frame over numbers, curves and pictures.
 
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm};
-use super::table::{Table, Values};
+use super::table::{ComponentValues, EntityTable};
 use crate::recording::frame::{Contacts, Frame, Header, Links, Rotors};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
 /// Every number of every frame, in f64.
 pub struct Numbers {
-    frame: Table,
-    links: Table,
-    joints: Table,
-    rotors: Table,
-    contacts: Table,
+    frame: EntityTable,
+    links: EntityTable,
+    joints: EntityTable,
+    rotors: EntityTable,
+    contacts: EntityTable,
 }
 
 impl Numbers {
     pub fn new() -> Numbers {
-        let f64s =
-            |names: &[&'static str]| names.iter().map(|name| (*name, Values::F64(Vec::new()))).collect::<Vec<_>>();
+        let f64s = |names: &[&'static str]| {
+            names.iter().map(|name| (*name, ComponentValues::F64(Vec::new()))).collect::<Vec<_>>()
+        };
         let mut contacts: Vec<_> =
-            ["link", "body", "tooth", "segment", "feature"].map(|name| (name, Values::U16(Vec::new()))).into();
-        contacts.push(("stick", Values::Bool(Vec::new())));
+            ["link", "body", "tooth", "segment", "feature"].map(|name| (name, ComponentValues::U16(Vec::new()))).into();
+        contacts.push(("stick", ComponentValues::Bool(Vec::new())));
         contacts.extend(f64s(&[
             "penetration_m",
             "normal_force_n",
@@ -42,11 +43,11 @@ impl Numbers {
         let joints = f64s(&["force_x_n", "force_y_n", "friction_torque_nm"]);
         let rotors = f64s(&["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"]);
         Numbers {
-            frame: Table::numbers("state/frame", "frame", vec![("state_hash", Values::U64(Vec::new()))]),
-            links: Table::numbers("state/links", "link", links),
-            joints: Table::numbers("state/joints", "joint", joints),
-            rotors: Table::numbers("state/rotors", "rotor", rotors),
-            contacts: Table::numbers("state/contacts", "contact", contacts),
+            frame: EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]),
+            links: EntityTable::numbers("state/links", "link", links),
+            joints: EntityTable::numbers("state/joints", "joint", joints),
+            rotors: EntityTable::numbers("state/rotors", "rotor", rotors),
+            contacts: EntityTable::numbers("state/contacts", "contact", contacts),
         }
     }
 
@@ -63,20 +64,20 @@ impl Numbers {
         push_contacts(&mut self.contacts, contacts);
     }
 
-    pub fn tables(&mut self) -> [&mut Table; 5] {
+    pub fn tables(&mut self) -> [&mut EntityTable; 5] {
         [&mut self.frame, &mut self.links, &mut self.joints, &mut self.rotors, &mut self.contacts]
     }
 }
 
 /// Adds a row to the f64 columns, starting with column `first`.
-fn push_row(table: &mut Table, first: usize, columns: &[&Vec<f64>]) {
+fn push_row(table: &mut EntityTable, first: usize, columns: &[&Vec<f64>]) {
     for (k, values) in columns.iter().enumerate() {
         table.f64(first + k).extend_from_slice(values);
     }
     table.end_row(columns[0].len());
 }
 
-fn push_contacts(table: &mut Table, contacts: &Contacts) {
+fn push_contacts(table: &mut EntityTable, contacts: &Contacts) {
     let Contacts {
         link,
         feature,
@@ -125,15 +126,15 @@ fn push_contacts(table: &mut Table, contacts: &Contacts) {
 
 /// A few numbers per frame that a viewer draws over time, several curves per entity.
 pub struct Curves {
-    contact_force: Table,
-    contacts: Table,
-    tension: Table,
-    speed: Table,
-    energy: Table,
-    lost: Table,
-    error: Table,
+    contact_force: EntityTable,
+    contacts: EntityTable,
+    tension: EntityTable,
+    speed: EntityTable,
+    energy: EntityTable,
+    lost: EntityTable,
+    error: EntityTable,
     /// If the drive has sensors.
-    sensors: Option<Table>,
+    sensors: Option<EntityTable>,
     /// Curve of each body: a sprocket's own, or the common one of all guides.
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
@@ -142,8 +143,9 @@ pub struct Curves {
 
 impl Curves {
     pub fn new(header: &Header) -> Curves {
-        let curves =
-            |entity: &str| Table::new(entity.into(), vec![(Scalars::descriptor_scalars(), Values::F64(Vec::new()))]);
+        let curves = |entity: &str| {
+            EntityTable::new(entity.into(), vec![(Scalars::descriptor_scalars(), ComponentValues::F64(Vec::new()))])
+        };
         let n_rotors = header.bodies.iter().filter(|body| body.rotor).count();
         let curve_of_body = header.bodies.iter().enumerate().map(|(i, body)| if body.rotor { i } else { n_rotors });
         Curves {
@@ -198,7 +200,7 @@ impl Curves {
         }
     }
 
-    pub fn tables(&mut self) -> impl Iterator<Item = &mut Table> {
+    pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
         let always = [
             &mut self.contact_force,
             &mut self.contacts,
@@ -212,7 +214,7 @@ impl Curves {
     }
 }
 
-fn push_curves(table: &mut Table, values: impl IntoIterator<Item = f64>) {
+fn push_curves(table: &mut EntityTable, values: impl IntoIterator<Item = f64>) {
     let column = table.f64(0);
     let before = column.len();
     column.extend(values);
@@ -223,37 +225,37 @@ fn push_curves(table: &mut Table, values: impl IntoIterator<Item = f64>) {
 /// The moving parts of the drawing.
 pub struct Pictures {
     /// One for each outline of links.
-    chain: Vec<Table>,
+    chain: Vec<EntityTable>,
     links_of_outline: Vec<usize>,
     /// One for each sprocket, and each rail on an arm.
-    rotors: Vec<Table>,
-    pins: Table,
-    contacts: Table,
-    forces: Table,
+    rotors: Vec<EntityTable>,
+    pins: EntityTable,
+    contacts: EntityTable,
+    forces: EntityTable,
 }
 
 impl Pictures {
     pub fn new(header: &Header) -> Pictures {
-        let vec3 = || Values::Vec3(Vec::new());
-        let quaternion = || Values::Quaternion(Vec::new());
+        let vec3 = || ComponentValues::Vec3(Vec::new());
+        let quaternion = || ComponentValues::Quaternion(Vec::new());
         let chain = header.link_outlines.iter().map(|outline| {
             let columns = vec![
                 (InstancePoses3D::descriptor_translations(), vec3()),
                 (InstancePoses3D::descriptor_quaternions(), quaternion()),
             ];
-            Table::new(outline_entity(outline), columns)
+            EntityTable::new(outline_entity(outline), columns)
         });
         let rotors = header.bodies.iter().filter(|body| body.coordinate.is_some()).map(|body| {
             let columns = vec![
                 (Transform3D::descriptor_translation(), vec3()),
                 (Transform3D::descriptor_quaternion(), quaternion()),
             ];
-            Table::new(body_entity(body), columns)
+            EntityTable::new(body_entity(body), columns)
         });
         let points = || {
             vec![
                 (Points3D::descriptor_positions(), vec3()),
-                (Points3D::descriptor_class_ids(), Values::U16(Vec::new())),
+                (Points3D::descriptor_class_ids(), ComponentValues::U16(Vec::new())),
             ]
         };
         let arrows = vec![(Arrows3D::descriptor_origins(), vec3()), (Arrows3D::descriptor_vectors(), vec3())];
@@ -261,9 +263,9 @@ impl Pictures {
             chain: chain.collect(),
             links_of_outline: vec![0; header.link_outlines.len()],
             rotors: rotors.collect(),
-            pins: Table::new("joints/tension".into(), points()),
-            contacts: Table::new("contacts/points".into(), points()),
-            forces: Table::new("contacts/forces".into(), arrows),
+            pins: EntityTable::new("joints/tension".into(), points()),
+            contacts: EntityTable::new("contacts/points".into(), points()),
+            forces: EntityTable::new("contacts/forces".into(), arrows),
         }
     }
 
@@ -327,7 +329,7 @@ impl Pictures {
         self.forces.end_row(n);
     }
 
-    pub fn tables(&mut self) -> impl Iterator<Item = &mut Table> {
+    pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
         let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
         self.chain.iter_mut().chain(&mut self.rotors).chain(others)
     }

@@ -13,7 +13,7 @@ use rerun::{
 use std::sync::Arc;
 
 /// Values of a column, all rows one after the other.
-pub enum Values {
+pub enum ComponentValues {
     F64(Vec<f64>),
     /// Points and vectors, three numbers each.
     Vec3(Vec<f32>),
@@ -26,17 +26,17 @@ pub enum Values {
 }
 
 /// Name and values of one component.
-pub struct Column {
+pub struct ComponentColumn {
     descriptor: ComponentDescriptor,
-    values: Values,
+    values: ComponentValues,
 }
 
 /// All components of one entity.
-pub struct Table {
+pub struct EntityTable {
     entity: EntityPath,
     /// Values per row.
     lengths: Vec<usize>,
-    columns: Vec<Column>,
+    columns: Vec<ComponentColumn>,
 }
 
 /// Row times of a block.
@@ -69,15 +69,18 @@ impl Times {
     }
 }
 
-impl Table {
-    pub fn new(entity: EntityPath, columns: Vec<(ComponentDescriptor, Values)>) -> Table {
-        let columns = columns.into_iter().map(|(descriptor, values)| Column { descriptor, values }).collect();
-        Table { entity, lengths: Vec::new(), columns }
+impl EntityTable {
+    pub fn new(entity: EntityPath, columns: Vec<(ComponentDescriptor, ComponentValues)>) -> EntityTable {
+        let columns = columns.into_iter().map(|(descriptor, values)| ComponentColumn { descriptor, values }).collect();
+        EntityTable { entity, lengths: Vec::new(), columns }
     }
 
     /// A table of plain numbers: components `group:name`.
-    pub fn numbers(entity: &str, group: &'static str, columns: Vec<(&'static str, Values)>) -> Table {
-        Table::new(entity.into(), columns.into_iter().map(|(name, values)| (number(group, name), values)).collect())
+    pub fn numbers(entity: &str, group: &'static str, columns: Vec<(&'static str, ComponentValues)>) -> EntityTable {
+        EntityTable::new(
+            entity.into(),
+            columns.into_iter().map(|(name, values)| (number(group, name), values)).collect(),
+        )
     }
 
     /// Ends a row in which every column has received `n` values.
@@ -87,42 +90,42 @@ impl Table {
 
     pub fn f64(&mut self, column: usize) -> &mut Vec<f64> {
         match &mut self.columns[column].values {
-            Values::F64(values) => values,
+            ComponentValues::F64(values) => values,
             _ => panic!("{} column {column} is not f64", self.entity),
         }
     }
 
     pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
         match &mut self.columns[column].values {
-            Values::Vec3(values) | Values::Quaternion(values) => values,
+            ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => values,
             _ => panic!("{} column {column} is not f32", self.entity),
         }
     }
 
     pub fn u16(&mut self, column: usize) -> &mut Vec<u16> {
         match &mut self.columns[column].values {
-            Values::U16(values) => values,
+            ComponentValues::U16(values) => values,
             _ => panic!("{} column {column} is not u16", self.entity),
         }
     }
 
     pub fn u64(&mut self, column: usize) -> &mut Vec<u64> {
         match &mut self.columns[column].values {
-            Values::U64(values) => values,
+            ComponentValues::U64(values) => values,
             _ => panic!("{} column {column} is not u64", self.entity),
         }
     }
 
     pub fn bool(&mut self, column: usize) -> &mut Vec<bool> {
         match &mut self.columns[column].values {
-            Values::Bool(values) => values,
+            ComponentValues::Bool(values) => values,
             _ => panic!("{} column {column} is not bool", self.entity),
         }
     }
 
     pub fn text(&mut self, column: usize) -> &mut Vec<String> {
         match &mut self.columns[column].values {
-            Values::Text(values) => values,
+            ComponentValues::Text(values) => values,
             _ => panic!("{} column {column} is not text", self.entity),
         }
     }
@@ -152,22 +155,22 @@ pub fn number(group: &'static str, name: &'static str) -> ComponentDescriptor {
 pub fn send<'a>(
     stream: &RecordingStream,
     times: &mut Times,
-    tables: impl IntoIterator<Item = &'a mut Table>,
+    tables: impl IntoIterator<Item = &'a mut EntityTable>,
 ) -> Result<()> {
     let times = times.take();
     tables.into_iter().try_for_each(|table| table.send(stream, &times))
 }
 
-impl Values {
+impl ComponentValues {
     fn take(&mut self) -> ArrayRef {
         match self {
-            Values::F64(values) => Arc::new(Float64Array::from(taken(values))),
-            Values::Vec3(values) => small_vectors(taken(values), 3),
-            Values::Quaternion(values) => small_vectors(taken(values), 4),
-            Values::U16(values) => Arc::new(UInt16Array::from(taken(values))),
-            Values::U64(values) => Arc::new(UInt64Array::from(taken(values))),
-            Values::Bool(values) => Arc::new(BooleanArray::from(taken(values))),
-            Values::Text(values) => Arc::new(StringArray::from(taken(values))),
+            ComponentValues::F64(values) => Arc::new(Float64Array::from(taken(values))),
+            ComponentValues::Vec3(values) => small_vectors(taken(values), 3),
+            ComponentValues::Quaternion(values) => small_vectors(taken(values), 4),
+            ComponentValues::U16(values) => Arc::new(UInt16Array::from(taken(values))),
+            ComponentValues::U64(values) => Arc::new(UInt64Array::from(taken(values))),
+            ComponentValues::Bool(values) => Arc::new(BooleanArray::from(taken(values))),
+            ComponentValues::Text(values) => Arc::new(StringArray::from(taken(values))),
         }
     }
 }

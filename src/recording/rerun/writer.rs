@@ -15,9 +15,9 @@ const MESSAGES_WITH_FOOTER: usize = 10_000;
 
 /// Shared between the stream that sends and the sink that checks for errors.
 #[derive(Clone)]
-pub struct Writer(Arc<Mutex<Output>>);
+pub struct Writer(Arc<Mutex<WriterOutput>>);
 
-struct Output {
+struct WriterOutput {
     encoder: Encoder<File>,
     messages: usize,
     /// Reason why writing stopped. Nothing is written afterwards: the file ends with the last whole message and a
@@ -28,7 +28,7 @@ struct Output {
 impl Writer {
     pub fn new(file: File) -> Result<Writer> {
         let encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, file)?;
-        Ok(Writer(Arc::new(Mutex::new(Output { encoder, messages: 0, failed: None }))))
+        Ok(Writer(Arc::new(Mutex::new(WriterOutput { encoder, messages: 0, failed: None }))))
     }
 
     /// Whether everything sent so far was written to the file.
@@ -42,7 +42,7 @@ impl Writer {
         Ok(self.output().encoder.finish()?)
     }
 
-    fn output(&self) -> MutexGuard<'_, Output> {
+    fn output(&self) -> MutexGuard<'_, WriterOutput> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -10,7 +10,7 @@ use std::fmt::Write;
 pub const LONGEST_ARC_RAD: f64 = 1.75 * PI;
 
 /// Maximum number of pieces of an arc.
-const MOST_PIECES: f64 = 100.0;
+const MAX_PIECES: f64 = 100.0;
 
 /// Distance up to which the start of an element equals the end of the last one [m].
 const SAME_POINT_M: f64 = 1e-9;
@@ -61,8 +61,8 @@ pub fn reach_m(outline: &Outline) -> f64 {
 pub fn longest_arc_rad(radius_m: f64, units_per_m: f64) -> f64 {
     const QUARTER_TURN_ERROR: f64 = 2.7e-4;
     /// Invisible error [user units].
-    const UNSEEN: f64 = 0.025;
-    let share = UNSEEN / (QUARTER_TURN_ERROR * radius_m * units_per_m);
+    const INVISIBLE_ERROR: f64 = 0.025;
+    let share = INVISIBLE_ERROR / (QUARTER_TURN_ERROR * radius_m * units_per_m);
     if share >= 1.0 { LONGEST_ARC_RAD } else { 0.5 * PI * libm::cbrt(share.sqrt()) }
 }
 
@@ -108,7 +108,7 @@ fn push_element(d: &mut String, e: &OutlineElement, pose: Pose, units_per_m: f64
         return;
     }
     let (r, ccw) = (mm(e.radius_m), u8::from(e.sweep_rad > 0.0));
-    let pieces = (e.sweep_rad.abs() / longest_arc_rad(e.radius_m, units_per_m)).ceil().clamp(1.0, MOST_PIECES);
+    let pieces = (e.sweep_rad.abs() / longest_arc_rad(e.radius_m, units_per_m)).ceil().clamp(1.0, MAX_PIECES);
     let large = u8::from(e.sweep_rad.abs() / pieces > PI);
     let from = [e.start_x_m - e.centre_x_m, e.start_y_m - e.centre_y_m];
     for k in 1..pieces as usize {

@@ -1,8 +1,8 @@
 //! Forces as arrows to scale, and their numbers.
 
 use super::contours::link_pose;
-use super::labels::{Rect, Taken, take_beside};
-use super::{FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, Sheet, pitch_m, push_number, round_below};
+use super::labels::{OccupiedPlaces, Rect, take_place_beside};
+use super::{DrawingSheet, FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, pitch_m, push_number, round_below};
 use crate::recording::frame::{Contacts, Frame};
 use std::fmt::Write;
 
@@ -11,7 +11,7 @@ const LARGEST_CONTACT: f64 = 0.17;
 /// Length of the largest joint force [pitches], so that arrows of neighbours do not overlap.
 const LARGEST_JOINT: f64 = 0.8;
 /// Length of the shortest arrow with numbers [user units]; below, a dot marks the contact.
-const LEAST_NUMBERED: f64 = 0.8;
+const MIN_NUMBERED: f64 = 0.8;
 
 /// Contact point on the body and force on the link of contact `i`: [m], [N].
 fn contact(c: &Contacts, i: usize) -> ([f64; 2], [f64; 2]) {
@@ -21,7 +21,7 @@ fn contact(c: &Contacts, i: usize) -> ([f64; 2], [f64; 2]) {
 }
 
 /// Position of joint `j`, and its force on link `j + 1`: [m], [N].
-fn joint(sheet: &Sheet, frame: &Frame, j: usize) -> ([f64; 2], [f64; 2]) {
+fn joint(sheet: &DrawingSheet, frame: &Frame, j: usize) -> ([f64; 2], [f64; 2]) {
     let at = link_pose(frame, j).apply([0.5 * sheet.header.links[j].pitch_m, 0.0]);
     (at, [frame.joints.force_x_n[j], frame.joints.force_y_n[j]])
 }
@@ -36,7 +36,7 @@ pub fn most_loaded_point_m(frame: &Frame, k: usize) -> Option<[f64; 2]> {
 }
 
 /// User units per newton for contacts, from the largest force in any panel; None if all are zero.
-pub fn contact_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
+pub fn contact_scale(sheet: &DrawingSheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
     let mut largest_n = 0.0_f64;
     for (frame, panel) in frames.iter().zip(panels) {
         for i in 0..frame.contacts.link.len() {
@@ -53,13 +53,13 @@ pub fn contact_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Opti
 }
 
 /// Round force above which contacts have their numbers [N]; None if no contact has.
-pub fn least_numbered_n(sheet: &Sheet) -> Option<f64> {
+pub fn least_numbered_n(sheet: &DrawingSheet) -> Option<f64> {
     let units_per_n = sheet.contact_units_per_n.filter(|_| sheet.pitch() >= NUMBERED_PITCH)?;
-    Some(round_below(LEAST_NUMBERED / units_per_n))
+    Some(round_below(MIN_NUMBERED / units_per_n))
 }
 
 /// User units per newton for joints.
-pub fn joint_scale(sheet: &Sheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
+pub fn joint_scale(sheet: &DrawingSheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
     let mut largest_n = 0.0_f64;
     for (frame, panel) in frames.iter().zip(panels) {
         for j in 0..frame.joints.force_x_n.len() {
@@ -79,7 +79,7 @@ fn shaft(panel: &Panel, at: [f64; 2], force: [f64; 2], units_per_n: f64) -> [[f6
 }
 
 /// Forces in the visible joints.
-pub fn push_joints(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_joints(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let Some(units_per_n) = sheet.joint_units_per_n else { return };
     for j in 0..frame.joints.force_x_n.len() {
         let (at, force) = joint(sheet, frame, j);
@@ -92,7 +92,7 @@ pub fn push_joints(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel
 }
 
 /// Visible contacts: a dot at the contact point, and the force on the link from there.
-pub fn push_contacts(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_contacts(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let dot = (0.03 * sheet.pitch()).clamp(1.2, 2.6);
     for i in 0..frame.contacts.link.len() {
         let (foot, force) = contact(&frame.contacts, i);
@@ -108,7 +108,13 @@ pub fn push_contacts(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Pan
 }
 
 /// Link, force and penetration beside every arrow, the largest first; without room the small ones are left out.
-pub fn push_contact_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, panel: &Panel, taken: &mut Taken) {
+pub fn push_contact_numbers(
+    svg: &mut String,
+    sheet: &DrawingSheet,
+    frame: &Frame,
+    panel: &Panel,
+    taken: &mut OccupiedPlaces,
+) {
     let Some(least_n) = least_numbered_n(sheet) else { return };
     let c = &frame.contacts;
     let size = 0.88 * sheet.font;
@@ -122,7 +128,7 @@ pub fn push_contact_numbers(svg: &mut String, sheet: &Sheet, frame: &Frame, pane
         }
         let line = shaft(panel, foot, force, sheet.contact_units_per_n.unwrap_or(0.0));
         let lines = [format!("{}: {} N", c.link[i], digits(force_n)), depth_text(c.penetration_m[i])];
-        if let Some(place) = take_beside(taken, Rect::of_text(&lines, size, line[1]), line) {
+        if let Some(place) = take_place_beside(taken, Rect::around_text(&lines, size, line[1]), line) {
             push_leader(svg, line[1], &place);
             push_number(svg, &place, size, FORCE, &lines);
         }

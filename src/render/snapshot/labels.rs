@@ -14,7 +14,7 @@ pub struct Rect {
 
 impl Rect {
     /// Box of lines of text around `centre`.
-    pub fn of_text(lines: &[String], size: f64, centre: [f64; 2]) -> Rect {
+    pub fn around_text(lines: &[String], size: f64, centre: [f64; 2]) -> Rect {
         let letters = lines.iter().map(|l| l.chars().count()).max().unwrap_or(0) as f64;
         Rect { centre, half: [0.5 * LETTER * size * letters, 0.5 * LINE * size * lines.len() as f64] }
     }
@@ -23,12 +23,12 @@ impl Rect {
         (0..2).all(|k| (self.centre[k] - other.centre[k]).abs() < self.half[k] + other.half[k])
     }
 
-    pub fn lies_in(&self, outer: &Rect) -> bool {
+    pub fn is_inside(&self, outer: &Rect) -> bool {
         (0..2).all(|k| (self.centre[k] - outer.centre[k]).abs() + self.half[k] <= outer.half[k])
     }
 
     /// Whether the straight line from `a` to `b` intersects the box.
-    pub fn meets(&self, [a, b]: [[f64; 2]; 2]) -> bool {
+    pub fn intersects(&self, [a, b]: [[f64; 2]; 2]) -> bool {
         let (mut from, mut to) = (0.0_f64, 1.0_f64);
         for k in 0..2 {
             let (start, run) = (a[k] - self.centre[k], b[k] - a[k]);
@@ -47,7 +47,7 @@ impl Rect {
 
 /// Occupied places of a panel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Taken {
+pub struct OccupiedPlaces {
     pub panel: Rect,
     /// Texts, which must not be covered.
     pub boxes: Vec<Rect>,
@@ -56,8 +56,8 @@ pub struct Taken {
 }
 
 /// Takes this place if it is free.
-pub fn take(taken: &mut Taken, place: Rect) -> bool {
-    let free = place.lies_in(&taken.panel) && !taken.boxes.iter().any(|b| b.overlaps(&place));
+pub fn take_place(taken: &mut OccupiedPlaces, place: Rect) -> bool {
+    let free = place.is_inside(&taken.panel) && !taken.boxes.iter().any(|b| b.overlaps(&place));
     if free {
         taken.boxes.push(place);
     }
@@ -66,7 +66,7 @@ pub fn take(taken: &mut Taken, place: Rect) -> bool {
 
 /// Takes the place of lowest cost for a box of the size of `like` near the line from `tail` to `tip`: beyond the tip
 /// first, then beside it, then further away. None if there is no room.
-pub fn take_beside(taken: &mut Taken, like: Rect, [tail, tip]: [[f64; 2]; 2]) -> Option<Rect> {
+pub fn take_place_beside(taken: &mut OccupiedPlaces, like: Rect, [tail, tip]: [[f64; 2]; 2]) -> Option<Rect> {
     /// Cost of covering a shaft, in steps of distance.
     const SHAFT: f64 = 2.5;
     let along = libm::atan2(tip[1] - tail[1], tip[0] - tail[0]);
@@ -80,10 +80,10 @@ pub fn take_beside(taken: &mut Taken, like: Rect, [tail, tip]: [[f64; 2]; 2]) ->
             let radius = 3.0 + 9.0 * f64::from(distance);
             let reach = radius + (like.half[0] * c.abs() + like.half[1] * s.abs());
             let place = Rect { centre: [tip[0] + reach * c, tip[1] + reach * s], half: like.half };
-            if !place.lies_in(&taken.panel) || taken.boxes.iter().any(|b| b.overlaps(&place)) {
+            if !place.is_inside(&taken.panel) || taken.boxes.iter().any(|b| b.overlaps(&place)) {
                 continue;
             }
-            let shafts = taken.strokes.iter().filter(|shaft| place.meets(**shaft)).count();
+            let shafts = taken.strokes.iter().filter(|shaft| place.intersects(**shaft)).count();
             let cost = f64::from(distance) + 0.12 * side.abs() + SHAFT * shafts as f64;
             if best.is_none_or(|(lowest, _)| cost < lowest) {
                 best = Some((cost, place));

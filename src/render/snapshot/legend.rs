@@ -1,11 +1,11 @@
 //! Legend of lengths, arrows and colours, below the panels of a drawing.
 
-use super::{FORCE, INK, JOINT_FORCE, MARGIN, ROW_COLOURS, Sheet, forces, push_text, round_below};
+use super::{DrawingSheet, FORCE, INK, JOINT_FORCE, MARGIN, ROW_COLOURS, forces, push_text, round_below};
 use std::fmt::Write;
 
 /// Height of a line, and total margin [user units].
 const LINE: f64 = 24.0;
-const ROOM: f64 = 28.0;
+const SPACING: f64 = 28.0;
 
 /// Symbol before a text of the legend.
 enum Mark {
@@ -21,14 +21,14 @@ enum Mark {
 }
 
 /// An entry of the legend, its position in it and its text [user units].
-pub struct Entry {
+pub struct LegendEntry {
     at: [f64; 2],
     mark: Mark,
     text: String,
 }
 
 /// Scales and colours, in as many lines as they need; positions are relative to the legend's upper left corner.
-pub fn entries(sheet: &Sheet, width: f64) -> Vec<Entry> {
+pub fn entries(sheet: &DrawingSheet, width: f64) -> Vec<LegendEntry> {
     let per_mm = sheet.units_per_m * 1e-3;
     let bar_mm = round_below(110.0 / per_mm);
     let mut entries = vec![(Mark::Bar(bar_mm * per_mm), format!("{bar_mm} mm"))];
@@ -59,7 +59,7 @@ pub fn entries(sheet: &Sheet, width: f64) -> Vec<Entry> {
         if at[0] + taken > width - MARGIN && at[0] > MARGIN {
             at = [MARGIN, at[1] + LINE];
         }
-        let entry = Entry { at: [at[0] + before, at[1]], mark, text };
+        let entry = LegendEntry { at: [at[0] + before, at[1]], mark, text };
         at[0] += taken + 24.0;
         entry
     };
@@ -67,14 +67,14 @@ pub fn entries(sheet: &Sheet, width: f64) -> Vec<Entry> {
 }
 
 /// Height of the legend below the panels [user units].
-pub fn height(entries: &[Entry]) -> f64 {
-    ROOM + LINE + entries.last().map_or(0.0, |e| e.at[1])
+pub fn height(entries: &[LegendEntry]) -> f64 {
+    SPACING + LINE + entries.last().map_or(0.0, |e| e.at[1])
 }
 
 /// Draws the legend below `bottom`, the lower edge of the panels.
-pub fn push(svg: &mut String, entries: &[Entry], bottom: f64) {
-    let top = bottom + 0.5 * (ROOM + LINE);
-    for Entry { at: [x, y], mark, text } in entries {
+pub fn push(svg: &mut String, entries: &[LegendEntry], bottom: f64) {
+    let top = bottom + 0.5 * (SPACING + LINE);
+    for LegendEntry { at: [x, y], mark, text } in entries {
         let y = y + top;
         match mark {
             Mark::Bar(length) => {

@@ -44,7 +44,7 @@ impl LinkPoses {
     }
 }
 
-/// A block that is looked at with a vector unit.
+/// A query of one block, run with a vector unit.
 struct BlockQuery<'a> {
     query: Query<'a>,
     contour: &'a LinkContour,

@@ -1,4 +1,4 @@
-//! One end of a block of links against one body: what is asked, what is told, and what is remembered for the next time.
+//! One end of a block of links against one body: the query, its result, and what is cached for the next step.
 
 use super::super::LANES;
 use super::super::abutments::{self, AbutmentCache};
@@ -209,7 +209,7 @@ impl Clearances {
 pub(super) struct MotionBounds {
     /// In the step before [m].
     pub(super) moved_m: LaneBlock,
-    /// In this one, as the contacts reckon [m].
+    /// In this one, with the speeds that contacts use [m].
     pub(super) way_m: LaneBlock,
     /// Along a face, in the step before; in this one no more than twice that [m].
     pub(super) along_m: LaneBlock,

@@ -2,7 +2,7 @@
 
 mod thrift;
 
-use super::{Columns, Memory, Wanted};
+use super::{ColumnSelection, Columns, Memory};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -14,40 +14,40 @@ use std::path::Path;
 /// Values per read.
 const BATCH: usize = 1 << 14;
 
-pub(super) fn read(path: &Path, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
+pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
     let file = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
     let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;
-    thrift::check_footer(&file).map_err(|e| wrong(path, &e))?;
-    let reader = SerializedFileReader::new(file).map_err(|e| wrong(path, &e))?;
+    thrift::check_footer(&file).map_err(|e| file_error(path, &e))?;
+    let reader = SerializedFileReader::new(file).map_err(|e| file_error(path, &e))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
     let rows = usize::try_from(reader.metadata().file_metadata().num_rows()).unwrap_or(0);
     if rows == 0 {
         return Err(format!("`{shown}` holds no rows"));
     }
-    let mut columns = Columns::of_numbers(names.clone(), vec![Vec::new(); names.len()]);
+    let mut columns = Columns::from_numbers(names.clone(), vec![Vec::new(); names.len()]);
     columns.rows = rows;
-    for (index, name) in names.iter().enumerate().filter(|(_, name)| wanted.wants(name)) {
+    for (index, name) in names.iter().enumerate().filter(|(_, name)| wanted.selects(name)) {
         let about = schema.column(index);
         match unreadable(&about) {
-            Some(why) => columns.refuse(index, format!("column `{name}` {why}")),
+            Some(why) => columns.mark_unusable(index, format!("column `{name}` {why}")),
             None => {
                 memory.take(rows.saturating_mul(8)).map_err(|e| format!("`{shown}`: {rows} rows: {e}"))?;
                 let is_time = ticks_per_second(&about).is_some();
                 let mut values = column(&reader, &pages, index, (rows, is_time), memory.bytes as u64)
-                    .map_err(|e| wrong(path, &e))?;
+                    .map_err(|e| file_error(path, &e))?;
                 in_units(&about, &mut values);
-                columns.put(index, values, is_time.then(|| "s".to_string()));
+                columns.set_column(index, values, is_time.then(|| "s".to_string()));
             }
         }
     }
-    columns.look_for_twins();
+    columns.refuse_duplicate_names();
     Ok(columns)
 }
 
 /// Error message for an unreadable file, with a remedy.
-fn wrong(path: &Path, e: &ParquetError) -> String {
+fn file_error(path: &Path, e: &ParquetError) -> String {
     format!(
         "`{}` is no Parquet file that can be read: {e}\nhelp: write it anew in Python: pandas.read_parquet(\"FILE\").to_parquet(\"NEW\", compression=\"snappy\")",
         path.display()

@@ -55,7 +55,7 @@ const COMPRESSED_PAGE_SIZE: i64 = 3;
 const DICTIONARY: i64 = 7;
 const VALUES: i64 = 1;
 /// Minimum size of a dictionary value: a 32-bit number, or the length of a text.
-const LEAST_VALUE: u64 = 4;
+const MIN_VALUE_BYTES: u64 = 4;
 
 const NOTHING: Shape = Struct(&[]);
 const TIME: Shape = Struct(&[(1, Bool), (2, Struct(&[(1, NOTHING), (2, NOTHING), (3, NOTHING)]))]);
@@ -158,13 +158,13 @@ pub(super) fn check_pages(file: &File, start: u64, length: u64, largest: u64) ->
         let Page { uncompressed, compressed, dictionary } = header.page;
         let size = |stated: Option<i64>| stated.and_then(|s| i32::try_from(s).ok()).and_then(|s| u64::try_from(s).ok());
         let (Some(compressed), Some(uncompressed)) = (size(compressed), size(uncompressed)) else {
-            return Err(header.wrong("states no size of its page"));
+            return Err(header.format_error("states no size of its page"));
         };
         if uncompressed > largest {
-            return Err(header.wrong(&format!("states a page of {uncompressed} bytes, more than {largest}")));
+            return Err(header.format_error(&format!("states a page of {uncompressed} bytes, more than {largest}")));
         }
-        if u64::try_from(dictionary).is_ok_and(|count| count.saturating_mul(LEAST_VALUE) > uncompressed) {
-            return Err(header.wrong("states more values of a dictionary than its page has room for"));
+        if u64::try_from(dictionary).is_ok_and(|count| count.saturating_mul(MIN_VALUE_BYTES) > uncompressed) {
+            return Err(header.format_error("states more values of a dictionary than its page has room for"));
         }
         header.skip(compressed)?;
     }
@@ -185,7 +185,7 @@ pub(super) fn check_footer(mut file: &File) -> Result<(), ParquetError> {
         footer.bytes.seek(SeekFrom::Start(start))?;
         footer.structure(FILE_META_DATA, 0)?;
         if footer.at != tail {
-            return Err(footer.wrong("ends before its length"));
+            return Err(footer.format_error("ends before its length"));
         }
     }
     file.rewind()?;
@@ -217,14 +217,14 @@ impl<'a> Thrift<'a> {
     fn new(file: &'a File, at: u64, end: u64, part: &'static str) -> Thrift<'a> {
         Thrift { bytes: BufReader::new(file), at, end, part, page: Page::default(), member: 0 }
     }
-    fn wrong(&self, what: &str) -> ParquetError {
+    fn format_error(&self, what: &str) -> ParquetError {
         ParquetError::General(format!("{} {what}", self.part))
     }
 
     /// Reads a structure up to its end.
     fn structure(&mut self, fields: Fields, depth: u8) -> Result<(), ParquetError> {
         if depth > DEEPEST {
-            return Err(self.wrong("is nested too deeply"));
+            return Err(self.format_error("is nested too deeply"));
         }
         let mut field = 0_i64;
         loop {
@@ -238,7 +238,7 @@ impl<'a> Thrift<'a> {
             };
             // The library keeps the low 16 bits, which might be those of a field that it knows.
             if i16::try_from(field).is_err() {
-                return Err(self.wrong("numbers a field beyond the format's"));
+                return Err(self.format_error("numbers a field beyond the format's"));
             }
             if depth == 0 {
                 self.member = field;
@@ -277,14 +277,14 @@ impl<'a> Thrift<'a> {
             (9 | 10, Some(List(shape))) => self.list(Some(*shape), depth + 1),
             (12, None) => self.structure(&[], depth + 1),
             (12, Some(Struct(fields))) => self.structure(fields, depth + 1),
-            (1..=12, Some(_)) => Err(self.wrong("contains a value of another type than the format's")),
-            _ => Err(self.wrong("holds something unknown")),
+            (1..=12, Some(_)) => Err(self.format_error("contains a value of another type than the format's")),
+            _ => Err(self.format_error("holds something unknown")),
         }
     }
 
     fn list(&mut self, shape: Option<Shape>, depth: u8) -> Result<(), ParquetError> {
         if depth > DEEPEST {
-            return Err(self.wrong("is nested too deeply"));
+            return Err(self.format_error("is nested too deeply"));
         }
         let begin = self.byte()?;
         let count = match begin >> 4 {
@@ -292,7 +292,7 @@ impl<'a> Thrift<'a> {
             few => u64::from(few),
         };
         if count > self.end.saturating_sub(self.at) {
-            return Err(self.wrong("states a list of more elements than it has bytes"));
+            return Err(self.format_error("states a list of more elements than it has bytes"));
         }
         for _ in 0..count {
             self.value(shape, begin & 0xf, depth)?;
@@ -316,7 +316,7 @@ impl<'a> Thrift<'a> {
                 return Ok(value);
             }
         }
-        Err(self.wrong("holds a number of more than 64 bits"))
+        Err(self.format_error("holds a number of more than 64 bits"))
     }
 
     fn zigzag(&mut self) -> Result<i64, ParquetError> {
@@ -325,7 +325,7 @@ impl<'a> Thrift<'a> {
     }
 
     fn skip(&mut self, bytes: u64) -> Result<(), ParquetError> {
-        let far = i64::try_from(bytes).map_err(|_| self.wrong("leads out of the file"))?;
+        let far = i64::try_from(bytes).map_err(|_| self.format_error("leads out of the file"))?;
         self.bytes.seek_relative(far)?;
         self.at = self.at.saturating_add(bytes);
         Ok(())
