@@ -399,6 +399,12 @@ impl Drive {
         Ok(drive)
     }
 
+    /// A bundled drive: one of the names in [`BUNDLED`]. None: there is no such drive.
+    pub fn bundled(name: &str) -> Option<Drive> {
+        let (name, text) = BUNDLED.iter().find(|(bundled, _)| *bundled == name)?;
+        Drive::parse(name, text, &[]).ok()
+    }
+
     /// Index of the sprocket whose speed is prescribed.
     pub fn driver(&self) -> usize {
         self.sprockets.iter().position(|s| matches!(s.outer, OuterSpec::Speed { .. })).unwrap_or(0)

@@ -3,6 +3,10 @@
 //! With a window around breakpoints, recorded items are held back for as long as the window reaches back. At a hit the
 //! run is repeated from a snapshot of the State before the window and recorded densely, with bit-identical steps.
 
+mod simulation;
+
+pub use simulation::Simulation;
+
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};

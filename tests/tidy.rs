@@ -8,7 +8,7 @@ fn root() -> &'static Path {
 
 fn rust_files() -> Vec<PathBuf> {
     let mut found = Vec::new();
-    let mut folders = vec![root().join("src"), root().join("tests"), root().join("benches")];
+    let mut folders = vec![root().join("src"), root().join("tests"), root().join("benches"), root().join("examples")];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
             let path = entry.path();

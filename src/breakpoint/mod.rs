@@ -13,6 +13,7 @@ pub mod quantities;
 pub mod scratch;
 
 use crate::diag::Report;
+use crate::drive::Drive;
 use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
 
@@ -28,6 +29,21 @@ pub struct Names {
 }
 
 impl Names {
+    /// Those of a drive.
+    pub fn of(drive: &Drive) -> Names {
+        Names {
+            bodies: drive
+                .sprockets
+                .iter()
+                .map(|s| format!("sprockets.{}", s.name))
+                .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
+                .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
+                .collect(),
+            turning: drive.turning(),
+            chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
+        }
+    }
+
     /// Number of links of all chains together.
     pub fn links(&self) -> usize {
         self.chains.iter().sum()

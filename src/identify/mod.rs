@@ -24,25 +24,48 @@ pub mod unnamed;
 pub mod windows;
 
 use crate::machine::Machine;
+use crate::machine::simulate::RunError;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
 use report::{Report, Verdict};
 use search::Context;
 use std::sync::atomic::Ordering;
 
-/// Runs the whole identification. `Err` says why the declared model cannot be simulated at all.
+/// The declared model cannot be simulated over a record, so that there is nothing to compare.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeclaredModelFails {
+    /// Name of the record.
+    pub record: String,
+    /// Why the model stopped.
+    pub cause: RunError,
+}
+
+impl std::fmt::Display for DeclaredModelFails {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the declared model cannot follow record `{}`: {}", self.record, self.cause)
+    }
+}
+
+impl std::error::Error for DeclaredModelFails {}
+
+/// Runs the whole identification: fits the free numbers of the machine to the records, searches the catalogue of effects for
+/// what remains, and judges by records that took no part in the fit. The result does not depend on the number of threads,
+/// unless the budget ends the search.
+///
+/// # Errors
+/// The declared model cannot be simulated over one of the records.
 pub fn identify(
     measurement: &Measurement,
     machine: &Machine,
     data: &Data,
     context: &Context,
-) -> Result<Report, String> {
+) -> Result<Report, DeclaredModelFails> {
     let own = judge::judging(data);
     let problem = search::declared(measurement, machine, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
-        if let Err(e) = problem.model(k, &start.globals, &start.locals[k], false) {
-            return Err(format!("the declared model cannot follow record `{}`: {e}", data.records[s.record]));
+        if let Err(cause) = problem.model(k, &start.globals, &start.locals[k], false) {
+            return Err(DeclaredModelFails { record: data.records[s.record].clone(), cause });
         }
     }
     let searched = search::search(measurement, problem, &own, context);

@@ -104,6 +104,8 @@ impl std::fmt::Display for DataError {
     }
 }
 
+impl std::error::Error for DataError {}
+
 /// Largest magnitude of a measured value, so that squares and their sums do not overflow a float.
 const LARGEST_VALUE: f64 = 1e60;
 /// Shortest record that is accepted [samples].
