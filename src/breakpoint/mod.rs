@@ -8,8 +8,11 @@
 mod columns;
 mod extremes;
 mod ledger;
+#[doc(hidden)]
 pub mod parse;
+#[doc(hidden)]
 pub mod quantities;
+#[doc(hidden)]
 pub mod scratch;
 
 use crate::diag::Report;
@@ -50,6 +53,7 @@ impl Names {
     }
 }
 
+#[doc(hidden)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Expr {
     Any(Vec<Expr>),
@@ -58,6 +62,7 @@ pub enum Expr {
     Compare(Compare),
 }
 
+#[doc(hidden)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Compare {
     Numbers {
@@ -73,6 +78,7 @@ pub enum Compare {
     },
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
     /// In SI.
@@ -85,6 +91,7 @@ pub enum Number {
     },
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
     Above,
@@ -95,6 +102,7 @@ pub enum Operator {
     Unequal,
 }
 
+#[doc(hidden)]
 /// The rows to which `contact`, `impact`, `link` and `joint` without an index refer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bound<'a> {
@@ -108,22 +116,37 @@ pub struct Bound<'a> {
 /// An object that fulfils an expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Subject {
+    /// The whole drive: the expression names no link, joint, contact or impact.
     Drive,
-    Contact { link: u32, feature: u32, body: u32 },
+    /// A part of a link on a body.
+    Contact {
+        /// Index of the link.
+        link: u32,
+        /// What of the link touches: see [`Feature`](crate::recording::frame::Feature).
+        feature: u32,
+        /// Index into `Header::bodies`.
+        body: u32,
+    },
+    /// The link with this index, counted through all chains.
     Link(u32),
+    /// The joint with this index: it joins the link of the same index to the next.
     Joint(u32),
 }
 
 /// An event at which the run stops.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hit {
+    /// Step of the hit; of an impact, the step of its first touch.
     pub step: u64,
+    /// Time of that step [s].
     pub t_s: f64,
+    /// What fulfilled the expression.
     pub subject: Subject,
     /// For expressions about impacts.
     pub impact: Option<Impact>,
 }
 
+#[doc(hidden)]
 /// Source of values. None: the value is not known here.
 pub trait Values {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &Bound<'_>) -> Option<f64>;
@@ -137,13 +160,17 @@ pub trait Values {
 /// A checked expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Breakpoint {
+    /// The expression as it was written.
     pub text: String,
+    /// The expression, parsed.
     pub expr: Expr,
+    /// Which columns of a step it needs.
     pub uses: Uses,
     /// Link counts of the chains that it refers to.
     chains: Vec<usize>,
 }
 
+#[doc(hidden)]
 /// Properties of an expression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Uses {
@@ -262,6 +289,7 @@ fn note(expr: &Expr, uses: &mut Uses) {
     }
 }
 
+#[doc(hidden)]
 /// Whether an expression is true; None if the values do not decide it.
 pub fn truth(expr: &Expr, values: &impl Values, bound: &Bound<'_>) -> Option<bool> {
     match expr {

@@ -4,23 +4,38 @@
 //! Sequence: facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals
 //! -> residual analysis -> report. The loop runs over the catalogue of effects and contains no physics of its own.
 
+#[doc(hidden)]
 pub mod accept;
+#[doc(hidden)]
 pub mod candidates;
+#[doc(hidden)]
 pub mod crossed;
+#[doc(hidden)]
 pub mod diagnosis;
+#[doc(hidden)]
 pub mod fit;
+#[doc(hidden)]
 pub mod judge;
+#[doc(hidden)]
 pub mod model;
+#[doc(hidden)]
 pub mod plant;
+#[doc(hidden)]
 pub mod problem;
 pub mod report;
+#[doc(hidden)]
 pub mod screen;
 pub mod search;
+#[doc(hidden)]
 pub mod stats;
+#[doc(hidden)]
 pub mod steady;
+#[doc(hidden)]
 pub mod structure;
 pub mod text;
+#[doc(hidden)]
 pub mod unnamed;
+#[doc(hidden)]
 pub mod windows;
 
 use crate::machine::Machine;

@@ -26,7 +26,9 @@ use std::time::Instant;
 /// Limits of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budget {
+    /// Largest number of model runs; None: no limit. The same limit gives the same result.
     pub runs: Option<u64>,
+    /// Longest time [s]; None: no limit. What a time limit cuts off depends on the machine.
     pub seconds: Option<f64>,
 }
 
@@ -35,11 +37,17 @@ pub type Progress<'a> = &'a (dyn Fn(&str, u64) + Sync);
 
 /// Everything that a search needs besides data and machine.
 pub struct Context<'a> {
+    /// Number of threads; they do not change the result unless the budget ends the search.
     pub threads: usize,
+    /// When to end early.
     pub budget: Budget,
+    /// Start of the time that the budget limits.
     pub started: Instant,
+    /// Ends the search when another thread sets it.
     pub stop: &'a AtomicBool,
+    /// Called at the start of every stage, and on the way, with the model runs so far.
     pub progress: Progress<'a>,
+    /// Counts model runs.
     pub runs: &'a AtomicU64,
     /// Simulates the drive if it has link bodies.
     pub plant: Option<&'a Plant>,
@@ -53,6 +61,7 @@ impl Context<'_> {
             || self.budget.seconds.is_some_and(|s| self.started.elapsed().as_secs_f64() >= s)
     }
 
+    /// Reports the beginning of a stage.
     pub fn say(&self, stage: &str) {
         (self.progress)(stage, self.runs.load(Ordering::Relaxed));
     }
@@ -61,19 +70,23 @@ impl Context<'_> {
 /// Outcome of a hypothesis.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Trial {
+    /// Path of the effect, with its order where it has one.
     pub identity: String,
     /// Effects that were already in the model.
     pub beside: Vec<String>,
     /// Share of the cost that screening predicted.
     pub promised: f64,
+    /// Root mean square of its residuals on fitted samples, relative to the noise; None: it was not fitted.
     pub rms_fit: Option<f64>,
     /// Only for those that were compared on held-out data.
     pub rms_judge: Option<f64>,
     /// Score relative to the model without it; negative is better.
     pub score: Option<f64>,
+    /// Why it was not taken, or that it was.
     pub why: String,
 }
 
+#[doc(hidden)]
 /// Result of a search.
 pub struct Searched<'a> {
     pub declared: Model<'a>,

@@ -17,6 +17,7 @@ use std::path::Path;
 pub struct Segment {
     /// Index of its record.
     pub record: usize,
+    /// Inputs and sample times of the run.
     pub task: Task,
     /// One series for every channel, SI (or the sensor's own unit); pulses: ln of intervals. Missing: NaN.
     pub measured: Vec<Vec<f64>>,
@@ -31,6 +32,7 @@ pub struct Segment {
 }
 
 impl Segment {
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.measured.first().map_or(0, Vec::len)
     }
@@ -47,6 +49,7 @@ impl Segment {
         task
     }
 
+    /// Whether it has no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -55,28 +58,38 @@ impl Segment {
 /// A channel, bound to a sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
+    /// Name in the measurement file.
     pub name: String,
+    /// Path of the sensor in the drive file.
     pub sensor_path: String,
+    /// Index of the sensor.
     pub sensor: usize,
     /// Unit of results: that of the column. Values times `shown` are in it.
     pub unit: String,
+    /// Value in that unit per value in which the model is compared.
     pub shown: f64,
     /// Standard deviation of its noise in the form in which the model is compared (SI, or ln).
     pub noise: f64,
     /// Whether residuals are differences of logarithms, that is, relative errors.
     pub relative: bool,
+    /// Spacing of the grid on which the values lie, in the same form as `noise`.
     pub quantisation: f64,
 }
 
 /// All data of the records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Data {
+    /// Measured quantities, in the order of the measurement file.
     pub channels: Vec<Channel>,
+    /// Names of the records.
     pub records: Vec<String>,
+    /// Segments of the records that fit or judge.
     pub segments: Vec<Segment>,
     /// Segments of records that neither fit nor judge.
     pub transfer: Vec<Segment>,
+    /// Facts about every channel in every record.
     pub facts: Vec<Facts>,
+    /// Facts about the sampling of every record.
     pub clocks: Vec<Clock>,
     /// Warnings for the user.
     pub warnings: Vec<String>,

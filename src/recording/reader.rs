@@ -31,11 +31,15 @@ const MOST_SENTENCES: usize = 12;
 /// Requested messages. Of others only the topic is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
+    /// Whole frames.
     pub frames: bool,
     /// Step and time of frames only.
     pub heads: bool,
+    /// Keyframes, from which a run can go on.
     pub keyframes: bool,
+    /// Events: first contacts, hits of break expressions.
     pub events: bool,
+    /// Impacts.
     pub impacts: bool,
 }
 
@@ -44,19 +48,26 @@ pub struct Wanted {
 pub enum Entry<'a> {
     /// In a buffer that is reused for the next frame.
     Frame(&'a Frame),
+    /// First fields of a frame.
     Head(FrameHead),
+    /// A keyframe.
     Keyframe(Box<Keyframe>),
+    /// An event.
     Event(Event),
+    /// An impact.
     Impact(Impact),
 }
 
 /// The first fields of a [`Frame`].
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct FrameHead {
+    /// Step of the frame.
     #[prost(uint64, tag = "1")]
     pub step: u64,
+    /// Its time [s].
     #[prost(double, tag = "2")]
     pub t_s: f64,
+    /// XXH3-64 of the State there.
     #[prost(fixed64, tag = "3")]
     pub state_hash: u64,
 }
@@ -64,7 +75,9 @@ pub struct FrameHead {
 /// Whether to continue reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
+    /// Go on with the next message.
     On,
+    /// Stop reading: nothing more is wanted.
     Enough,
 }
 
@@ -175,10 +188,12 @@ impl Reader {
         Ok(reader)
     }
 
+    /// Path as it was given to [`Reader::open`].
     pub fn path(&self) -> &Path {
         &self.path
     }
 
+    /// The header: names, dimensions and columns that frames refer to.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -580,6 +595,7 @@ pub struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
+    /// Begins at the first frame.
     pub fn new(reader: &'a mut Reader) -> Cursor<'a> {
         Cursor { reader, chunk: 0, rhythm: Rhythm::default(), frames: std::collections::VecDeque::new() }
     }
@@ -589,6 +605,10 @@ impl<'a> Cursor<'a> {
         Cursor::new(self.reader)
     }
 
+    /// The next frame; None: there are no more.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a chunk of it is damaged.
     pub fn next_frame(&mut self) -> anyhow::Result<Option<Frame>> {
         while self.frames.is_empty() && self.chunk < self.reader.chunks.len() {
             let frames = &mut self.frames;

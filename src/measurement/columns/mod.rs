@@ -22,6 +22,7 @@ pub struct Columns {
     pub names: Vec<String>,
     /// One value per row for requested columns, empty for others.
     pub values: Vec<Vec<f64>>,
+    /// Number of rows.
     pub rows: usize,
     /// Why a column cannot be used, e.g. its first non-numeric value with its line. This is an error only if the
     /// measurement requests that column.
@@ -39,9 +40,11 @@ pub struct Columns {
 /// Layout of a text file, and the group to be read from an MDF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
+    /// The first line names the columns.
     pub header: bool,
     /// None: comma, semicolon or tab, by the first line.
     pub separator: Option<u8>,
+    /// Lines before the names, or before the first row without them.
     pub skip_lines: usize,
     /// Counted from 0.
     pub group: Option<usize>,
@@ -56,7 +59,9 @@ impl Default for Layout {
 /// Requested columns.
 #[derive(Clone, Copy, Debug)]
 pub enum Wanted<'a> {
+    /// Every column.
     All,
+    /// Columns with these names.
     Named(&'a [String]),
 }
 
@@ -119,6 +124,7 @@ impl Columns {
         self.names.iter().position(|n| n == name)
     }
 
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
