@@ -154,15 +154,6 @@ fn wanted_of(measurement: &Measurement, file: &str) -> Vec<String> {
     names
 }
 
-/// As [`load`], from columns that are already read: names of files, and their columns.
-pub fn from_tables(
-    measurement: &Measurement,
-    machine: &Machine,
-    tables: &[(String, Columns)],
-) -> Result<Data, DataError> {
-    cut(measurement, machine, bind(measurement, machine)?, tables)
-}
-
 /// Splits columns into segments.
 fn cut(
     measurement: &Measurement,

@@ -491,15 +491,6 @@ impl Reader {
         Ok(heads)
     }
 
-    /// The frame nearest to `t_s`, and its number.
-    pub fn frame_near(&mut self, t_s: f64) -> anyhow::Result<Option<(usize, Frame)>> {
-        let heads = self.heads()?;
-        let away = |head: &FrameHead| (head.t_s - t_s).abs();
-        let nearest = heads.iter().enumerate().min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)));
-        let Some((number, head)) = nearest else { return Ok(None) };
-        Ok(self.frame_at(head.t_s)?.map(|frame| (number, frame)))
-    }
-
     /// The frame at exactly this time.
     pub fn frame_at(&mut self, t_s: f64) -> anyhow::Result<Option<Frame>> {
         let mut found = None;
