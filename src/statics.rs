@@ -54,7 +54,8 @@ const SLIDING_SHARE: f64 = 2e-3;
 /// Shift of the Hessian beyond which no step changes anything [N/m].
 const MOST_SHIFT: f64 = 1e13;
 /// First shift of the Hessian where its direction lowers nothing, ten times larger at every further failure [N/m]; below
-/// `LEAST_SHIFT` it is dropped.
+/// `LEAST_SHIFT` it is dropped. Twice or half of these two, of the arms below, or of the longest move takes 15 to 25 iterations where
+/// the abutment chain takes 21, at most 3 more for the other bundled drives, and ends below the same residual.
 const FIRST_SHIFT: f64 = 1e4;
 const LEAST_SHIFT: f64 = 1e2;
 /// Arm at which turning of a link counts like displacement [m]: half an 8 mm pitch. Of free coordinates, squared [m2]: the radius of

@@ -71,8 +71,8 @@ struct Window {
 /// Share of the room around a body that a joint may cross between two looks: less than half, because body and joint may both
 /// move. Twice the share or half of it changes no bit of the bundled drives.
 const MOVED_SHARE: f64 = 0.4;
-/// Stretch of a joint over half a pitch at which the chain counts as torn. assumed: joints of the bundled drives stretch by less than
-/// a hundredth of it, and what exceeds it does not come back.
+/// Stretch of a joint over half a pitch at which the chain counts as torn. assumed: with their play, joints of the bundled drives
+/// stretch by less than a thirtieth of it.
 const TORN_SHARE: f64 = 0.2;
 
 /// One whole step.
