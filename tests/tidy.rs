@@ -275,7 +275,7 @@ fn functions(path: &Path) -> Vec<(String, usize)> {
         let name: String = words.next().unwrap_or_default().chars().take_while(|c| is_word(*c)).collect();
         let closes = |l: &&str| l.len() - l.trim_start().len() == indent && l.trim_start().starts_with('}');
         let is_whole = line.trim_end().ends_with(['}', ';']);
-        let length = if is_whole { 1 } else { 1 + lines[start..].iter().position(|l| closes(&l)).unwrap_or(0) };
+        let length = if is_whole { 1 } else { 1 + lines[start..].iter().position(closes).unwrap_or(0) };
         found.push((name, length));
     }
     found

@@ -5,6 +5,7 @@
 mod csv;
 mod parquet;
 
+#[doc(hidden)]
 pub use self::csv::parse_csv;
 
 use super::contained::contained;
@@ -160,6 +161,7 @@ impl Columns {
     }
 }
 
+#[doc(hidden)]
 /// Reads the wanted columns of a file. Errors name the file, and line and column of the unreadable value.
 pub fn read(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory) -> Result<Columns, String> {
     let shown = path.display();
@@ -202,6 +204,7 @@ fn read_mdf(path: &Path, layout: Layout, wanted: Wanted<'_>, memory: &mut Memory
     parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
 }
 
+#[doc(hidden)]
 /// Channels of one group of an ASAM MDF file, converted to their units; invalid and non-numeric values are NaN. If more
 /// than one group contains samples, `group` selects one, because groups have separate clocks.
 pub fn parse_mdf(
