@@ -192,7 +192,10 @@ const PRELOAD_PHASES: u32 = 4;
 /// The mean preload is met to this fraction.
 const PRELOAD_TOLERANCE: f64 = 1e-4;
 
-/// Compiles and assembles a drive.
+/// Compiles and assembles a drive: moves axes until the preload is met, finds the static equilibrium under load, runs in.
+///
+/// # Errors
+/// See [`AssemblyError`].
 pub fn assemble(drive: &Drive) -> Result<Assembly, AssemblyError> {
     assemble_with(drive, Isa::detect())
 }

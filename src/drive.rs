@@ -478,7 +478,10 @@ pub struct RunSpec {
 }
 
 impl Drive {
-    /// Reads and checks a drive. All mistakes come back at once.
+    /// Reads and checks a drive. `name` is what errors call the text; `overrides` are `path=value`, as for `--set`.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
         let reader = Reader::new(name, text, overrides);
         let root = reader.parse(text)?;

@@ -143,6 +143,9 @@ struct Recorder<'a, 's> {
 
 /// Runs `span` from `state`, with frames at its first and last step and in between. `stop` ends it after a step;
 /// `progress` receives the step number at every frame.
+///
+/// # Errors
+/// A sink cannot write. A run that breaks down is no error: see [`Summary::ending`].
 pub fn run(
     model: &Model,
     state: &mut State,
@@ -158,6 +161,9 @@ pub fn run(
 }
 
 /// As [`run`], with breakpoints.
+///
+/// # Errors
+/// As those of [`run`]; and where a window is recorded again, that it breaks down there.
 pub fn run_job(
     model: &Model,
     state: &mut State,

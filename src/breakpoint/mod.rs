@@ -191,6 +191,9 @@ pub struct Uses {
 
 impl Breakpoint {
     /// Reads and checks an expression.
+    ///
+    /// # Errors
+    /// An unknown name or unit, or another mistake, with its place in the text.
     pub fn parse(text: &str, names: &Names) -> Result<Breakpoint, Report> {
         let expr = parse::parse(text, names)?;
         let mut uses = Uses::default();

@@ -235,7 +235,10 @@ pub fn is_lumped(text: &str) -> bool {
 }
 
 impl Machine {
-    /// Reads and checks a machine. Returns all errors at once.
+    /// Reads and checks a machine. `name` is what errors call the text; `overrides` are `path=value`.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
         let reader = Reader::new(name, text, overrides);
         let root = reader.parse(text)?;

@@ -190,7 +190,10 @@ pub struct CandidateSpec {
 }
 
 impl Measurement {
-    /// Reads and checks a measurement file. Returns all errors at once.
+    /// Reads and checks a measurement file. `name` is what errors call the text.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text.
     pub fn parse(name: &str, text: &str) -> Result<Measurement, Report> {
         let reader = Reader::new(name, text, &[]);
         let root = reader.parse(text)?;

@@ -126,6 +126,10 @@ const SHORTEST: usize = 16;
 
 /// Reads all files and binds columns to sensors and inputs. `folder` is that of the measurement file. Names and units
 /// are checked before a file is opened.
+///
+/// # Errors
+/// The measurement file names what the drive does not have, or a measured file cannot be read, has another form, or needs more memory
+/// than `memory` leaves.
 pub fn load(
     measurement: &Measurement,
     machine: &Machine,

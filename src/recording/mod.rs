@@ -79,6 +79,9 @@ pub fn extensions() -> &'static [&'static str] {
 }
 
 /// Opens `path` for writing; the extension says what kind of recording.
+///
+/// # Errors
+/// The extension names no kind of recording, or the file cannot be written.
 pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<Box<dyn Sink>> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     match extension {

@@ -143,7 +143,10 @@ impl Rhythm {
 }
 
 impl Reader {
-    /// Opens a recording and reads its header.
+    /// Opens a recording (`.mcap`) and reads its header. A file that was cut off is opened as well: see [`Reader::missing`].
+    ///
+    /// # Errors
+    /// The file cannot be read, is no recording, or has another format version.
     pub fn open(path: &Path) -> anyhow::Result<Reader> {
         let shown = path.display();
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
