@@ -11,7 +11,6 @@
 use crate::diag::Report;
 use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
-use crate::elements::coordinate::CoordinateKind;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::touch::{Touch, TouchShape};
@@ -21,7 +20,7 @@ use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{ArmModel, Model, Placed, place};
+use crate::model::{ArmModel, Model, PlacedDrive, place};
 use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{Configuration, Equilibrium, equilibrium, rail_touches, sensitivity_to_driver};
 use crate::units::{sin_cos, wrap_angle};
@@ -214,11 +213,12 @@ pub struct Compiled {
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     let (mut models, mut tensions) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
-        let (model, tensions_n) = compile_alone(&drive.alone(chain))?;
+        let (model, tensions_n) = compile_alone(&drive.single_chain(chain))?;
         models.push(model);
         tensions.push(tensions_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_shafts(drive);
     model.add_oil(drive);
     let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
@@ -244,7 +244,7 @@ fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
 pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyError> {
     let mut models = Vec::new();
     for chain in 0..drive.chains() {
-        let (own, first) = (drive.alone(chain), drive.sprockets_of(chain).start);
+        let (own, first) = (drive.single_chain(chain), drive.sprockets_of(chain).start);
         let placed = place(&own).map_err(AssemblyError::Input)?;
         let shift = match own.preload {
             PreloadSpec::Sprocket { moves, .. } => other
@@ -256,6 +256,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
         models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    model.add_shafts(drive);
     model.add_oil(drive);
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
@@ -356,8 +357,8 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
                 continue;
             }
             // A plate is not deeper in a rail than contacts let it; whatever is, stands on its other side.
-            let looks = (0..=AXIS_LOOKS)
-                .map(|i| centre + along * (lever_m * (2.0 * f64::from(i) / f64::from(AXIS_LOOKS) - 1.0)));
+            let looks = (0..=AXIS_EVALUATIONS)
+                .map(|i| centre + along * (lever_m * (2.0 * f64::from(i) / f64::from(AXIS_EVALUATIONS) - 1.0)));
             let nearest_m = looks.map(|q| rail.rail.profile.closest(q).distance_m.abs()).fold(f64::INFINITY, f64::min);
             if nearest_m < rail.body.plate_radius_m - DEEPEST_AT_REST_M {
                 let number = model.chain.number_of(link);
@@ -375,7 +376,7 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
     }
     let tension_n = at.tensions_n.iter().copied().fold(0.0, f64::max);
     if let PreloadSpec::Arm(arm) = drive.preload
-        && tension_n < LEAST_TENSION_N
+        && tension_n < MIN_TENSION_N
     {
         let name = &drive.arms[arm].name;
         return refuse(
@@ -388,11 +389,11 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
 }
 
 /// Places of a link's axis that are looked at.
-const AXIS_LOOKS: u32 = 16;
+const AXIS_EVALUATIONS: u32 = 16;
 /// Deepest overlap of plate and rail that contacts give at rest [m]. assumed: kilonewtons on 1e7 N/m.
 const DEEPEST_AT_REST_M: f64 = 0.3e-3;
 /// A chain whose largest tension under load is less is not tightened [N].
-const LEAST_TENSION_N: f64 = 0.1;
+const MIN_TENSION_N: f64 = 0.1;
 
 /// The step asked for, or the bound's; refused above the bound with the number that would do.
 fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
@@ -409,7 +410,7 @@ fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
 }
 
 /// Displacement of the tightening sprocket at which the mean tension is the preload, and the tensions over the phases.
-fn tighten(drive: &Drive, placed: &Placed) -> Result<(f64, Vec<f64>), AssemblyError> {
+fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), AssemblyError> {
     let target = drive.preload.tension_n();
     let tensions_at = |shift: f64| -> Result<Vec<f64>, AssemblyError> {
         let model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
@@ -430,11 +431,11 @@ fn tighten(drive: &Drive, placed: &Placed) -> Result<(f64, Vec<f64>), AssemblyEr
     // Two spans become longer by the shift; the loop is links in series, its contacts soften it.
     let mut slope = drive.joint.stiffness_n_per_m / drive.links as f64;
     for _ in 0..40 {
-        let miss = mean(&tensions) - target;
-        if miss.abs() <= PRELOAD_TOLERANCE * target.max(1.0) {
+        let error_n = mean(&tensions) - target;
+        if error_n.abs() <= PRELOAD_TOLERANCE * target.max(1.0) {
             return Ok((shift, tensions));
         }
-        let next = shift - (miss / slope).clamp(-0.5e-3, 0.5e-3);
+        let next = shift - (error_n / slope).clamp(-0.5e-3, 0.5e-3);
         let next_tensions = tensions_at(next)?;
         let measured = (mean(&next_tensions) - mean(&tensions)) / (next - shift);
         if measured > 0.0 {
@@ -471,7 +472,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
         let spec = if chain == 0 { &drive.chain } else { &drive.more[chain - 1].chain };
         let pitch_m = spec.pitch_m();
         let sprockets = drive.sprockets_of(chain);
-        let mut laid = lay(route, own.len(), pitch_m, phase);
+        let mut laid = lay_chain(route, own.len(), pitch_m, phase);
         let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();
         if let Some(k) = sprockets.clone().find(known) {
             let s = &model.sprockets[k];
@@ -479,7 +480,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             let tooth_rad = 2.0 * PI / f64::from(s.geometry.teeth());
             let sense = drive.sprockets[k].wrap.sign();
             let ahead = sense * (stands - laid.angles[k - sprockets.start]) / tooth_rad;
-            laid = lay(route, own.len(), pitch_m, phase + ahead - libm::floor(ahead));
+            laid = lay_chain(route, own.len(), pitch_m, phase + ahead - libm::floor(ahead));
         }
         for (pose, lane) in laid.links.into_iter().zip(own.clone()) {
             links[lane] = pose;
@@ -488,13 +489,21 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
             coordinates[model.sprockets[k].coordinate].get_or_insert(angle);
         }
     }
+    // Shafts behind couplings stand as what turns them.
+    for _ in 0..model.couplings.len() {
+        for c in &model.couplings {
+            let [a, b] = c.ends;
+            let stands = coordinates[a].or(coordinates[b]);
+            (coordinates[a], coordinates[b]) = (coordinates[a].or(stands), coordinates[b].or(stands));
+        }
+    }
     let mut coordinates: Vec<f64> = coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect();
-    lay_tips(model, &mut coordinates);
+    place_tips(model, &mut coordinates);
     Ok(Configuration { links, coordinates })
 }
 
 /// Sliders where their tips just touch their arms.
-fn lay_tips(model: &Model, coordinates: &mut [f64]) {
+fn place_tips(model: &Model, coordinates: &mut [f64]) {
     for touch in &model.touches {
         if let TouchShape::Tip { slider, .. } = touch.shape {
             for _ in 0..TIP_ITERATIONS {
@@ -509,15 +518,15 @@ fn lay_tips(model: &Model, coordinates: &mut [f64]) {
 const TIP_ITERATIONS: u32 = 20;
 
 /// A chain laid on its route: poses of its links, angles of its sprockets.
-struct Laid {
+struct LaidChain {
     links: Vec<(Vec2, f64)>,
     angles: Vec<f64>,
 }
 
-fn lay(route: &Route, n: usize, pitch_m: f64, phase: f64) -> Laid {
+fn lay_chain(route: &Route, n: usize, pitch_m: f64, phase: f64) -> LaidChain {
     let start = route.anchor_m() + phase * pitch_m;
     // Pitch at which n chords close the loop: secant on the overshoot.
-    let lay = |pitch: f64| {
+    let joints_at = |pitch: f64| {
         let mut joints = Vec::with_capacity(n);
         let mut s = start;
         for _ in 0..n {
@@ -527,13 +536,13 @@ fn lay(route: &Route, n: usize, pitch_m: f64, phase: f64) -> Laid {
         (joints, s - start - route.length_m())
     };
     let mut pitch = pitch_m;
-    let (mut joints, mut miss) = lay(pitch);
+    let (mut joints, mut overshoot_m) = joints_at(pitch);
     for _ in 0..20 {
-        if miss.abs() < 1e-13 {
+        if overshoot_m.abs() < 1e-13 {
             break;
         }
-        pitch -= miss / n as f64;
-        (joints, miss) = lay(pitch);
+        pitch -= overshoot_m / n as f64;
+        (joints, overshoot_m) = joints_at(pitch);
     }
     let points: Vec<Vec2> = joints.iter().map(|s| route.at(*s).0).collect();
     let links = (0..n)
@@ -556,7 +565,7 @@ fn lay(route: &Route, n: usize, pitch_m: f64, phase: f64) -> Laid {
             route.angle_about(k, seated)
         })
         .collect();
-    Laid { links, angles }
+    LaidChain { links, angles }
 }
 
 /// The equilibrium set in motion.
@@ -591,12 +600,26 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
     }
+    state.coordinates.angle.copy_from_slice(&q.coordinates);
+    wrap_angles(model, &mut state.coordinates.angle);
     for (k, angle) in q.coordinates.iter().enumerate() {
-        let (s, c) = sin_cos(*angle);
-        let place = if model.coordinates[k].kind == CoordinateKind::Turns { wrap_angle(*angle) } else { *angle };
-        (state.coordinates.angle[k], state.coordinates.cos[k], state.coordinates.sin[k]) = (place, c, s);
+        (state.coordinates.sin[k], state.coordinates.cos[k]) = sin_cos(*angle);
     }
     state
+}
+
+/// Takes whole turns off all that turns; off what couplings join, as many.
+fn wrap_angles(model: &Model, angles: &mut [f64]) {
+    let before = angles.to_vec();
+    for k in 0..model.n_turning() {
+        let first = model.first_coupled(k);
+        angles[k] = if first == k {
+            wrap_angle(before[k])
+        } else {
+            let turns = libm::round((before[first] - wrap_angle(before[first])) / (2.0 * PI));
+            before[k] - turns * (2.0 * PI)
+        };
+    }
 }
 
 /// Puts the static contact forces into the memory of the contacts, as if they had been there the step before: a step removes
@@ -643,7 +666,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     let l = &state.links;
     let poses = LinkPoses::new(model.chain.lanes, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let (rotor, _) = explicit::ends::turning(model, state, body);
+        let (rotor, _) = explicit::ends::body_rotation(model, state, body);
         finder.find(model, (k, rotor), &poses, FAR_M, |link, front, touch| {
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
             let force = body.law.elastic(touch.penetration_m, radii).force_n;
@@ -666,31 +689,31 @@ fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(
     let mut scratch = Scratch::with_isa(model, isa);
     let h = model.step_s;
     let damped = (drive.run.run_in_s / h).ceil() as u64;
+    let settle = (drive.run.settle_s / h).ceil() as u64;
+    let steps_before = damped + settle;
     for i in 0..damped {
         // Fades out with zero slope, so that its end does not ring.
         let left = 1.0 - i as f64 / damped as f64;
         let fade = left * left * (3.0 - 2.0 * left);
-        scratch.run_in = RunIn { link_rate_per_s: LINK_RATE_PER_S * fade, rotor_rate_per_s: ROTOR_RATE_PER_S * fade };
+        scratch.run_in =
+            RunIn { link_rate_per_s: LINK_RATE_PER_S * fade, rotor_rate_per_s: ROTOR_RATE_PER_S * fade, steps_before };
         explicit::step(model, state, &mut scratch)?;
     }
-    scratch.run_in = RunIn::OFF;
-    let settle = (drive.run.settle_s / h).ceil() as u64;
-    let mut watch = StillnessWatch::new(model);
+    scratch.run_in = RunIn { steps_before, ..RunIn::OFF };
+    let mut watch = SteadinessMonitor::new(model);
     for _ in 0..settle {
         explicit::step(model, state, &mut scratch)?;
-        watch.look(model, state, &scratch);
+        watch.observe(model, state, &scratch);
     }
     state.step = 0;
     state.clear_ledger();
     // Angles are counted from the start of the recording; cosine and sine stay as they are.
-    for angle in &mut state.coordinates.angle[..model.n_turning()] {
-        *angle = wrap_angle(*angle);
-    }
+    wrap_angles(model, &mut state.coordinates.angle);
     Ok(watch.result(model))
 }
 
 /// Averages speeds and tension over tooth periods of the driver.
-struct StillnessWatch {
+struct SteadinessMonitor {
     steps_per_tooth: f64,
     seen: u64,
     sums: Vec<f64>,
@@ -700,11 +723,11 @@ struct StillnessWatch {
     count: u64,
 }
 
-impl StillnessWatch {
-    fn new(model: &Model) -> StillnessWatch {
+impl SteadinessMonitor {
+    fn new(model: &Model) -> SteadinessMonitor {
         let driver = &model.sprockets[model.driver];
         let period = 2.0 * PI / (driver.nominal_speed_rad_s.abs() * f64::from(driver.geometry.teeth()));
-        StillnessWatch {
+        SteadinessMonitor {
             steps_per_tooth: period / model.step_s,
             seen: 0,
             sums: vec![0.0; model.sprockets.len()],
@@ -715,7 +738,7 @@ impl StillnessWatch {
         }
     }
 
-    fn look(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+    fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         for (sum, sprocket) in self.sums.iter_mut().zip(&model.sprockets) {
             *sum += state.coordinates.omega[sprocket.coordinate];
         }

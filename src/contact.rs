@@ -11,7 +11,7 @@ use crate::units::atan2;
 
 /// A place where two contours touch or overlap.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct ContourTouch {
     /// Element of the body that is touched, or the element that ends in the touched corner.
     pub element: usize,
     /// True: the contact is at the corner after `element`.
@@ -31,7 +31,7 @@ pub struct Touch {
 pub struct GapTouch {
     pub tooth: u32,
     pub segment: Segment,
-    pub touch: Touch,
+    pub touch: ContourTouch,
     /// Radius of curvature of the tooth there [m], negative concave, zero at the corner.
     pub body_radius_m: f64,
 }
@@ -68,7 +68,7 @@ pub fn contact_in_gap(sprocket: &Sprocket, (tooth, axis): (u32, Vec2), centre: V
     GapTouch {
         tooth,
         segment,
-        touch: Touch {
+        touch: ContourTouch {
             on_body: unfold(t.on_body) + out,
             on_other: unfold(t.on_other) + out,
             normal: unfold(t.normal),
@@ -101,7 +101,7 @@ fn folded_gap_contact(s: &Sprocket, q: Vec2, bush_radius_m: f64) -> GapTouch {
     } else {
         (outward, radius_m + bush_radius_m - distance)
     };
-    let touch = Touch {
+    let touch = ContourTouch {
         element,
         corner: segment == Segment::TipCorner,
         on_body: centre + outward * radius_m,

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// A text that errors can point into.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Source {
+pub struct SourceText {
     /// File name, or `--set`.
     pub name: String,
     /// All of the text, into which the spans of errors point.
@@ -36,17 +36,17 @@ pub struct Diag {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
     /// The file first, then one for every override that an error points into.
-    pub sources: Vec<Source>,
+    pub sources: Vec<SourceText>,
     /// The errors, sorted by place, none twice.
     pub diags: Vec<Diag>,
 }
 
 /// Maximum number of errors printed at once; the number of the others follows.
-const MOST_PRINTED: usize = 20;
+const MAX_PRINTED: usize = 20;
 
 impl Report {
     /// Sorts the errors by their places and drops repetitions.
-    pub fn new(sources: Vec<Source>, mut diags: Vec<Diag>) -> Report {
+    pub fn new(sources: Vec<SourceText>, mut diags: Vec<Diag>) -> Report {
         diags.sort_by_key(|d| (d.place.source, d.place.span.start));
         diags.dedup();
         Report { sources, diags }
@@ -55,7 +55,7 @@ impl Report {
 
 impl std::fmt::Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        for (i, diag) in self.diags.iter().take(MOST_PRINTED).enumerate() {
+        for (i, diag) in self.diags.iter().take(MAX_PRINTED).enumerate() {
             if i > 0 {
                 writeln!(f, "\n")?;
             }
@@ -73,8 +73,8 @@ impl std::fmt::Display for Report {
             }
             write!(f, "{}", Renderer::plain().render(&[group]))?;
         }
-        if self.diags.len() > MOST_PRINTED {
-            write!(f, "\n\n... and {} more", self.diags.len() - MOST_PRINTED)?;
+        if self.diags.len() > MAX_PRINTED {
+            write!(f, "\n\n... and {} more", self.diags.len() - MAX_PRINTED)?;
         }
         Ok(())
     }

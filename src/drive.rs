@@ -11,6 +11,7 @@ mod read;
 #[doc(hidden)]
 pub mod reader;
 pub mod sensors;
+pub mod shafts;
 
 use crate::diag::Report;
 use crate::elements::contact_law::ContactLaw;
@@ -23,7 +24,7 @@ use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::GapForm;
 use mechanism::{OilSpec, SliderSpec};
-use reader::{Places, Reader};
+use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
@@ -100,6 +101,8 @@ pub struct Drive {
     pub chain_names: Vec<String>,
     /// Shafts that carry several sprockets; a sprocket may have none.
     pub shafts: Vec<ShaftSpec>,
+    /// How the driver turns, loads and couplings.
+    pub train: shafts::ShaftTrain,
     /// In the order in which the chain meets them, one chain after the other.
     pub sprockets: Vec<SprocketDrive>,
     /// Straight guides along spans.
@@ -483,7 +486,7 @@ impl Drive {
     /// # Errors
     /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
-        let reader = Reader::new(name, text, overrides);
+        let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;
         let drive = read::drive(&reader.root(&root));
         drop(root);
@@ -492,8 +495,9 @@ impl Drive {
         let drive =
             Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), places, ..drive };
         drive.check_chains()?;
+        drive.check_train()?;
         for chain in 0..drive.chains() {
-            drive.alone(chain).check()?;
+            drive.single_chain(chain).check()?;
         }
         Ok(drive)
     }

@@ -9,7 +9,7 @@
 
 use crate::elements::contact_law::PeakMeter;
 use crate::elements::end_contact::LinkContour;
-use crate::integrate::explicit::{Part, Scratch};
+use crate::integrate::explicit::{ContactGroup, Scratch};
 use crate::model::{Model, Toothing};
 use crate::state::State;
 use std::f64::consts::PI;
@@ -332,20 +332,20 @@ struct Seen {
 const PARTS: usize = 5;
 
 /// Kinds of contact and their contact groups, by chain type. Of several groups the one with the larger force counts.
-fn parts(model: &Model, joints: bool) -> &'static [(Kind, Part)] {
-    const BUSH: (Kind, Part) = (Kind::Bush, Part::Bushes);
-    const ABUTMENTS: [(Kind, Part); 5] = [
+fn parts(model: &Model, joints: bool) -> &'static [(Kind, ContactGroup)] {
+    const BUSH: (Kind, ContactGroup) = (Kind::Bush, ContactGroup::Bushes);
+    const ABUTMENTS: [(Kind, ContactGroup); 5] = [
         BUSH,
-        (Kind::RingFront, Part::Contours(0)),
-        (Kind::RingRear, Part::Contours(1)),
-        (Kind::Guide, Part::Contours(4)),
-        (Kind::Guide, Part::Contours(5)),
+        (Kind::RingFront, ContactGroup::Contours(0)),
+        (Kind::RingRear, ContactGroup::Contours(1)),
+        (Kind::Guide, ContactGroup::Contours(4)),
+        (Kind::Guide, ContactGroup::Contours(5)),
     ];
-    const FLANKS: [(Kind, Part); 5] = [
-        (Kind::FlankLeading, Part::Contours(0)),
-        (Kind::FlankTrailing, Part::Contours(1)),
-        (Kind::InnerFlank, Part::Contours(2)),
-        (Kind::InnerFlank, Part::Contours(3)),
+    const FLANKS: [(Kind, ContactGroup); 5] = [
+        (Kind::FlankLeading, ContactGroup::Contours(0)),
+        (Kind::FlankTrailing, ContactGroup::Contours(1)),
+        (Kind::InnerFlank, ContactGroup::Contours(2)),
+        (Kind::InnerFlank, ContactGroup::Contours(3)),
         BUSH,
     ];
     match (&model.contour, joints) {

@@ -19,8 +19,8 @@
 
 use crate::elements::contact_law::PeakMeter;
 use crate::elements::tooth_contact::LANES;
-use crate::integrate::explicit::{Part, Scratch};
-use crate::integrate::{Look, vectorised};
+use crate::integrate::explicit::{ContactGroup, Scratch};
+use crate::integrate::{VectorKernel, vectorised};
 use crate::model::Model;
 use crate::recording::capture::contacts_of;
 use crate::recording::frame::Impact;
@@ -31,7 +31,7 @@ pub const WATCHED_PERIODS: f64 = 2.0;
 
 /// Contact memories of one kind of part.
 struct Parts {
-    of: Part,
+    of: ContactGroup,
     /// Step in which each lane last carried force; None: not since the start of the observation.
     last: Vec<Option<u64>>,
     /// Index into the open impacts.
@@ -99,7 +99,7 @@ impl ImpactWatch {
             step: 0,
             next_close: u64::MAX,
             started: false,
-            parts: Part::of(model)
+            parts: ContactGroup::in_model(model)
                 .into_iter()
                 .map(|of| Parts { of, last: vec![None; n], open: vec![None; n] })
                 .collect(),
@@ -210,7 +210,7 @@ impl ImpactWatch {
             let (touch, approach) = (scratch.touch(part, lane), memory.approach[lane]);
             let law = touch.and_then(|_| match part {
                 // All sprockets have the drive's single law, so that it need not be looked up.
-                Part::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
+                ContactGroup::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
                 _ => scratch.law(model, part, lane),
             });
             let top = match law {
@@ -299,17 +299,17 @@ impl ImpactWatch {
 /// Blocks in which the contact of a lane begins or ends, from its ages a step ago and now.
 struct Changes<'a> {
     scratch: &'a Scratch,
-    of: Part,
+    of: ContactGroup,
     past: &'a [f64],
     now: &'a [f64],
     changed: &'a mut Vec<usize>,
 }
 
-impl Look for Changes<'_> {
-    type Seen = ();
+impl VectorKernel for Changes<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn look(self) {
+    fn run(self) {
         let Changes { scratch, of, past, now, changed } = self;
         let touching = scratch.touching_blocks(of);
         let is_busy = |block: usize| touching.get(block).is_none_or(|t| *t != 0);

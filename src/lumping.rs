@@ -10,7 +10,7 @@ use crate::drive::sensors::SensorReads;
 use crate::drive::{Drive, OuterSpec};
 use crate::geometry::route::Wrap;
 use crate::model::Model;
-use crate::statics::{Equilibrium, Reduced, reduced};
+use crate::statics::{CondensedModel, Equilibrium, condensed};
 use std::fmt::Write;
 
 /// A span of the lumped drive.
@@ -57,7 +57,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     }
     let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;
     let soft = || LumpError::Form("the links at rest have no stiffness of their own".to_string());
-    let Reduced { stiffness, inertia } = reduced(&model, &equilibrium.configuration).ok_or_else(soft)?;
+    let CondensedModel { stiffness, inertia } = condensed(&model, &equilibrium.configuration).ok_or_else(soft)?;
     let route = model.routes.first().ok_or_else(soft)?;
     let n = model.sprockets.len();
     // Without slip the shafts turn by the chain's travel over their rolling radius.
@@ -67,9 +67,9 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             let b = (a + 1) % n;
             // All spans that join these two.
             let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
-            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.way_after_m(i)).sum();
+            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.path_to_next_sprocket_m(i)).sum();
             let together = -stiffness[(a, b)] / (radius_m[a] * radius_m[b]);
-            let stiffness_n_per_m = together / route.way_after_m(a) / shares;
+            let stiffness_n_per_m = together / route.path_to_next_sprocket_m(a) / shares;
             let joint = &drive.joint;
             let from = (route.span_start_m(a) - route.anchor_m()).rem_euclid(route.length_m()) / drive.chain.pitch_m();
             LumpedSpan {
@@ -77,7 +77,7 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
                 between: (a, b),
                 stiffness_n_per_m,
                 damping_n_s_per_m: stiffness_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m,
-                links: (from, from + route.way_after_m(a) / drive.chain.pitch_m()),
+                links: (from, from + route.path_to_next_sprocket_m(a) / drive.chain.pitch_m()),
             }
         })
         .collect();

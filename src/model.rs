@@ -7,22 +7,26 @@
 mod chain;
 mod mechanism;
 mod place;
+mod shafts;
 
 pub use chain::ChainModel;
 pub use mechanism::SliderModel;
 use place::route_diag;
-pub use place::{Placed, place};
+pub use place::{PlacedDrive, place};
 
 use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
-use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
-use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, Seats, SilentTooth};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::coupling::Coupling;
+use crate::elements::driver_motion::DriverMotion;
+use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, SeatDirections, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
+use crate::elements::load::{Load, OrderLoad};
 use crate::elements::rail_contact::RailBody;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::elements::touch::Touch;
@@ -36,7 +40,7 @@ use crate::geometry::silent_sprocket::SilentSprocket;
 use crate::geometry::smartchain::Abutment;
 use crate::geometry::sprocket::Sprocket;
 use crate::recording::frame::Segment;
-use crate::state::Layout;
+use crate::state::StateLayout;
 use parry2d_f64::math::{Pose, Vector};
 use parry2d_f64::query;
 use parry2d_f64::shape::{Ball, Polyline};
@@ -185,7 +189,7 @@ impl RailModel {
     pub fn segment(&self, piece: usize) -> Segment {
         match self.body.pieces.get(piece) {
             Some(Piece::Arc { radius_m, .. }) if *radius_m == 0.0 => Segment::RailEnd,
-            Some(Piece::Arc { .. } | Piece::Brink { .. }) => Segment::RailArc,
+            Some(Piece::Arc { .. } | Piece::EdgeSupport { .. }) => Segment::RailArc,
             Some(Piece::Line { .. }) | None => Segment::GuideFace,
         }
     }
@@ -227,6 +231,16 @@ pub struct Model {
     pub sliders: Vec<SliderModel>,
     /// Oil of tensioners.
     pub oil: Option<Network>,
+    /// Loads by laws of the catalogue.
+    pub loads: Vec<Load>,
+    /// Loads by orders of the driver.
+    pub order_loads: Vec<OrderLoad>,
+    /// Couplings between what turns.
+    pub couplings: Vec<Coupling>,
+    /// How the driver turns; None: at a constant speed, and no load asks for its turn.
+    pub driver_motion: Option<DriverMotion>,
+    /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
+    turning_parts: Vec<usize>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
     /// Bodies that the contours of links touch: rings of abutment chains, teeth of silent sprockets.
@@ -251,7 +265,7 @@ pub struct Model {
 
 impl Model {
     /// Compiles a drive with the tightening sprocket moved by `shift_m` from where its loop of nominal links closes.
-    pub fn build(drive: &Drive, placed: &Placed, shift_m: f64) -> Result<Model, Report> {
+    pub fn build(drive: &Drive, placed: &PlacedDrive, shift_m: f64) -> Result<Model, Report> {
         let loop_pulleys = placed.loop_pulleys(drive, shift_m);
         let route = Route::new(&loop_pulleys).map_err(|e| drive.places.report(vec![route_diag(drive, &e)]))?;
         let pulleys: Vec<Pulley> = loop_pulleys.iter().filter(|p| !p.is_optional).copied().collect();
@@ -331,6 +345,11 @@ impl Model {
             touches,
             sliders,
             oil: None,
+            loads: Vec::new(),
+            order_loads: Vec::new(),
+            couplings: Vec::new(),
+            driver_motion: None,
+            turning_parts: Vec::new(),
             contour: placed.contour.clone(),
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -357,6 +376,11 @@ impl Model {
             touches: Vec::new(),
             sliders: Vec::new(),
             oil: None,
+            loads: Vec::new(),
+            order_loads: Vec::new(),
+            couplings: Vec::new(),
+            driver_motion: None,
+            turning_parts: Vec::new(),
             contour: None,
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -433,7 +457,7 @@ impl Model {
             joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
             let rails = model.rails.into_iter();
             joined.rails.extend(rails.map(|r| RailModel { chain, coordinate: r.coordinate.map(moved), ..r }));
-            joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.moved(moved), ..t }));
+            joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.renumbered(moved), ..t }));
             joined.line_end_m.extend(model.line_end_m);
             joined.chain_speeds_m_s.extend(model.chain_speeds_m_s);
             let first_row = joined.rows.len();
@@ -493,12 +517,12 @@ impl Model {
     }
 
     /// Lengths of the columns of its State.
-    pub fn layout(&self) -> Layout {
-        Layout {
+    pub fn layout(&self) -> StateLayout {
+        StateLayout {
             loops: self.chain.loops.clone(),
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
-            has_dampers: self.coordinates.iter().any(|c| c.spring.damping > 0.0),
+            has_losses: self.has_losses(),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),
@@ -524,12 +548,12 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
         path: format!("sprockets.{}", s.name),
         kind: CoordinateKind::Turns,
         motion: match spec.outer {
-            OuterSpec::Speed { .. } => Motion::Prescribed { speed_rad_s: s.nominal_speed_rad_s },
+            OuterSpec::Speed { .. } => CoordinateMotion::Prescribed { speed_rad_s: s.nominal_speed_rad_s },
             OuterSpec::Load { inertia_kg_m2, torque_nm } => {
-                Motion::Free { inertia: inertia_kg_m2, load: -torque_nm * sense * spec.wrap.sign() }
+                CoordinateMotion::Free { inertia: inertia_kg_m2, load: -torque_nm * sense * spec.wrap.sign() }
             }
         },
-        spring: Spring::default(),
+        spring: CoordinateSpring::default(),
         nominal_speed_rad_s: s.nominal_speed_rad_s,
         reach_m: s.geometry.pitch_radius_m(),
         rest_load: 0.0,
@@ -538,7 +562,7 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
     drive.sprockets.iter().zip(sprockets).map(of).collect()
 }
 
-fn build_rails(drive: &Drive, placed: &Placed, arms: &[ArmModel]) -> Vec<RailModel> {
+fn build_rails(drive: &Drive, placed: &PlacedDrive, arms: &[ArmModel]) -> Vec<RailModel> {
     let contact = &drive.guide_contact;
     let of = |(spec, rail): (&RailSpec, &Rail)| {
         let arm = spec.arm.map(|a| &arms[a]);
@@ -562,7 +586,7 @@ fn build_rails(drive: &Drive, placed: &Placed, arms: &[ArmModel]) -> Vec<RailMod
 /// Rings and faces of an abutment chain, teeth of a silent chain.
 fn build_end_bodies(
     drive: &Drive,
-    placed: &Placed,
+    placed: &PlacedDrive,
     sprockets: &[SprocketModel],
     guides: &[GuideModel],
     sense: f64,
@@ -585,7 +609,7 @@ fn build_end_bodies(
             friction: spec.friction,
             stick_speed_m_s: spec.stick_speed_m_s,
         };
-        let seats = || Seats::new(s.geometry.teeth());
+        let seats = || SeatDirections::new(s.geometry.teeth());
         match (&s.geometry, &placed.abutment, &placed.rings[k]) {
             (Toothing::Silent(sprocket), _, _) => {
                 let Some(tooth) = SilentTooth::new(sprocket) else { continue };
@@ -655,7 +679,7 @@ fn working_angle_rad(sprocket: &Sprocket) -> f64 {
     0.5 * (low + high)
 }
 
-fn build_guides(drive: &Drive, route: &Route, placed: &Placed) -> Vec<GuideModel> {
+fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -> Vec<GuideModel> {
     let contact = &drive.guide_contact;
     // What slides on it: plate ends, or abutments.
     let plate_radius_m = match &placed.abutment {

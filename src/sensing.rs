@@ -4,7 +4,7 @@ use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
 use crate::elements::touch::TouchShape;
-use crate::integrate::explicit::{self, Part, Scratch};
+use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::state::State;
 
@@ -14,12 +14,12 @@ const SPAN_WINDOW_PITCHES: f64 = 2.0;
 /// True value in SI.
 pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads) -> f64 {
     let r = &state.coordinates;
-    let of = |sprocket: usize| model.sprockets[sprocket].coordinate;
+    let of = |part: usize| model.turning_part(part);
     match reads {
         SensorReads::Angle(k) => r.angle[of(k)],
         SensorReads::Speed(k) => r.omega[of(k)] + 0.5 * model.step_s * scratch.coordinate_alpha()[of(k)],
         SensorReads::Acceleration(k) => scratch.coordinate_alpha()[of(k)],
-        SensorReads::Torque(k) => -scratch.chain_torque()[of(k)],
+        SensorReads::Torque(k) => -scratch.chain_torque()[of(k)] - scratch.parts_force()[of(k)],
         SensorReads::Span(k) => span_tension(model, state, scratch, k),
         SensorReads::Link(i) => {
             let i = model.chain.lane_of(i % model.chain.n_links);
@@ -77,7 +77,10 @@ fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f6
 fn guide_force(model: &Model, scratch: &Scratch, k: usize) -> f64 {
     let mut sum = 0.0;
     let body = model.sprockets.len() + k;
-    for part in Part::of(model).into_iter().filter(|p| p.touches(model, body) && !matches!(p, Part::Bushes)) {
+    for part in ContactGroup::in_model(model)
+        .into_iter()
+        .filter(|p| p.touches(model, body) && !matches!(p, ContactGroup::Bushes))
+    {
         let memory = scratch.memory(part);
         for lane in model.chain.links() {
             if memory.normal_force[lane] != 0.0 && scratch.partner(model, part, lane).is_some_and(|(b, _)| b == body) {
@@ -119,7 +122,7 @@ impl Tracer {
 
     /// Speed of a sprocket at the nominal chain speed [rad/s].
     pub fn nominal_speed(&self, sprocket: usize) -> f64 {
-        self.model.sprockets[sprocket].nominal_speed_rad_s
+        self.model.coordinates[self.model.turning_part(sprocket)].nominal_speed_rad_s
     }
 
     /// Discards all readings.

@@ -11,7 +11,7 @@ use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::StepError;
-use crate::integrate::explicit::{self, Scratch, Wanted};
+use crate::integrate::explicit::{self, RequiredData, Scratch};
 use crate::model::Model;
 use crate::recording::Sink;
 use crate::recording::capture::Camera;
@@ -184,7 +184,7 @@ pub fn run_job(
     let mut found = Vec::new();
     match &breaks {
         Some(breaks) => watch(breaks, model, scratch),
-        None => scratch.watch(model, &Wanted::default()),
+        None => scratch.require(model, &RequiredData::default()),
     }
     let around = breaks.as_ref().and_then(|b| b.around);
     let late = (WATCHED_PERIODS * impacts.period_steps()).ceil() as u64 + 1;
@@ -367,8 +367,8 @@ impl Stops {
 
 /// Makes the steps keep the data that breakpoints need.
 fn watch(breaks: &Breaks, model: &Model, scratch: &mut Scratch) {
-    let wanted = breaks.watches.iter().map(BreakWatch::wants).fold(Wanted::default(), Wanted::and);
-    scratch.watch(model, &wanted);
+    let wanted = breaks.watches.iter().map(BreakWatch::wants).fold(RequiredData::default(), RequiredData::union);
+    scratch.require(model, &wanted);
 }
 
 fn look(

@@ -74,7 +74,7 @@ pub struct CoordinateState {
     /// Work of what prescribes it, and on its load, since the ledger was opened [J].
     pub work_in: Vec<f64>,
     pub work_out: Vec<f64>,
-    /// Lost in dampers since the ledger was opened [J]. Empty where no coordinate has one.
+    /// Lost in dampers and by friction and drag of loads since the ledger was opened [J]. Empty where nothing loses.
     pub lost: Vec<f64>,
 }
 
@@ -106,13 +106,13 @@ impl OilState {
 
 /// Lengths of a State's columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Layout {
+pub struct StateLayout {
     /// Lanes of the links of every chain.
     pub loops: Vec<std::ops::Range<usize>>,
     /// With inert lanes.
     pub padded_len: usize,
     pub n_coordinates: usize,
-    pub has_dampers: bool,
+    pub has_losses: bool,
     /// Whether there are guides, and rails, inside and outside the loop.
     pub guide_sides: [bool; 2],
     pub rail_sides: [bool; 2],
@@ -193,11 +193,11 @@ impl ContactMemory {
 
 impl State {
     /// All links at the origin, at rest; inert lanes far away.
-    pub fn at_rest(layout: &Layout) -> State {
-        let Layout {
+    pub fn at_rest(layout: &StateLayout) -> State {
+        let StateLayout {
             padded_len,
             n_coordinates,
-            has_dampers,
+            has_losses,
             guide_sides,
             rail_sides,
             contour_sets,
@@ -246,7 +246,7 @@ impl State {
                 alpha: of_coordinates(),
                 work_in: of_coordinates(),
                 work_out: of_coordinates(),
-                lost: if has_dampers { of_coordinates() } else { Vec::new() },
+                lost: if has_losses { of_coordinates() } else { Vec::new() },
             },
         }
     }

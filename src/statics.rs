@@ -8,6 +8,7 @@
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
+use crate::elements::coupling::Coupling;
 use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::elements::touch::Touch;
@@ -45,14 +46,14 @@ pub struct NotConverged {
 
 /// Residual at which the search ends [N]: rounding of positions times the contact stiffness is some 1e-8 N.
 pub const RESIDUAL_N: f64 = 1e-6;
-const MOST_ITERATIONS: usize = 400;
+const MAX_ITERATIONS: usize = 400;
 /// Residual that is borne after this many iterations, or where no step helps any more [N]; and at their end, of the stillest
 /// state, over its largest tension: without friction a chain may slide round plain rings with hardly any force, and that last
 /// one is not worth the search.
 const SOFT_RESIDUAL_N: f64 = 1e-2;
 const SLIDING_SHARE: f64 = 2e-3;
 /// Shift of the Hessian beyond which no step changes anything [N/m].
-const MOST_SHIFT: f64 = 1e13;
+const MAX_SHIFT: f64 = 1e13;
 /// First shift of the Hessian where its direction lowers nothing, ten times larger at every further failure [N/m]; below
 /// `LEAST_SHIFT` it is dropped. Twice or half of these two, of the arms below, or of the longest move takes 15 to 25 iterations where
 /// the abutment chain takes 21, at most 3 more for the other bundled drives, and ends below the same residual.
@@ -68,10 +69,10 @@ const LONGEST_MOVE_M: f64 = 5e-4;
 const SUFFICIENT_FALL: f64 = 1e-4;
 /// Residual over that before, where the residual judges.
 const SUFFICIENT_STILLING: f64 = 0.9;
-const MOST_HALVINGS: usize = 30;
+const MAX_HALVINGS: usize = 30;
 const SOFT_AFTER: usize = 100;
 /// Residual below which the residual alone may judge a step [N].
-const END_GAME_N: f64 = 1.0;
+const NEAR_SOLUTION_N: f64 = 1.0;
 
 /// Gradient and Hessian over link blocks, by lane, and free coordinates.
 struct System {
@@ -98,15 +99,15 @@ fn free_coordinates(model: &Model) -> Vec<usize> {
 
 /// Finds the equilibrium near `start`, loads scaled by `load_factor`.
 pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Result<Equilibrium, NotConverged> {
-    let mut problem = Problem::new(model, free_coordinates(model), load_factor);
+    let mut problem = StaticProblem::new(model, free_coordinates(model), load_factor);
     let mut q = start;
     let mut system = problem.system(&q);
     let mut shift = 0.0_f64;
     let mut stillest: Option<(f64, Configuration)> = None;
-    for iterations in 0..MOST_ITERATIONS {
+    for iterations in 0..MAX_ITERATIONS {
         let residual_n = system.residual(model);
         let enough = if iterations < SOFT_AFTER { RESIDUAL_N } else { SOFT_RESIDUAL_N };
-        if residual_n < enough || (shift > MOST_SHIFT && residual_n < SOFT_RESIDUAL_N) {
+        if residual_n < enough || (shift > MAX_SHIFT && residual_n < SOFT_RESIDUAL_N) {
             let tensions_n = tensions(model, &q);
             return Ok(Equilibrium { configuration: q, residual_n, iterations, tensions_n });
         }
@@ -127,11 +128,11 @@ pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Res
                     shift = 0.0;
                 }
             }
-            None if shift > MOST_SHIFT => return Err(NotConverged { residual_n, iterations }),
+            None if shift > MAX_SHIFT => return Err(NotConverged { residual_n, iterations }),
             None => shift = (10.0 * shift).max(FIRST_SHIFT),
         }
     }
-    let iterations = MOST_ITERATIONS;
+    let iterations = MAX_ITERATIONS;
     if let Some((residual_n, configuration)) = stillest {
         let tensions_n = tensions(model, &configuration);
         if residual_n < SLIDING_SHARE * tensions_n.iter().copied().fold(0.0, f64::max) {
@@ -141,16 +142,16 @@ pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Res
     Err(NotConverged { residual_n: system.residual(model), iterations })
 }
 
-type Step = (Configuration, System, bool);
+type LineSearchStep = (Configuration, System, bool);
 
 /// Halves the step until energy or residual falls; None where nothing does.
 fn line_search(
-    problem: &mut Problem<'_>,
+    problem: &mut StaticProblem<'_>,
     q: &Configuration,
     system: &System,
     dq: &[Vector3<f64>],
     dr: &DVector<f64>,
-) -> Option<Step> {
+) -> Option<LineSearchStep> {
     let slope: f64 = system.gradient.iter().zip(dq).map(|(g, d)| g.dot(d)).sum::<f64>() + system.rotor_gradient.dot(dr);
     let residual = system.residual(problem.model);
     let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * LINK_ARM_M)).fold(0.0, f64::max);
@@ -160,7 +161,7 @@ fn line_search(
     let longest = rims.fold(longest, f64::max);
     let mut factor = if longest > LONGEST_MOVE_M { LONGEST_MOVE_M / longest } else { 1.0 };
     let full = factor == 1.0;
-    for halving in 0..MOST_HALVINGS {
+    for halving in 0..MAX_HALVINGS {
         let next = moved(q, &problem.free, dq, dr, factor);
         let next_system = problem.system(&next);
         // Strictly: far down the halvings a step that changes nothing is none.
@@ -169,7 +170,7 @@ fn line_search(
             && next_system.energy <= system.energy + SUFFICIENT_FALL * factor * slope;
         // Near the end the energy falls by less than its rounding, and the residual says more. Far from it a residual that
         // falls while the energy climbs would undo the step before, for ever.
-        if lower || (residual < END_GAME_N && next_system.residual(model) < SUFFICIENT_STILLING * residual) {
+        if lower || (residual < NEAR_SOLUTION_N && next_system.residual(model) < SUFFICIENT_STILLING * residual) {
             return Some((next, next_system, full && halving == 0));
         }
         factor *= 0.5;
@@ -191,7 +192,7 @@ fn moved(q: &Configuration, free: &[usize], dq: &[Vector3<f64>], dr: &DVector<f6
 pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<Vector3<f64>>, Vec<f64>)> {
     const TURN_RAD: f64 = 1e-7;
     let (free, driver) = (free_coordinates(model), model.sprockets[model.driver].coordinate);
-    let mut problem = Problem::new(model, free.clone(), 1.0);
+    let mut problem = StaticProblem::new(model, free.clone(), 1.0);
     let system = problem.system(at);
     let mut turned = |by: f64| {
         let mut q = at.clone();
@@ -213,7 +214,7 @@ pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<V
 
 /// A loaded loop seen from its shafts: what turning every sprocket costs, and moves.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reduced {
+pub struct CondensedModel {
     /// Torque on one sprocket by the angle of another, the links at rest [N m/rad].
     pub stiffness: DMatrix<f64>,
     /// Inertia of sprockets, and of the links that move with them as statics has it [kg m2].
@@ -221,11 +222,11 @@ pub struct Reduced {
 }
 
 /// Static condensation of the links (Guyan 1965), all sprockets kept. None where the links have no stiffness of their own.
-pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
+pub fn condensed(model: &Model, at: &Configuration) -> Option<CondensedModel> {
     let n = model.coordinates.len();
     let all: Vec<usize> = (0..n).collect();
-    let whole = Problem::new(model, all, 1.0).system(at);
-    let links = Problem::new(model, Vec::new(), 1.0).system(at);
+    let whole = StaticProblem::new(model, all, 1.0).system(at);
+    let links = StaticProblem::new(model, Vec::new(), 1.0).system(at);
     let none = DVector::zeros(0);
     let mut shapes = Vec::new();
     for column in &whole.columns {
@@ -243,7 +244,7 @@ pub fn reduced(model: &Model, at: &Configuration) -> Option<Reduced> {
         let own = model.coordinates[a].inverse_inertia();
         inertia[(a, a)] += if own > 0.0 { 1.0 / own } else { 0.0 };
     }
-    Some(Reduced { stiffness, inertia })
+    Some(CondensedModel { stiffness, inertia })
 }
 
 /// x M y over the links.
@@ -257,7 +258,7 @@ fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
 /// [rad/s]: its frequency [rad/s], and the share of the sprockets in its kinetic energy. Inverse iteration on K - near^2 M.
 pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f64)> {
     let free = free_coordinates(model);
-    let mut problem = Problem::new(model, free.clone(), 1.0);
+    let mut problem = StaticProblem::new(model, free.clone(), 1.0);
     let (mut system, original) = (problem.system(at), problem.system(at));
     let shift = near * near;
     let c = &model.chain;
@@ -308,20 +309,20 @@ fn joint_offset(model: &Model, q: &Configuration, j: usize) -> Vec2 {
 }
 
 /// What is to stand still: a model under some of its load, and the sprockets that are free to turn.
-struct Problem<'a> {
+struct StaticProblem<'a> {
     model: &'a Model,
     free: Vec<usize>,
     load_factor: f64,
     finder: EndFinder,
 }
 
-impl<'a> Problem<'a> {
-    fn new(model: &'a Model, free: Vec<usize>, load_factor: f64) -> Problem<'a> {
-        Problem { model, free, load_factor, finder: EndFinder::new(model) }
+impl<'a> StaticProblem<'a> {
+    fn new(model: &'a Model, free: Vec<usize>, load_factor: f64) -> StaticProblem<'a> {
+        StaticProblem { model, free, load_factor, finder: EndFinder::new(model) }
     }
 
     fn system(&mut self, q: &Configuration) -> System {
-        let Problem { model, free, load_factor, finder } = self;
+        let StaticProblem { model, free, load_factor, finder } = self;
         let (model, load_factor) = (*model, *load_factor);
         let n = model.chain.lanes;
         let mut s = System {
@@ -341,10 +342,14 @@ impl<'a> Problem<'a> {
             let coordinate = &model.coordinates[*index];
             // The constant springs of sliders are no loads.
             let share = if coordinate.kind == CoordinateKind::Turns { load_factor } else { 1.0 };
-            let (torque, angle) = (coordinate.load() * share + coordinate.rest_load, q.coordinates[*index]);
+            let load = coordinate.load() + model.mean_load(*index);
+            let (torque, angle) = (load * share + coordinate.rest_load, q.coordinates[*index]);
             s.energy += coordinate.spring.energy_j(angle) - torque * angle;
             s.rotor_gradient[c] -= torque + coordinate.spring.force(angle);
             s.rotors[(c, c)] += coordinate.spring.stiffness;
+        }
+        for coupling in &model.couplings {
+            add_coupling(coupling, q, free, &mut s);
         }
         for sprocket in &model.sprockets {
             let column = free.iter().position(|k| *k == sprocket.coordinate);
@@ -393,6 +398,22 @@ impl<'a> Problem<'a> {
         }
         add_end_contacts(model, q, (free, finder), &mut s);
         s
+    }
+}
+
+fn add_coupling(coupling: &Coupling, q: &Configuration, free: &[usize], s: &mut System) {
+    let [a, b] = coupling.ends;
+    let at = [q.coordinates[a], q.coordinates[b]];
+    s.energy += coupling.energy_j(at);
+    let (torque, _) = coupling.torques_nm(at, [0.0; 2]);
+    let columns = [a, b].map(|k| free.iter().position(|f| *f == k));
+    for (row, sign) in [(columns[0], 1.0), (columns[1], -1.0)] {
+        let Some(row) = row else { continue };
+        s.rotor_gradient[row] -= sign * torque;
+        for (column, other) in [(columns[0], 1.0), (columns[1], -1.0)] {
+            let Some(column) = column else { continue };
+            s.rotors[(row, column)] += sign * other * coupling.stiffness_nm_per_rad;
+        }
     }
 }
 

@@ -421,7 +421,7 @@ fn held_span_of_rigid_links_swings_at_the_discrete_closed_form_frequencies() {
     let n = 2 * span;
     let mut model = Model::chain_only(n, uniform_rows(m, inertia), plain_joint(stiffness), 0.2e-6);
     for i in span..n {
-        model.chain.hold(i);
+        model.chain.fix_link(i);
     }
     let stretch = tension / stiffness;
     for mode in [1, 2, 5] {

@@ -8,7 +8,7 @@ use pitchline::assemble::{at_rest, resting_state};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::PairRadii;
 use pitchline::geometry::{Vec2, cross, unit};
-use pitchline::integrate::explicit::{self, Part, Scratch};
+use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 use pitchline::model::Model;
 use pitchline::recording::capture::Camera;
 use pitchline::statics::{Configuration, rail_touches};
@@ -122,7 +122,7 @@ fn tensions_about_rail(drive: &Drive) -> (f64, f64) {
     for step in 0..2 * period * 10 {
         explicit::evaluate(&model, &state, &mut scratch).expect("holds");
         if step % 7 == 0 {
-            let touching = |i: usize| (0..3).any(|set| scratch.memory(Part::Rails(set)).normal_force[i] > 0.0);
+            let touching = |i: usize| (0..3).any(|set| scratch.memory(ContactGroup::Rails(set)).normal_force[i] > 0.0);
             let on: Vec<usize> = (0..n).filter(|i| touching(*i)).collect();
             // The chain runs over the rail from right to left, with its links in the order of their numbers.
             let along = |i: &&usize| state.links.x[**i] - centre.x;
@@ -200,7 +200,8 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
         let arm = model.arms[0].coordinate;
         // A chain at rest: the driver is prescribed, so that its speed is set to zero too.
         let mut still = model.clone();
-        still.coordinates[0].motion = pitchline::elements::coordinate::Motion::Prescribed { speed_rad_s: 0.0 };
+        still.coordinates[0].motion =
+            pitchline::elements::coordinate::CoordinateMotion::Prescribed { speed_rad_s: 0.0 };
         let (_, rest) = at_rest(&bundled("bush-20-40", &[])).unwrap_or_else(|e| panic!("{e}"));
         let mut q = rest.configuration;
         q.coordinates.push(start);

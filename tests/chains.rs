@@ -11,13 +11,13 @@ use pitchline::assemble::assemble;
 use pitchline::compare::{Plan, Summary, run, verdict};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::ContactLaw;
-use pitchline::elements::coordinate::Motion;
+use pitchline::elements::coordinate::CoordinateMotion;
 use pitchline::engagement::{Kind, Pass, Watch};
 use pitchline::geometry::chain::silent::SilentLinkForm;
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
 use pitchline::geometry::smartchain::{Transition, TwoLinks};
 use pitchline::integrate::Isa;
-use pitchline::integrate::explicit::{self, Part, Scratch};
+use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 use pitchline::model::Model;
 use pitchline::recording::capture::Camera;
 use pitchline::state::State;
@@ -531,14 +531,14 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     (back.links.ax, back.links.ay, back.links.alpha) = (scratch.ax.clone(), scratch.ay.clone(), scratch.alpha.clone());
     (back.links.joint_ax, back.links.joint_ay) = (scratch.joint_ax.clone(), scratch.joint_ay.clone());
     (back.links.joint_alpha, back.joint_limit) = (scratch.joint_alpha.clone(), scratch.joint_limit.clone());
-    back.bushes = scratch.memory(Part::Bushes).clone();
-    back.guide_ends = std::array::from_fn(|set| scratch.memory(Part::Guides(set)).clone());
-    back.contour_ends = std::array::from_fn(|set| scratch.memory(Part::Contours(set)).clone());
-    back.rail_plates = std::array::from_fn(|set| scratch.memory(Part::Rails(set)).clone());
+    back.bushes = scratch.memory(ContactGroup::Bushes).clone();
+    back.guide_ends = std::array::from_fn(|set| scratch.memory(ContactGroup::Guides(set)).clone());
+    back.contour_ends = std::array::from_fn(|set| scratch.memory(ContactGroup::Contours(set)).clone());
+    back.rail_plates = std::array::from_fn(|set| scratch.memory(ContactGroup::Rails(set)).clone());
     for (k, coordinate) in model.coordinates.iter_mut().enumerate() {
         back.coordinates.omega[k] = -(state.coordinates.omega[k] + h * scratch.coordinate_alpha[k]);
         back.coordinates.alpha[k] = scratch.coordinate_alpha[k];
-        if let Motion::Prescribed { speed_rad_s } = &mut coordinate.motion {
+        if let CoordinateMotion::Prescribed { speed_rad_s } = &mut coordinate.motion {
             *speed_rad_s = -*speed_rad_s;
             back.coordinates.omega[k] = *speed_rad_s;
         }

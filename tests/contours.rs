@@ -9,7 +9,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::end_contact::LinkPose;
 use pitchline::geometry::Vec2;
 use pitchline::integrate::Isa;
-use pitchline::integrate::explicit::{self, Part, Scratch};
+use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 
 const CONTOURS: [&str; 2] = ["silent-20-40", "smartchain-20-40"];
 
@@ -50,7 +50,7 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
                         // up to 3.4 m: measured 1.6e-15 m.
                         let hollow = touch.is_some_and(|t| t.body_radius_m < 0.0);
                         let bound_m = if hollow { 3e-15 } else { 1e-15 };
-                        let part = Part::Contours(2 * body.set + usize::from(!front));
+                        let part = ContactGroup::Contours(2 * body.set + usize::from(!front));
                         let found = scratch.touch(part, link).map_or(0.0, |(depth, _)| depth);
                         let off_m = (found - searched.max(0.0)).abs();
                         assert!(off_m < bound_m, "{name}, {}, link {link}: {found:e}, {searched:e}", body.name);

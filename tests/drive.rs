@@ -451,7 +451,7 @@ fn runout_displaces_every_gap_alike() {
 /// The step's kernel finds the depths of the exact detection for displaced gaps.
 #[test]
 fn kernel_and_exact_detection_agree_on_displaced_gaps() {
-    use pitchline::integrate::explicit::{Part, Scratch, advance, evaluate};
+    use pitchline::integrate::explicit::{ContactGroup, Scratch, advance, evaluate};
     let assembly = common::assembled(&common::drive(&[
         "effects.sprocket_runout.driver.amplitude_um=60",
         "effects.tooth_pitch_error.driven.amplitude_um=40",
@@ -466,8 +466,8 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
         evaluate(&model, &state, &mut scratch).expect("steps");
         if step % 300 == 0 {
             let [(x, _), (y, _)] = scratch.joint_ends();
-            for j in (0..model.chain.n_links).filter(|j| scratch.memory(Part::Bushes).age[*j] > 0.0) {
-                let Some((k, tooth)) = scratch.partner(&model, Part::Bushes, j) else { continue };
+            for j in (0..model.chain.n_links).filter(|j| scratch.memory(ContactGroup::Bushes).age[*j] > 0.0) {
+                let Some((k, tooth)) = scratch.partner(&model, ContactGroup::Bushes, j) else { continue };
                 // The kernel assumes a front bush at the joint.
                 if !model.chain.bush_carrier(j).1 {
                     continue;
@@ -478,7 +478,7 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
                 let exact =
                     pitchline::contact::gap_contact(model.sprockets[k].geometry.iso().expect("seats"), d, 2.5e-3);
                 assert_eq!(exact.tooth, tooth);
-                let depth = scratch.depth(Part::Bushes, j);
+                let depth = scratch.depth(ContactGroup::Bushes, j);
                 assert!((depth - exact.touch.penetration_m).abs() < 1e-13, "joint {j}: {depth} {exact:?}");
                 touching += 1;
             }

@@ -21,7 +21,7 @@
 
 use crate::elements::rail_contact::PlatePart;
 use crate::geometry::{Vec2, cross, perp};
-use crate::integrate::explicit::{self, Part, Scratch};
+use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::recording::frame::{Feature, Segment};
 use crate::replay::Replay;
@@ -126,7 +126,7 @@ struct Touch {
 
 /// A contact lane of the link, and its recorded history.
 struct Lane {
-    part: Part,
+    part: ContactGroup,
     lane: usize,
     feature: Feature,
     history: Vec<[f64; 3]>,
@@ -171,8 +171,8 @@ fn balance(body: &mut FreeBody, lever_m: f64) {
 
 fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
     let mut lanes = Vec::new();
-    for part in Part::of(model) {
-        let candidates = if part == Part::Bushes { vec![model.chain.previous(link), link] } else { vec![link] };
+    for part in ContactGroup::in_model(model) {
+        let candidates = if part == ContactGroup::Bushes { vec![model.chain.previous(link), link] } else { vec![link] };
         for lane in candidates {
             let (owner, feature) = part.feature(model, lane);
             if owner == link {
@@ -269,15 +269,15 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let n = touch.normal;
     let part = |cause: &'static str, v: Vec2| ApproachPart { cause, speed_m_s: -n.dot(&v) };
     let (link, front) = match lane.part {
-        Part::Bushes => model.chain.bush_carrier(lane.lane),
-        Part::Guides(set) | Part::Contours(set) => (lane.lane, set % 2 == 0),
-        Part::Rails(set) => (lane.lane, set % 3 == 0),
+        ContactGroup::Bushes => model.chain.bush_carrier(lane.lane),
+        ContactGroup::Guides(set) | ContactGroup::Contours(set) => (lane.lane, set % 2 == 0),
+        ContactGroup::Rails(set) => (lane.lane, set % 3 == 0),
     };
     let rotor = model.axis_of(touch.body);
     let spin = rotor.map_or(0.0, |(_, q)| coordinate_speed(model, state, q));
     let centre = rotor.map_or(Vec2::zeros(), |(centre, _)| centre);
     let surface = |p: Vec2| perp(p - centre) * spin;
-    let mut parts = if lane.part == Part::Bushes {
+    let mut parts = if lane.part == ContactGroup::Bushes {
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s() >= 0.0;
         let ahead = if forwards { model.chain.next(lane.lane) } else { lane.lane };
@@ -313,7 +313,7 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
 }
 
 /// Contact partner of a lane: bushes and plate ends by exact detection, contours as the step found them.
-fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: usize) -> Option<Touch> {
+fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup, lane: usize) -> Option<Touch> {
     let (body, tooth) = scratch.partner(model, part, lane)?;
     let l = &state.links;
     let joint = |link: usize, front: bool| {
@@ -321,7 +321,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
         Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link])
     };
     match part {
-        Part::Bushes => {
+        ContactGroup::Bushes => {
             let sprocket = &model.sprockets[body];
             let (link, front) = model.chain.bush_carrier(lane);
             let p = joint(link, front);
@@ -334,7 +334,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
             Some(Touch { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })
         }
-        Part::Guides(set) => {
+        ContactGroup::Guides(set) => {
             let b = &model.guides.get(body.checked_sub(model.sprockets.len())?)?.body;
             let p = joint(lane, set % 2 == 0);
             let (d, up) = (p - b.origin, perp(b.along));
@@ -344,9 +344,9 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let segment = model.guides[body - model.sprockets.len()].segment(along);
             Some(Touch { body, tooth, segment, normal, point: p - normal * b.plate_radius_m })
         }
-        Part::Rails(set) => {
+        ContactGroup::Rails(set) => {
             let rail = model.rails.get(body.checked_sub(model.first_rail())?)?;
-            let (swing, _) = explicit::rails::swing(model, state, body - model.first_rail());
+            let (swing, _) = explicit::rails::rail_motion(model, state, body - model.first_rail());
             let into = |v: Vec2| Vec2::new(swing.cos * v.x + swing.sin * v.y, swing.cos * v.y - swing.sin * v.x);
             let (centre, heading) = (Vec2::new(l.x[lane], l.y[lane]), Vec2::new(l.cos[lane], l.sin[lane]));
             let plate = PlatePart::ALL[set % 3];
@@ -358,7 +358,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: Part, lane: u
             let point = centre + heading * t.along_m - normal * rail.body.plate_radius_m;
             Some(Touch { body, tooth, segment: rail.segment(t.piece), normal, point })
         }
-        Part::Contours(set) => {
+        ContactGroup::Contours(set) => {
             let k = model.end_bodies.iter().position(|b| b.set == set / 2 && b.body == body)?;
             let mut found = None;
             scratch.end_touches(model, state, k, Some(lane), |link, front, t| {

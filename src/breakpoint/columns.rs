@@ -4,8 +4,8 @@
 use super::Operator;
 use super::quantities::{Quantity, Scope, What};
 use super::scratch::StepValues;
-use crate::elements::tooth_contact::{Column, LANES, blocks};
-use crate::integrate::Look;
+use crate::elements::tooth_contact::{LANES, LaneBlock, blocks};
+use crate::integrate::VectorKernel;
 use crate::model::ChainModel;
 
 /// Rounding of quantities that are compared in another form, such as a square: relative to the bound, and for forces
@@ -56,15 +56,15 @@ impl Band {
     /// Counts matches lane by lane in `found`, in block `b` of the chains. Sums of ones vectorise; a reduction to one
     /// bit does not.
     #[inline(always)]
-    fn count_links(self, values: &Column, b: usize, chain: &ChainModel, found: &mut Column) {
-        match chain.gaps(b * LANES) {
+    fn count_links(self, values: &LaneBlock, b: usize, chain: &ChainModel, found: &mut LaneBlock) {
+        match chain.link_lanes(b * LANES) {
             None => self.count(values, &[1.0; LANES], found),
             Some(links) => self.count(values, &links.map(|is| if is { 1.0 } else { 0.0 }), found),
         }
     }
 
     #[inline(always)]
-    fn count_all(self, values: &[Column], chain: &ChainModel, found: &mut Column) {
+    fn count_all(self, values: &[LaneBlock], chain: &ChainModel, found: &mut LaneBlock) {
         for own in &chain.loops {
             let (first, last) = (own.start / LANES, own.end / LANES);
             for values in &values[first..last] {
@@ -88,7 +88,7 @@ impl Band {
 
     /// Counts lanes where `counts` is 1.
     #[inline(always)]
-    fn count(self, values: &Column, counts: &Column, found: &mut Column) {
+    fn count(self, values: &LaneBlock, counts: &LaneBlock, found: &mut LaneBlock) {
         for i in 0..LANES {
             let v = f64::from_bits(values[i].to_bits() & self.bits);
             found[i] += if self.sign * v >= self.threshold { counts[i] } else { 0.0 };
@@ -105,11 +105,11 @@ fn rising(cos: f64, sin: f64) -> f64 {
 /// [`StepValues::reaches`] of a quantity.
 pub(super) struct Reach<'a>(pub(super) &'a StepValues<'a>, pub(super) &'a Quantity, pub(super) Band);
 
-impl Look for Reach<'_> {
-    type Seen = Option<Column>;
+impl VectorKernel for Reach<'_> {
+    type Output = Option<LaneBlock>;
 
     #[inline(always)]
-    fn look(self) -> Option<Column> {
+    fn run(self) -> Option<LaneBlock> {
         self.0.reaches(self.1, self.2)
     }
 }
@@ -117,7 +117,7 @@ impl Look for Reach<'_> {
 impl StepValues<'_> {
     /// Number of links or joints in each lane whose quantity is in a band; None: the quantity has no column.
     #[inline(always)]
-    fn reaches(&self, quantity: &Quantity, band: Band) -> Option<Column> {
+    fn reaches(&self, quantity: &Quantity, band: Band) -> Option<LaneBlock> {
         let mut found = [0.0; LANES];
         let chain = &self.model.chain;
         match quantity.scope {
@@ -145,13 +145,13 @@ impl StepValues<'_> {
 
     /// All blocks of a column of links or joints.
     #[inline(always)]
-    fn lanes<'c>(&self, column: &'c [f64]) -> &'c [Column] {
+    fn lanes<'c>(&self, column: &'c [f64]) -> &'c [LaneBlock] {
         blocks(column, self.model.chain.padded / LANES)
     }
 
     /// [`StepValues::reaches`] for links.
     #[inline(always)]
-    fn links_reach(&self, what: What, band: Band, found: &mut Column) -> Option<()> {
+    fn links_reach(&self, what: What, band: Band, found: &mut LaneBlock) -> Option<()> {
         let (l, s, half) = (&self.state.links, self.scratch, 0.5 * self.model.step_s);
         let chain = &self.model.chain;
         match what {
@@ -204,7 +204,7 @@ impl StepValues<'_> {
 
     /// Velocities at the node.
     #[inline(always)]
-    fn rates_reach(&self, (v, a): (&[f64], &[f64]), band: Band, found: &mut Column) {
+    fn rates_reach(&self, (v, a): (&[f64], &[f64]), band: Band, found: &mut LaneBlock) {
         let (v, a, half) = (self.lanes(v), self.lanes(a), 0.5 * self.model.step_s);
         for b in 0..v.len() {
             let mut at_node = [0.0; LANES];

@@ -4,7 +4,7 @@
 use super::columns::Band;
 use super::quantities::{Quantity, Scope, What};
 use super::{Compare, Expr, Number, Operator, energy_number};
-use crate::integrate::explicit::{ContactValue, Extreme, Parts, Scratch};
+use crate::integrate::explicit::{ContactGroups, ContactValue, Extreme, Scratch};
 use crate::recording::frame::Energy;
 
 /// A quantity of any contact, link or joint, or its absolute value, compared with a constant.
@@ -31,7 +31,7 @@ impl<'a> Compared<'a> {
     }
 
     /// The extreme that decides whether the comparison can be fulfilled.
-    pub(super) fn extreme(&self, parts: Parts) -> Option<Extreme> {
+    pub(super) fn extreme(&self, parts: ContactGroups) -> Option<Extreme> {
         let sign = match self.operator {
             Operator::Above | Operator::AtLeast => 1.0,
             Operator::Below | Operator::AtMost => -1.0,
@@ -63,7 +63,7 @@ pub(super) struct Quick {
 }
 
 impl Quick {
-    pub(super) fn of(compared: &Compared, parts: Parts, step_s: f64) -> Option<Quick> {
+    pub(super) fn of(compared: &Compared, parts: ContactGroups, step_s: f64) -> Option<Quick> {
         let extreme = compared.extreme(parts)?;
         let band = Band::new(compared.operator, compared.bound, compared.absolute, 0.0)?;
         let unit = if extreme.value == ContactValue::Age { step_s } else { 1.0 };
@@ -71,7 +71,7 @@ impl Quick {
     }
 
     /// Comparisons that must all hold for the expression to hold.
-    pub(super) fn needed_by(expr: &Expr, parts: Parts, step_s: f64) -> Vec<Quick> {
+    pub(super) fn needed_by(expr: &Expr, parts: ContactGroups, step_s: f64) -> Vec<Quick> {
         match expr {
             Expr::All(of) => of.iter().flat_map(|e| Quick::needed_by(e, parts, step_s)).collect(),
             Expr::Compare(compare) => {
@@ -135,7 +135,7 @@ pub(super) fn energy_blur(what: What, (energy, blur_j): &(Energy, f64)) -> f64 {
 }
 
 /// Collects the extremes that an expression needs.
-pub(super) fn of_expression(expr: &Expr, parts: Parts, found: &mut Vec<Extreme>) {
+pub(super) fn of_expression(expr: &Expr, parts: ContactGroups, found: &mut Vec<Extreme>) {
     match expr {
         Expr::Any(of) | Expr::All(of) => of.iter().for_each(|e| of_expression(e, parts, found)),
         Expr::Compare(compare) => found.extend(Compared::of(compare).and_then(|c| c.extreme(parts))),

@@ -2,11 +2,10 @@
 //! another order.
 
 use crate::elements::contact_law::ContactLaw;
-use crate::elements::coordinate::Motion;
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::tooth_contact::{Column, LANES, blocks, take};
-use crate::integrate::explicit::{Part, Scratch, touches};
-use crate::integrate::{Look, vectorised};
+use crate::elements::tooth_contact::{LANES, LaneBlock, blocks, take};
+use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
+use crate::integrate::{VectorKernel, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
 use crate::state::State;
@@ -25,10 +24,10 @@ pub struct Ledger {
     inertia: Vec<f64>,
     /// For each block, 1 in lanes of links and 0 in lanes between and after them, which may hold a copy of a first
     /// link.
-    own: Vec<Column>,
+    own: Vec<LaneBlock>,
     /// With half the contact stiffness, if it is the same for all partners: squared depths times it give the energy
     /// [N/m].
-    parts: Vec<(Part, Option<f64>)>,
+    parts: Vec<(ContactGroup, Option<f64>)>,
     /// Losses in joints and contacts before the next step [J], the number of that step, and the step of the last
     /// complete summation.
     lost_j: f64,
@@ -42,21 +41,21 @@ pub struct Ledger {
 /// pairs.
 struct Sums {
     /// Twice the kinetic energy of the links [J].
-    twice_kinetic_j: Column,
+    twice_kinetic_j: LaneBlock,
     /// In joints and contacts [J].
-    elastic_j: Column,
+    elastic_j: LaneBlock,
     /// In joints and contacts over this step [J].
-    lost_j: Column,
+    lost_j: LaneBlock,
 }
 
 /// [`Ledger::sums`].
 struct OfStep<'a>(&'a Ledger, &'a Model, &'a State, &'a Scratch);
 
-impl Look for OfStep<'_> {
-    type Seen = Option<Sums>;
+impl VectorKernel for OfStep<'_> {
+    type Output = Option<Sums>;
 
     #[inline(always)]
-    fn look(self) -> Option<Sums> {
+    fn run(self) -> Option<Sums> {
         self.0.sums(self.1, self.2, self.3)
     }
 }
@@ -66,7 +65,7 @@ impl Ledger {
         let c = &model.chain;
         // Fixed links have zero inverse mass.
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
-        let with_stiffness = |part: Part| match one_law(model, part) {
+        let with_stiffness = |part: ContactGroup| match one_law(model, part) {
             Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
             _ => (part, None),
         };
@@ -74,9 +73,11 @@ impl Ledger {
             mass: moving(&c.mass),
             inertia: moving(&c.inertia),
             own: (0..c.padded / LANES)
-                .map(|b| c.gaps(b * LANES).map_or([1.0; LANES], |links| links.map(|is| if is { 1.0 } else { 0.0 })))
+                .map(|b| {
+                    c.link_lanes(b * LANES).map_or([1.0; LANES], |links| links.map(|is| if is { 1.0 } else { 0.0 }))
+                })
                 .collect(),
-            parts: Part::of(model).into_iter().map(with_stiffness).collect(),
+            parts: ContactGroup::in_model(model).into_iter().map(with_stiffness).collect(),
             lost_j: 0.0,
             next: None,
             summed: 0,
@@ -92,7 +93,6 @@ impl Ledger {
         origin: &Energy,
     ) -> Option<&(Energy, f64)> {
         let sums = vectorised(scratch.isa, OfStep(self, model, state, scratch))?;
-        let h = model.step_s;
         if self.next != Some(state.step) || state.step >= self.summed + FRESH_STEPS {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
@@ -102,29 +102,10 @@ impl Ledger {
         let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
-        let mut kinetic_j = 0.5 * total(&sums.twice_kinetic_j);
-        let (mut work_in_j, mut work_out_j) = (0.0, 0.0);
-        let r = &state.coordinates;
-        let turning =
-            r.omega.iter().zip(&r.work_in).zip(&r.work_out).zip(scratch.coordinate_alpha()).zip(scratch.chain_torque());
-        let (mut spring_j, mut damper_j) = (0.0, 0.0);
-        for (k, ((((omega, work_in), work_out), alpha), chain)) in turning.enumerate() {
-            let coordinate = &model.coordinates[k];
-            let speed = omega + 0.5 * h * alpha;
-            work_in_j += work_in;
-            work_out_j += work_out;
-            match coordinate.motion {
-                Motion::Prescribed { .. } => work_in_j -= chain * (0.5 * h * speed),
-                Motion::Free { inertia, load } => {
-                    kinetic_j += 0.5 * inertia * speed * speed;
-                    work_out_j -= load * (0.5 * h * speed);
-                }
-            }
-            spring_j += coordinate.spring.energy_j(r.angle[k]);
-            if let Some(lost) = r.lost.get(k) {
-                damper_j += lost + coordinate.spring.damping * speed * (0.5 * h * speed);
-            }
-        }
+        let mut own = Energy { kinetic_j: 0.5 * total(&sums.twice_kinetic_j), ..Energy::default() };
+        shafts::add_energies(model, state, scratch, &mut own);
+        let Energy { kinetic_j, work_out_j, mut work_in_j, .. } = own;
+        let (mut spring_j, mut damper_j) = (own.elastic_spring_j, own.lost_spring_damping_j);
         if let Some(oil) = &model.oil {
             spring_j += oil.stored_j(&state.oil);
             damper_j += state.oil.lost_j.iter().sum::<f64>();
@@ -163,7 +144,7 @@ impl Ledger {
 
     /// Twice the kinetic energy of the links, lane by lane [J].
     #[inline(always)]
-    fn links(&self, half: f64, state: &State, scratch: &Scratch) -> Column {
+    fn links(&self, half: f64, state: &State, scratch: &Scratch) -> LaneBlock {
         let (s, count) = (&state.links, self.mass.len() / LANES);
         let (ax, ay, alpha) = (blocks(&scratch.ax, count), blocks(&scratch.ay, count), blocks(&scratch.alpha, count));
         let (vx, vy, omega) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
@@ -184,7 +165,7 @@ impl Ledger {
     /// Squared elongations of the joints of a loop, beyond the clearance if there is one [m2], and the power dissipated
     /// in them [W].
     #[inline(always)]
-    fn joints(&self, joint: &LinkJoint, loop_blocks: Range<usize>, scratch: &Scratch) -> (Column, Column) {
+    fn joints(&self, joint: &LinkJoint, loop_blocks: Range<usize>, scratch: &Scratch) -> (LaneBlock, LaneBlock) {
         let count = self.mass.len() / LANES;
         let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
         let (damping, friction) = scratch.joint_powers();
@@ -223,12 +204,12 @@ impl Ledger {
     #[inline(always)]
     fn add_contacts(
         &self,
-        (part, half_stiffness): (Part, Option<f64>),
+        (part, half_stiffness): (ContactGroup, Option<f64>),
         (model, state, scratch): (&Model, &State, &Scratch),
-        elastic: &mut Column,
-        lost: &mut Column,
+        elastic: &mut LaneBlock,
+        lost: &mut LaneBlock,
     ) -> Option<()> {
-        if part != Part::Bushes && scratch.is_off_guides() {
+        if part != ContactGroup::Bushes && scratch.is_off_guides() {
             return Some(());
         }
         let (now, past, depths) = (scratch.memory(part), part.past_memory(state), scratch.depths(part));
@@ -279,7 +260,7 @@ impl Ledger {
             let links = model.chain.loops.iter().cloned().flatten();
             links.map(|i| a[i] + b[i]).sum::<f64>()
         };
-        let contacts = |(part, _): &(Part, Option<f64>)| {
+        let contacts = |(part, _): &(ContactGroup, Option<f64>)| {
             let memory = part.past_memory(state);
             own(&memory.lost_damping, &memory.lost_friction)
         };
@@ -290,7 +271,7 @@ impl Ledger {
 /// Elastic energy if contact laws differ between bodies; None if one of them needs more than a depth.
 #[cold]
 #[inline(never)]
-fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, depths: &Column) -> Option<f64> {
+fn elastic_of_each(model: &Model, scratch: &Scratch, part: ContactGroup, at: usize, depths: &LaneBlock) -> Option<f64> {
     let mut sum_j = 0.0;
     for (i, depth) in depths.iter().enumerate().filter(|(_, d)| **d > 0.0) {
         let ContactLaw::Linear { stiffness_n_per_m, .. } = *scratch.law(model, part, at + i)? else { return None };
@@ -301,18 +282,18 @@ fn elastic_of_each(model: &Model, scratch: &Scratch, part: Part, at: usize, dept
 
 /// The contact law of a group, if all its possible partners have the same one; effects may give a guide a law of its
 /// own.
-fn one_law(model: &Model, part: Part) -> Option<ContactLaw> {
+fn one_law(model: &Model, part: ContactGroup) -> Option<ContactLaw> {
     let all: Vec<ContactLaw> = match part {
-        Part::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),
-        Part::Guides(_) => model.guides.iter().map(|g| g.body.law).collect(),
-        Part::Rails(_) => model.rails.iter().map(|r| r.body.law).collect(),
-        Part::Contours(_) => model.end_bodies.iter().filter(|b| part.is_set(b.set)).map(|b| b.law).collect(),
+        ContactGroup::Bushes => model.sprockets.iter().map(|s| s.body.law).collect(),
+        ContactGroup::Guides(_) => model.guides.iter().map(|g| g.body.law).collect(),
+        ContactGroup::Rails(_) => model.rails.iter().map(|r| r.body.law).collect(),
+        ContactGroup::Contours(_) => model.end_bodies.iter().filter(|b| part.is_set(b.set)).map(|b| b.law).collect(),
     };
     let first = *all.first()?;
     all.iter().all(|other| *other == first).then_some(first)
 }
 
 /// Sum in pairs.
-fn total(s: &Column) -> f64 {
+fn total(s: &LaneBlock) -> f64 {
     ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 }

@@ -42,7 +42,7 @@ impl Names {
                 .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
                 .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
                 .collect(),
-            turning: drive.turning(),
+            turning: drive.turning_paths(),
             chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
         }
     }

@@ -9,7 +9,7 @@
 
 use super::quantities::{Dimension, QUANTITIES, Quantity, Scope, UNITS, What};
 use super::{Compare, Expr, Names, Number, Operator};
-use crate::diag::{Diag, Place, Report, Source, nearest};
+use crate::diag::{Diag, Place, Report, SourceText, nearest};
 use crate::recording::frame::{Feature, Segment};
 use std::ops::Range;
 
@@ -43,7 +43,7 @@ pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
     };
     parsed.map_err(|diag| {
         // The caret needs a character to point at.
-        Report::new(vec![Source { name: "--break".into(), text: format!("{text} ") }], vec![diag])
+        Report::new(vec![SourceText { name: "--break".into(), text: format!("{text} ") }], vec![diag])
     })
 }
 
@@ -51,7 +51,7 @@ pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
 pub fn refused(text: &str, title: &str, help: &str) -> Report {
     let place = Place { source: 0, span: 0..text.len() };
     let diag = Diag { title: title.to_string(), place, help: Some(help.to_string()) };
-    Report::new(vec![Source { name: "--break".into(), text: text.to_string() }], vec![diag])
+    Report::new(vec![SourceText { name: "--break".into(), text: text.to_string() }], vec![diag])
 }
 
 impl Parser<'_> {

@@ -5,7 +5,7 @@ use super::extremes::{self, Compared, Quick, QuickEnergy};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{Bound, Breakpoint, Compare, Expr, Hit, Subject, Values, energy_number, tension_n, truth};
-use crate::integrate::explicit::{Part, Parts, Scratch, Wanted};
+use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch};
 use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
@@ -17,8 +17,8 @@ pub struct BreakWatch {
     pub breakpoint: Breakpoint,
     /// True: objects that fulfil the expression in the first step are no hits, so that a stopped run can continue.
     pub goes_on: bool,
-    parts: Vec<Part>,
-    set: Parts,
+    parts: Vec<ContactGroup>,
+    set: ContactGroups,
     held: Vec<Subject>,
     now: Vec<Subject>,
     /// Signature of the contacts and their teeth in the previous step.
@@ -35,8 +35,8 @@ pub(super) struct StepValues<'a> {
     pub(super) state: &'a State,
     pub(super) scratch: &'a Scratch,
     /// Contact groups that the expression may refer to.
-    pub(super) parts: &'a [Part],
-    set: Parts,
+    pub(super) parts: &'a [ContactGroup],
+    set: ContactGroups,
     /// Energies and their uncertainty [J], if the expression needs them.
     energy: Option<&'a (Energy, f64)>,
 }
@@ -44,8 +44,8 @@ pub(super) struct StepValues<'a> {
 impl BreakWatch {
     pub fn new(breakpoint: Breakpoint, model: &Model) -> BreakWatch {
         // Contact groups that cannot fulfil the expression are never examined.
-        let may_concern = |p: &Part| may_concern(&breakpoint.expr, *p, model);
-        let parts: Vec<Part> = Part::of(model).into_iter().filter(may_concern).collect();
+        let may_concern = |p: &ContactGroup| may_concern(&breakpoint.expr, *p, model);
+        let parts: Vec<ContactGroup> = ContactGroup::in_model(model).into_iter().filter(may_concern).collect();
         let set = parts.iter().copied().collect();
         let quick = Quick::needed_by(&breakpoint.expr, set, model.step_s);
         let quick_energies = QuickEnergy::needed_by(&breakpoint.expr);
@@ -64,9 +64,9 @@ impl BreakWatch {
     }
 
     /// Data that a step has to keep for this breakpoint.
-    pub fn wants(&self) -> Wanted {
+    pub fn wants(&self) -> RequiredData {
         let uses = self.breakpoint.uses;
-        let mut wanted = Wanted { segments: uses.segments, ..Wanted::default() };
+        let mut wanted = RequiredData { segments: uses.segments, ..RequiredData::default() };
         extremes::of_expression(&self.breakpoint.expr, self.set, &mut wanted.extremes);
         if uses.contact && !uses.varying {
             wanted.sets.push(self.set);
@@ -145,7 +145,7 @@ impl BreakWatch {
 }
 
 /// Whether a contact of this group can involve the bodies and features that an expression names.
-fn may_concern(expr: &Expr, part: Part, model: &Model) -> bool {
+fn may_concern(expr: &Expr, part: ContactGroup, model: &Model) -> bool {
     match expr {
         Expr::Any(parts) => parts.iter().any(|e| may_concern(e, part, model)),
         Expr::All(parts) => parts.iter().all(|e| may_concern(e, part, model)),
@@ -170,7 +170,7 @@ impl StepValues<'_> {
     fn signature(&self) -> Option<(f64, u64)> {
         let mut teeth = self.scratch.partner_changes();
         for part in self.parts {
-            let Part::Contours(set) = part else { continue };
+            let ContactGroup::Contours(set) = part else { continue };
             let age = &self.scratch.memory(*part).age;
             for (lane, tooth) in self.scratch.contour_teeth(*set).iter().enumerate() {
                 let own = (*tooth as u64).wrapping_mul(lane as u64 * 2 + 1);
@@ -341,10 +341,7 @@ impl Values for StepValues<'_> {
             Scope::Run => Some(match quantity.what {
                 What::Time => self.state.step as f64 * self.model.step_s,
                 What::Step => self.state.step as f64,
-                _ => {
-                    let driver = self.model.sprockets.get(self.model.driver)?;
-                    driver.nominal_speed_rad_s * self.state.step as f64 * self.model.step_s
-                }
+                _ => self.model.crank_angle_rad(self.state.step as f64 * self.model.step_s),
             }),
             Scope::Energy => self.energy.map(|(e, _)| energy_number(quantity.what, e)),
             Scope::Impact => None,

@@ -21,7 +21,7 @@ impl Drive {
 
     /// The drive of one of its chains: what belongs to others is not there. A shaft that turns another chain before it turns this one with
     /// its speed.
-    pub fn alone(&self, chain: usize) -> Drive {
+    pub fn single_chain(&self, chain: usize) -> Drive {
         let mut alone = self.clone();
         if self.more.is_empty() {
             return alone;
@@ -108,7 +108,7 @@ impl Drive {
         other.map_or(0.0, |o| self.shaft_speed_rad_s(o) * self.sprockets[o].wrap.sign() * s.wrap.sign())
     }
 
-    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms. Paths in the file.
+    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets. Paths in the file.
     pub fn coordinate_paths(&self) -> Vec<String> {
         let mut paths: Vec<String> = Vec::new();
         for s in &self.sprockets {
@@ -122,14 +122,15 @@ impl Drive {
         }
         // Arms in the order of the chains whose rails they carry.
         for chain in 0..self.chains() {
-            let own = self.alone(chain).arms;
+            let own = self.single_chain(chain).arms;
             paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
         }
+        paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
         paths
     }
 
     /// Sprockets and what else turns, by their paths, each with its row among [`Drive::coordinate_paths`].
-    pub fn turning(&self) -> Vec<(String, usize)> {
+    pub fn turning_paths(&self) -> Vec<(String, usize)> {
         let paths = self.coordinate_paths();
         let row = |path: &String| paths.iter().position(|p| p == path);
         let on_shaft = self.sprockets.iter().filter_map(|s| {

@@ -10,14 +10,14 @@ use crate::geometry::rail::Rail;
 use crate::geometry::route::Wrap;
 
 /// What is wrong with a drive.
-struct Mistakes<'a> {
+struct DriveErrors<'a> {
     places: &'a Places,
     found: Vec<Diag>,
 }
 
-impl<'a> Mistakes<'a> {
-    fn of(drive: &'a Drive) -> Mistakes<'a> {
-        Mistakes { places: &drive.places, found: Vec::new() }
+impl<'a> DriveErrors<'a> {
+    fn new(drive: &'a Drive) -> DriveErrors<'a> {
+        DriveErrors { places: &drive.places, found: Vec::new() }
     }
 
     fn add(&mut self, path: &str, title: String, help: &str) {
@@ -35,7 +35,7 @@ impl Drive {
         if self.more.is_empty() {
             return Ok(());
         }
-        let mut mistakes = Mistakes::of(self);
+        let mut mistakes = DriveErrors::new(self);
         for chain in 0..self.chains() {
             self.check_place(chain, &mut mistakes);
         }
@@ -45,7 +45,7 @@ impl Drive {
     }
 
     /// How a chain of several is driven, tightened and guided.
-    fn check_place(&self, chain: usize, mistakes: &mut Mistakes<'_>) {
+    fn check_place(&self, chain: usize, mistakes: &mut DriveErrors<'_>) {
         let name = &self.chain_names[chain];
         let own = self.sprockets_of(chain);
         let leader = self.leader_of(chain);
@@ -93,7 +93,7 @@ impl Drive {
     }
 
     /// Links, joints and arms that effects and sensors name by their numbers through all chains.
-    fn check_numbers(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_numbers(&self, mistakes: &mut DriveErrors<'_>) {
         let links: usize = (0..self.chains()).map(|c| self.links_of(c)).sum();
         let help = format!("links and joints are numbered 0 to {} through all chains", links - 1);
         for e in self.effects.pitch_errors.iter().filter(|e| e.link >= links) {
@@ -120,7 +120,7 @@ impl Drive {
     }
 
     /// Shafts and what prescribes a speed.
-    fn check_shafts(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_shafts(&self, mistakes: &mut DriveErrors<'_>) {
         let speeds = |of: &dyn Fn(&SprocketDrive) -> bool| {
             self.sprockets.iter().filter(|s| of(s) && matches!(s.outer, OuterSpec::Speed { .. })).count()
         };
@@ -133,16 +133,10 @@ impl Drive {
                 "give exactly one a `[speeds.constant.NAME]`",
             );
         }
-        for (k, shaft) in self.shafts.iter().enumerate() {
+        for k in 0..self.shafts.len() {
             let mut on = self.sprockets.iter().filter(|s| s.shaft == Some(k));
-            let Some(first) = on.next() else {
-                mistakes.add(
-                    &format!("shafts.{}", shaft.name),
-                    format!("no sprocket sits on shaft `{}`", shaft.name),
-                    "give one this `shaft`",
-                );
-                continue;
-            };
+            // A shaft without sprockets hangs on couplings.
+            let Some(first) = on.next() else { continue };
             for s in on {
                 if (s.x_m, s.y_m) != (first.x_m, first.y_m) {
                     mistakes.add(
@@ -164,7 +158,7 @@ impl Drive {
 
     /// Checks that need more than one value.
     pub(super) fn check(&self) -> Result<(), Report> {
-        let mut mistakes = Mistakes::of(self);
+        let mut mistakes = DriveErrors::new(self);
         self.check_links(&mut mistakes);
         self.check_sides(&mut mistakes);
         self.check_faults(&mut mistakes);
@@ -174,7 +168,7 @@ impl Drive {
     }
 
     /// Links and plates of the chain.
-    fn check_links(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_links(&self, mistakes: &mut DriveErrors<'_>) {
         let chain = self.chain.path();
         if !self.links.is_multiple_of(2) {
             mistakes.add(
@@ -228,7 +222,7 @@ impl Drive {
     }
 
     /// Contours that lie on one side of the chain, and their laws.
-    fn check_sides(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_sides(&self, mistakes: &mut DriveErrors<'_>) {
         if let ChainSpec::Abutment(c) = self.chain {
             let stretch_m = c.design_tension_n / self.joint.stiffness_n_per_m;
             if stretch_m > 0.02 * c.pitch_m {
@@ -284,7 +278,7 @@ impl Drive {
     }
 
     /// Effects and sensors on single gaps, links and joints.
-    fn check_faults(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_faults(&self, mistakes: &mut DriveErrors<'_>) {
         for e in &self.effects.gap_errors {
             let s = &self.sprockets[e.sprocket];
             if e.gap >= s.teeth || matches!(self.chain, ChainSpec::Silent(_)) {
@@ -328,7 +322,7 @@ impl Drive {
     }
 
     /// Rails, and the arm that tightens the chain.
-    fn check_rails(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_rails(&self, mistakes: &mut DriveErrors<'_>) {
         if matches!(self.chain, ChainSpec::Abutment(_)) && !self.rails.is_empty() {
             mistakes.add(
                 "guides.rail",
@@ -391,7 +385,7 @@ impl Drive {
     }
 
     /// Guides, and what prescribes a speed.
-    fn check_guides(&self, mistakes: &mut Mistakes<'_>) {
+    fn check_guides(&self, mistakes: &mut DriveErrors<'_>) {
         let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
         if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {
             mistakes.add(

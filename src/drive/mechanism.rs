@@ -1,9 +1,9 @@
 //! Arms, sliders and oil of a drive: their keys, units and ranges, and what sliders and oil are.
 
-use super::reader::Table;
-use super::sensors::Parts;
+use super::reader::TomlTable;
+use super::sensors::MechanismNames;
 use super::{ArmSpec, ContactSpec};
-use crate::elements::hydraulics::{MOST_CHAMBERS, MOST_PASSAGES};
+use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
 use crate::elements::oil::Oil;
 use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
 use crate::geometry::Vec2;
@@ -129,7 +129,7 @@ pub struct CheckSpec {
 /// Discharge coefficient of sharp edges. Source: Merritt 1967, section 3.4, 0.61; short bores have more.
 const DISCHARGE: f64 = 0.61;
 
-pub(super) fn read_arms(root: &Table<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
+pub(super) fn read_arms(root: &TomlTable<'_>, sprockets: &[String]) -> Vec<ArmSpec> {
     let table = root.table("arms");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -158,9 +158,9 @@ const DEFAULT_STOP_RADIUS_M: f64 = 30.0 * MM;
 
 /// The contact of arms with their stops: `[contact.stop]`, where an arm has any.
 pub(super) fn read_stops(
-    t: &Table<'_>,
+    t: &TomlTable<'_>,
     arms: &[ArmSpec],
-    read: impl Fn(&Table<'_>) -> ContactSpec,
+    read: impl Fn(&TomlTable<'_>) -> ContactSpec,
 ) -> Option<ContactSpec> {
     let has = arms.iter().any(|a| a.low_rad.is_some() || a.high_rad.is_some());
     if !has {
@@ -177,7 +177,7 @@ pub(super) fn read_stops(
     Some(read(t))
 }
 
-pub(super) fn read_sliders(root: &Table<'_>, taken: &[String], arms: &[ArmSpec]) -> Vec<SliderSpec> {
+pub(super) fn read_sliders(root: &TomlTable<'_>, taken: &[String], arms: &[ArmSpec]) -> Vec<SliderSpec> {
     let table = root.table("sliders");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -229,7 +229,7 @@ pub(super) fn read_sliders(root: &Table<'_>, taken: &[String], arms: &[ArmSpec])
 const DEFAULT_TIP_RADIUS_M: f64 = 5.0 * MM;
 
 /// `[oil]`, `[chambers.NAME]`, `[reservoirs.NAME]`, `[passages.KIND.NAME]`; None where there is no chamber.
-pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSpec> {
+pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<OilSpec> {
     let tables = ["oil", "chambers", "reservoirs", "passages"].map(|name| root.table(name));
     let [oil_table, chamber_table, reservoir_table, passage_table] = &tables;
     if !chamber_table.is_present() {
@@ -257,7 +257,7 @@ pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSp
     let nodes: Vec<String> =
         chambers.iter().map(|c| c.name.clone()).chain(reservoirs.iter().map(|(n, _)| n.clone())).collect();
     let passages = read_passages(passage_table, sliders, &nodes);
-    for (what, n, most) in [("chambers", chambers.len(), MOST_CHAMBERS), ("passages", passages.len(), MOST_PASSAGES)] {
+    for (what, n, most) in [("chambers", chambers.len(), MAX_CHAMBERS), ("passages", passages.len(), MAX_PASSAGES)] {
         if n > most {
             root.error(format!("{n} {what}: at most {most} are computed"), None);
         }
@@ -273,7 +273,7 @@ pub(super) fn read_oil(root: &Table<'_>, sliders: &[SliderSpec]) -> Option<OilSp
 }
 
 /// The slider that a table names.
-fn read_slider(t: &Table<'_>, sliders: &[SliderSpec]) -> Option<String> {
+fn read_slider(t: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<String> {
     let name = t.text("slider")?;
     if sliders.iter().all(|s| s.name != name) {
         let known: Vec<&str> = sliders.iter().map(|s| s.name.as_str()).collect();
@@ -282,7 +282,7 @@ fn read_slider(t: &Table<'_>, sliders: &[SliderSpec]) -> Option<String> {
     Some(name)
 }
 
-fn read_chambers(table: &Table<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSpec> {
+fn read_chambers(table: &TomlTable<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSpec> {
     let mut all = Vec::new();
     for (name, t) in table.tables() {
         let bore_m = t.number("bore_mm", MM, 0.1..=1e4);
@@ -309,7 +309,7 @@ fn read_chambers(table: &Table<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSpec> 
 }
 
 /// `nodes`: names of chambers and reservoirs.
-fn read_passages(table: &Table<'_>, sliders: &[SliderSpec], nodes: &[String]) -> Vec<PassageSpec> {
+fn read_passages(table: &TomlTable<'_>, sliders: &[SliderSpec], nodes: &[String]) -> Vec<PassageSpec> {
     let mut all: Vec<PassageSpec> = Vec::new();
     for kind in ["orifice", "leak", "check"] {
         let of_kind = table.table(kind);
@@ -337,14 +337,14 @@ fn read_passages(table: &Table<'_>, sliders: &[SliderSpec], nodes: &[String]) ->
 }
 
 /// Discharge coefficient of an edge, and the Reynolds number below which the flow over it is laminar.
-fn read_edge(t: &Table<'_>) -> (f64, f64) {
+fn read_edge(t: &TomlTable<'_>) -> (f64, f64) {
     (
         t.number("discharge", 1.0, 0.1..=1.0).unwrap_or(DISCHARGE),
         t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
     )
 }
 
-fn read_gap(t: &Table<'_>) -> AnnularGap {
+fn read_gap(t: &TomlTable<'_>) -> AnnularGap {
     let gap = AnnularGap {
         diameter_m: t.required("diameter_mm", MM, 0.1..=1e4),
         gap_m: t.required("gap_um", UM, 0.1..=1e4),
@@ -360,16 +360,16 @@ fn read_gap(t: &Table<'_>) -> AnnularGap {
 }
 
 /// Names of sliders, chambers and passages, for sensors.
-pub(super) fn parts<'a>(sliders: &'a [SliderSpec], oil: Option<&'a OilSpec>) -> Parts<'a> {
+pub(super) fn parts<'a>(sliders: &'a [SliderSpec], oil: Option<&'a OilSpec>) -> MechanismNames<'a> {
     let last = |path: &'a str| path.rsplit('.').next().unwrap_or(path);
-    Parts {
+    MechanismNames {
         sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
         chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
         passages: oil.iter().flat_map(|o| &o.passages).map(|p| last(&p.path)).collect(),
     }
 }
 
-fn read_ends(t: &Table<'_>, nodes: &[String]) -> [String; 2] {
+fn read_ends(t: &TomlTable<'_>, nodes: &[String]) -> [String; 2] {
     let between = t.texts("between").unwrap_or_default();
     match <[String; 2]>::try_from(between) {
         Ok([a, b]) if a != b && nodes.contains(&a) && nodes.contains(&b) => [a, b],
@@ -383,7 +383,7 @@ fn read_ends(t: &Table<'_>, nodes: &[String]) -> [String; 2] {
     }
 }
 
-fn read_check(t: &Table<'_>) -> CheckSpec {
+fn read_check(t: &TomlTable<'_>) -> CheckSpec {
     let seat_radius_m = 0.5 * t.required("seat_mm", MM, 0.1..=1e3);
     let ball_radius_m = 0.5 * t.required("ball_mm", MM, 0.1..=1e3);
     if ball_radius_m <= seat_radius_m {
@@ -414,9 +414,9 @@ const BAR: f64 = 1e5;
 
 /// Tips of sliders on arms, and sliders on their stops: `[contact.tip]`.
 pub(super) fn read_tips(
-    t: &Table<'_>,
+    t: &TomlTable<'_>,
     sliders: &[SliderSpec],
-    read: impl Fn(&Table<'_>) -> ContactSpec,
+    read: impl Fn(&TomlTable<'_>) -> ContactSpec,
 ) -> Option<ContactSpec> {
     match (sliders.is_empty(), t.is_present()) {
         (true, false) => None,

@@ -1,7 +1,8 @@
 //! Reading a drive file, table by table: which keys there are, their units and ranges. A key that nothing here asks for is
 //! unknown.
 
-use super::reader::{Places, Table};
+use super::reader::{Places, TomlTable};
+use super::shafts::{self, MotionSpec, Names, ShaftTrain, Speeds};
 use super::{
     ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
     JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
@@ -18,17 +19,18 @@ use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
-use crate::units::{DEG, MM, RPM, UM};
+use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
-pub(super) fn drive(root: &Table<'_>) -> Drive {
+pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let title = root.text("title").unwrap_or_default();
     // The other one is read by `machine`.
     root.choice("fidelity", &[("links", ())]);
     let several = root.table("chains");
     let chains = several.tables();
-    let (sprockets, shafts) = read_sprockets(root, &chains);
+    let loads = root.table("loads");
+    let (sprockets, shafts, motion) = read_sprockets(root, &chains, &loads.table("constant"));
     let names: Vec<String> = sprockets.iter().map(|s| s.name.clone()).collect();
     let own = |chain: usize| -> Vec<String> {
         sprockets.iter().filter(|s| s.chain == chain).map(|s| s.name.clone()).collect()
@@ -39,12 +41,18 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     let contacts = first.table("contact");
     let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
     let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
-    let read = |t: &Table<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
+    let read = |t: &TomlTable<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
     let arms = mechanism::read_arms(root, &names);
     let stop_contact = mechanism::read_stops(&stop_table, &arms, read);
     let sliders = mechanism::read_sliders(root, &names, &arms);
     let tip_contact = mechanism::read_tips(&tip_table, &sliders, read);
     let oil = mechanism::read_oil(root, &sliders);
+    let moving = Names { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
+    let mut train = ShaftTrain { motion, couplings: shafts::read_couplings(root, &moving), ..ShaftTrain::default() };
+    shafts::read_loads(&loads, &moving, &mut train);
+    loads.finish();
+    let effect_table = root.table("effects");
+    shafts::read_effects(&effect_table, &moving, &mut train);
     let guide_table = root.table("guides");
     let spans: Vec<Vec<String>> = (0..chains.len().max(1)).map(own).collect();
     let guides = read_guides(&guide_table, &spans);
@@ -63,13 +71,14 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
-    let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.as_str());
+    let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.clone());
     let parts = mechanism::parts(&sliders, oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
-    let sensors = sensors::sensors(root, &names, driver, &guide_names, &parts);
-    let (effects, signals) = read_effects(&root.table("effects"), &names, &guides, &sensors);
+    let turning = shafts::turning_names(&sprockets, &shafts, &arms);
+    let sensors = sensors::sensors(root, (&names, &turning), driver.as_deref(), &guide_names, &parts);
+    let (effects, signals) = read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
     let places = Places::empty();
@@ -90,6 +99,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
         more,
         chain_names,
         shafts,
+        train,
         sprockets,
         guides,
         arms,
@@ -107,7 +117,7 @@ pub(super) fn drive(root: &Table<'_>) -> Drive {
 }
 
 /// How it is run: `[run]`.
-fn read_run(t: &Table<'_>) -> RunSpec {
+fn read_run(t: &TomlTable<'_>) -> RunSpec {
     let run = RunSpec {
         step_s: t.number("step_us", 1e-6, 0.001..=1000.0),
         run_in_s: t.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
@@ -118,7 +128,7 @@ fn read_run(t: &Table<'_>) -> RunSpec {
 }
 
 /// Links and joints: `[chain]`.
-fn read_links(t: &Table<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
+fn read_links(t: &TomlTable<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
     let (chain, links) = read_chain(t);
     let scatter_table = t.table("scatter");
     let scatter = ScatterSpec {
@@ -132,7 +142,7 @@ fn read_links(t: &Table<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
 }
 
 /// Contacts with sprockets, guides and rings: `[contact]`.
-fn read_contacts(t: &Table<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec, ContactSpec) {
+fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec, ContactSpec) {
     let width_m = match chain {
         ChainSpec::Bush(c) => c.inner_width_m,
         ChainSpec::Silent(c) => c.pack_thickness_m,
@@ -149,7 +159,7 @@ fn read_contacts(t: &Table<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec,
 }
 
 fn read_effects(
-    t: &Table<'_>,
+    t: &TomlTable<'_>,
     sprockets: &[String],
     guides: &[GuideSpec],
     sensors: &[sensors::SensorSpec],
@@ -165,8 +175,8 @@ fn read_effects(
 }
 
 /// Effects on sprockets, by their names.
-fn read_gap_effects(t: &Table<'_>, sprockets: &[String], effects: &mut Effects) {
-    let of = |t: &Table<'_>, name: &str| {
+fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effects) {
+    let of = |t: &TomlTable<'_>, name: &str| {
         sprockets.iter().position(|s| s == name).unwrap_or_else(|| {
             t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))));
             0
@@ -194,7 +204,7 @@ fn read_gap_effects(t: &Table<'_>, sprockets: &[String], effects: &mut Effects) 
 }
 
 /// Effects on single links and joints; their names are free.
-fn read_link_effects(t: &Table<'_>, effects: &mut Effects) {
+fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
     let table = t.table("pitch_error");
     for (name, t) in table.tables_or_set() {
         let link = t.required_integer("link", 0..=100_000) as usize;
@@ -214,7 +224,7 @@ fn read_link_effects(t: &Table<'_>, effects: &mut Effects) {
 }
 
 /// Effects on all joints: `[effects.NAME.chain]`.
-fn read_joint_effects(t: &Table<'_>, effects: &mut Effects) {
+fn read_joint_effects(t: &TomlTable<'_>, effects: &mut Effects) {
     let wear = t.table("wear_elongation");
     let all = wear.table("chain");
     effects.elongation_m = all.number("length_um", UM, -200.0..=200.0).unwrap_or(0.0);
@@ -233,7 +243,7 @@ fn read_joint_effects(t: &Table<'_>, effects: &mut Effects) {
 }
 
 /// Effects on guides, by their names.
-fn read_guide_effects(t: &Table<'_>, guides: &[GuideSpec], effects: &mut Effects) {
+fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Effects) {
     let (friction, compliance) = (t.table("guide_friction"), t.table("guide_compliance"));
     for (table, key, unit, range) in
         [(&friction, "friction", 1.0, -1.0..=2.0), (&compliance, "compliance_um_per_kn", 1e-9, 0.0..=1e6)]
@@ -257,8 +267,8 @@ fn read_guide_effects(t: &Table<'_>, guides: &[GuideSpec], effects: &mut Effects
 const DEFAULT_CONTACT_LENGTH_M: f64 = 5.0 * MM;
 
 /// The chain of the one type that is given, and its number of links.
-fn read_chain(t: &Table<'_>) -> (ChainSpec, usize) {
-    let links = |t: &Table<'_>| t.required_integer("links", 10..=2000) as usize;
+fn read_chain(t: &TomlTable<'_>) -> (ChainSpec, usize) {
+    let links = |t: &TomlTable<'_>| t.required_integer("links", 10..=2000) as usize;
     let (silent, smart) = (t.table("silent"), t.table("smartchain"));
     let bush = t.table("bush");
     let given = [bush.is_present(), silent.is_present(), smart.is_present()].iter().filter(|p| **p).count();
@@ -280,7 +290,7 @@ fn read_chain(t: &Table<'_>) -> (ChainSpec, usize) {
     }
 }
 
-fn read_silent_chain(t: &Table<'_>) -> SilentChain {
+fn read_silent_chain(t: &TomlTable<'_>) -> SilentChain {
     let row = |key: &str| {
         let row = t.table(key);
         let spec = SilentRowSpec {
@@ -314,7 +324,7 @@ fn read_silent_chain(t: &Table<'_>) -> SilentChain {
     }
 }
 
-fn read_abutment_chain(t: &Table<'_>) -> AbutmentChain {
+fn read_abutment_chain(t: &TomlTable<'_>) -> AbutmentChain {
     let pitch = |key: &str| {
         let row = t.table(key);
         let pitch = row.number("pitch_mm", MM, 1.0..=200.0);
@@ -337,7 +347,7 @@ fn read_abutment_chain(t: &Table<'_>) -> AbutmentChain {
     }
 }
 
-fn read_handover(t: &Table<'_>) -> Handover {
+fn read_handover(t: &TomlTable<'_>) -> Handover {
     if !t.choice("handover", &[("one_link", false), ("two_links", true)]).unwrap_or(false) {
         let foreign = ["rise_um", "handover_deg", "line_end_mm", "turn_0_deg", "turn_1_deg", "turn_2_deg"];
         t.only_with(&foreign, "handover = \"two_links\"");
@@ -354,7 +364,7 @@ fn read_handover(t: &Table<'_>) -> Handover {
     })
 }
 
-fn read_bush_chain(t: &Table<'_>) -> BushChain {
+fn read_bush_chain(t: &TomlTable<'_>) -> BushChain {
     let row = |key: &str| {
         let row = t.table(key);
         let spec = RowSpec {
@@ -379,7 +389,7 @@ fn read_bush_chain(t: &Table<'_>) -> BushChain {
     }
 }
 
-fn read_joint(t: &Table<'_>) -> JointSpec {
+fn read_joint(t: &TomlTable<'_>) -> JointSpec {
     let stiffness_n_per_m = t.required("stiffness_n_per_m", 1.0, 1e3..=1e13);
     let direct = t.number("damping_n_s_per_m", 1.0, 0.0..=1e7);
     let ratio = t.number("damping_ratio", 1.0, 0.0..=10.0);
@@ -410,7 +420,7 @@ fn read_joint(t: &Table<'_>) -> JointSpec {
     joint
 }
 
-fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
+fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
     let mut laws = Vec::new();
     let linear = t.table("linear");
     if linear.is_present() {
@@ -422,7 +432,7 @@ fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
     }
     let hertz = t.table("hertz_line");
     if hertz.is_present() {
-        let compliance = |t: &Table<'_>, which: &str| {
+        let compliance = |t: &TomlTable<'_>, which: &str| {
             let e = t.required(&format!("{which}_youngs_modulus_gpa"), 1e9, 1e-3..=2000.0);
             let nu = t.number(&format!("{which}_poisson_ratio"), 1.0, 0.0..=0.499).unwrap_or(0.3);
             (1.0 - nu * nu) / e
@@ -468,23 +478,26 @@ fn read_contact(t: &Table<'_>, default_length_m: f64) -> ContactSpec {
     spec
 }
 
-fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<SprocketDrive>, Vec<ShaftSpec>) {
+/// Sprockets and shafts, and how the driver turns.
+fn read_sprockets(
+    root: &TomlTable<'_>,
+    chains: &[(String, TomlTable<'_>)],
+    constant_loads: &TomlTable<'_>,
+) -> (Vec<SprocketDrive>, Vec<ShaftSpec>, MotionSpec) {
     let table = root.table("sprockets");
-    let speeds = root.table("speeds");
-    let constant_speeds = speeds.table("constant");
-    let loads = root.table("loads");
-    let constant_loads = loads.table("constant");
-    let shafts = read_shafts(root, &constant_speeds, &constant_loads);
+    let speeds = Speeds::new(root);
+    let mut motion = MotionSpec::default();
+    let shafts = read_shafts(root, &speeds, constant_loads, &mut motion);
     // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
     let chain = chains.first().map_or(root, |(_, t)| t).table("chain");
     let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
     let mut all = Vec::new();
     for (name, t) in table.tables() {
-        let speed = constant_speeds.table(&name);
+        let has_speed = speeds.has(&name);
         let load = constant_loads.table(&name);
         let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
         let shaft = t.text("shaft").map(|name| {
-            if inertia.is_some() || speed.is_present() || load.is_present() {
+            if inertia.is_some() || has_speed || load.is_present() {
                 t.error_at("shaft", format!("`{name}` has the inertia, the speed and the load"), None);
             }
             shafts.iter().position(|s| s.name == name).unwrap_or_else(|| {
@@ -500,11 +513,12 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
         let on_shaft = shaft.and_then(|k| shafts.get(k));
         let outer = if let Some(shaft) = on_shaft {
             shaft.outer
-        } else if speed.is_present() {
+        } else if has_speed {
             if load.is_present() {
                 load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
             }
-            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+            motion = speeds.read(&name);
+            OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
         } else {
             if inertia.is_none() {
                 t.error(
@@ -515,7 +529,6 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
             let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
             OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
         };
-        speed.finish();
         load.finish();
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
@@ -542,21 +555,27 @@ fn read_sprockets(root: &Table<'_>, chains: &[(String, Table<'_>)]) -> (Vec<Spro
         });
         t.finish();
     }
-    for t in [&constant_speeds, &speeds, &constant_loads, &loads] {
-        t.finish();
-    }
-    let routes: Vec<&Table<'_>> = if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
-    (order_by_routes(root, &routes, all), shafts)
+    speeds.finish();
+    constant_loads.finish();
+    let routes: Vec<&TomlTable<'_>> =
+        if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
+    (order_by_routes(root, &routes, all), shafts, motion)
 }
 
 /// Shafts that several sprockets sit on: `[shafts.NAME]`.
-fn read_shafts(root: &Table<'_>, speeds: &Table<'_>, loads: &Table<'_>) -> Vec<ShaftSpec> {
+fn read_shafts(
+    root: &TomlTable<'_>,
+    speeds: &Speeds<'_>,
+    loads: &TomlTable<'_>,
+    motion: &mut MotionSpec,
+) -> Vec<ShaftSpec> {
     let table = root.table("shafts");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
-        let (speed, load) = (speeds.table(&name), loads.table(&name));
-        let outer = if speed.is_present() {
-            OuterSpec::Speed { speed_rad_s: speed.required("speed_rpm", RPM, -1e5..=1e5) }
+        let load = loads.table(&name);
+        let outer = if speeds.has(&name) {
+            *motion = speeds.read(&name);
+            OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
         } else {
             OuterSpec::Load {
                 inertia_kg_m2: t.required("inertia_kg_m2", 1.0, 1e-9..=1e6),
@@ -564,14 +583,14 @@ fn read_shafts(root: &Table<'_>, speeds: &Table<'_>, loads: &Table<'_>) -> Vec<S
             }
         };
         all.push(ShaftSpec { name, outer });
-        [speed, load, t].iter().for_each(Table::finish);
+        [load, t].iter().for_each(TomlTable::finish);
     }
     table.finish();
     all
 }
 
 /// A flat face on a flat flank would touch along a length, which no point stands for: straight teeth are crowned a little.
-fn read_face(t: &Table<'_>) -> FaceForm {
+fn read_face(t: &TomlTable<'_>) -> FaceForm {
     if t.choice("face", &[("arc", false), ("crowned", true)]).unwrap_or(false) {
         return FaceForm::Crowned {
             radius_m: t.required("face_radius_mm", MM, 0.1..=1000.0),
@@ -583,7 +602,7 @@ fn read_face(t: &Table<'_>) -> FaceForm {
 }
 
 /// Sorts the sprockets by `route`, the order in which the chain meets them, of one chain after the other.
-fn order_by_routes(root: &Table<'_>, chains: &[&Table<'_>], all: Vec<SprocketDrive>) -> Vec<SprocketDrive> {
+fn order_by_routes(root: &TomlTable<'_>, chains: &[&TomlTable<'_>], all: Vec<SprocketDrive>) -> Vec<SprocketDrive> {
     let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
     let mut sorted = Vec::new();
     let mut whole = Vec::new();
@@ -605,7 +624,7 @@ fn order_by_routes(root: &Table<'_>, chains: &[&Table<'_>], all: Vec<SprocketDri
 }
 
 fn order_by_route(
-    root: &Table<'_>,
+    root: &TomlTable<'_>,
     chain: usize,
     route: &[String],
     all: &[SprocketDrive],
@@ -631,7 +650,7 @@ fn order_by_route(
 }
 
 /// The sprocket that the way of `span = ["a", "b"]` leaves.
-fn read_span(t: &Table<'_>, chains: &[Vec<String>]) -> usize {
+fn read_span(t: &TomlTable<'_>, chains: &[Vec<String>]) -> usize {
     let span = t.texts("span").unwrap_or_default();
     let mut before = 0;
     let mut spans = Vec::new();
@@ -654,7 +673,7 @@ fn read_span(t: &Table<'_>, chains: &[Vec<String>]) -> usize {
 const SIDES: [(&str, GuideSide); 2] = [("inside", GuideSide::Inside), ("outside", GuideSide::Outside)];
 
 /// `all_names`: those of sprockets and fixed guides.
-fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec], all_names: &[String]) -> Vec<RailSpec> {
+fn read_rails(guides: &TomlTable<'_>, chains: &[Vec<String>], arms: &[ArmSpec], all_names: &[String]) -> Vec<RailSpec> {
     let table = guides.table("rail");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -697,7 +716,7 @@ fn read_rails(guides: &Table<'_>, chains: &[Vec<String>], arms: &[ArmSpec], all_
     all
 }
 
-fn read_guides(guides: &Table<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec> {
+fn read_guides(guides: &TomlTable<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec> {
     let fixed = guides.table("fixed");
     let mut all = Vec::new();
     for (name, t) in fixed.tables() {
@@ -718,7 +737,7 @@ fn read_guides(guides: &Table<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec> {
 }
 
 /// `before`: sprockets of the chains before this one.
-fn read_preload(t: &Table<'_>, names: &[String], before: usize, arms: &[ArmSpec]) -> PreloadSpec {
+fn read_preload(t: &TomlTable<'_>, names: &[String], before: usize, arms: &[ArmSpec]) -> PreloadSpec {
     if let Some(arm) = t.text("moves").and_then(|name| arms.iter().position(|a| a.name == name)) {
         for key in ["tension_n", "direction_deg"] {
             if t.number(key, 1.0, f64::MIN..=f64::MAX).is_some() {

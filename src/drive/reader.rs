@@ -1,6 +1,6 @@
 //! Reads typed values out of a TOML document and remembers where each stood.
 
-use crate::diag::{Diag, Place, Report, Source, nearest};
+use crate::diag::{Diag, Place, Report, SourceText, nearest};
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,8 +17,8 @@ struct Override<'t> {
 }
 
 /// A document being read: values, mistakes and places.
-pub struct Reader<'t> {
-    sources: Vec<Source>,
+pub struct DriveReader<'t> {
+    sources: Vec<SourceText>,
     overrides: Vec<Override<'t>>,
     diags: RefCell<Vec<Diag>>,
     places: RefCell<BTreeMap<String, Place>>,
@@ -28,22 +28,22 @@ pub struct Reader<'t> {
 
 /// A table of the document, or one that is absent.
 #[derive(Clone)]
-pub struct Table<'a> {
-    reader: &'a Reader<'a>,
+pub struct TomlTable<'a> {
+    reader: &'a DriveReader<'a>,
     path: String,
     table: Option<&'a DeTable<'a>>,
     place: Place,
 }
 
-impl<'t> Reader<'t> {
+impl<'t> DriveReader<'t> {
     /// Takes the texts; overrides that are no `path=value` are mistakes at once.
-    pub fn new(name: &str, text: &str, overrides: &'t [String]) -> Reader<'t> {
-        let mut sources = vec![Source { name: name.to_string(), text: text.to_string() }];
+    pub fn new(name: &str, text: &str, overrides: &'t [String]) -> DriveReader<'t> {
+        let mut sources = vec![SourceText { name: name.to_string(), text: text.to_string() }];
         let mut parsed = Vec::new();
         let mut diags = Vec::new();
         for given in overrides {
             let source = sources.len();
-            sources.push(Source { name: "--set".to_string(), text: given.clone() });
+            sources.push(SourceText { name: "--set".to_string(), text: given.clone() });
             match parse_override(given) {
                 Ok((path, value, start)) => parsed.push(Override {
                     path,
@@ -60,7 +60,7 @@ impl<'t> Reader<'t> {
                 }),
             }
         }
-        Reader {
+        DriveReader {
             sources,
             overrides: parsed,
             diags: RefCell::new(diags),
@@ -86,8 +86,13 @@ impl<'t> Reader<'t> {
         Err(Report::new(self.sources.clone(), diags))
     }
 
-    pub fn root<'a>(&'a self, root: &'a Spanned<DeTable<'a>>) -> Table<'a> {
-        Table { reader: self, path: String::new(), table: Some(root.get_ref()), place: Place { source: 0, span: 0..0 } }
+    pub fn root<'a>(&'a self, root: &'a Spanned<DeTable<'a>>) -> TomlTable<'a> {
+        TomlTable {
+            reader: self,
+            path: String::new(),
+            table: Some(root.get_ref()),
+            place: Place { source: 0, span: 0..0 },
+        }
     }
 
     /// Ends the reading: unused overrides are mistakes; with any mistake there is no result.
@@ -121,7 +126,7 @@ impl<'t> Reader<'t> {
 /// Where every value of a document stood, for checks that come later.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Places {
-    pub sources: Vec<Source>,
+    pub sources: Vec<SourceText>,
     places: BTreeMap<String, Place>,
     /// Path of the table whose values are looked for before those of the document.
     within: String,
@@ -189,7 +194,7 @@ fn parse_override(given: &str) -> Result<(String, DeValue<'_>, usize), String> {
     Ok((path.to_string(), parsed, start))
 }
 
-impl<'a> Table<'a> {
+impl<'a> TomlTable<'a> {
     pub fn path(&self) -> &str {
         &self.path
     }
@@ -271,7 +276,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// As [`Table::number`]; absence is a mistake and gives NaN.
+    /// As [`TomlTable::number`]; absence is a mistake and gives NaN.
     pub fn required(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> f64 {
         let known = self.reader.diags.borrow().len();
         match self.number(key, unit, range.clone()) {
@@ -342,7 +347,7 @@ impl<'a> Table<'a> {
         self.value(key).is_some()
     }
 
-    /// A list of numbers, each as [`Table::number`] takes it.
+    /// A list of numbers, each as [`TomlTable::number`] takes it.
     pub fn list(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<Vec<f64>> {
         let (value, place) = self.value(key)?;
         let DeValue::Array(items) = value else {
@@ -391,9 +396,9 @@ impl<'a> Table<'a> {
     }
 
     /// The table `key`, present or not.
-    pub fn table(&self, key: &str) -> Table<'a> {
+    pub fn table(&self, key: &str) -> TomlTable<'a> {
         let path = self.join(key);
-        let absent = Table { reader: self.reader, path: path.clone(), table: None, place: self.place.clone() };
+        let absent = TomlTable { reader: self.reader, path: path.clone(), table: None, place: self.place.clone() };
         let Some(value) = self.table.and_then(|t| t.get(key)) else {
             // Values below it may still come from overrides.
             self.reader.asked.borrow_mut().insert(path);
@@ -403,7 +408,7 @@ impl<'a> Table<'a> {
         self.reader.asked.borrow_mut().insert(path.clone());
         self.reader.places.borrow_mut().insert(path, place.clone());
         match value.get_ref() {
-            DeValue::Table(t) => Table { table: Some(t), place, ..absent },
+            DeValue::Table(t) => TomlTable { table: Some(t), place, ..absent },
             other => {
                 self.wrong_type(key, other, "a table", place);
                 absent
@@ -412,21 +417,21 @@ impl<'a> Table<'a> {
     }
 
     /// The tables inside this one, in the order of the file.
-    pub fn tables(&self) -> Vec<(String, Table<'a>)> {
+    pub fn tables(&self) -> Vec<(String, TomlTable<'a>)> {
         let Some(table) = self.table else { return Vec::new() };
         let mut keys: Vec<_> = table.keys().collect();
         keys.sort_by_key(|k| k.span().start);
         keys.iter().map(|k| (k.get_ref().to_string(), self.table(k.get_ref()))).collect()
     }
 
-    /// As [`Table::tables`], and those that only overrides name: effects are added to a drive that way.
-    pub fn tables_or_set(&self) -> Vec<(String, Table<'a>)> {
+    /// As [`TomlTable::tables`], and those that only overrides name: effects are added to a drive that way.
+    pub fn tables_or_set(&self) -> Vec<(String, TomlTable<'a>)> {
         let mut all = self.tables();
         let prefix = format!("{}.", self.path);
         for o in &self.reader.overrides {
             let name = o.path.strip_prefix(&prefix).and_then(|rest| rest.split_once('.')).map(|(name, _)| name);
             if let Some(name) = name.filter(|name| all.iter().all(|(known, _)| known != name)) {
-                all.push((name.to_string(), Table { place: o.place.clone(), ..self.table(name) }));
+                all.push((name.to_string(), TomlTable { place: o.place.clone(), ..self.table(name) }));
             }
         }
         all

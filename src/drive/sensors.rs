@@ -1,6 +1,6 @@
 //! Sensors of a drive with links, and what they get wrong.
 
-use super::reader::Table;
+use super::reader::TomlTable;
 use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
 
 /// A sensor on a drive with links.
@@ -21,7 +21,7 @@ pub struct SensorSpec {
 /// What it reads; sprockets and guides by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorReads {
-    /// Of a sprocket [rad, rad/s, rad/s2].
+    /// Of a sprocket; behind all of them come shafts without sprockets, then arms [rad, rad/s, rad/s2].
     Angle(usize),
     /// Speed of this sprocket [rad/s].
     Speed(usize),
@@ -84,14 +84,14 @@ pub fn is_signal(effect: &Effect) -> bool {
 const LUMPED_ONLY: [&str; 1] = ["pulse_pickup"];
 
 /// Names of sliders, chambers and passages.
-pub(super) struct Parts<'a> {
+pub(super) struct MechanismNames<'a> {
     pub(super) sliders: Vec<&'a str>,
     pub(super) chambers: Vec<&'a str>,
     pub(super) passages: Vec<&'a str>,
 }
 
 /// What reads a slider, a chamber or a passage.
-fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> SensorReads {
+fn of_mechanism(t: &TomlTable<'_>, kind: &str, name: &str, parts: &MechanismNames<'_>) -> SensorReads {
     let on = |key: &str| t.text(key).unwrap_or_else(|| name.to_string());
     match kind {
         "displacement" => SensorReads::Slider(index(t, "slider", &on("body"), &parts.sliders)),
@@ -100,13 +100,13 @@ fn of_mechanism(t: &Table<'_>, kind: &str, name: &str, parts: &Parts<'_>) -> Sen
     }
 }
 
-/// Reads `[sensors.KIND.NAME]`.
+/// Reads `[sensors.KIND.NAME]`. `turning`: sprockets, then what else turns.
 pub(super) fn sensors(
-    root: &Table<'_>,
-    sprockets: &[String],
+    root: &TomlTable<'_>,
+    (sprockets, turning): (&[String], &[String]),
     driver: Option<&str>,
     guides: &[&str],
-    parts: &Parts<'_>,
+    parts: &MechanismNames<'_>,
 ) -> Vec<SensorSpec> {
     let table = root.table("sensors");
     let mut all: Vec<SensorSpec> = Vec::new();
@@ -145,8 +145,8 @@ pub(super) fn sensors(
                 }
                 _ => {
                     let on = t.text("body").unwrap_or_else(|| name.clone());
-                    let known: Vec<&str> = sprockets.iter().map(String::as_str).collect();
-                    let k = index(&t, "sprocket", &on, &known);
+                    let known: Vec<&str> = turning.iter().map(String::as_str).collect();
+                    let k = index(&t, "sprocket, shaft or arm", &on, &known);
                     if kind == "torque" && driver != Some(on.as_str()) {
                         t.error(
                             format!("`{on}` moves freely: nothing holds it from outside"),
@@ -177,7 +177,7 @@ pub(super) fn sensors(
     all
 }
 
-fn index(t: &Table<'_>, what: &str, name: &str, known: &[&str]) -> usize {
+fn index(t: &TomlTable<'_>, what: &str, name: &str, known: &[&str]) -> usize {
     known.iter().position(|n| *n == name).unwrap_or_else(|| {
         t.error(format!("no {what} is called `{name}`"), Some(format!("{what}s: {}", known.join(", "))));
         0
@@ -185,7 +185,7 @@ fn index(t: &Table<'_>, what: &str, name: &str, known: &[&str]) -> usize {
 }
 
 /// `span = ["driven", "driver"]` or `link = 12`.
-fn tension(t: &Table<'_>, sprockets: &[String]) -> SensorReads {
+fn tension(t: &TomlTable<'_>, sprockets: &[String]) -> SensorReads {
     let link = t.integer("link", 0..=100_000);
     let span = t.texts("span");
     if let (Some(link), None) = (link, &span) {
@@ -211,7 +211,7 @@ fn tension(t: &Table<'_>, sprockets: &[String]) -> SensorReads {
 }
 
 /// Reads effects on sensors out of `[effects]`, in the order in which a signal passes them.
-pub(super) fn signals(t: &Table<'_>, sensors: &[SensorSpec]) -> Vec<SignalSpec> {
+pub(super) fn signals(t: &TomlTable<'_>, sensors: &[SensorSpec]) -> Vec<SignalSpec> {
     let mut all = Vec::new();
     for effect in EFFECTS.into_iter().filter(|e| is_signal(e)) {
         let of_kind = t.table(effect.name);

@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
         .starts(Scale::Force, &[0.1])],
     dissipative: false,
     physics: Physics::BodyForce(force),
-    links: None,
+    links: Some(On::Body),
 };
 
 fn force(p: &[f64], _at: BodyAt) -> f64 {

@@ -425,6 +425,16 @@ pub const EFFECTS: [&Effect; 45] = [
     &time_base::ROW,
 ];
 
+/// Declared loads are effects under another name: table of `[loads]`, row of the catalogue.
+pub const LOADS: [(&str, &str); 6] = [
+    ("constant", "constant_torque"),
+    ("viscous", "viscous_friction"),
+    ("quadratic", "quadratic_drag"),
+    ("friction", "coulomb_friction"),
+    ("stribeck", "stribeck_friction"),
+    ("harmonic", "torque_ripple"),
+];
+
 /// Family of effects with the same cause and different laws; friction is one family.
 pub fn family(effect: &'static Effect) -> &'static str {
     match effect.name {

@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::Motion(factor),
-    links: None,
+    links: Some(On::Prescribed),
 };
 
 fn factor(p: &[f64], angle: f64) -> f64 {

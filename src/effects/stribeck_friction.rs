@@ -21,7 +21,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::BodyForce(force),
-    links: None,
+    links: Some(On::Body),
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

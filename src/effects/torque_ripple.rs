@@ -20,7 +20,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::BodyForce(force),
-    links: None,
+    links: Some(On::Body),
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
         .starts(Scale::ForcePerSpeed, &[0.1])],
     dissipative: true,
     physics: Physics::BodyForce(force),
-    links: None,
+    links: Some(On::Body),
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

@@ -11,43 +11,43 @@
 //! arc (c, r) on ring arc (Q, R)  n = +-(Q - c)/|Q - c| in the cone of (c, r), -n in the cone of (Q, R);   gap +-|Q - c| - R - r
 //! ```
 //! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
-//! Where it has arcs that are flatter, others may exist: [`sure_arcs`] tells from which arcs on a pair has no rival.
+//! Where it has arcs that are flatter, others may exist: [`arcs_with_one_contact`] tells from which arcs on a pair has no rival.
 
 use super::end_contact::EndTouch;
-use super::tooth_contact::{Column, LANES};
-use crate::geometry::smartchain::contour::{Contour, ContourArc};
+use super::tooth_contact::{LANES, LaneBlock};
+use crate::geometry::smartchain::contour::{AbutmentContour, ContourArc};
 use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
 use crate::recording::frame::Segment;
 
 /// The deepest places of one end of a block of links on a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct EndContactLanes {
     /// [m]; [`NOTHING_M`] where nothing touches, nor may within a step.
-    pub penetration: Column,
+    pub penetration: LaneBlock,
     /// On the link's contour, from the body's origin, in the world.
-    pub point_x: Column,
-    pub point_y: Column,
+    pub point_x: LaneBlock,
+    pub point_y: LaneBlock,
     /// Out of the body.
-    pub normal_x: Column,
-    pub normal_y: Column,
+    pub normal_x: LaneBlock,
+    pub normal_y: LaneBlock,
     /// Radii of curvature there [m]: of the body, and of the link's contour as in [`super::end_contact::EndTouch`].
-    pub body_radius: Column,
-    pub link_radius: Column,
+    pub body_radius: LaneBlock,
+    pub link_radius: LaneBlock,
     /// Number of the tooth gap.
-    pub tooth: Column,
+    pub tooth: LaneBlock,
     /// A [`Segment`] as a number.
-    pub segment: Column,
+    pub segment: LaneBlock,
 }
 
 /// Penetration of lanes that touch nothing [m]: further off than any speed brings them back; padding has a kilometre for an arm.
-pub const NOTHING_M: f64 = -1e9;
+pub const NO_CONTACT_M: f64 = -1e9;
 
-impl Found {
-    pub fn nothing() -> Found {
+impl EndContactLanes {
+    pub fn none() -> EndContactLanes {
         let zero = [0.0; LANES];
-        Found {
-            penetration: [NOTHING_M; LANES],
+        EndContactLanes {
+            penetration: [NO_CONTACT_M; LANES],
             point_x: zero,
             point_y: zero,
             normal_x: zero,
@@ -60,7 +60,7 @@ impl Found {
     }
 }
 
-impl Found {
+impl EndContactLanes {
     /// One lane of them, where details were asked for.
     pub fn touch(&self, i: usize) -> EndTouch {
         EndTouch {
@@ -78,29 +78,29 @@ impl Found {
 /// The element that the foot of a perpendicular lies on, in every lane. In the link frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootLanes {
-    centre_x: Column,
-    centre_y: Column,
+    centre_x: LaneBlock,
+    centre_y: LaneBlock,
     /// Infinite for a flat, negative in a hollow, zero for an end of the contour.
-    pub radius: Column,
+    pub radius: LaneBlock,
     /// Where the element begins, its tangent there, and what the foot's side must exceed: zero, or less than any at an end.
-    from_x: Column,
-    from_y: Column,
-    from_tx: Column,
-    from_ty: Column,
-    from_above: Column,
+    from_x: LaneBlock,
+    from_y: LaneBlock,
+    from_tx: LaneBlock,
+    from_ty: LaneBlock,
+    from_above: LaneBlock,
     /// Where it ends.
-    to_x: Column,
-    to_y: Column,
-    to_tx: Column,
-    to_ty: Column,
+    to_x: LaneBlock,
+    to_y: LaneBlock,
+    to_tx: LaneBlock,
+    to_ty: LaneBlock,
     /// Normal at the beginning, or at the end of the contour.
-    out_x: Column,
-    out_y: Column,
+    out_x: LaneBlock,
+    out_y: LaneBlock,
 }
 
 /// The foot of a perpendicular, or the place of a common normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Foot {
+pub struct FootPoint {
     pub point_x: f64,
     pub point_y: f64,
     /// Out of the contour.
@@ -140,7 +140,7 @@ impl FootLanes {
     /// Looks up what `o` faces.
     #[cold]
     #[inline(never)]
-    pub fn search(&mut self, i: usize, contour: &Contour, o: Vec2) {
+    pub fn search(&mut self, i: usize, contour: &AbutmentContour, o: Vec2) {
         let arcs = contour.arcs();
         let foot = contour.closest_to_point(o);
         let a = &arcs[foot.arc];
@@ -167,7 +167,7 @@ impl FootLanes {
 
     /// Foot on the element of lane `i`, and whether the point faces that element, which signs tell of points outside of the contour.
     #[inline(always)]
-    pub fn foot(&self, i: usize, x: f64, y: f64) -> (Foot, bool) {
+    pub fn foot(&self, i: usize, x: f64, y: f64) -> (FootPoint, bool) {
         let from = (x - self.from_x[i]) * self.from_tx[i] + (y - self.from_y[i]) * self.from_ty[i];
         let to = (x - self.to_x[i]) * self.to_tx[i] + (y - self.to_y[i]) * self.to_ty[i];
         let faced = (from > self.from_above[i]) & (to <= 0.0);
@@ -184,27 +184,27 @@ impl FootLanes {
         let distance = if flat { height } else { signed - r };
         let point_x = if flat { x - nx * height } else { cx + nx * reach };
         let point_y = if flat { y - ny * height } else { cy + ny * reach };
-        (Foot { point_x, point_y, normal_x: nx, normal_y: ny, distance }, faced)
+        (FootPoint { point_x, point_y, normal_x: nx, normal_y: ny, distance }, faced)
     }
 }
 
 /// The element of the convex hull that a plane rests on, in every lane. In the link frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SupportLanes {
-    centre_x: Column,
-    centre_y: Column,
+    centre_x: LaneBlock,
+    centre_y: LaneBlock,
     /// Zero where the plane rests on a point: an end, or the beginning of a flat.
-    radius: Column,
-    start_x: Column,
-    start_y: Column,
-    start_tx: Column,
-    start_ty: Column,
+    radius: LaneBlock,
+    start_x: LaneBlock,
+    start_y: LaneBlock,
+    start_tx: LaneBlock,
+    start_ty: LaneBlock,
     /// Normals at the end of the element before, and of this one; zero at the ends of the contour.
-    before_x: Column,
-    before_y: Column,
-    before_above: Column,
-    end_x: Column,
-    end_y: Column,
+    before_x: LaneBlock,
+    before_y: LaneBlock,
+    before_above: LaneBlock,
+    end_x: LaneBlock,
+    end_y: LaneBlock,
 }
 
 impl Default for SupportLanes {
@@ -231,7 +231,7 @@ impl Default for SupportLanes {
 impl SupportLanes {
     #[cold]
     #[inline(never)]
-    pub fn search(&mut self, i: usize, contour: &Contour, direction: Vec2) {
+    pub fn search(&mut self, i: usize, contour: &AbutmentContour, direction: Vec2) {
         let (hull, arc) = contour.hull_facing(direction);
         let before = arc.checked_sub(1).and_then(|k| hull.get(k));
         let normal = before.map_or(Vec2::zeros(), |a| a.normal_end);
@@ -273,30 +273,30 @@ impl SupportLanes {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairLanes {
     /// The arc of the abutment, and the tangents at its ends.
-    centre_x: Column,
-    centre_y: Column,
-    pub radius: Column,
-    from_tx: Column,
-    from_ty: Column,
-    to_tx: Column,
-    to_ty: Column,
+    centre_x: LaneBlock,
+    centre_y: LaneBlock,
+    pub radius: LaneBlock,
+    from_tx: LaneBlock,
+    from_ty: LaneBlock,
+    to_tx: LaneBlock,
+    to_ty: LaneBlock,
     /// The arc of the lobe: centre, signed radius, and the outward normals at its ends, counterclockwise.
-    ring_x: Column,
-    ring_y: Column,
-    pub ring_radius: Column,
-    first_x: Column,
-    first_y: Column,
-    last_x: Column,
-    last_y: Column,
+    ring_x: LaneBlock,
+    ring_y: LaneBlock,
+    pub ring_radius: LaneBlock,
+    first_x: LaneBlock,
+    first_y: LaneBlock,
+    last_x: LaneBlock,
+    last_y: LaneBlock,
     /// 1: before the crest; -1: behind it; 0: the crest.
-    side: Column,
+    side: LaneBlock,
     /// 1 where the pair may be kept; else it is looked for in every step.
-    known: Column,
+    known: LaneBlock,
 }
 
 /// What a search for a common normal found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pair {
+pub enum PairSearchResult {
     /// A pair that is kept.
     Kept,
     /// A contact that may have rivals, or is none of two arcs.
@@ -306,31 +306,31 @@ pub enum Pair {
 
 /// Nearer than this to the end of an arc [rad] its pair is looked for anew. There the search may name either neighbour: it counts
 /// directions within 1e-9 rad of an arc's end as on it, and in hollows it stops when a step turns by less than 3e-7 rad, which leaves
-/// at most three times as much at the ratio of radii that [`ROOM`] allows.
+/// at most three times as much at the ratio of radii that [`CURVATURE_MARGIN`] allows.
 const PAIR_MARGIN_RAD: f64 = 1e-6;
 
 impl PairLanes {
-    /// Looks up which pair of arcs faces each other. `sure`: as [`sure_arcs`] tells; `axis` and `turn` as in
+    /// Looks up which pair of arcs faces each other. `sure`: as [`arcs_with_one_contact`] tells; `axis` and `turn` as in
     /// [`PairLanes::contact`].
     #[cold]
     #[inline(never)]
     pub fn search(
         &mut self,
         i: usize,
-        (abutment, sure): (&Contour, &[bool]),
+        (abutment, sure): (&AbutmentContour, &[bool]),
         ring: &LobedRing,
         axis: Vec2,
         turn: Vec2,
-    ) -> Pair {
+    ) -> PairSearchResult {
         self.known[i] = 0.0;
-        let Some(contact) = ring.contact_at(abutment, axis, turn) else { return Pair::Nothing };
+        let Some(contact) = ring.contact_at(abutment, axis, turn) else { return PairSearchResult::Nothing };
         let arcs = contact.abutment_radius_m > 0.0 && contact.ring_radius_m.is_finite();
         if !arcs || !sure[contact.abutment_arc] {
-            return Pair::Alone(contact);
+            return PairSearchResult::Alone(contact);
         }
         let arc = &abutment.arcs()[contact.abutment_arc];
         self.keep(i, arc, ring, contact.ring_element);
-        Pair::Kept
+        PairSearchResult::Kept
     }
 
     fn keep(&mut self, i: usize, arc: &ContourArc, ring: &LobedRing, element: usize) {
@@ -349,7 +349,7 @@ impl PairLanes {
     /// the gap frame's +x there, and how far the abutment lies to the left of the crest, over the width of a lobe's own side. With it,
     /// whether the pair holds.
     #[inline(always)]
-    pub fn contact(&self, i: usize, axis: (f64, f64), (tx, ty): (f64, f64), lean: f64) -> (Foot, bool) {
+    pub fn contact(&self, i: usize, axis: (f64, f64), (tx, ty): (f64, f64), offset_ratio: f64) -> (FootPoint, bool) {
         let qx = axis.0 + (tx * self.ring_x[i] - ty * self.ring_y[i]);
         let qy = axis.1 + (ty * self.ring_x[i] + tx * self.ring_y[i]);
         let (dx, dy) = (qx - self.centre_x[i], qy - self.centre_y[i]);
@@ -364,8 +364,8 @@ impl PairLanes {
         let last = ux * self.last_y[i] - uy * self.last_x[i];
         let margin = PAIR_MARGIN_RAD;
         let faced = (from > margin) & (to < 0.0 - margin) & (first > margin) & (last > margin);
-        let behind = self.side[i] * lean > 1.0;
-        let foot = Foot {
+        let behind = self.side[i] * offset_ratio > 1.0;
+        let foot = FootPoint {
             point_x: self.centre_x[i] + nx * self.radius[i],
             point_y: self.centre_y[i] + ny * self.radius[i],
             normal_x: nx,
@@ -378,34 +378,36 @@ impl PairLanes {
 
 /// An arc that has no rival is tighter than the hollow by this factor. The ring's foot runs faster than the abutment's by the gap over
 /// the radius, below a hundredth; and the search in a hollow gains at least this factor with every step.
-const ROOM: f64 = 1.35;
+const CURVATURE_MARGIN: f64 = 1.35;
 
 /// For every arc of an abutment, whether a contact there with a lobe of `ring` is the only one of the whole abutment.
 ///
 /// Along the abutment from a contact, its normal turns by the length over its own radius, and the hollow under it by no more than
 /// that over the hollow's. As long as the first is ahead no other common normal can follow; where arcs are flatter than the
-/// hollow the lead falls again.
-pub fn sure_arcs(abutment: &Contour, ring: &LobedRing) -> Vec<bool> {
-    let hollow_per_m = ROOM / ring.tightest_hollow_m();
-    let lead = |a: &ContourArc| {
+/// hollow the surplus falls again.
+pub fn arcs_with_one_contact(abutment: &AbutmentContour, ring: &LobedRing) -> Vec<bool> {
+    let hollow_per_m = CURVATURE_MARGIN / ring.tightest_hollow_m();
+    let surplus = |a: &ContourArc| {
         let turned_rad = if a.radius_m.is_infinite() { 0.0 } else { a.normal_end_rad - a.normal_start_rad };
         let length_m = if a.radius_m.is_infinite() { (a.end - a.start).norm() } else { turned_rad * a.radius_m };
         turned_rad - length_m * hollow_per_m
     };
-    let leads: Vec<f64> = abutment.arcs().iter().map(lead).collect();
+    let surpluses: Vec<f64> = abutment.arcs().iter().map(surplus).collect();
     let sure = |i: usize| {
         let arc = &abutment.arcs()[i];
-        let tighter = arc.radius_m > 0.0 && arc.radius_m.is_finite() && leads[i] > 0.0;
-        tighter && stays_ahead(leads[i + 1..].iter()) && stays_ahead(leads[..i].iter().rev())
+        let tighter = arc.radius_m > 0.0 && arc.radius_m.is_finite() && surpluses[i] > 0.0;
+        tighter
+            && partial_sums_are_positive(surpluses[i + 1..].iter())
+            && partial_sums_are_positive(surpluses[..i].iter().rev())
     };
-    (0..leads.len()).map(sure).collect()
+    (0..surpluses.len()).map(sure).collect()
 }
 
 /// Whether all partial sums are positive.
-fn stays_ahead<'a>(mut leads: impl Iterator<Item = &'a f64>) -> bool {
+fn partial_sums_are_positive<'a>(mut surpluses: impl Iterator<Item = &'a f64>) -> bool {
     let mut sum = 0.0;
-    leads.all(|lead| {
-        sum += lead;
+    surpluses.all(|surplus| {
+        sum += surplus;
         sum > 0.0
     })
 }

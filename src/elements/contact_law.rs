@@ -253,7 +253,7 @@ pub struct StepForce {
 
 /// Where the linear law stands at a node: closing speed [m/s], force [N], its slope [N/s] and bend [N/s2].
 #[derive(Clone, Copy)]
-struct AtNode {
+struct NodeForce {
     rate: f64,
     force: f64,
     slope: f64,
@@ -262,7 +262,7 @@ struct AtNode {
 
 /// Of a contact that has been closed for `share` of the last step.
 #[inline(always)]
-fn at_node(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> AtNode {
+fn node_force(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> NodeForce {
     let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
     // Closing speed r: that of the last step, and what the force since the touch adds to its mean. Force, slope and bend at
     // the node are linear in r: k d + c r, p r + c e, and k e - c^2 w e - c w (k + p) r.
@@ -277,19 +277,19 @@ fn at_node(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> AtNode {
     let force = k * d + c * rate;
     let acceleration = others - w * force;
     let slope = k * rate + c * acceleration;
-    AtNode { rate, force, slope, bend: k * acceleration - c * w * slope }
+    NodeForce { rate, force, slope, bend: k * acceleration - c * w * slope }
 }
 
 /// How fast the gap has closed over the last step, without this contact's force since the node before; and the gap there.
 #[inline(always)]
-fn before(s: StepInput) -> (f64, f64) {
+fn gap_one_step_back(s: StepInput) -> (f64, f64) {
     let mean_rate = s.free_rate - 0.5 * s.step * s.free_acceleration;
     (mean_rate, s.step * mean_rate - s.penetration)
 }
 
 /// Closing speed at a touch within the last step [m/s]. `free_before`: mean over that step without this contact's force.
 #[inline(always)]
-fn touched_behind(s: StepInput, free_before: f64, gap_before: f64) -> f64 {
+fn past_touch_speed(s: StepInput, free_before: f64, gap_before: f64) -> f64 {
     // Joints have answered this contact's force by now: so much of the acceleration, at most, was not there before the touch.
     let answered = s.mobility * s.past_force;
     let lowest = if s.free_acceleration > 0.0 - answered { s.free_acceleration } else { 0.0 - answered };
@@ -301,14 +301,14 @@ fn touched_behind(s: StepInput, free_before: f64, gap_before: f64) -> f64 {
 
 /// Mean force of a contact that is closed throughout [N].
 #[inline(always)]
-fn mean_when_closed(node: AtNode, h: f64) -> f64 {
+fn mean_when_closed(node: NodeForce, h: f64) -> f64 {
     let square = h * h;
     (square * (node.force + square * (1.0 / 12.0) * node.bend)) * (1.0 / square)
 }
 
 /// Mean force of the linear law over the step, of a contact that stays closed, and may pull: what stability is judged by [N].
 pub fn closed_step(k: f64, c: f64, s: StepInput) -> f64 {
-    mean_when_closed(at_node(k, c, s, true, 1.0), s.step)
+    mean_when_closed(node_force(k, c, s, true, 1.0), s.step)
 }
 
 /// As [`linear_step`] to the bit, where the second value is true: for a contact that was closed at the node before (as far as
@@ -316,12 +316,12 @@ pub fn closed_step(k: f64, c: f64, s: StepInput) -> f64 {
 /// costs 0.15 % of a run.
 /// `old`: the contact has touched within the step before.
 #[inline(always)]
-pub fn plain_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
+pub fn fast_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
     let h = s.step;
     let closed = s.penetration > 0.0;
-    let (_, gap_before) = before(s);
-    let node = at_node(k, c, s, closed, 1.0);
-    let AtNode { rate, force, slope, bend } = node;
+    let (_, gap_before) = gap_one_step_back(s);
+    let node = node_force(k, c, s, closed, 1.0);
+    let NodeForce { rate, force, slope, bend } = node;
     let square = h * h;
     let mean = mean_when_closed(node, h);
     let mean = if mean > 0.0 { mean } else { 0.0 };
@@ -350,7 +350,7 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
     let (per_step, square) = (1.0 / h, h * h);
     let closed = d > 0.0;
-    let (mean_rate, gap_before) = before(s);
+    let (mean_rate, gap_before) = gap_one_step_back(s);
     let free_before = mean_rate + w * h * s.past_force;
     let fresh = closed & (gap_before > 0.0);
     // From the node before to the touch; where the gap is open, from this node to the touch: at constant acceleration.
@@ -371,7 +371,7 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let q = if closed { 0.0 - until } else { h - until };
     let part = q * q * (0.5 * force + q * (slope * (1.0 / 6.0) + q * (bend * (1.0 / 24.0))));
     let share = if fresh { 1.0 - until * per_step } else { 1.0 };
-    let AtNode { rate, force, slope, bend } = at_node(k, c, s, closed, share);
+    let NodeForce { rate, force, slope, bend } = node_force(k, c, s, closed, share);
     // Where the force ends, ahead of the node or behind it.
     let parting = slope < 0.0;
     let safe_slope = if parting { slope } else { -1e-12 };
@@ -403,7 +403,7 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let lacking = if fresh { until * until } else { 0.0 } + gone;
     let time = if coming { q * q } else { gone };
     let time = if touching { 2.0 * square - lacking } else { time };
-    let behind = if fresh { touched_behind(s, free_before, gap_before) } else { 0.0 };
+    let behind = if fresh { past_touch_speed(s, free_before, gap_before) } else { 0.0 };
     let touch_rate = if closed { behind } else { touch_rate };
     StepForce { mean_force: mean, rate, touch_rate, lost: c * rate * rate * time * (0.5 * per_step) }
 }
@@ -418,9 +418,9 @@ pub fn quadrature_step(law: &ContactLaw, radii: PairRadii, s: StepInput) -> Step
     let elastic = law.elastic(d, radii);
     let g = law.rate_coefficient(elastic.force_n, s.approach);
     let since_touch = if d > 0.0 && s.free_rate * s.step > d { d / s.free_rate } else { s.step };
-    let felt = since_touch * (1.0 - since_touch / (2.0 * s.step));
-    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * felt);
-    let own = if d > 0.0 && node_force > 0.0 { felt * s.mobility * node_force } else { 0.0 };
+    let effective_time = since_touch * (1.0 - since_touch / (2.0 * s.step));
+    let node_force = (elastic.force_n + g * s.free_rate) / (1.0 + g * s.mobility * effective_time);
+    let own = if d > 0.0 && node_force > 0.0 { effective_time * s.mobility * node_force } else { 0.0 };
     let rate = s.free_rate - own;
     let root = if rate.abs() < 1e-12 { if d > 0.0 { -reach } else { reach } } else { (-d / rate).clamp(-reach, reach) };
     let (low, high) = if rate >= 0.0 { (root, reach) } else { (-reach, root) };
@@ -542,7 +542,7 @@ mod tests {
                 step: random(1e-6, 4e-6),
             };
             let old = random(0.0, 1.0) < 0.5;
-            let (short, holds) = plain_step(k, c, input, old);
+            let (short, holds) = fast_step(k, c, input, old);
             let long = linear_step(k, c, input, old);
             if !holds {
                 special += 1;

@@ -5,25 +5,25 @@
 //! (omega_link - omega_body) s, l d x n becomes l d x n - s, and the moment about the joint gains -s F_n.
 //!
 //! Several contacts of one link, with a ring and a guide or at both its ends, share its inertia. They are solved for one after the
-//! other, as Gauss and Seidel do: each takes into account by how much those before it have changed in this step ([`Lead`]),
+//! other, as Gauss and Seidel do: each takes into account by how much those before it have changed in this step ([`AccelerationChange`]),
 //! and those behind it as they were a step ago. If all were taken as they were a step ago, abutments on a guide would chatter from
 //! omega h = 1.3 on, or from less where contacts are damped much: `integrate::step_bound`.
 
-use super::arc_lanes::{Found, NOTHING_M};
+use super::arc_lanes::{EndContactLanes, NO_CONTACT_M};
 use super::contact_law::{self, ContactLaw, StepInput};
 use super::friction;
-use super::tooth_contact::{Column, LANES, Lanes, Mask, any, mask, normal_forces, remembered};
+use super::tooth_contact::{LANES, LaneBlock, LaneMask, Lanes, any, contact_update, mask, normal_forces};
 use crate::geometry::Vec2;
 
 /// What lanes of other contours of a link have besides: the contact point seen from the joint, against the normal and along
 /// the tangent [m]; the link's angular acceleration one step back.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OffJoint {
-    pub radius: Column,
-    pub offset: Column,
-    pub alpha: Column,
+    pub radius: LaneBlock,
+    pub offset: LaneBlock,
+    pub alpha: LaneBlock,
     /// Radius of curvature of the link's contour at the contact point [m].
-    pub link_radius: Column,
+    pub link_radius: LaneBlock,
 }
 
 /// The end of a link at a node, and how it touches: one lane.
@@ -61,7 +61,7 @@ struct NormalMotion {
 
 /// What a contact gives to the link and takes from the body.
 #[derive(Clone, Copy)]
-struct Given {
+struct ContactReaction {
     slide: f64,
     tangential_force: f64,
     lost_friction: f64,
@@ -91,7 +91,7 @@ impl EndLane {
 
     /// Accelerations of the link by a normal and a tangential force.
     #[inline(always)]
-    fn accelerated(&self, normal: f64, friction: f64) -> (f64, f64, f64) {
+    fn link_accelerations(&self, normal: f64, friction: f64) -> (f64, f64, f64) {
         let (nx, ny) = (self.normal_x, self.normal_y);
         let (fx, fy) = (normal * nx - friction * ny, normal * ny + friction * nx);
         let moment = self.lever * (self.cos * fy - self.sin * fx) - (self.radius * friction + self.offset * normal);
@@ -100,14 +100,14 @@ impl EndLane {
 
     /// Friction beside a normal force, and both about the joint and the body's origin.
     #[inline(always)]
-    fn give(
+    fn reaction(
         &self,
         (mu, stick_speed): (f64, f64),
         step: f64,
         omega: f64,
         normal_force: f64,
         past_friction: f64,
-    ) -> Given {
+    ) -> ContactReaction {
         let e = self;
         let (nx, ny) = (e.normal_x, e.normal_y);
         let outward = e.x * nx + e.y * ny;
@@ -120,7 +120,7 @@ impl EndLane {
         let slide = free + mobility * ft;
         let (fx, fy) = (normal_force * nx - ft * ny, normal_force * ny + ft * nx);
         let moment = -e.radius * ft - e.offset * normal_force;
-        Given {
+        ContactReaction {
             slide,
             tangential_force: ft,
             lost_friction: -ft * slide * step,
@@ -136,34 +136,34 @@ impl EndLane {
 #[derive(Clone, Copy)]
 pub struct EndColumns {
     /// Joints, in the world.
-    pub x: Column,
-    pub y: Column,
-    pub vx: Column,
-    pub vy: Column,
+    pub x: LaneBlock,
+    pub y: LaneBlock,
+    pub vx: LaneBlock,
+    pub vy: LaneBlock,
     /// Angular speeds of the links; accelerations of their centres, linear and angular, in the step before.
-    pub omega: Column,
-    pub ax: Column,
-    pub ay: Column,
-    pub alpha: Column,
-    pub cos: Column,
-    pub sin: Column,
-    pub lever: Column,
-    pub inverse_mass: Column,
-    pub inverse_inertia: Column,
+    pub omega: LaneBlock,
+    pub ax: LaneBlock,
+    pub ay: LaneBlock,
+    pub alpha: LaneBlock,
+    pub cos: LaneBlock,
+    pub sin: LaneBlock,
+    pub lever: LaneBlock,
+    pub inverse_mass: LaneBlock,
+    pub inverse_inertia: LaneBlock,
     /// How the joint lies from the link's centre: 1 ahead, -1 behind.
     pub sign: f64,
     /// The body's origin.
     pub origin: Vec2,
     /// Contact points from there; penetrations of [`super::arc_lanes::NOTHING_M`] touch nothing.
-    pub penetration: Column,
-    pub point_x: Column,
-    pub point_y: Column,
-    pub normal_x: Column,
-    pub normal_y: Column,
-    /// What contacts before this one have changed, read where LED is true: accelerations as in [`Lead`].
-    pub lead_ax: Column,
-    pub lead_ay: Column,
-    pub lead_alpha: Column,
+    pub penetration: LaneBlock,
+    pub point_x: LaneBlock,
+    pub point_y: LaneBlock,
+    pub normal_x: LaneBlock,
+    pub normal_y: LaneBlock,
+    /// What contacts before this one have changed, read where UPDATED is true: accelerations as in [`AccelerationChange`].
+    pub change_ax: LaneBlock,
+    pub change_ay: LaneBlock,
+    pub change_alpha: LaneBlock,
     /// The share of these that speeds at the node have taken: the mean over the step takes a quarter of it, as for joints
     /// (`integrate::explicit`) [s].
     pub quarter_step: f64,
@@ -171,10 +171,10 @@ pub struct EndColumns {
 
 impl EndColumns {
     #[inline(always)]
-    fn lane<const LED: bool>(&self, i: usize) -> EndLane {
+    fn lane<const UPDATED: bool>(&self, i: usize) -> EndLane {
         let (x, y) = (self.x[i] - self.origin.x, self.y[i] - self.origin.y);
         let (cos, sin, lever) = (self.cos[i], self.sin[i], self.sign * self.lever[i]);
-        let touches = self.penetration[i] != NOTHING_M;
+        let touches = self.penetration[i] != NO_CONTACT_M;
         let (nx, ny) = (self.normal_x[i], self.normal_y[i]);
         let (dx, dy) = (self.point_x[i] - x, self.point_y[i] - y);
         let (ax, ay, alpha) = (self.ax[i], self.ay[i], self.alpha[i]);
@@ -197,9 +197,9 @@ impl EndColumns {
             radius: if touches { -(dx * nx + dy * ny) } else { 0.0 },
             offset: if touches { dx * -ny + dy * nx } else { 0.0 },
         };
-        if LED {
-            let (alpha, quarter) = (self.lead_alpha[i], self.quarter_step);
-            let (ax, ay) = (self.lead_ax[i] - alpha * lever * sin, self.lead_ay[i] + alpha * lever * cos);
+        if UPDATED {
+            let (alpha, quarter) = (self.change_alpha[i], self.quarter_step);
+            let (ax, ay) = (self.change_ax[i] - alpha * lever * sin, self.change_ay[i] + alpha * lever * cos);
             (lane.ax, lane.ay, lane.alpha) = (lane.ax + ax, lane.ay + ay, lane.alpha + alpha);
             (lane.vx, lane.vy) = (lane.vx + quarter * ax, lane.vy + quarter * ay);
             lane.omega += quarter * alpha;
@@ -209,9 +209,9 @@ impl EndColumns {
 
     /// Puts all of it into columns.
     #[inline(always)]
-    pub fn load<const LED: bool>(&self, found: &Found, lanes: &mut Lanes, off: &mut OffJoint) {
+    pub fn load<const UPDATED: bool>(&self, found: &EndContactLanes, lanes: &mut Lanes, off: &mut OffJoint) {
         for i in 0..LANES {
-            let e = self.lane::<LED>(i);
+            let e = self.lane::<UPDATED>(i);
             (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (e.x, e.y, e.vx, e.vy);
             (lanes.ax[i], lanes.ay[i], lanes.cos[i], lanes.sin[i]) = (e.ax, e.ay, e.cos, e.sin);
             (lanes.omega[i], lanes.lever[i], off.alpha[i]) = (e.omega, e.lever, e.alpha);
@@ -219,7 +219,7 @@ impl EndColumns {
             (lanes.normal_x[i], lanes.normal_y[i]) = (e.normal_x, e.normal_y);
             (off.radius[i], off.offset[i]) = (e.radius, e.offset);
             lanes.penetration[i] = self.penetration[i];
-            let touches = self.penetration[i] != NOTHING_M;
+            let touches = self.penetration[i] != NO_CONTACT_M;
             lanes.body_radius[i] = if touches { found.body_radius[i] } else { 0.0 };
             off.link_radius[i] = if touches { found.link_radius[i] } else { 0.0 };
         }
@@ -228,10 +228,10 @@ impl EndColumns {
     /// Whether any of the lanes of `own`, none of which has touched in the step before, may touch in this one: by its speed along the
     /// normal and the accelerations one step back. `turned_m`: how far the turning of normals may move it along one [m].
     #[inline(always)]
-    pub fn may_touch<const LED: bool>(&self, step: f64, omega: f64, turned_m: f64, own: &Mask) -> bool {
+    pub fn may_touch<const UPDATED: bool>(&self, step: f64, omega: f64, turned_m: f64, own: &LaneMask) -> bool {
         let mut may = [0; LANES];
         for i in 0..LANES {
-            let e = self.lane::<LED>(i);
+            let e = self.lane::<UPDATED>(i);
             let (vx, vy) = (e.vx + omega * e.y, e.vy - omega * e.x);
             let closing = (e.omega - omega) * e.offset - (vx * e.normal_x + vy * e.normal_y);
             let closing = if closing > 0.0 { closing } else { 0.0 };
@@ -245,31 +245,31 @@ impl EndColumns {
 
 /// By how much contacts of this step have changed the accelerations of a block of links, against those of the step before.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Lead {
-    pub ax: Column,
-    pub ay: Column,
-    pub alpha: Column,
+pub struct AccelerationChange {
+    pub ax: LaneBlock,
+    pub ay: LaneBlock,
+    pub alpha: LaneBlock,
     /// Whether any is not zero.
     pub used: bool,
 }
 
-impl Lead {
+impl AccelerationChange {
     /// Takes what one block of contacts has changed.
     #[inline(always)]
     pub fn add(&mut self, step: &BlockStep) {
         for i in 0..LANES {
-            self.ax[i] += step.lead_ax[i];
-            self.ay[i] += step.lead_ay[i];
-            self.alpha[i] += step.lead_alpha[i];
+            self.ax[i] += step.change_ax[i];
+            self.ay[i] += step.change_ay[i];
+            self.alpha[i] += step.change_alpha[i];
         }
         self.used = true;
     }
 
     /// The same of lanes that are `own` only, whose normal and tangential forces have changed from `past` to those in `lanes`.
-    pub fn add_own(&mut self, ends: &EndColumns, lanes: &Lanes, past: [&Column; 2], own: &Mask) {
+    pub fn add_lanes(&mut self, ends: &EndColumns, lanes: &Lanes, past: [&LaneBlock; 2], own: &LaneMask) {
         for i in (0..LANES).filter(|i| own[*i] != 0) {
             let (normal, friction) = (lanes.normal_force[i] - past[0][i], lanes.tangential_force[i] - past[1][i]);
-            let (ax, ay, alpha) = ends.lane::<false>(i).accelerated(normal, friction);
+            let (ax, ay, alpha) = ends.lane::<false>(i).link_accelerations(normal, friction);
             self.ax[i] += ax;
             self.ay[i] += ay;
             self.alpha[i] += alpha;
@@ -284,44 +284,44 @@ pub fn turned_m(step: f64, omega: f64, fastest_m_s: f64) -> f64 {
 }
 
 /// What a contact of a block of ends remembers from step to step, in that order: normal and tangential force, age, approach speed.
-pub type Remembered = [Column; 4];
+pub type PastContacts = [LaneBlock; 4];
 
 /// A block of contacts after a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BlockStep {
-    pub normal_force: Column,
-    pub tangential_force: Column,
-    pub age: Column,
-    pub approach: Column,
-    pub rate: Column,
-    pub slide: Column,
-    pub lost_damping: Column,
-    pub lost_friction: Column,
+    pub normal_force: LaneBlock,
+    pub tangential_force: LaneBlock,
+    pub age: LaneBlock,
+    pub approach: LaneBlock,
+    pub rate: LaneBlock,
+    pub slide: LaneBlock,
+    pub lost_damping: LaneBlock,
+    pub lost_friction: LaneBlock,
     /// On the link at its centre, with the moment about it.
-    pub force_x: Column,
-    pub force_y: Column,
-    pub moment: Column,
-    pub torque: Column,
-    /// By how much the link's accelerations have changed with these forces, where LED was true.
-    pub lead_ax: Column,
-    pub lead_ay: Column,
-    pub lead_alpha: Column,
+    pub force_x: LaneBlock,
+    pub force_y: LaneBlock,
+    pub moment: LaneBlock,
+    pub torque: LaneBlock,
+    /// By how much the link's accelerations have changed with these forces, where UPDATED was true.
+    pub change_ax: LaneBlock,
+    pub change_ay: LaneBlock,
+    pub change_alpha: LaneBlock,
 }
 
 /// As [`contour_forces`] with the linear law, to the bit, in one loop that keeps its values in registers; None where a contact begins
 /// or ends within the step, which takes the long way.
 #[inline(always)]
-pub fn plain_contour_step<const LED: bool>(
+pub fn fast_contour_step<const UPDATED: bool>(
     (k, c): (f64, f64),
     friction: (f64, f64),
     (step, omega): (f64, f64),
     ends: EndColumns,
-    past: Remembered,
+    past: PastContacts,
 ) -> Option<BlockStep> {
     let mut out = BlockStep::default();
     let mut special = [0; LANES];
     for i in 0..LANES {
-        let e = ends.lane::<LED>(i);
+        let e = ends.lane::<UPDATED>(i);
         let (penetration, past_force) = (ends.penetration[i], past[0][i]);
         let motion = e.normal_motion(step, omega, past_force);
         let input = StepInput {
@@ -334,10 +334,10 @@ pub fn plain_contour_step<const LED: bool>(
             step,
         };
         let (age, approach) = (past[2][i], past[3][i]);
-        let (law, plain) = contact_law::plain_step(k, c, input, age > 0.0);
+        let (law, plain) = contact_law::fast_step(k, c, input, age > 0.0);
         special[i] = !mask(plain);
-        let kept = remembered(penetration, motion.free_rate, law, step, (age, approach));
-        let given = e.give(friction, step, omega, law.mean_force, past[1][i]);
+        let kept = contact_update(penetration, motion.free_rate, law, step, (age, approach));
+        let given = e.reaction(friction, step, omega, law.mean_force, past[1][i]);
         let arm = e.lever * (e.cos * given.force_y - e.sin * given.force_x);
         (out.normal_force[i], out.tangential_force[i]) = (law.mean_force, given.tangential_force);
         (out.age[i], out.approach[i], out.rate[i]) = (kept.age, kept.approach, law.rate);
@@ -345,9 +345,9 @@ pub fn plain_contour_step<const LED: bool>(
         (out.lost_damping[i], out.lost_friction[i]) = (kept.lost, given.lost_friction);
         (out.force_x[i], out.force_y[i]) = (given.force_x, given.force_y);
         (out.moment[i], out.torque[i]) = (given.moment + arm, given.torque);
-        if LED {
+        if UPDATED {
             let (normal, friction) = (law.mean_force - past_force, given.tangential_force - past[1][i]);
-            (out.lead_ax[i], out.lead_ay[i], out.lead_alpha[i]) = e.accelerated(normal, friction);
+            (out.change_ax[i], out.change_ay[i], out.change_alpha[i]) = e.link_accelerations(normal, friction);
         }
     }
     (!any(&special)).then_some(out)
@@ -369,7 +369,7 @@ pub fn contour_forces(
     }
     normal_forces(law, &off.link_radius, step, lanes);
     for i in 0..LANES {
-        let given = lanes.end(off, i).give(friction, step, omega, lanes.normal_force[i], lanes.tangential_force[i]);
+        let given = lanes.end(off, i).reaction(friction, step, omega, lanes.normal_force[i], lanes.tangential_force[i]);
         (lanes.slide[i], lanes.tangential_force[i]) = (given.slide, given.tangential_force);
         lanes.lost_friction[i] = given.lost_friction;
         (lanes.force_x[i], lanes.force_y[i]) = (given.force_x, given.force_y);
@@ -409,11 +409,11 @@ mod tests {
 
     /// Columns of random ends that touch a body at random places, and the speed of the fastest of their points.
     struct Scene {
-        columns: [Column; 13],
-        lead: [Column; 3],
-        found: Found,
-        past: [Column; 4],
-        own: Mask,
+        columns: [LaneBlock; 13],
+        change: [LaneBlock; 3],
+        found: EndContactLanes,
+        past: [LaneBlock; 4],
+        own: LaneMask,
         omega: f64,
         step: f64,
         fastest_m_s: f64,
@@ -425,8 +425,8 @@ mod tests {
             let (sin, cos) = sin_cos(random(-4.0, 4.0));
             let speed = 40.0 * random(0.0, 1.0).powi(6);
             let mut columns = [[0.0; LANES]; 13];
-            let (mut found, mut fastest_m_s) = (Found::nothing(), 0.0_f64);
-            let lead = [1e4, 1e4, 1e6].map(|most| std::array::from_fn(|_| random(-most, most)));
+            let (mut found, mut fastest_m_s) = (EndContactLanes::none(), 0.0_f64);
+            let change = [1e4, 1e4, 1e6].map(|most| std::array::from_fn(|_| random(-most, most)));
             for i in 0..LANES {
                 let (x, y) = (random(-0.05, 0.05), random(-0.05, 0.05));
                 let (vx, vy) = (random(-speed, speed) - omega * y, random(-speed, speed) + omega * x);
@@ -445,12 +445,12 @@ mod tests {
                 found.penetration[i] = -random(0.0, 1.0).powi(3) * 1e-4;
                 fastest_m_s = fastest_m_s.max(vx.hypot(vy)).max(omega.abs() * x.hypot(y));
             }
-            Scene { columns, lead, found, past: [[0.0; LANES]; 4], own: [!0; LANES], omega, step, fastest_m_s }
+            Scene { columns, change, found, past: [[0.0; LANES]; 4], own: [!0; LANES], omega, step, fastest_m_s }
         }
 
         fn ends(&self) -> EndColumns {
             let [x, y, vx, vy, omega, ax, ay, alpha, cos, sin, lever, inverse_mass, inverse_inertia] = self.columns;
-            let Found { penetration, point_x, point_y, normal_x, normal_y, .. } = self.found;
+            let EndContactLanes { penetration, point_x, point_y, normal_x, normal_y, .. } = self.found;
             let (sign, origin) = (1.0, Vec2::zeros());
             EndColumns {
                 x,
@@ -473,9 +473,9 @@ mod tests {
                 point_y,
                 normal_x,
                 normal_y,
-                lead_ax: self.lead[0],
-                lead_ay: self.lead[1],
-                lead_alpha: self.lead[2],
+                change_ax: self.change[0],
+                change_ay: self.change[1],
+                change_alpha: self.change[2],
                 quarter_step: 0.25 * self.step,
             }
         }
@@ -540,7 +540,7 @@ mod tests {
             let (k, c, friction) = (random(1e7, 2e8), random(0.0, 600.0), (0.1, 1e-3));
             let law = ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c };
             let motion = (scene.step, scene.omega);
-            let Some(short) = plain_contour_step::<true>((k, c), friction, motion, scene.ends(), scene.past) else {
+            let Some(short) = fast_contour_step::<true>((k, c), friction, motion, scene.ends(), scene.past) else {
                 continue;
             };
             let long = scene.forces(&law, friction);
@@ -564,9 +564,9 @@ mod tests {
                 ..short
             };
             assert_eq!(short, expected);
-            let (mut one, mut other) = (Lead::default(), Lead::default());
+            let (mut one, mut other) = (AccelerationChange::default(), AccelerationChange::default());
             one.add(&short);
-            other.add_own(&scene.ends(), &long, [&scene.past[0], &scene.past[1]], &scene.own);
+            other.add_lanes(&scene.ends(), &long, [&scene.past[0], &scene.past[1]], &scene.own);
             assert_eq!([one.ax, one.ay, one.alpha], [other.ax, other.ay, other.alpha]);
             compared += 1;
         }

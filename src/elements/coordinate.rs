@@ -16,8 +16,8 @@ pub struct Coordinate {
     /// In the drive file: the sprocket, shaft, arm, slider or ball that it moves.
     pub path: String,
     pub kind: CoordinateKind,
-    pub motion: Motion,
-    pub spring: Spring,
+    pub motion: CoordinateMotion,
+    pub spring: CoordinateSpring,
     /// Its speed when the chain moves at its nominal speed [rad/s]; zero for what slides.
     pub nominal_speed_rad_s: f64,
     /// Largest distance from the axis at which the chain acts [m]: converts angles and torques into ways and forces. 1 for what slides.
@@ -37,7 +37,7 @@ pub enum CoordinateKind {
 
 /// What rules a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Motion {
+pub enum CoordinateMotion {
     /// Speed prescribed [rad/s], counterclockwise positive.
     Prescribed { speed_rad_s: f64 },
     Free {
@@ -51,7 +51,7 @@ pub enum Motion {
 
 /// Spring with a damper beside it, between a coordinate and the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Spring {
+pub struct CoordinateSpring {
     /// [N m/rad, N/m].
     pub stiffness: f64,
     /// Where it is free of force [rad, m].
@@ -60,7 +60,7 @@ pub struct Spring {
     pub damping: f64,
 }
 
-impl Spring {
+impl CoordinateSpring {
     /// Force on the coordinate at `at` [N m, N].
     #[inline(always)]
     pub fn force(&self, at: f64) -> f64 {
@@ -75,7 +75,7 @@ impl Spring {
 
     /// Whether there is one.
     pub fn is_present(&self) -> bool {
-        *self != Spring::default()
+        *self != CoordinateSpring::default()
     }
 }
 
@@ -84,8 +84,8 @@ impl Coordinate {
     #[inline(always)]
     pub fn inverse_inertia(&self) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => 0.0,
-            Motion::Free { inertia, .. } => 1.0 / inertia,
+            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Free { inertia, .. } => 1.0 / inertia,
         }
     }
 
@@ -93,8 +93,8 @@ impl Coordinate {
     #[inline(always)]
     pub fn load(&self) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => 0.0,
-            Motion::Free { load, .. } => load,
+            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Free { load, .. } => load,
         }
     }
 
@@ -102,25 +102,25 @@ impl Coordinate {
     /// `parts`: forces of the chain and of touching parts.
     pub fn outer_force(&self, at: f64, speed: f64, chain: f64, parts: f64) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => -chain - parts,
-            Motion::Free { load, .. } if self.spring.is_present() => {
+            CoordinateMotion::Prescribed { .. } => -chain - parts,
+            CoordinateMotion::Free { load, .. } if self.spring.is_present() => {
                 load + parts + self.spring.force(at) - self.spring.damping * speed
             }
-            Motion::Free { load, .. } => load + parts,
+            CoordinateMotion::Free { load, .. } => load + parts,
         }
     }
 
     pub fn is_free(&self) -> bool {
-        matches!(self.motion, Motion::Free { .. })
+        matches!(self.motion, CoordinateMotion::Free { .. })
     }
 
     /// Acceleration at a node [rad/s2, m/s2]. `at`: the coordinate there; `speed`: half a step before it; `force`: of chain and parts.
     #[inline(always)]
     pub fn acceleration(&self, step_s: f64, at: f64, speed: f64, force: f64) -> f64 {
         match self.motion {
-            Motion::Prescribed { .. } => 0.0,
-            Motion::Free { inertia, load } => {
-                let Spring { damping: c, .. } = self.spring;
+            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Free { inertia, load } => {
+                let CoordinateSpring { damping: c, .. } = self.spring;
                 let force = force + load + self.spring.force(at);
                 // Speed at the node: v + h/2 a.
                 (force - c * speed) * (1.0 / (inertia + 0.5 * step_s * c))

@@ -17,7 +17,7 @@ use super::contact_law::ContactLaw;
 use crate::geometry::chain::silent::{Flank, LinkEnd, SilentLinkContour};
 use crate::geometry::profile::Element;
 use crate::geometry::silent_sprocket::SilentSprocket;
-use crate::geometry::smartchain::contour::Contour;
+use crate::geometry::smartchain::contour::AbutmentContour;
 use crate::geometry::smartchain::ring::LobedRing;
 use crate::geometry::{Vec2, cross, perp};
 use crate::recording::frame::{Feature, Segment};
@@ -27,7 +27,7 @@ use crate::units::sin_cos;
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkContour {
     /// Contours in the link frame, convex but for a hollow.
-    Abutments { front: Contour, rear: Contour },
+    Abutments { front: AbutmentContour, rear: AbutmentContour },
     /// One contour for each row.
     Flanks(Vec<SilentLinkContour>),
 }
@@ -38,13 +38,13 @@ pub enum EndShape {
     /// Turns with its sprocket, so that only its radius matters [m].
     Circle { radius_m: f64 },
     /// `turn`: cosine and sine of the angle of the lobes against the tooth gaps.
-    Lobes { ring: Box<LobedRing>, seats: Seats, turn: (f64, f64) },
+    Lobes { ring: Box<LobedRing>, seats: SeatDirections, turn: (f64, f64) },
     /// From the origin along `along`, the chain on its left.
     Face { along: Vec2, length_m: f64 },
     /// Outer flanks and toes against the outer sides of their gaps.
-    OuterFlanks { tooth: SilentTooth, seats: Seats },
+    OuterFlanks { tooth: SilentTooth, seats: SeatDirections },
     /// Inner flanks, crotch and toes against the tooth they straddle.
-    InnerFlanks { tooth: SilentTooth, seats: Seats },
+    InnerFlanks { tooth: SilentTooth, seats: SeatDirections },
 }
 
 impl LinkContour {
@@ -89,7 +89,7 @@ impl LinkContour {
 
 /// Directions of the tooth gaps in the frame of the sprocket.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seats {
+pub struct SeatDirections {
     cos: Vec<f64>,
     sin: Vec<f64>,
 }
@@ -182,11 +182,11 @@ impl LinkPose {
     }
 }
 
-impl Seats {
-    pub fn new(teeth: u32) -> Seats {
+impl SeatDirections {
+    pub fn new(teeth: u32) -> SeatDirections {
         let angle = |k: u32| 2.0 * std::f64::consts::PI * f64::from(k) / f64::from(teeth);
         let (sin, cos) = (0..teeth).map(|k| sin_cos(angle(k))).unzip();
-        Seats { cos, sin }
+        SeatDirections { cos, sin }
     }
 
     /// Direction of the axis of gap `k`: cosine, sine.
@@ -194,7 +194,7 @@ impl Seats {
         (self.cos[k], self.sin[k])
     }
 
-    /// Tangent of an angle to the axis of a gap below which [`Seats::nearest`] is sure to name that gap.
+    /// Tangent of an angle to the axis of a gap below which [`SeatDirections::nearest`] is sure to name that gap.
     pub fn sure_tan(&self) -> f64 {
         let (sin, cos) = sin_cos(std::f64::consts::PI / self.cos.len() as f64 - ROUGH_ANGLE_RAD - 1e-6);
         sin / cos
@@ -375,9 +375,9 @@ impl EndBody {
 
 fn lobe_touch(
     ring: &LobedRing,
-    seats: &Seats,
+    seats: &SeatDirections,
     (c, s): (f64, f64),
-    abutment: &Contour,
+    abutment: &AbutmentContour,
     pose: &LinkPose,
     rotor: (f64, f64),
     far_m: f64,
@@ -404,7 +404,7 @@ fn lobe_touch(
     })
 }
 
-fn face_touch(along: Vec2, length_m: f64, abutment: &Contour, pose: &LinkPose, far_m: f64) -> Option<EndTouch> {
+fn face_touch(along: Vec2, length_m: f64, abutment: &AbutmentContour, pose: &LinkPose, far_m: f64) -> Option<EndTouch> {
     let up = perp(along);
     // Down into the face, as the link sees it.
     let (height, point, link_radius_m) = abutment.support_with_radius(pose.into_link(-up));
@@ -447,7 +447,7 @@ fn face_touch(along: Vec2, length_m: f64, abutment: &Contour, pose: &LinkPose, f
 /// the outer flank always faces the circle of index `side`.
 fn flank_touch(
     tooth: &SilentTooth,
-    seats: &Seats,
+    seats: &SeatDirections,
     contour: &SilentLinkContour,
     pose: &LinkPose,
     rotor: (f64, f64),

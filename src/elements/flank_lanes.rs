@@ -4,9 +4,9 @@
 //! corner, toe in the root or crotch on the tip corner. All are computed for every lane, and the deepest of those that exist counts,
 //! of two alike the first. In the gap frame: +y along the gap's axis, +x to its right.
 
-use super::arc_lanes::{Found, NOTHING_M};
+use super::arc_lanes::{EndContactLanes, NO_CONTACT_M};
 use super::end_contact::{Arc, Circle, NORMAL_ROUNDING, SilentTooth};
-use super::tooth_contact::{Column, LANES, Mask, any, mask};
+use super::tooth_contact::{LANES, LaneBlock, LaneMask, any, mask};
 use crate::geometry::chain::silent::SilentLinkContour;
 use crate::geometry::{Vec2, cross, perp};
 use crate::recording::frame::Segment;
@@ -17,64 +17,64 @@ pub struct FlankLanes {
     start: Points,
     normal: Points,
     /// From where to where the flank reaches from its start, along its normal turned by +90 degrees [m].
-    from_m: Column,
-    to_m: Column,
+    from_m: LaneBlock,
+    to_m: LaneBlock,
     toe: Points,
-    toe_radius: Column,
+    toe_radius: LaneBlock,
     /// Normals between which the toe turns: of the outer and of the inner flank, times the sine of the angle from the first to the
     /// second.
     outer: Points,
     inner: Points,
     crotch: Points,
-    crotch_radius: Column,
+    crotch_radius: LaneBlock,
 }
 
 /// A point or a direction in every lane: x, y.
-type Points = [Column; 2];
+type Points = [LaneBlock; 2];
 
 /// Where links are, from the body's origin.
-pub struct Placed<'a> {
-    pub x: &'a Column,
-    pub y: &'a Column,
-    pub cos: &'a Column,
-    pub sin: &'a Column,
+pub struct LinksInBodyFrame<'a> {
+    pub x: &'a LaneBlock,
+    pub y: &'a LaneBlock,
+    pub cos: &'a LaneBlock,
+    pub sin: &'a LaneBlock,
     /// Directions of the axes of the tooth gaps, in the world.
-    pub axis_x: &'a Column,
-    pub axis_y: &'a Column,
+    pub axis_x: &'a LaneBlock,
+    pub axis_y: &'a LaneBlock,
 }
 
 /// A link in the gap frame: its centre and the direction of its x axis.
 #[derive(Clone, Copy)]
-struct InGap {
+struct LinkInGapFrame {
     x: f64,
     y: f64,
     cos: f64,
     sin: f64,
 }
 
-impl InGap {
+impl LinkInGapFrame {
     #[inline(always)]
-    fn of(placed: &Placed<'_>, i: usize) -> InGap {
+    fn new(placed: &LinksInBodyFrame<'_>, i: usize) -> LinkInGapFrame {
         let (x, y, c, s) = (placed.x[i], placed.y[i], placed.cos[i], placed.sin[i]);
         let (ax, ay) = (placed.axis_x[i], placed.axis_y[i]);
-        InGap { x: ay * x - ax * y, y: ax * x + ay * y, cos: ay * c - ax * s, sin: ax * c + ay * s }
+        LinkInGapFrame { x: ay * x - ax * y, y: ax * x + ay * y, cos: ay * c - ax * s, sin: ax * c + ay * s }
     }
 
     #[inline(always)]
-    fn turned(self, v: &Points, i: usize) -> (f64, f64) {
+    fn direction(self, v: &Points, i: usize) -> (f64, f64) {
         (self.cos * v[0][i] - self.sin * v[1][i], self.sin * v[0][i] + self.cos * v[1][i])
     }
 
     #[inline(always)]
-    fn placed(self, p: &Points, i: usize) -> (f64, f64) {
-        let (x, y) = self.turned(p, i);
+    fn position(self, p: &Points, i: usize) -> (f64, f64) {
+        let (x, y) = self.direction(p, i);
         (self.x + x, self.y + y)
     }
 }
 
 /// A flank on a convex arc of the body, in the gap frame.
 #[derive(Clone, Copy)]
-struct OnLine {
+struct FlankLineContact {
     /// Lower than any where they do not face each other.
     penetration: f64,
     height: f64,
@@ -84,7 +84,7 @@ struct OnLine {
 
 /// Two arcs, in the gap frame.
 #[derive(Clone, Copy)]
-struct OnArc {
+struct FlankArcContact {
     /// Lower than any where they do not face each other.
     penetration: f64,
     /// Out of the body, over its length [m].
@@ -95,13 +95,13 @@ struct OnArc {
     segment: f64,
 }
 
-impl OnLine {
+impl FlankLineContact {
     /// The deeper one; of two alike the first.
     #[inline(always)]
-    fn or(self, new: OnLine) -> OnLine {
+    fn deeper(self, new: FlankLineContact) -> FlankLineContact {
         let better = new.penetration > self.penetration;
         let pick = |new: f64, old: f64| if better { new } else { old };
-        OnLine {
+        FlankLineContact {
             penetration: pick(new.penetration, self.penetration),
             height: pick(new.height, self.height),
             circle: Circle {
@@ -116,12 +116,12 @@ impl OnLine {
     }
 }
 
-impl OnArc {
+impl FlankArcContact {
     #[inline(always)]
-    fn or(self, new: OnArc) -> OnArc {
+    fn deeper(self, new: FlankArcContact) -> FlankArcContact {
         let better = new.penetration > self.penetration;
         let pick = |new: f64, old: f64| if better { new } else { old };
-        OnArc {
+        FlankArcContact {
             penetration: pick(new.penetration, self.penetration),
             normal_x: pick(new.normal_x, self.normal_x),
             normal_y: pick(new.normal_y, self.normal_y),
@@ -133,7 +133,7 @@ impl OnArc {
 }
 
 /// Penetration of what does not face each other [m].
-const NONE_M: f64 = f64::NEG_INFINITY;
+const NOT_FACING_M: f64 = f64::NEG_INFINITY;
 
 impl FlankLanes {
     /// `rows`: contours of the rows of the chain; `at`: the first link of the block.
@@ -169,9 +169,9 @@ impl FlankLanes {
         &self,
         tooth: &SilentTooth,
         side: usize,
-        placed: &Placed<'_>,
-        (own, far_m): (&Mask, f64),
-        found: &mut Found,
+        placed: &LinksInBodyFrame<'_>,
+        (own, far_m): (&LaneMask, f64),
+        found: &mut EndContactLanes,
     ) -> bool {
         let (face, corner) = (tooth.face[side], tooth.corner[side]);
         let number = |s: Segment| f64::from(s as u32);
@@ -179,21 +179,25 @@ impl FlankLanes {
         let (corner_name, root_name) = (number(Segment::TipCorner), number(Segment::Seat));
         let mut touches = [0; LANES];
         for i in 0..LANES {
-            let link = InGap::of(placed, i);
-            let (sx, sy) = link.placed(&self.start, i);
-            let (nx, ny) = link.turned(&self.normal, i);
+            let link = LinkInGapFrame::new(placed, i);
+            let (sx, sy) = link.position(&self.start, i);
+            let (nx, ny) = link.direction(&self.normal, i);
             let line = |circle: Circle, faces: bool, segment: f64| {
                 let (dx, dy) = (circle.centre.x - sx, circle.centre.y - sy);
                 let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
                 let exists = faces & (height > 0.0) & (along >= self.from_m[i]) & (along <= self.to_m[i]);
-                let penetration = if exists { circle.radius_m - height } else { NONE_M };
-                OnLine { penetration, height, circle, segment }
+                let penetration = if exists { circle.radius_m - height } else { NOT_FACING_M };
+                FlankLineContact { penetration, height, circle, segment }
             };
-            let on_line = line(face.circle, has(&face, -nx, -ny, 1.0), face_name).or(line(corner, true, corner_name));
+            let on_line = line(face.circle, arc_has_normal(&face, -nx, -ny, 1.0), face_name).deeper(line(
+                corner,
+                true,
+                corner_name,
+            ));
 
-            let (tx, ty) = link.placed(&self.toe, i);
-            let (ox, oy) = link.turned(&self.outer, i);
-            let (ix, iy) = link.turned(&self.inner, i);
+            let (tx, ty) = link.position(&self.toe, i);
+            let (ox, oy) = link.direction(&self.outer, i);
+            let (ix, iy) = link.direction(&self.inner, i);
             // Whether the toe reaches there, to which its own normal is opposite.
             let on_toe = |nx: f64, ny: f64, length: f64| {
                 let rounding = NORMAL_ROUNDING * length;
@@ -204,35 +208,55 @@ impl FlankLanes {
                 let (dx, dy) = (tx - circle.centre.x, ty - circle.centre.y);
                 let length = (dx * dx + dy * dy).sqrt();
                 let exists = faces(&face, dx, dy, length) & on_toe(dx, dy, length);
-                let penetration = if exists { toe_radius + circle.radius_m - length } else { NONE_M };
-                OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius: circle.radius_m, segment }
+                let penetration = if exists { toe_radius + circle.radius_m - length } else { NOT_FACING_M };
+                FlankArcContact {
+                    penetration,
+                    normal_x: dx,
+                    normal_y: dy,
+                    length,
+                    body_radius: circle.radius_m,
+                    segment,
+                }
             };
-            let on_toe_arcs = arc(face.circle, has, face_name).or(arc(corner, |_, _, _, _| true, corner_name));
+            let on_toe_arcs =
+                arc(face.circle, arc_has_normal, face_name).deeper(arc(corner, |_, _, _, _| true, corner_name));
             let (last, base_x, base_y, link_radius) = if OUTER {
                 let root = &tooth.root;
                 let (dx, dy) = (root.circle.centre.x - tx, root.circle.centre.y - ty);
                 let length = (dx * dx + dy * dy).sqrt();
-                let exists = (dy > 0.0) & has(root, dx, dy, length) & on_toe(dx, dy, length);
-                let penetration = if exists { length + toe_radius - root.circle.radius_m } else { NONE_M };
+                let exists = (dy > 0.0) & arc_has_normal(root, dx, dy, length) & on_toe(dx, dy, length);
+                let penetration = if exists { length + toe_radius - root.circle.radius_m } else { NOT_FACING_M };
                 let body_radius = -root.circle.radius_m;
-                let in_root =
-                    OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius, segment: root_name };
-                (on_toe_arcs.or(in_root), tx, ty, toe_radius)
+                let in_root = FlankArcContact {
+                    penetration,
+                    normal_x: dx,
+                    normal_y: dy,
+                    length,
+                    body_radius,
+                    segment: root_name,
+                };
+                (on_toe_arcs.deeper(in_root), tx, ty, toe_radius)
             } else {
                 // The tip corner of the tooth in the crotch of the link that straddles it.
-                let (cx, cy) = link.placed(&self.crotch, i);
+                let (cx, cy) = link.position(&self.crotch, i);
                 let (dx, dy) = (corner.centre.x - cx, corner.centre.y - cy);
                 let length = (dx * dx + dy * dy).sqrt();
                 // Out of the link's teeth: its y axis.
                 let exists = (length != 0.0) & (dy * link.cos - dx * link.sin <= -0.5 * length);
                 let depth = length + corner.radius_m - self.crotch_radius[i];
-                let penetration = if exists { depth } else { NONE_M };
+                let penetration = if exists { depth } else { NOT_FACING_M };
                 let better = penetration > on_toe_arcs.penetration;
                 let body_radius = corner.radius_m;
-                let in_crotch =
-                    OnArc { penetration, normal_x: dx, normal_y: dy, length, body_radius, segment: corner_name };
+                let in_crotch = FlankArcContact {
+                    penetration,
+                    normal_x: dx,
+                    normal_y: dy,
+                    length,
+                    body_radius,
+                    segment: corner_name,
+                };
                 let pick = |new: f64, old: f64| if better { new } else { old };
-                (on_toe_arcs.or(in_crotch), pick(cx, tx), pick(cy, ty), pick(-self.crotch_radius[i], toe_radius))
+                (on_toe_arcs.deeper(in_crotch), pick(cx, tx), pick(cy, ty), pick(-self.crotch_radius[i], toe_radius))
             };
             let arcs = last.penetration > on_line.penetration;
             let pick = |arc: f64, line: f64| if arcs { arc } else { line };
@@ -244,7 +268,7 @@ impl FlankLanes {
             let px = pick(base_x, on_line.circle.centre.x) - mx * radius;
             let py = pick(base_y, on_line.circle.centre.y) - my * radius;
             let (ax, ay) = (placed.axis_x[i], placed.axis_y[i]);
-            found.penetration[i] = if touches[i] != 0 { penetration } else { NOTHING_M };
+            found.penetration[i] = if touches[i] != 0 { penetration } else { NO_CONTACT_M };
             (found.point_x[i], found.point_y[i]) = (ay * px + ax * py, ay * py - ax * px);
             (found.normal_x[i], found.normal_y[i]) = (ay * mx + ax * my, ay * my - ax * mx);
             found.body_radius[i] = pick(last.body_radius, on_line.circle.radius_m);
@@ -263,28 +287,28 @@ impl FlankLanes {
         &self,
         tooth: &SilentTooth,
         side: usize,
-        placed: &Placed<'_>,
+        placed: &LinksInBodyFrame<'_>,
         extent_m: f64,
-    ) -> Column {
+    ) -> LaneBlock {
         let (face, corner) = (tooth.face[side], tooth.corner[side]);
         let (face_arc, root_arc) = (ArcEnds::new(&face, 1.0), ArcEnds::new(&tooth.root, -1.0));
         let mut out = [0.0; LANES];
         for i in 0..LANES {
-            let link = InGap::of(placed, i);
-            let toe = link.placed(&self.toe, i);
-            let flank = Segment2 {
-                start: link.placed(&self.start, i),
-                normal: link.turned(&self.normal, i),
+            let link = LinkInGapFrame::new(placed, i);
+            let toe = link.position(&self.toe, i);
+            let flank = FlankLine {
+                start: link.position(&self.start, i),
+                normal: link.direction(&self.normal, i),
                 from_m: self.from_m[i],
                 to_m: self.to_m[i],
             };
             let corner_at = (corner.centre.x, corner.centre.y);
-            let mut of_flank = least(flank.distance(corner_at) - corner.radius_m, flank.distance_to_arc(&face_arc));
-            let mut of_toe = least(distance(toe, corner_at) - corner.radius_m, face_arc.distance(toe));
+            let mut of_flank = smaller(flank.distance(corner_at) - corner.radius_m, flank.distance_to_arc(&face_arc));
+            let mut of_toe = smaller(distance(toe, corner_at) - corner.radius_m, face_arc.distance(toe));
             if OUTER {
-                of_toe = least(of_toe, root_arc.distance(toe));
+                of_toe = smaller(of_toe, root_arc.distance(toe));
             } else {
-                let crotch = link.placed(&self.crotch, i);
+                let crotch = link.position(&self.crotch, i);
                 let (dx, dy) = (corner_at.0 - crotch.0, corner_at.1 - crotch.1);
                 let length = (dx * dx + dy * dy).sqrt();
                 // It touches only from within, and only where it looks up into the crotch from near its middle.
@@ -293,23 +317,23 @@ impl FlankLanes {
                 let arm = (ox * ox + oy * oy).sqrt() / extent_m;
                 let below =
                     (dy * link.cos - dx * link.sin + 0.5 * length) * (1.0 / 1.5) / (if arm > 1.0 { arm } else { 1.0 });
-                of_flank = least(of_flank, if within > below { within } else { below });
+                of_flank = smaller(of_flank, if within > below { within } else { below });
             }
-            out[i] = least(of_flank, of_toe - self.toe_radius[i]);
+            out[i] = smaller(of_flank, of_toe - self.toe_radius[i]);
         }
         out
     }
 }
 
 /// A flank in the gap frame, as in [`FlankLanes`].
-struct Segment2 {
+struct FlankLine {
     start: (f64, f64),
     normal: (f64, f64),
     from_m: f64,
     to_m: f64,
 }
 
-impl Segment2 {
+impl FlankLine {
     #[inline(always)]
     fn distance(&self, (x, y): (f64, f64)) -> f64 {
         let (dx, dy) = (x - self.start.0, y - self.start.1);
@@ -326,13 +350,14 @@ impl Segment2 {
     fn distance_to_arc(&self, arc: &ArcEnds) -> f64 {
         let (nx, ny) = self.normal;
         let end = |along: f64| (self.start.0 - ny * along, self.start.1 + nx * along);
-        let of_ends = least(arc.distance(end(self.from_m)), arc.distance(end(self.to_m)));
-        let to_ends = least(self.distance(arc.ends[0]), self.distance(arc.ends[1]));
+        let of_ends = smaller(arc.distance(end(self.from_m)), arc.distance(end(self.to_m)));
+        let to_ends = smaller(self.distance(arc.ends[0]), self.distance(arc.ends[1]));
         let (dx, dy) = (arc.centre.0 - self.start.0, arc.centre.1 - self.start.1);
         let (height, along) = (dx * nx + dy * ny, dy * nx - dx * ny);
-        let faces = (along >= self.from_m) & (along <= self.to_m) & (height > 0.0) & has(&arc.arc, -nx, -ny, 1.0);
+        let faces =
+            (along >= self.from_m) & (along <= self.to_m) & (height > 0.0) & arc_has_normal(&arc.arc, -nx, -ny, 1.0);
         let between = if faces { height - arc.arc.circle.radius_m } else { f64::INFINITY };
-        least(least(of_ends, to_ends), between)
+        smaller(smaller(of_ends, to_ends), between)
     }
 }
 
@@ -358,8 +383,8 @@ impl ArcEnds {
     fn distance(&self, (x, y): (f64, f64)) -> f64 {
         let (dx, dy) = (x - self.centre.0, y - self.centre.1);
         let length = (dx * dx + dy * dy).sqrt();
-        let faces = has(&self.arc, self.sense * dx, self.sense * dy, length);
-        let to_ends = least(distance((x, y), self.ends[0]), distance((x, y), self.ends[1]));
+        let faces = arc_has_normal(&self.arc, self.sense * dx, self.sense * dy, length);
+        let to_ends = smaller(distance((x, y), self.ends[0]), distance((x, y), self.ends[1]));
         if faces { self.sense * (length - self.arc.circle.radius_m) } else { to_ends }
     }
 }
@@ -371,13 +396,13 @@ fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
 }
 
 #[inline(always)]
-fn least(a: f64, b: f64) -> f64 {
+fn smaller(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
 /// Whether a point of the arc has this normal; `length`: of the normal.
 #[inline(always)]
-fn has(arc: &Arc, x: f64, y: f64, length: f64) -> bool {
+fn arc_has_normal(arc: &Arc, x: f64, y: f64, length: f64) -> bool {
     let rounding = -NORMAL_ROUNDING * length;
     (arc.from.x * y - arc.from.y * x >= rounding) & (x * arc.to.y - y * arc.to.x >= rounding)
 }

@@ -56,10 +56,10 @@ pub fn explicit_force(
     0.0 - limit * ratio
 }
 
-/// As [`explicit_force`], without a division: `per_speed` is the limit over the stick speed, `grip` what [`grip`] gives.
+/// As [`explicit_force`], without a division: `per_speed` is the limit over the stick speed, `largest_slope` what [`largest_stable_slope`] gives.
 #[inline(always)]
-pub fn gripped_force(limit: f64, speed: f64, per_speed: f64, grip: f64) -> f64 {
-    let slope = if per_speed < grip { per_speed } else { grip };
+pub fn force_with_slope_limit(limit: f64, speed: f64, per_speed: f64, largest_slope: f64) -> f64 {
+    let slope = if per_speed < largest_slope { per_speed } else { largest_slope };
     let force = slope * speed;
     let force = if force > limit { limit } else { force };
     let force = if force < 0.0 - limit { 0.0 - limit } else { force };
@@ -68,6 +68,6 @@ pub fn gripped_force(limit: f64, speed: f64, per_speed: f64, grip: f64) -> f64 {
 
 /// Largest force per speed that does not overshoot [N s/m].
 #[inline(always)]
-pub fn grip(half_step_mobility: f64) -> f64 {
+pub fn largest_stable_slope(half_step_mobility: f64) -> f64 {
     1.0 / ((STICK_PER_KAPPA + 1.0) * half_step_mobility)
 }

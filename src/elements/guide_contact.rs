@@ -7,7 +7,7 @@
 //! Forces as in [`super::tooth_contact`], the guide at rest.
 
 use super::contact_law::ContactLaw;
-use super::tooth_contact::{Column, LANES, Lanes};
+use super::tooth_contact::{LANES, LaneBlock, Lanes};
 use crate::geometry::Vec2;
 
 /// A guide as the contact sees it.
@@ -33,7 +33,7 @@ pub struct GuideBody {
 /// Whether any joint is within `reach_m` of touching, or touches: a first look at positions alone. With `reach_m` at least what
 /// a joint moves in a step, whatever touched a step ago is found too.
 #[inline(always)]
-pub fn any_within(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool {
+pub fn any_within(body: &GuideBody, reach_m: f64, x: LaneBlock, y: LaneBlock) -> bool {
     let (tx, ty) = (body.along.x, body.along.y);
     let base = body.origin.y * tx - body.origin.x * ty;
     // Over the relief arcs the gap is larger than over the face prolonged.
@@ -46,11 +46,18 @@ pub fn any_within(body: &GuideBody, reach_m: f64, x: Column, y: Column) -> bool 
     near != 0
 }
 
-/// Whether any joint touches the guide, touched it (`held`: its force then), or may within a step. Errs on the safe
+/// Whether any joint touches the guide, touched it (`past_force`: its force then), or may within a step. Errs on the safe
 /// side: over the relief arcs `reach_m` is reckoned with, and accelerations whatever their sense. `motion`: x, y, vx, vy of the joints;
 /// `push`: at most how fast each is accelerated [m/s2].
 #[inline(always)]
-pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motion: [Column; 4], push: Column) -> bool {
+pub fn any_near(
+    body: &GuideBody,
+    reach_m: f64,
+    step_s: f64,
+    past_force: LaneBlock,
+    motion: [LaneBlock; 4],
+    push: LaneBlock,
+) -> bool {
     let (tx, ty) = (body.along.x, body.along.y);
     let base = body.origin.y * tx - body.origin.x * ty;
     let start = body.origin.x * tx + body.origin.y * ty;
@@ -68,7 +75,7 @@ pub fn any_near(body: &GuideBody, reach_m: f64, step_s: f64, held: Column, motio
         let way = if dx == 0.0 { 1.01 * step_s * speed } else { reach_m };
         let reach = total + way + 0.51 * step_s * step_s * push[i];
         let within = (dx * dx + dy * dy < reach * reach) & (height > -body.plate_radius_m);
-        near |= u64::from(within | (held[i] != 0.0));
+        near |= u64::from(within | (past_force[i] != 0.0));
     }
     near != 0
 }

@@ -15,13 +15,13 @@
 //! from oil and place: a conservative spring of k_h = B A^2 / V while the passages stand still.
 
 use super::oil::Oil;
-use super::passage::{Flow, FlowLaw};
+use super::passage::{FlowLaw, PassageFlow};
 use crate::state::OilState;
 use nalgebra::{SMatrix, SVector};
 
 /// Most chambers and passages of a drive.
-pub const MOST_CHAMBERS: usize = 8;
-pub const MOST_PASSAGES: usize = 24;
+pub const MAX_CHAMBERS: usize = 8;
+pub const MAX_PASSAGES: usize = 24;
 
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 
@@ -55,7 +55,7 @@ pub struct Reservoir {
 
 /// An end of a passage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum PassageEnd {
     Chamber(usize),
     Reservoir(usize),
 }
@@ -65,13 +65,13 @@ pub enum End {
 pub struct Passage {
     /// In the drive file.
     pub path: String,
-    pub ends: [End; 2],
+    pub ends: [PassageEnd; 2],
     pub law: FlowLaw,
 }
 
 /// How coordinates move over a step: where they stand at its node, at the next one and half-way, and their mean speed.
 #[derive(Clone, Copy, Debug)]
-pub struct Way<'a> {
+pub struct CoordinateStep<'a> {
     pub from: &'a [f64],
     pub to: &'a [f64],
     /// Lifts and walls are taken from here.
@@ -100,10 +100,10 @@ impl Network {
     }
 
     /// Pressure of an end [Pa].
-    fn pressure(&self, end: End, chambers_pa: &[f64]) -> f64 {
+    fn pressure(&self, end: PassageEnd, chambers_pa: &[f64]) -> f64 {
         match end {
-            End::Chamber(i) => chambers_pa[i],
-            End::Reservoir(i) => self.reservoirs[i].pressure_pa,
+            PassageEnd::Chamber(i) => chambers_pa[i],
+            PassageEnd::Reservoir(i) => self.reservoirs[i].pressure_pa,
         }
     }
 
@@ -161,35 +161,35 @@ impl Network {
     }
 
     /// Moves the oil on from a node to the next.
-    pub fn advance(&self, step_s: f64, way: Way<'_>, state: &mut OilState) {
+    pub fn advance(&self, step_s: f64, way: CoordinateStep<'_>, state: &mut OilState) {
         let n = self.chambers.len();
         let q = way.middle;
-        let begin = self.look(way.from, q, way.speed, &state.oil_m3, &state.pressure_pa);
+        let begin = self.evaluate(way.from, q, way.speed, &state.oil_m3, &state.pressure_pa);
         let gh = GAMMA * step_s;
-        let mut matrix = SMatrix::<f64, MOST_CHAMBERS, MOST_CHAMBERS>::identity();
+        let mut matrix = SMatrix::<f64, MAX_CHAMBERS, MAX_CHAMBERS>::identity();
         for (p, f) in self.passages.iter().zip(&begin.flows) {
             for (row, sign) in p.ends.iter().zip([-1.0, 1.0]) {
-                let End::Chamber(i) = *row else { continue };
+                let PassageEnd::Chamber(i) = *row else { continue };
                 for (column, by) in p.ends.iter().zip([1.0, -1.0]) {
-                    let End::Chamber(j) = *column else { continue };
+                    let PassageEnd::Chamber(j) = *column else { continue };
                     matrix[(i, j)] -= gh * sign * by * f.slope * begin.by_oil[j];
                 }
             }
         }
         let solver = matrix.lu();
-        let solve = |rates: &[f64; MOST_PASSAGES]| -> Option<[f64; MOST_CHAMBERS]> {
-            let sums = SVector::<f64, MOST_CHAMBERS>::from(self.sums_of_chambers(rates));
+        let solve = |rates: &[f64; MAX_PASSAGES]| -> Option<[f64; MAX_CHAMBERS]> {
+            let sums = SVector::<f64, MAX_CHAMBERS>::from(self.sums_of_chambers(rates));
             solver.solve(&sums).map(Into::into)
         };
         // A difference of pressures at the ends of a passage, of values per chamber.
         let across = |p: &Passage, of: &dyn Fn(usize) -> f64| {
-            let at = |end: End| match end {
-                End::Chamber(i) => of(i),
-                End::Reservoir(_) => 0.0,
+            let at = |end: PassageEnd| match end {
+                PassageEnd::Chamber(i) => of(i),
+                PassageEnd::Reservoir(_) => 0.0,
             };
             at(p.ends[0]) - at(p.ends[1])
         };
-        let nothing = [0.0; MOST_PASSAGES];
+        let nothing = [0.0; MAX_PASSAGES];
         let (mut right, mut by_time) = (nothing, nothing);
         for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
             by_time[e] = gh * f.slope * across(p, &|i| begin.by_volume[i] * begin.volume_rate[i]);
@@ -203,11 +203,11 @@ impl Network {
         for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
             flows_1[e] = right[e] + gh * f.slope * across(p, &|i| begin.by_oil[i] * first[i]);
         }
-        let mut oil = [0.0; MOST_CHAMBERS];
+        let mut oil = [0.0; MAX_CHAMBERS];
         for i in 0..n {
             oil[i] = state.oil_m3[i] + step_s * first[i];
         }
-        let end = self.look(way.to, q, way.speed, &oil[..n], &state.pressure_pa);
+        let end = self.evaluate(way.to, q, way.speed, &oil[..n], &state.pressure_pa);
         for (e, f) in end.flows[..self.passages.len()].iter().enumerate() {
             right[e] = f.rate_m3_s - by_time[e] - 2.0 * flows_1[e];
         }
@@ -224,8 +224,15 @@ impl Network {
     }
 
     /// Moves oil through passages, and books what that takes.
-    fn move_oil(&self, step_s: f64, way: Way<'_>, q: &[f64], flows: &[f64; MOST_PASSAGES], state: &mut OilState) {
-        let mut before = [0.0; MOST_CHAMBERS];
+    fn move_oil(
+        &self,
+        step_s: f64,
+        way: CoordinateStep<'_>,
+        q: &[f64],
+        flows: &[f64; MAX_PASSAGES],
+        state: &mut OilState,
+    ) {
+        let mut before = [0.0; MAX_CHAMBERS];
         before[..state.pressure_pa.len()].copy_from_slice(&state.pressure_pa);
         for (i, sum) in self.sums_of_chambers(flows).iter().enumerate().take(self.chambers.len()) {
             state.oil_m3[i] += step_s * sum;
@@ -234,17 +241,18 @@ impl Network {
         }
         for (e, p) in self.passages.iter().enumerate() {
             let moved_m3 = step_s * flows[e];
-            let mean =
-                |of: &dyn Fn(&[f64], End) -> f64, end: End| 0.5 * (of(&before, end) + of(&state.pressure_pa, end));
-            let pressure = |pa: &[f64], end: End| self.pressure(end, pa);
-            let enthalpy = |pa: &[f64], end: End| self.oil.enthalpy(self.pressure(end, pa));
+            let mean = |of: &dyn Fn(&[f64], PassageEnd) -> f64, end: PassageEnd| {
+                0.5 * (of(&before, end) + of(&state.pressure_pa, end))
+            };
+            let pressure = |pa: &[f64], end: PassageEnd| self.pressure(end, pa);
+            let enthalpy = |pa: &[f64], end: PassageEnd| self.oil.enthalpy(self.pressure(end, pa));
             let [a, b] = p.ends;
             let by_wall = p.law.wall(q).map_or(0.0, |(k, wall_m2)| {
                 step_s * wall_m2 * way.speed[k] * (mean(&pressure, a) - mean(&pressure, b))
             });
             state.lost_j[e] += moved_m3 * (mean(&enthalpy, a) - mean(&enthalpy, b)) - by_wall;
             for (end, sign) in [(a, 1.0), (b, -1.0)] {
-                if let End::Reservoir(r) = end {
+                if let PassageEnd::Reservoir(r) = end {
                     state.inflow_m3[r] -= sign * moved_m3;
                     state.work_j[r] += sign * moved_m3 * self.oil.enthalpy(self.reservoirs[r].pressure_pa);
                 }
@@ -253,11 +261,11 @@ impl Network {
     }
 
     /// Sums of flows into the chambers.
-    fn sums_of_chambers(&self, flows: &[f64; MOST_PASSAGES]) -> [f64; MOST_CHAMBERS] {
-        let mut sums = [0.0; MOST_CHAMBERS];
+    fn sums_of_chambers(&self, flows: &[f64; MAX_PASSAGES]) -> [f64; MAX_CHAMBERS] {
+        let mut sums = [0.0; MAX_CHAMBERS];
         for (p, flow) in self.passages.iter().zip(flows) {
             for (end, sign) in p.ends.iter().zip([-1.0, 1.0]) {
-                if let End::Chamber(i) = *end {
+                if let PassageEnd::Chamber(i) = *end {
                     sums[i] += sign * flow;
                 }
             }
@@ -266,8 +274,8 @@ impl Network {
     }
 
     /// Pressures, their derivatives and flows. `at`: where coordinates stand; `q`: where those of lifts and walls do.
-    fn look(&self, at: &[f64], q: &[f64], speed: &[f64], oil_m3: &[f64], near_pa: &[f64]) -> Look {
-        let mut look = Look::default();
+    fn evaluate(&self, at: &[f64], q: &[f64], speed: &[f64], oil_m3: &[f64], near_pa: &[f64]) -> NetworkState {
+        let mut look = NetworkState::default();
         for (i, c) in self.chambers.iter().enumerate() {
             let volume_m3 = self.volume_m3(i, at);
             let pressure = self.oil.pressure_pa(volume_m3 / oil_m3[i], near_pa[i]);
@@ -289,25 +297,25 @@ impl Network {
 }
 
 /// A network at one instant.
-struct Look {
-    pressure_pa: [f64; MOST_CHAMBERS],
+struct NetworkState {
+    pressure_pa: [f64; MAX_CHAMBERS],
     /// Derivatives of the pressure by volume [Pa/m3] and by oil.
-    by_volume: [f64; MOST_CHAMBERS],
-    by_oil: [f64; MOST_CHAMBERS],
+    by_volume: [f64; MAX_CHAMBERS],
+    by_oil: [f64; MAX_CHAMBERS],
     /// [m3/s].
-    volume_rate: [f64; MOST_CHAMBERS],
-    flows: [Flow; MOST_PASSAGES],
+    volume_rate: [f64; MAX_CHAMBERS],
+    flows: [PassageFlow; MAX_PASSAGES],
 }
 
-impl Default for Look {
-    fn default() -> Look {
-        let zero = [0.0; MOST_CHAMBERS];
-        Look {
+impl Default for NetworkState {
+    fn default() -> NetworkState {
+        let zero = [0.0; MAX_CHAMBERS];
+        NetworkState {
             pressure_pa: zero,
             by_volume: zero,
             by_oil: zero,
             volume_rate: zero,
-            flows: [Flow::default(); MOST_PASSAGES],
+            flows: [PassageFlow::default(); MAX_PASSAGES],
         }
     }
 }
@@ -340,7 +348,7 @@ mod tests {
             reservoirs: vec![Reservoir { name: "sump".into(), pressure_pa: 0.0 }],
             passages: law
                 .into_iter()
-                .map(|law| Passage { path: "a".into(), ends: [End::Chamber(0), End::Reservoir(0)], law })
+                .map(|law| Passage { path: "a".into(), ends: [PassageEnd::Chamber(0), PassageEnd::Reservoir(0)], law })
                 .collect(),
         }
     }
@@ -368,7 +376,7 @@ mod tests {
             let speed = [(to[0] - from[0]) / step_s];
             n.advance(
                 step_s,
-                Way { from: &from, to: &to, middle: &[0.5 * (from[0] + to[0])], speed: &speed },
+                CoordinateStep { from: &from, to: &to, middle: &[0.5 * (from[0] + to[0])], speed: &speed },
                 &mut state,
             );
             look((i + 1) as f64 * step_s, &state);
@@ -441,7 +449,11 @@ mod tests {
         for _ in 0..(time / step).round() as usize {
             v += step * acceleration(x, &state);
             let to = x + step * v;
-            n.advance(step, Way { from: &[x], to: &[to], middle: &[0.5 * (x + to)], speed: &[v] }, &mut state);
+            n.advance(
+                step,
+                CoordinateStep { from: &[x], to: &[to], middle: &[0.5 * (x + to)], speed: &[v] },
+                &mut state,
+            );
             x = to;
         }
         let at_node = v + 0.5 * step * acceleration(x, &state);
@@ -506,7 +518,10 @@ mod tests {
         let mut n = network(0.03, Some(leak(2e-13)));
         n.chambers.push(Chamber { name: "low".into(), volume_m3: 5e-6, pistons: Vec::new(), start_pa: 2e5 });
         n.reservoirs.push(Reservoir { name: "gallery".into(), pressure_pa: 3e5 });
-        for (path, ends) in [("b", [End::Chamber(1), End::Chamber(0)]), ("c", [End::Reservoir(1), End::Chamber(1)])] {
+        for (path, ends) in [
+            ("b", [PassageEnd::Chamber(1), PassageEnd::Chamber(0)]),
+            ("c", [PassageEnd::Reservoir(1), PassageEnd::Chamber(1)]),
+        ] {
             n.passages.push(Passage { path: path.into(), ends, law: FlowLaw::Orifice(orifice) });
         }
         let start: f64 = filled(&n).oil_m3.iter().sum();

@@ -11,7 +11,7 @@
 //! Damping and friction take the mean velocity about the node, which the step finds by a second look; the damping bounds the step.
 
 use super::friction;
-use super::tooth_contact::{Column, LANES, blocks};
+use super::tooth_contact::{LANES, LaneBlock, blocks};
 
 /// Constants of all joints of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,9 +72,9 @@ pub struct JointEnds<'a> {
 /// Forces of a block of joints on the links behind them [N], and the power they lose to damping [W].
 #[derive(Clone, Copy, Debug)]
 pub struct JointBlock {
-    pub x: Column,
-    pub y: Column,
-    pub lost: Column,
+    pub x: LaneBlock,
+    pub y: LaneBlock,
+    pub lost: LaneBlock,
 }
 
 impl<'a> JointEnds<'a> {

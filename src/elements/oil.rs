@@ -30,7 +30,7 @@ pub struct Oil {
 
 /// Where an amount of oil stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Compressed {
+pub struct SpecificVolume {
     /// Volume over that at ambient pressure.
     pub volume: f64,
     /// Its derivative by the pressure [1/Pa], negative.
@@ -38,21 +38,21 @@ pub struct Compressed {
 }
 
 /// Iterations of Newton's method for a pressure; some five are needed.
-const MOST_ITERATIONS: usize = 200;
+const MAX_ITERATIONS: usize = 200;
 /// Largest fall of the absolute pressure in one of them, as a share of it.
 const LARGEST_FALL: f64 = 0.9;
 /// Change of the pressure at which it ends, as a share of the absolute pressure: some units in the last place.
-const ENOUGH: f64 = 1e-15;
+const PRESSURE_TOLERANCE: f64 = 1e-15;
 
 impl Oil {
     /// At a gauge pressure above minus one atmosphere [Pa].
     #[inline]
-    pub fn at(&self, pressure_pa: f64) -> Compressed {
+    pub fn at(&self, pressure_pa: f64) -> SpecificVolume {
         let liquid = (1.0 - self.air_share) * libm::exp(-pressure_pa / self.bulk_modulus_pa);
         let absolute = 1.0 + pressure_pa / AMBIENT_PA;
         let air =
             if self.air_share > 0.0 { self.air_share * libm::pow(absolute, -1.0 / self.air_exponent) } else { 0.0 };
-        Compressed {
+        SpecificVolume {
             volume: liquid + air,
             slope_per_pa: -liquid / self.bulk_modulus_pa - air / (self.air_exponent * absolute * AMBIENT_PA),
         }
@@ -60,7 +60,7 @@ impl Oil {
 
     /// Effective bulk modulus [Pa].
     pub fn bulk_modulus_pa(&self, pressure_pa: f64) -> f64 {
-        let Compressed { volume, slope_per_pa } = self.at(pressure_pa);
+        let SpecificVolume { volume, slope_per_pa } = self.at(pressure_pa);
         -volume / slope_per_pa
     }
 
@@ -71,7 +71,7 @@ impl Oil {
             return f64::NAN;
         }
         let mut p = near_pa;
-        for _ in 0..MOST_ITERATIONS {
+        for _ in 0..MAX_ITERATIONS {
             let here = self.at(p);
             // The volume is convex in the pressure: from above Newton's method goes too far down once, then rises steadily.
             let next = p + (volume - here.volume) / here.slope_per_pa;
@@ -79,7 +79,7 @@ impl Oil {
             let next = if self.air_share > 0.0 && next < lowest { lowest } else { next };
             let change = (next - p).abs();
             p = next;
-            if change <= ENOUGH * (p.abs() + AMBIENT_PA) {
+            if change <= PRESSURE_TOLERANCE * (p.abs() + AMBIENT_PA) {
                 break;
             }
         }

@@ -84,7 +84,7 @@ impl AnnularGap {
 
 /// Flow at one pressure difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Flow {
+pub struct PassageFlow {
     /// Without what walls drag [m3/s].
     pub rate_m3_s: f64,
     /// Its derivative by the pressure difference [m3/(s Pa)].
@@ -92,16 +92,25 @@ pub struct Flow {
 }
 
 /// Flow through a sharp-edged opening with this area and hydraulic diameter.
-fn orifice_flow(oil: &Oil, area_m2: f64, diameter_m: f64, (discharge, reynolds): (f64, f64), drop_pa: f64) -> Flow {
+fn orifice_flow(
+    oil: &Oil,
+    area_m2: f64,
+    diameter_m: f64,
+    (discharge, reynolds): (f64, f64),
+    drop_pa: f64,
+) -> PassageFlow {
     if area_m2 <= 0.0 {
-        return Flow::default();
+        return PassageFlow::default();
     }
     let slow = reynolds * oil.viscosity_pa_s / (oil.density_kg_m3 * diameter_m * discharge);
     let transition_pa = 0.5 * oil.density_kg_m3 * slow * slow;
     let square = drop_pa * drop_pa + transition_pa * transition_pa;
     let fourth = libm::sqrt(libm::sqrt(square));
     let scale = discharge * area_m2 * libm::sqrt(2.0 / oil.density_kg_m3);
-    Flow { rate_m3_s: scale * drop_pa / fourth, slope: scale * (1.0 - 0.5 * drop_pa * drop_pa / square) / fourth }
+    PassageFlow {
+        rate_m3_s: scale * drop_pa / fourth,
+        slope: scale * (1.0 - 0.5 * drop_pa * drop_pa / square) / fourth,
+    }
 }
 
 /// The opening of a lifted ball: areas of slit and both in series [m2], width of the slit [m], and the jet's share along the axis.
@@ -136,8 +145,8 @@ impl CheckBall {
         seat_m2 - 2.0 * self.discharge * o.slit_m2 * share * share * o.cosine
     }
 
-    fn flow(&self, oil: &Oil, lift_m: f64, drop_pa: f64) -> Flow {
-        let Some(o) = self.opening(lift_m) else { return Flow::default() };
+    fn flow(&self, oil: &Oil, lift_m: f64, drop_pa: f64) -> PassageFlow {
+        let Some(o) = self.opening(lift_m) else { return PassageFlow::default() };
         let diameter_m = f64::min(2.0 * o.width_m, 2.0 * self.seat_radius_m);
         orifice_flow(oil, o.area_m2, diameter_m, (self.discharge, self.transition_reynolds), drop_pa)
     }
@@ -145,13 +154,13 @@ impl CheckBall {
 
 impl FlowLaw {
     /// At a pressure difference, coordinates standing at `q`.
-    pub fn flow(&self, oil: &Oil, q: &[f64], drop_pa: f64) -> Flow {
+    pub fn flow(&self, oil: &Oil, q: &[f64], drop_pa: f64) -> PassageFlow {
         match self {
             FlowLaw::Orifice(o) => {
                 let area_m2 = 0.25 * PI * o.diameter_m * o.diameter_m;
                 orifice_flow(oil, area_m2, o.diameter_m, (o.discharge, o.transition_reynolds), drop_pa)
             }
-            FlowLaw::Leak { conductance, .. } => Flow { rate_m3_s: conductance * drop_pa, slope: *conductance },
+            FlowLaw::Leak { conductance, .. } => PassageFlow { rate_m3_s: conductance * drop_pa, slope: *conductance },
             FlowLaw::Check(check) => check.flow(oil, q[check.coordinate], drop_pa),
         }
     }
@@ -202,7 +211,7 @@ mod tests {
             discharge: 0.7,
             transition_reynolds: TRANSITION_REYNOLDS,
         };
-        assert_eq!(check.flow(&oil(), 0.0, 1e5), Flow::default());
+        assert_eq!(check.flow(&oil(), 0.0, 1e5), PassageFlow::default());
         assert!((check.wall_m2(-1e-6) / (PI * 4e-6) - 1.0).abs() < 1e-14);
         let o = check.opening(0.4e-3).expect("open");
         // Centre 1.5 mm over the seat when closed: 1.9 mm now.

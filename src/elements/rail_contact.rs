@@ -7,10 +7,10 @@
 //! front, rear end on a line          gap = height of the joint over the line - r
 //!                 on a concave arc   gap = R - |p - c| - r
 //! edge            on a convex arc    gap = |q - c| - R - r,   q the point of the axis, ends included, that is nearest to the centre c
-//!                 on a brink         gap = |q - b| - r,       where the flat edge reaches over the end b of a line
+//!                 at an edge support gap = |q - b| - r,       where the flat edge reaches over the end b of a line
 //! ```
-//! A flat edge on a line is carried at both ends of what they share: ends of the plate, or brinks. The edge's contact point moves along
-//! the plate while it rolls and slides over an arc; where a joint passes a brink, the contact of the end becomes that of the edge or the
+//! A flat edge on a line is carried at both ends of what they share: ends of the plate, or edge supports. The edge's contact point moves along
+//! the plate while it rolls and slides over an arc; where a joint passes an edge support, the contact of the end becomes that of the edge or the
 //! other way round: gap and normal are continuous there, and the contact is one and the same (the step hands its memory on).
 //!
 //! Second derivative of the gap of an edge that turns with the link (omega), on a rail that turns about the origin (W), s the place of q
@@ -21,7 +21,7 @@
 //! Forces as in [`super::tooth_contact`], with the rail's inertia in the effective mass where a coordinate carries it.
 
 use super::contact_law::ContactLaw;
-use super::tooth_contact::{Column, LANES, Lanes};
+use super::tooth_contact::{LANES, LaneBlock, Lanes};
 use crate::geometry::rail::{Piece, Rail};
 use crate::geometry::{Vec2, cross, perp};
 
@@ -96,7 +96,7 @@ impl RailBody {
     pub fn radius_at(&self, piece: usize) -> f64 {
         match self.pieces.get(piece) {
             Some(Piece::Arc { radius_m, .. }) => *radius_m,
-            Some(Piece::Brink { .. }) => 0.0,
+            Some(Piece::EdgeSupport { .. }) => 0.0,
             Some(Piece::Line { .. }) | None => f64::INFINITY,
         }
     }
@@ -111,7 +111,7 @@ impl RailBody {
                 PlatePart::Front => end(1.0),
                 PlatePart::Rear => end(-1.0),
                 PlatePart::Edge => {
-                    let (Piece::Arc { centre: c, .. } | Piece::Brink { point: c, .. }) = *p else { return None };
+                    let (Piece::Arc { centre: c, .. } | Piece::EdgeSupport { point: c, .. }) = *p else { return None };
                     let along = (c - centre).dot(&heading).clamp(-lever_m, lever_m);
                     (along, centre + heading * along)
                 }
@@ -132,7 +132,7 @@ impl RailBody {
                         is_flat,
                     })
                 }
-                Piece::Brink { point, normal: up } if is_flat => {
+                Piece::EdgeSupport { point, normal: up } if is_flat => {
                     let d = q - point;
                     let distance = d.norm();
                     (d.dot(&up) > 0.0).then(|| PlateTouch {
@@ -181,22 +181,22 @@ pub fn law_radius_m(radius_m: f64) -> f64 {
 }
 
 /// Penetration of a part that no piece of the rail faces [m]: nothing can touch from there within a step.
-const NOTHING_M: f64 = -1.0;
+const NO_FACING_PIECE_M: f64 = -1.0;
 
-/// What [`touches`] finds beside what it puts into the lanes.
+/// What [`find_contacts`] finds beside what it puts into the lanes.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Found {
+pub struct RailContactLanes {
     /// Whether the part faces a piece of the rail: elsewhere the lane stands still, far from anything.
     pub here: [bool; LANES],
     /// Index of the piece, as a number.
-    pub piece: Column,
+    pub piece: LaneBlock,
     /// Radius of curvature of the plate there [m]: infinite on its straight edge.
-    pub link_radius: Column,
+    pub link_radius: LaneBlock,
 }
 
 /// How the rail moves at the node: cosine and sine of its angle, its speed [rad/s] and its acceleration one step back [rad/s2].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Swing {
+pub struct RailMotion {
     pub cos: f64,
     pub sin: f64,
     pub omega: f64,
@@ -206,47 +206,55 @@ pub struct Swing {
 /// Geometry and kinematics of one part of the plates of a block of links. The lanes hold the links' centres from the rail's origin, their
 /// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place.
 #[inline(always)]
-pub fn touches(body: &RailBody, part: PlatePart, swing: Swing, link_alpha: &Column, lanes: &mut Lanes) -> Found {
-    let mut nearest = Nearest::new(body.plate_radius_m, swing, lanes);
+pub fn find_contacts(
+    body: &RailBody,
+    part: PlatePart,
+    swing: RailMotion,
+    link_alpha: &LaneBlock,
+    lanes: &mut Lanes,
+) -> RailContactLanes {
+    let mut nearest = NearestPieces::new(body.plate_radius_m, swing, lanes);
     for (index, piece) in body.pieces.iter().enumerate() {
         match *piece {
             Piece::Line { start, along, length_m } if part != PlatePart::Edge => {
                 nearest.line(index, part, (start, along, length_m));
             }
-            Piece::Brink { point, normal } if part == PlatePart::Edge => nearest.brink(index, point, normal),
+            Piece::EdgeSupport { point, normal } if part == PlatePart::Edge => {
+                nearest.edge_support(index, point, normal)
+            }
             Piece::Arc { centre, radius_m, from, to } if (radius_m < 0.0) != (part == PlatePart::Edge) => {
                 nearest.arc(index, part, (centre, radius_m, from, to));
             }
-            Piece::Line { .. } | Piece::Brink { .. } | Piece::Arc { .. } => {}
+            Piece::Line { .. } | Piece::EdgeSupport { .. } | Piece::Arc { .. } => {}
         }
     }
-    nearest.move_lanes(part, swing, link_alpha, lanes)
+    nearest.move_lanes_to_contacts(part, swing, link_alpha, lanes)
 }
 
 /// The nearest piece of every lane so far, in the rail's frame.
-struct Nearest {
+struct NearestPieces {
     plate_radius_m: f64,
     /// Centre and heading of the link, and half its pitch.
-    x: Column,
-    y: Column,
-    heading_x: Column,
-    heading_y: Column,
-    lever: Column,
+    x: LaneBlock,
+    y: LaneBlock,
+    heading_x: LaneBlock,
+    heading_y: LaneBlock,
+    lever: LaneBlock,
     /// What is found: see [`PlateTouch`]; `bend`: of the joint's path along the piece, as [`Lanes::curvature`].
     here: [bool; LANES],
-    depth: Column,
-    place: Column,
-    normal_x: Column,
-    normal_y: Column,
-    bend: Column,
-    radius: Column,
-    piece: Column,
+    depth: LaneBlock,
+    place: LaneBlock,
+    normal_x: LaneBlock,
+    normal_y: LaneBlock,
+    bend: LaneBlock,
+    radius: LaneBlock,
+    piece: LaneBlock,
 }
 
-impl Nearest {
+impl NearestPieces {
     #[inline(always)]
-    fn new(plate_radius_m: f64, swing: Swing, lanes: &Lanes) -> Nearest {
-        let Swing { cos: c, sin: s, .. } = swing;
+    fn new(plate_radius_m: f64, swing: RailMotion, lanes: &Lanes) -> NearestPieces {
+        let RailMotion { cos: c, sin: s, .. } = swing;
         let zero = [0.0; LANES];
         let (mut x, mut y, mut heading_x, mut heading_y) = (zero, zero, zero, zero);
         for i in 0..LANES {
@@ -255,7 +263,7 @@ impl Nearest {
             heading_x[i] = c * lanes.cos[i] + s * lanes.sin[i];
             heading_y[i] = c * lanes.sin[i] - s * lanes.cos[i];
         }
-        Nearest {
+        NearestPieces {
             plate_radius_m,
             x,
             y,
@@ -263,7 +271,7 @@ impl Nearest {
             heading_y,
             lever: lanes.lever,
             here: [false; LANES],
-            depth: [NOTHING_M; LANES],
+            depth: [NO_FACING_PIECE_M; LANES],
             place: zero,
             normal_x: zero,
             normal_y: [1.0; LANES],
@@ -275,19 +283,26 @@ impl Nearest {
 
     /// From a point of the rail to the point `at` of a link's axis.
     #[inline(always)]
-    fn from(&self, i: usize, point: Vec2, at: f64) -> (f64, f64) {
+    fn vector_from(&self, i: usize, point: Vec2, at: f64) -> (f64, f64) {
         (self.x[i] + self.heading_x[i] * at - point.x, self.y[i] + self.heading_y[i] * at - point.y)
     }
 
     /// Where on the axis of a link a point of the rail has its foot.
     #[inline(always)]
-    fn foot(&self, i: usize, point: Vec2) -> f64 {
+    fn foot_on_axis(&self, i: usize, point: Vec2) -> f64 {
         (point.x - self.x[i]) * self.heading_x[i] + (point.y - self.y[i]) * self.heading_y[i]
     }
 
     /// Takes a piece that a lane faces, if it is nearer than what there is: where on the axis, penetration, normal, bend, radius.
     #[inline(always)]
-    fn offer(&mut self, i: usize, index: usize, (at, p): (f64, f64), (nx, ny): (f64, f64), (bend, radius): (f64, f64)) {
+    fn keep_if_nearer(
+        &mut self,
+        i: usize,
+        index: usize,
+        (at, p): (f64, f64),
+        (nx, ny): (f64, f64),
+        (bend, radius): (f64, f64),
+    ) {
         if (p < self.plate_radius_m) & (!self.here[i] | (p > self.depth[i])) {
             (self.depth[i], self.place[i], self.here[i]) = (p, at, true);
             (self.normal_x[i], self.normal_y[i], self.bend[i], self.radius[i]) = (nx, ny, bend, radius);
@@ -299,26 +314,26 @@ impl Nearest {
     fn line(&mut self, index: usize, part: PlatePart, (start, along, length_m): (Vec2, Vec2, f64)) {
         for i in 0..LANES {
             let at = part.end() * self.lever[i];
-            let (dx, dy) = self.from(i, start, at);
+            let (dx, dy) = self.vector_from(i, start, at);
             let foot = dx * along.x + dy * along.y;
             let p = self.plate_radius_m - (dx * along.y - dy * along.x);
             if (foot >= 0.0) & (foot < length_m) {
-                self.offer(i, index, (at, p), (along.y, -along.x), (0.0, f64::INFINITY));
+                self.keep_if_nearer(i, index, (at, p), (along.y, -along.x), (0.0, f64::INFINITY));
             }
         }
     }
 
     #[inline(always)]
-    fn brink(&mut self, index: usize, point: Vec2, normal: Vec2) {
+    fn edge_support(&mut self, index: usize, point: Vec2, normal: Vec2) {
         for i in 0..LANES {
-            let at = self.foot(i, point);
-            let (dx, dy) = self.from(i, point, at);
+            let at = self.foot_on_axis(i, point);
+            let (dx, dy) = self.vector_from(i, point, at);
             let distance = length(dx, dy);
             let flat = (at < self.lever[i]) & (at > -self.lever[i]) & (dx * normal.x + dy * normal.y > 0.0);
             if flat {
                 let scale = 1.0 / distance;
                 let p = self.plate_radius_m - distance;
-                self.offer(i, index, (at, p), (dx * scale, dy * scale), (0.0 - scale, 0.0));
+                self.keep_if_nearer(i, index, (at, p), (dx * scale, dy * scale), (0.0 - scale, 0.0));
             }
         }
     }
@@ -329,29 +344,36 @@ impl Nearest {
         for i in 0..LANES {
             let lever = self.lever[i];
             let at = match part {
-                PlatePart::Edge => self.foot(i, centre).clamp(-lever, lever),
+                PlatePart::Edge => self.foot_on_axis(i, centre).clamp(-lever, lever),
                 PlatePart::Front | PlatePart::Rear => part.end() * lever,
             };
-            let (dx, dy) = self.from(i, centre, at);
+            let (dx, dy) = self.vector_from(i, centre, at);
             let distance = length(dx, dy);
             let scale = sense / distance;
             let (ux, uy) = (dx * scale, dy * scale);
             let inside = (sense * (from.x * uy - from.y * ux) >= 0.0) & (sense * (ux * to.y - uy * to.x) > 0.0);
             if inside {
                 let p = radius_m + self.plate_radius_m - sense * distance;
-                self.offer(i, index, (at, p), (ux, uy), (0.0 - scale, radius_m));
+                self.keep_if_nearer(i, index, (at, p), (ux, uy), (0.0 - scale, radius_m));
             }
         }
     }
 
     /// Puts the points of contact in the place of the links: positions, velocities and accelerations against the rail, normals.
     #[inline(always)]
-    fn move_lanes(&self, part: PlatePart, swing: Swing, link_alpha: &Column, lanes: &mut Lanes) -> Found {
-        let Swing { cos: c, sin: s, omega, alpha } = swing;
-        let mut found = Found { here: self.here, piece: self.piece, link_radius: [self.plate_radius_m; LANES] };
+    fn move_lanes_to_contacts(
+        &self,
+        part: PlatePart,
+        swing: RailMotion,
+        link_alpha: &LaneBlock,
+        lanes: &mut Lanes,
+    ) -> RailContactLanes {
+        let RailMotion { cos: c, sin: s, omega, alpha } = swing;
+        let mut found =
+            RailContactLanes { here: self.here, piece: self.piece, link_radius: [self.plate_radius_m; LANES] };
         for i in 0..LANES {
             if !self.here[i] {
-                let_stand(i, lanes);
+                freeze_lane(i, lanes);
                 continue;
             }
             let (at, lever) = (self.place[i], self.lever[i]);
@@ -387,10 +409,10 @@ impl Nearest {
 
 /// A lane that faces no piece of the rail. Its speed against a rail that turns says nothing: a lane without a link is a kilometre away.
 #[inline(always)]
-fn let_stand(i: usize, lanes: &mut Lanes) {
+fn freeze_lane(i: usize, lanes: &mut Lanes) {
     (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (0.0, 0.0, 0.0, 0.0);
     (lanes.ax[i], lanes.ay[i], lanes.omega[i], lanes.lever[i]) = (0.0, 0.0, 0.0, 0.0);
-    (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NOTHING_M, 0.0, 1.0);
+    (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NO_FACING_PIECE_M, 0.0, 1.0);
     (lanes.curvature[i], lanes.body_radius[i]) = (0.0, f64::INFINITY);
 }
 
@@ -405,7 +427,7 @@ fn length(dx: f64, dy: f64) -> f64 {
 #[allow(clippy::unwrap_used, clippy::expect_used)]
 mod tests {
     use super::*;
-    use crate::elements::tooth_contact::{Sliding, forces_on_body};
+    use crate::elements::tooth_contact::{FrictionInput, forces_on_body};
     use crate::geometry::guide::GuideSide;
     use crate::geometry::rail::Stretch;
     use crate::geometry::{rotated, unit};
@@ -414,9 +436,9 @@ mod tests {
     const LEVER_M: f64 = 4e-3;
 
     /// Numbers in -1 .. 1, the same everywhere.
-    struct Random(u64);
+    struct TestNumbers(u64);
 
-    impl Random {
+    impl TestNumbers {
         fn next(&mut self) -> f64 {
             self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
@@ -446,7 +468,7 @@ mod tests {
     }
 
     /// A link whose nearest point lies `gap_m` over a point of the rail: centre and heading in the rail's frame.
-    fn over(rail: &Rail, random: &mut Random, gap_m: f64) -> (Vec2, Vec2) {
+    fn over(rail: &Rail, random: &mut TestNumbers, gap_m: f64) -> (Vec2, Vec2) {
         let elements = rail.profile.elements();
         let e = &elements[((random.next() + 1.0) * 0.5 * elements.len() as f64) as usize % elements.len()];
         let along = 0.5 + 0.5 * random.next();
@@ -472,7 +494,7 @@ mod tests {
     /// The deepest of the three contacts of a plate is where the plate is nearest to the rail.
     #[test]
     fn plates_touch_where_they_are_nearest() {
-        let mut random = Random(7);
+        let mut random = TestNumbers(7);
         let mut looked_at = [0; 3];
         for side in [GuideSide::Inside, GuideSide::Outside] {
             let (rail, body) = (rail(side), body(side));
@@ -494,14 +516,14 @@ mod tests {
     /// The kernel finds what the search finds, for rails that have turned.
     #[test]
     fn the_kernel_is_the_search() {
-        let mut random = Random(3);
+        let mut random = TestNumbers(3);
         let mut touched = [0; 3];
         for side in [GuideSide::Inside, GuideSide::Outside] {
             let (rail, body) = (rail(side), body(side));
             for _ in 0..600 {
                 let angle = random.next();
                 let turn = unit(angle);
-                let swing = Swing { cos: turn.x, sin: turn.y, omega: 0.0, alpha: 0.0 };
+                let swing = RailMotion { cos: turn.x, sin: turn.y, omega: 0.0, alpha: 0.0 };
                 let links: [(Vec2, Vec2); LANES] = std::array::from_fn(|_| {
                     let gap_m = 0.3e-3 * random.next();
                     let (centre, heading) = over(&rail, &mut random, gap_m);
@@ -514,7 +536,7 @@ mod tests {
                         (lanes.cos[i], lanes.sin[i]) = (heading.x, heading.y);
                         lanes.lever[i] = LEVER_M;
                     }
-                    let found = touches(&body, part, swing, &[0.0; LANES], &mut lanes);
+                    let found = find_contacts(&body, part, swing, &[0.0; LANES], &mut lanes);
                     for (i, (centre, heading)) in links.iter().enumerate() {
                         let (c, h) = (rotated(*centre, -angle), rotated(*heading, -angle));
                         let t = body.touch(part, c, h, LEVER_M);
@@ -541,7 +563,7 @@ mod tests {
     /// Rate of the gap and its second derivative, against differences of the exact gap while link and rail move.
     #[test]
     fn rates_are_those_of_the_gap() {
-        let mut random = Random(11);
+        let mut random = TestNumbers(11);
         let (mut flat, mut ends) = (0, 0);
         for side in [GuideSide::Inside, GuideSide::Outside] {
             let (rail, body) = (rail(side), body(side));
@@ -574,9 +596,9 @@ mod tests {
                     (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                     (lanes.omega, lanes.lever) = ([omega; LANES], [LEVER_M; LANES]);
                     (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / 3e-3; LANES], [1.0 / 6e-8; LANES]);
-                    let swing = Swing { cos: 1.0, sin: 0.0, omega: swing_omega, alpha: swing_alpha };
-                    let found = touches(&body, part, swing, &[alpha; LANES], &mut lanes);
-                    let sliding = Sliding { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
+                    let swing = RailMotion { cos: 1.0, sin: 0.0, omega: swing_omega, alpha: swing_alpha };
+                    let found = find_contacts(&body, part, swing, &[alpha; LANES], &mut lanes);
+                    let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                     forces_on_body(&body.law, sliding, &found.link_radius, 1e-6, (swing_omega, 0.0), &mut lanes);
                     let rate = (after.penetration_m - before.penetration_m) / (2.0 * STEP_S);
                     let second =
@@ -624,9 +646,9 @@ mod tests {
                 (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / mass; LANES], [1.0 / 6e-8; LANES]);
                 let turn = unit(angle);
                 let speed = omega + 0.5 * h * alpha;
-                let swing = Swing { cos: turn.x, sin: turn.y, omega: speed, alpha };
-                let found = touches(&body, PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
-                let sliding = Sliding { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
+                let swing = RailMotion { cos: turn.x, sin: turn.y, omega: speed, alpha };
+                let found = find_contacts(&body, PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
+                let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                 forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, 1.0 / inertia), &mut lanes);
                 (a, alpha) = (lanes.force_y[0] / mass, lanes.torque[0] / inertia);
                 peak = peak.max(lanes.normal_force[0]);

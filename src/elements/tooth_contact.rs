@@ -21,12 +21,12 @@ use crate::units::sin_cos;
 pub const LANES: usize = 8;
 
 /// One value per lane.
-pub type Column = [f64; LANES];
+pub type LaneBlock = [f64; LANES];
 
 /// A yes or a no per lane, as wide as a value, so that it lives in vector registers too: all bits or none.
-pub type Mask = [u64; LANES];
+pub type LaneMask = [u64; LANES];
 
-/// One lane of a [`Mask`].
+/// One lane of a [`LaneMask`].
 #[inline(always)]
 pub fn mask(yes: bool) -> u64 {
     if yes { u64::MAX } else { 0 }
@@ -34,13 +34,13 @@ pub fn mask(yes: bool) -> u64 {
 
 /// Whether any lane says yes.
 #[inline(always)]
-pub fn any(lanes: &Mask) -> bool {
+pub fn any(lanes: &LaneMask) -> bool {
     lanes.iter().fold(0, |any, lane| any | lane) != 0
 }
 
 /// One block of values from `at`.
 #[inline(always)]
-pub fn take(column: &[f64], at: usize) -> Column {
+pub fn take(column: &[f64], at: usize) -> LaneBlock {
     let mut out = [0.0; LANES];
     out.copy_from_slice(&column[at..at + LANES]);
     out
@@ -48,12 +48,12 @@ pub fn take(column: &[f64], at: usize) -> Column {
 
 /// The first blocks of a column: slices of one length, so that one bounds check does for a loop over many of them.
 #[inline(always)]
-pub fn blocks(column: &[f64], count: usize) -> &[Column] {
+pub fn blocks(column: &[f64], count: usize) -> &[LaneBlock] {
     &column.as_chunks::<LANES>().0[..count]
 }
 
 #[inline(always)]
-pub fn blocks_mut(column: &mut [f64], count: usize) -> &mut [Column] {
+pub fn blocks_mut(column: &mut [f64], count: usize) -> &mut [LaneBlock] {
     &mut column.as_chunks_mut::<LANES>().0[..count]
 }
 
@@ -151,7 +151,7 @@ impl ToothedBody {
 
 /// The sprocket's motion at a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turning {
+pub struct SprocketMotion {
     pub cos: f64,
     pub sin: f64,
     pub omega: f64,
@@ -161,57 +161,57 @@ pub struct Turning {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lanes {
     /// Joint centre from the sprocket axis [m], its velocity, and that of the link [m/s, rad/s].
-    pub x: Column,
-    pub y: Column,
-    pub vx: Column,
-    pub vy: Column,
-    pub omega: Column,
+    pub x: LaneBlock,
+    pub y: LaneBlock,
+    pub vx: LaneBlock,
+    pub vy: LaneBlock,
+    pub omega: LaneBlock,
     /// Acceleration of the joint centre one step back [m/s2].
-    pub ax: Column,
-    pub ay: Column,
+    pub ax: LaneBlock,
+    pub ay: LaneBlock,
     /// Heading of the link and signed lever of the joint.
-    pub cos: Column,
-    pub sin: Column,
-    pub lever: Column,
-    pub inverse_mass: Column,
-    pub inverse_inertia: Column,
+    pub cos: LaneBlock,
+    pub sin: LaneBlock,
+    pub lever: LaneBlock,
+    pub inverse_mass: LaneBlock,
+    pub inverse_inertia: LaneBlock,
     /// Direction of the gap axis in the sprocket's frame.
-    pub seat_cos: Column,
-    pub seat_sin: Column,
+    pub seat_cos: LaneBlock,
+    pub seat_sin: LaneBlock,
     /// How far that gap lies beside its place: outwards, counterclockwise [m].
-    pub seat_out: Column,
-    pub seat_left: Column,
+    pub seat_out: LaneBlock,
+    pub seat_left: LaneBlock,
     /// Memory of the contact: mean forces of the last step, age, approach speed.
-    pub normal_force: Column,
-    pub tangential_force: Column,
-    pub age: Column,
-    pub approach: Column,
+    pub normal_force: LaneBlock,
+    pub tangential_force: LaneBlock,
+    pub age: LaneBlock,
+    pub approach: LaneBlock,
     /// Results.
-    pub penetration: Column,
-    pub normal_x: Column,
-    pub normal_y: Column,
-    pub free_rate: Column,
-    pub free_acceleration: Column,
-    pub mobility: Column,
-    pub body_radius: Column,
+    pub penetration: LaneBlock,
+    pub normal_x: LaneBlock,
+    pub normal_y: LaneBlock,
+    pub free_rate: LaneBlock,
+    pub free_acceleration: LaneBlock,
+    pub mobility: LaneBlock,
+    pub body_radius: LaneBlock,
     /// Of the joint's path while it slides along the element: inverse distance from the centre, positive on concave ones [1/m].
-    pub curvature: Column,
+    pub curvature: LaneBlock,
     /// Closing speed at the node; sliding speed that friction works with, which its own force has changed already.
-    pub rate: Column,
-    pub slide: Column,
-    pub lost_damping: Column,
-    pub lost_friction: Column,
+    pub rate: LaneBlock,
+    pub slide: LaneBlock,
+    pub lost_damping: LaneBlock,
+    pub lost_friction: LaneBlock,
     /// Force on the link [N], moment about the joint centre [N m], torque on the sprocket [N m].
-    pub force_x: Column,
-    pub force_y: Column,
-    pub moment: Column,
-    pub torque: Column,
+    pub force_x: LaneBlock,
+    pub force_y: LaneBlock,
+    pub moment: LaneBlock,
+    pub torque: LaneBlock,
 }
 
 impl Lanes {
     /// No contact in any lane.
     #[inline(always)]
-    pub fn let_go(&mut self) {
+    pub fn release(&mut self) {
         let zero = [0.0; LANES];
         (self.normal_force, self.tangential_force, self.age, self.approach) = (zero, zero, zero, zero);
         (self.lost_damping, self.lost_friction) = (zero, zero);
@@ -221,7 +221,7 @@ impl Lanes {
 
 /// Whether any of these points is inside the circle of radius `reach_m` about the sprocket's axis.
 #[inline(always)]
-pub fn any_inside(body: &ToothedBody, reach_m: f64, x: &Column, y: &Column) -> bool {
+pub fn any_inside(body: &ToothedBody, reach_m: f64, x: &LaneBlock, y: &LaneBlock) -> bool {
     let reach2 = reach_m * reach_m;
     let mut inside = 0_u64;
     for i in 0..LANES {
@@ -244,17 +244,17 @@ pub fn any_within(reach_m: f64, lanes: &Lanes) -> bool {
 /// Geometry of all lanes: penetration and normal. Returns false when a lane has left its tooth gap; the caller then gives
 /// it its new one and calls again.
 #[inline(always)]
-pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> bool {
+pub fn penetrations(body: &ToothedBody, turning: SprocketMotion, lanes: &mut Lanes) -> bool {
     let b = body;
     let (tip_b, flank_b) = (b.tip_radius_m + b.bush_radius_m, b.flank_radius_m + b.bush_radius_m);
     let (corner_x, corner_y) = (b.corner.x - b.flank_centre.x, b.corner.y - b.flank_centre.y);
-    let mut strayed = 0_u64;
+    let mut outdated = 0_u64;
     for i in 0..LANES {
         let gx = turning.cos * lanes.seat_cos[i] - turning.sin * lanes.seat_sin[i];
         let gy = turning.sin * lanes.seat_cos[i] + turning.cos * lanes.seat_sin[i];
         let along = lanes.x[i] * gx + lanes.y[i] * gy;
         let across = gx * lanes.y[i] - gy * lanes.x[i];
-        strayed |= u64::from(across.abs() > b.half_gap_tan * along);
+        outdated |= u64::from(across.abs() > b.half_gap_tan * along);
         let radial = along - lanes.seat_out[i];
         let lateral = across - lanes.seat_left[i];
         let side = if lateral < 0.0 { -1.0 } else { 1.0 };
@@ -280,12 +280,12 @@ pub fn penetrations(body: &ToothedBody, turning: Turning, lanes: &mut Lanes) -> 
         lanes.normal_y[i] = nr * gy + nu * gx;
         lanes.body_radius[i] = if on_seat { -b.seat_radius_m } else { bb - b.bush_radius_m };
     }
-    strayed == 0
+    outdated == 0
 }
 
 /// What of its gap every lane faces, after [`penetrations`]: a [`Segment`] as a number.
 #[inline(always)]
-pub fn segments(body: &ToothedBody, turning: Turning, lanes: &Lanes) -> Column {
+pub fn segments(body: &ToothedBody, turning: SprocketMotion, lanes: &Lanes) -> LaneBlock {
     let number = |s: Segment| f64::from(s as u32);
     let (seat, corner, land) = (number(Segment::Seat), number(Segment::TipCorner), number(Segment::TipLand));
     let (clockwise, counter) = (number(Segment::FlankClockwise), number(Segment::FlankCounterclockwise));
@@ -329,7 +329,7 @@ fn rates<const YIELDS: bool>(step: f64, (omega, inverse_inertia): (f64, f64), la
 
 /// Age and approach speed of a contact after a step, and what it lost.
 #[derive(Clone, Copy)]
-pub(crate) struct Kept {
+pub(crate) struct ContactUpdate {
     pub(crate) age: f64,
     pub(crate) approach: f64,
     pub(crate) lost: f64,
@@ -339,13 +339,13 @@ pub(crate) struct Kept {
 const FORESEEN_STEPS: f64 = 8.0;
 
 #[inline(always)]
-pub(crate) fn remembered(
+pub(crate) fn contact_update(
     penetration: f64,
     free_rate: f64,
     law: contact_law::StepForce,
     step: f64,
     (age, approach): (f64, f64),
-) -> Kept {
+) -> ContactUpdate {
     // What has just parted belongs to its contact as long as it gives force.
     let then = penetration + step * free_rate;
     let near = if penetration > then { penetration } else { then };
@@ -358,7 +358,7 @@ pub(crate) fn remembered(
     // touches again later is not the first.
     let behind = (penetration > 0.0) & (law.touch_rate > 0.0) & (age <= FORESEEN_STEPS);
     let first = if (age == 0.0) | behind { touch } else { approach };
-    Kept {
+    ContactUpdate {
         age: if touching > 0.0 { age + 1.0 } else { 0.0 },
         approach: if touching > 0.0 { first } else { 0.0 },
         lost: if law.mean_force > 0.0 { law.lost } else { 0.0 },
@@ -368,7 +368,7 @@ pub(crate) fn remembered(
 /// Forces of all lanes, after [`penetrations`]. `omega`: of the body about the origin of the lanes' coordinates.
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
-    let friction = Sliding { mu, stick_speed, radius };
+    let friction = FrictionInput { mu, stick_speed, radius };
     forces_of::<false>(law, friction, &[radius; LANES], step, (omega, 0.0), lanes);
 }
 
@@ -377,8 +377,8 @@ pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f6
 #[inline(always)]
 pub fn forces_on_body(
     law: &ContactLaw,
-    friction: Sliding,
-    link_radius: &Column,
+    friction: FrictionInput,
+    link_radius: &LaneBlock,
     step: f64,
     body: (f64, f64),
     lanes: &mut Lanes,
@@ -388,7 +388,7 @@ pub fn forces_on_body(
 
 /// What friction works with: its coefficient, its stick speed [m/s], and how far the surface lies from the joint's axis [m].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sliding {
+pub struct FrictionInput {
     pub mu: f64,
     pub stick_speed: f64,
     pub radius: f64,
@@ -397,8 +397,8 @@ pub struct Sliding {
 #[inline(always)]
 fn forces_of<const YIELDS: bool>(
     law: &ContactLaw,
-    Sliding { mu, stick_speed, radius }: Sliding,
-    link_radius: &Column,
+    FrictionInput { mu, stick_speed, radius }: FrictionInput,
+    link_radius: &LaneBlock,
     step: f64,
     (omega, inverse_inertia): (f64, f64),
     lanes: &mut Lanes,
@@ -436,14 +436,14 @@ fn forces_of<const YIELDS: bool>(
 
 /// Normal forces, and what contacts remember of themselves.
 #[inline(always)]
-pub(super) fn normal_forces(law: &ContactLaw, link_radius: &Column, step: f64, lanes: &mut Lanes) {
+pub(super) fn normal_forces(law: &ContactLaw, link_radius: &LaneBlock, step: f64, lanes: &mut Lanes) {
     // The old mean normal force has done its work: from here the column holds the new one.
     if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
         let (k, c) = (stiffness_n_per_m, damping_n_s_per_m);
         let [mut force, mut rate, mut touch_rate, mut lost] = [[0.0; LANES]; 4];
         let mut special = 0_u64;
         for i in 0..LANES {
-            let (out, plain) = contact_law::plain_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
+            let (out, plain) = contact_law::fast_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
             (force[i], rate[i], lost[i]) = (out.mean_force, out.rate, out.lost);
             special |= u64::from(!plain);
         }
@@ -461,7 +461,7 @@ pub(super) fn normal_forces(law: &ContactLaw, link_radius: &Column, step: f64, l
                 touch_rate: touch_rate[i],
                 lost: lost[i],
             };
-            let kept = remembered(lanes.penetration[i], lanes.free_rate[i], law, step, (age[i], approach[i]));
+            let kept = contact_update(lanes.penetration[i], lanes.free_rate[i], law, step, (age[i], approach[i]));
             (age[i], approach[i], lost[i]) = (kept.age, kept.approach, kept.lost);
         }
         (lanes.age, lanes.approach, lanes.lost_damping) = (age, approach, lost);
@@ -473,7 +473,7 @@ pub(super) fn normal_forces(law: &ContactLaw, link_radius: &Column, step: f64, l
 
 /// Normal forces of the laws that have no closed form, lane by lane.
 #[inline(never)]
-fn quadrature(law: &ContactLaw, link_radius: &Column, step: f64, lanes: &mut Lanes) {
+fn quadrature(law: &ContactLaw, link_radius: &LaneBlock, step: f64, lanes: &mut Lanes) {
     for i in 0..LANES {
         let touching = lanes.penetration[i] > 0.0 || lanes.penetration[i] + step * lanes.free_rate[i] > 0.0;
         let approach = if lanes.age[i] == 0.0 { lanes.free_rate[i] } else { lanes.approach[i] };

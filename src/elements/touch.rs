@@ -13,7 +13,7 @@
 
 use super::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
 use super::friction;
-use super::tooth_contact::remembered;
+use super::tooth_contact::contact_update;
 use crate::geometry::{Vec2, perp, rotated};
 
 /// Two parts that may touch.
@@ -83,7 +83,7 @@ pub struct Gap {
 impl TouchShape {
     /// The same where coordinates have other numbers.
     #[must_use]
-    pub fn moved(self, number: impl Fn(usize) -> usize) -> TouchShape {
+    pub fn renumbered(self, number: impl Fn(usize) -> usize) -> TouchShape {
         match self {
             TouchShape::Stop { coordinate, limit, sense, lever_m } => {
                 TouchShape::Stop { coordinate: number(coordinate), limit, sense, lever_m }
@@ -145,7 +145,7 @@ impl TouchShape {
 /// How coordinates move at a node as far as one touch is concerned: speeds half a step before it, accelerations there by all else, inverse
 /// inertias; of the gap's two coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moving {
+pub struct CoordinateRates {
     pub speed: [f64; 2],
     pub acceleration: [f64; 2],
     pub inverse_inertia: [f64; 2],
@@ -153,7 +153,7 @@ pub struct Moving {
 
 /// What a touch remembers of the step before.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Past {
+pub struct PastTouch {
     pub normal_force: f64,
     pub age: f64,
     pub approach: f64,
@@ -183,7 +183,7 @@ fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 impl Touch {
     /// The touch over a step about a node.
-    pub fn step(&self, step_s: f64, gap: &Gap, moving: &Moving, past: Past) -> TouchStep {
+    pub fn step(&self, step_s: f64, gap: &Gap, moving: &CoordinateRates, past: PastTouch) -> TouchStep {
         let half = 0.5 * step_s;
         // Speeds at the node without this touch.
         let speed: [f64; 2] = std::array::from_fn(|i| moving.speed[i] + half * moving.acceleration[i]);
@@ -205,7 +205,7 @@ impl Touch {
             }
             ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => quadrature_step(&self.law, self.radii, input),
         };
-        let kept = remembered(input.penetration, input.free_rate, law, step_s, (past.age, past.approach));
+        let kept = contact_update(input.penetration, input.free_rate, law, step_s, (past.age, past.approach));
         let normal_force = if kept.age > 0.0 { law.mean_force } else { 0.0 };
         let sliding = half * mobility(gap.slide);
         let free = dot(gap.slide, speed);
@@ -302,14 +302,14 @@ mod tests {
             let inverse_inertia = [1.0 / mass, 1.0 / inertia];
             let errors = [1e-6, 0.5e-6, 0.25e-6].map(|h| {
                 let (mut q, mut v) = ([start, 0.0], [closing, 0.0]);
-                let mut past = Past { normal_force: 0.0, age: 0.0, approach: 0.0 };
+                let mut past = PastTouch { normal_force: 0.0, age: 0.0, approach: 0.0 };
                 let mut peak = 0.0_f64;
                 let period = std::f64::consts::PI / f64::sqrt(stiffness * w);
                 for _ in 0..(1.5 * period / h) as usize {
-                    let moving = Moving { speed: v, acceleration: [0.0; 2], inverse_inertia };
+                    let moving = CoordinateRates { speed: v, acceleration: [0.0; 2], inverse_inertia };
                     let step = touch.step(h, &shape.gap(&q), &moving, past);
                     peak = peak.max(step.normal_force);
-                    past = Past { normal_force: step.normal_force, age: step.age, approach: step.approach };
+                    past = PastTouch { normal_force: step.normal_force, age: step.age, approach: step.approach };
                     for i in 0..2 {
                         v[i] += h * step.forces[i] * inverse_inertia[i];
                         q[i] += h * v[i];
@@ -338,13 +338,13 @@ mod tests {
         let radii = PairRadii { bush_m: 3e-3, body_m: f64::INFINITY };
         let touch = Touch { path: "a".into(), shape, law, friction: 0.0, stick_speed_m_s: 0.1, radii };
         let (mut q, mut v) = ([-1e-3 + 1.23e-6], -1.0);
-        let mut past = Past { normal_force: 0.0, age: 0.0, approach: 0.0 };
+        let mut past = PastTouch { normal_force: 0.0, age: 0.0, approach: 0.0 };
         let h = 0.2e-6;
         let mut lost = 0.0;
         for _ in 0..1000 {
-            let moving = Moving { speed: [v, v], acceleration: [0.0; 2], inverse_inertia: [1.0 / 2e-4, 0.0] };
+            let moving = CoordinateRates { speed: [v, v], acceleration: [0.0; 2], inverse_inertia: [1.0 / 2e-4, 0.0] };
             let step = touch.step(h, &shape.gap(&q), &moving, past);
-            past = Past { normal_force: step.normal_force, age: step.age, approach: step.approach };
+            past = PastTouch { normal_force: step.normal_force, age: step.age, approach: step.approach };
             lost += step.lost_damping;
             v += h * step.forces[0] / 2e-4;
             q[0] += h * v;

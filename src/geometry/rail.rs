@@ -31,7 +31,7 @@ pub enum Piece {
     Arc { centre: Vec2, radius_m: f64, from: Vec2, to: Vec2 },
     /// The point where a line ends and a convex arc or the end of the rail begins. It supports a straight edge that
     /// lies on the line and extends beyond it.
-    Brink { point: Vec2, normal: Vec2 },
+    EdgeSupport { point: Vec2, normal: Vec2 },
 }
 
 /// A rail's contour, the material on the left.
@@ -39,7 +39,7 @@ pub enum Piece {
 pub struct Rail {
     pub side: GuideSide,
     pub profile: Profile,
-    /// The corner at the beginning, then the profile's elements, the corner at the end, and the brinks.
+    /// The corner at the beginning, then the profile's elements, the corner at the end, and the edge supports.
     pub pieces: Vec<Piece>,
     /// +1: the chain travels along the profile; -1: against it.
     pub travel: f64,
@@ -181,16 +181,16 @@ fn pieces(profile: &Profile) -> Vec<Piece> {
     pieces.push(corner(last.end(), last.normal(1.0), last.tangent(1.0)));
     let is_line = |p: &Piece| matches!(p, Piece::Line { .. });
     let is_convex = |p: &Piece| matches!(p, Piece::Arc { radius_m, .. } if *radius_m >= 0.0);
-    let brinks = pieces.windows(2).filter_map(|pair| {
+    let supports = pieces.windows(2).filter_map(|pair| {
         let (line, begins) = match (&pair[0], &pair[1]) {
             (line, next) if is_line(line) && is_convex(next) => (line, false),
             (next, line) if is_line(line) && is_convex(next) => (line, true),
             _ => return None,
         };
         let Piece::Line { start, along, length_m } = *line else { return None };
-        Some(Piece::Brink { point: if begins { start } else { start + along * length_m }, normal: -perp(along) })
+        Some(Piece::EdgeSupport { point: if begins { start } else { start + along * length_m }, normal: -perp(along) })
     });
-    let brinks: Vec<Piece> = brinks.collect();
-    pieces.extend(brinks);
+    let supports: Vec<Piece> = supports.collect();
+    pieces.extend(supports);
     pieces
 }

@@ -109,7 +109,7 @@ pub struct Route {
 impl Route {
     /// The path around `pulleys` in the order of travel, without optional ones around which it does not bend.
     pub fn new(pulleys: &[Pulley]) -> Result<Route, RouteError> {
-        let kept = taut(pulleys);
+        let kept = taut_pulleys(pulleys);
         let chosen: Vec<Pulley> = kept.iter().map(|i| pulleys[*i]).collect();
         let mut route = Route::round(&chosen).map_err(|e| match e {
             RouteError::Overlap { first, second, needed_m } => {
@@ -200,7 +200,7 @@ impl Route {
     }
 
     /// Path length from the end of the wrap on sprocket `k` to the start of the wrap on the next one [m].
-    pub fn way_after_m(&self, k: usize) -> f64 {
+    pub fn path_to_next_sprocket_m(&self, k: usize) -> f64 {
         if self.stops.len() == self.wraps.len() {
             return self.spans[k].length_m;
         }
@@ -298,7 +298,7 @@ impl Route {
 }
 
 /// The pulleys around which a taut chain bends: without optional ones around which it would turn the wrong way.
-fn taut(pulleys: &[Pulley]) -> Vec<usize> {
+fn taut_pulleys(pulleys: &[Pulley]) -> Vec<usize> {
     let mut kept: Vec<usize> = (0..pulleys.len()).collect();
     loop {
         let n = kept.len();
@@ -310,7 +310,7 @@ fn taut(pulleys: &[Pulley]) -> Vec<usize> {
             (Some(arrive), Some(leave)) => cross(arrive, leave) * at(i).wrap.sign(),
             _ => f64::NEG_INFINITY,
         };
-        let loose = (0..n).filter(|i| at(*i).is_optional).map(|i| (i, bend(i))).filter(|(_, bend)| *bend <= LEAST_BEND);
+        let loose = (0..n).filter(|i| at(*i).is_optional).map(|i| (i, bend(i))).filter(|(_, bend)| *bend <= MIN_BEND);
         match loose.min_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((i, _)) if n > 2 => kept.remove(i),
             _ => return kept,
@@ -326,25 +326,25 @@ fn common_tangent(a: &Pulley, b: &Pulley) -> Option<Span> {
     if d.norm() < SAME_CENTRE_M {
         return None;
     }
-    let lean = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
-    let length2 = d.norm_squared() - lean * lean;
-    let touching = a.is_optional && b.is_optional && length2.abs() <= TOUCHING * d.norm_squared();
+    let offset_m = b.wrap.sign() * b.pitch_radius_m - a.wrap.sign() * a.pitch_radius_m;
+    let length2 = d.norm_squared() - offset_m * offset_m;
+    let touching = a.is_optional && b.is_optional && length2.abs() <= TOUCHING_TOLERANCE * d.norm_squared();
     if !touching && (length2.is_nan() || length2 <= 0.0) {
         return None;
     }
     let length_m = if touching { 0.0 } else { libm::sqrt(length2) };
-    // The direction u with d.u = length and d.perp(u) = lean.
-    let direction = (d * length_m - perp(d) * lean) / d.norm_squared();
+    // The direction u with d.u = length and d.perp(u) = offset_m.
+    let direction = (d * length_m - perp(d) * offset_m) / d.norm_squared();
     let start = a.centre - perp(direction) * (a.wrap.sign() * a.pitch_radius_m);
     Some(Span { start, direction, length_m })
 }
 
 /// Minimum sine of the angle by which a chain bends around an arc.
-const LEAST_BEND: f64 = 1e-8;
+const MIN_BEND: f64 = 1e-8;
 /// Centres that are nearer than this are equal [m].
 const SAME_CENTRE_M: f64 = 1e-9;
 /// Fraction of the squared distance of two centres below which the squared tangent length counts as zero.
-const TOUCHING: f64 = 1e-9;
+const TOUCHING_TOLERANCE: f64 = 1e-9;
 
 /// Finds a parameter, a shift [m] or an angle [rad], at which `links` chords of `pitch_m` close the loop. `placed`
 /// gives the pulleys for a parameter value, `slope_m` an estimate of the derivative of the path length. Returns the

@@ -25,7 +25,7 @@
 //! The gap frame has +y along the gap axis. Default face: arc. Defaults of the free dimensions: c_a = 0, r_k = 0.05 p,
 //! c_f = 0.1 p. Source: derived here from the seat rule of ASME B29.2M (joints of a seated link on the pitch circle).
 
-use super::chain::silent::{ContourArc, SilentLinkContour, SilentLinkError, SilentLinkForm};
+use super::chain::silent::{SilentArc, SilentLinkContour, SilentLinkError, SilentLinkForm};
 use super::element_gap::element_gap_m;
 use super::profile::{Element, Profile, ProfileError};
 use super::{Vec2, rotated, unit};
@@ -406,7 +406,7 @@ impl SilentSprocket {
             let turn_rad = pitch_angle_rad * f64::from(k) / f64::from(SAMPLES);
             let (angle_rad, origin) = self.pose_at_seat(self.spec.pitch_m, turn_rad);
             for (toe, tooth) in &pairs {
-                let toe = ContourArc::element(toe).moved(angle_rad, origin);
+                let toe = SilentArc::element(toe).moved(angle_rad, origin);
                 for element in tooth {
                     smallest_m = smallest_m.min(element_gap_m(&toe, element, deepest_m));
                 }

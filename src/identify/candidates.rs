@@ -1,7 +1,7 @@
 //! Candidate hypotheses: every effect at every possible place, with starting values of a suitable size.
 
 use super::fit::cost_at;
-use super::plant::has_place;
+use super::plant::{has_place, nominal_speed};
 use super::problem::{Global, Law, Local, Point, Problem};
 use super::screen::Seed;
 use crate::drive::sensors::is_signal;
@@ -177,9 +177,13 @@ impl Sizes {
                 length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
             }
         }
-        let one = vec![1.0; m.bodies.len()];
-        let (speed, tension, input) = (one.clone(), Vec::new(), Vec::new());
-        Sizes { force: one, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
+        let speed: Vec<f64> = (0..m.bodies.len()).map(|b| nominal_speed(m, &m.values, b).abs()).collect();
+        // What the declared loads take, as a torque on every shaft.
+        let load_nm = |b: usize| m.slot(&format!("loads.constant.{}.torque_nm", m.bodies[b].name)).map(|s| m.values[s]);
+        let power_w: f64 = (0..m.bodies.len()).filter_map(|b| Some(load_nm(b)?.abs() * speed[b])).sum();
+        let force = speed.iter().map(|v| if *v > 0.0 && power_w > 0.0 { power_w / v } else { 1.0 }).collect();
+        let (tension, input) = (Vec::new(), Vec::new());
+        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
     }
 
     /// Typical force or torque on a body [N, N m].

@@ -9,8 +9,9 @@
 
 use crate::drive::Drive;
 use crate::effects::{Effect, On, Physics};
+use crate::elements::driver_motion::Harmonic;
 use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, cubic, through_sensor};
-use crate::machine::{Machine, Motion, Reads};
+use crate::machine::{Machine, Motion, Reads, differs_round_turn};
 use crate::measurement::segments::Data;
 use crate::sensing::Tracer;
 use std::collections::HashMap;
@@ -110,6 +111,14 @@ impl Plant {
 
     fn run(&self, m: &Machine, overrides: &[String]) -> Result<Waves, String> {
         let drive = Drive::parse(&self.name, &self.text, overrides).map_err(|e| e.to_string())?;
+        if drive.train.motion.speeds.len() > 1 {
+            return Err("the speed changes with time: measured records are compared at constant speeds".into());
+        }
+        let half_orders = |h: &Harmonic| libm::round(2.0 * h.order) == 2.0 * h.order;
+        let orders = drive.train.order_loads.iter().flat_map(|l| &l.harmonics).chain(&drive.train.motion.harmonics);
+        if !orders.clone().all(half_orders) {
+            return Err("orders that are no halves have no period: measured records are compared over periods".into());
+        }
         let pitches = f64::from(m.repeats());
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
         let period_s = pitches / pitches_per_s;
@@ -224,7 +233,8 @@ pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
         _ => None,
     });
     let Some((speed, teeth)) = driver else { return 0.0 };
-    speed * f64::from(teeth) / f64::from(m.bodies[body].teeth.unwrap_or(1))
+    let turns_as = m.linked.as_ref().map_or(Some(body), |linked| linked.turns_as[body]);
+    turns_as.map_or(0.0, |like| speed * f64::from(teeth) / f64::from(m.bodies[like].teeth.unwrap_or(1)))
 }
 
 impl Waves {
@@ -318,5 +328,5 @@ fn written(x: f64) -> String {
 
 /// Whether an effect is at a place on the loop, which a record's travel determines.
 pub fn has_place(effect: &Effect) -> bool {
-    matches!(effect.links, Some(On::Chain | On::Sprocket))
+    effect.links == Some(On::Chain) || differs_round_turn(effect)
 }

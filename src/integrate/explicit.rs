@@ -27,6 +27,7 @@ mod links;
 mod parts;
 pub(crate) mod rails;
 mod scratch;
+pub(crate) mod shafts;
 mod teeth;
 pub(crate) mod touches;
 pub(crate) mod watch;
@@ -34,15 +35,15 @@ mod windows;
 
 pub use counts::{CountedPair, PairCounts};
 use guides::BlockForces;
-pub use parts::Part;
+pub use parts::ContactGroup;
 pub use scratch::Scratch;
-use scratch::{ByJoint, WINDOW_MARGIN_M};
-pub use watch::{ContactValue, Extreme, Parts, Wanted};
+use scratch::{JointColumn, WINDOW_MARGIN_M};
+pub use watch::{ContactGroups, ContactValue, Extreme, RequiredData};
 
 use super::{Isa, StepError, StepErrorKind};
-use crate::elements::contour_forces::{BlockStep, Remembered};
-use crate::elements::coordinate::{Motion, turned};
-use crate::elements::tooth_contact::{Column, LANES, Lanes, blocks, blocks_mut, take};
+use crate::elements::contour_forces::{BlockStep, PastContacts};
+use crate::elements::coordinate::{CoordinateMotion, turned};
+use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 
@@ -53,10 +54,12 @@ pub struct RunIn {
     pub link_rate_per_s: f64,
     /// Rate at which free sprockets are drawn to their nominal speed [1/s].
     pub rotor_rate_per_s: f64,
+    /// Steps from the beginning of the run-in to that of the recording.
+    pub steps_before: u64,
 }
 
 impl RunIn {
-    pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0 };
+    pub const OFF: RunIn = RunIn { link_rate_per_s: 0.0, rotor_rate_per_s: 0.0, steps_before: 0 };
 }
 
 /// A run of joints or links near a body, aligned to [`LANES`].
@@ -86,11 +89,11 @@ pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(
 pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     if state.step >= scratch.next_refresh || scratch.next_refresh == 0 {
         scratch.constants.read(model);
-        links::ends(model, state, scratch);
+        links::end_motion(model, state, scratch);
         // Rails on arms come towards the chain with a speed of their own.
         let of_rails =
             model.rails.iter().filter_map(|r| r.coordinate.map(|q| state.coordinates.omega[q].abs() * r.reach_m));
-        let fastest_m_s = check(model, state, scratch)? + of_rails.fold(0.0, f64::max);
+        let fastest_m_s = check_joints(model, state, scratch)? + of_rails.fold(0.0, f64::max);
         scratch.fastest_m_s = fastest_m_s;
         windows::refresh(model, state, scratch);
         let bearable = (MOVED_SHARE * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
@@ -161,23 +164,23 @@ fn advance_avx512(model: &Model, state: &mut State, scratch: &mut Scratch) {
 
 #[inline(always)]
 fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
-    links::ends(model, state, scratch);
-    links::lead(model, state, scratch);
+    links::end_motion(model, state, scratch);
+    links::predict_from_joints(model, state, scratch);
     if WATCHED && let Some(watched) = &mut scratch.watched {
         watched.clear();
     }
     for windows in &scratch.tooth_windows {
         for w in windows.iter().filter(|w| w.shared) {
-            scratch.bush_x.own_mut()[w.start..w.end].fill(0.0);
-            scratch.bush_y.own_mut()[w.start..w.end].fill(0.0);
-            scratch.bush_moment.own_mut()[w.start..w.end].fill(0.0);
+            scratch.bush_x.values_mut()[w.start..w.end].fill(0.0);
+            scratch.bush_y.values_mut()[w.start..w.end].fill(0.0);
+            scratch.bush_moment.values_mut()[w.start..w.end].fill(0.0);
         }
     }
     scratch.chain_torque.fill(0.0);
     for k in 0..model.sprockets.len() {
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
-    ByJoint::close([&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment], &model.chain);
+    JointColumn::wrap_loops([&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment], &model.chain);
     for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
         *block = BlockForces::default();
     }
@@ -190,15 +193,15 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     if model.contour.is_some() {
         ends::contacts::<WATCHED>(model, state, scratch);
     }
-    links::feel(model, state, scratch);
-    links::joints(model, state, scratch);
+    links::apply_contacts(model, state, scratch);
+    links::apply_joints(model, state, scratch);
     touches::forces(model, state, scratch);
     coordinate_accelerations(model, state, scratch);
 }
 
 /// Lanes that hold links and are nearest to body `k`; None: all of them.
 #[inline(always)]
-fn owned(links: Option<[bool; LANES]>, nearest: Option<&[usize]>, k: usize) -> Option<[bool; LANES]> {
+fn owned_lanes(links: Option<[bool; LANES]>, nearest: Option<&[usize]>, k: usize) -> Option<[bool; LANES]> {
     if links.is_none() && nearest.is_none() {
         return None;
     }
@@ -208,7 +211,7 @@ fn owned(links: Option<[bool; LANES]>, nearest: Option<&[usize]>, k: usize) -> O
 
 /// Puts lanes that are nearer to another body out of reach.
 #[cold]
-fn send_away(nearest: &[usize], own: usize, lanes: &mut Lanes) {
+fn move_out_of_reach(nearest: &[usize], own: usize, lanes: &mut Lanes) {
     for (i, body) in nearest.iter().take(LANES).enumerate() {
         if *body != own {
             lanes.x[i] = crate::state::FAR_AWAY_M;
@@ -217,20 +220,20 @@ fn send_away(nearest: &[usize], own: usize, lanes: &mut Lanes) {
 }
 
 #[inline(always)]
-fn put(column: &mut [f64], at: usize, values: Column) {
+fn write_block(column: &mut [f64], at: usize, values: LaneBlock) {
     column[at..at + LANES].copy_from_slice(&values);
 }
 
 /// Contact memory of one kind of part, a block of lanes at a time: what a step finds, and what it leaves.
 struct MemoryBlocks<'a> {
-    past: Kept<&'a [Column]>,
-    now: Kept<&'a mut [Column]>,
+    past: MemoryColumns<&'a [LaneBlock]>,
+    now: MemoryColumns<&'a mut [LaneBlock]>,
     /// Per block: how many of the two memories that change hands still hold an old contact.
     stale: &'a mut [u8],
 }
 
 /// The columns of a [`ContactMemory`].
-struct Kept<T> {
+struct MemoryColumns<T> {
     normal_force: T,
     tangential_force: T,
     age: T,
@@ -243,7 +246,7 @@ impl<'a> MemoryBlocks<'a> {
     #[inline(always)]
     fn new(past: &'a ContactMemory, now: &'a mut ContactMemory, stale: &'a mut [u8], count: usize) -> Self {
         MemoryBlocks {
-            past: Kept {
+            past: MemoryColumns {
                 normal_force: blocks(&past.normal_force, count),
                 tangential_force: blocks(&past.tangential_force, count),
                 age: blocks(&past.age, count),
@@ -251,7 +254,7 @@ impl<'a> MemoryBlocks<'a> {
                 lost_damping: blocks(&past.lost_damping, count),
                 lost_friction: blocks(&past.lost_friction, count),
             },
-            now: Kept {
+            now: MemoryColumns {
                 normal_force: blocks_mut(&mut now.normal_force, count),
                 tangential_force: blocks_mut(&mut now.tangential_force, count),
                 age: blocks_mut(&mut now.age, count),
@@ -264,7 +267,7 @@ impl<'a> MemoryBlocks<'a> {
     }
 
     #[inline(always)]
-    fn recall(&self, at: usize, lanes: &mut Lanes) {
+    fn load_past(&self, at: usize, lanes: &mut Lanes) {
         lanes.normal_force = self.past.normal_force[at];
         lanes.tangential_force = self.past.tangential_force[at];
         lanes.age = self.past.age[at];
@@ -272,40 +275,40 @@ impl<'a> MemoryBlocks<'a> {
     }
 
     #[inline(always)]
-    fn remembered(&self, at: usize) -> Remembered {
+    fn past_contacts(&self, at: usize) -> PastContacts {
         let past = &self.past;
         [past.normal_force[at], past.tangential_force[at], past.age[at], past.approach[at]]
     }
 
     /// As [`MemoryBlocks::keep`].
     #[inline(always)]
-    fn keep_step(&mut self, at: usize, step: &BlockStep) {
+    fn store_step(&mut self, at: usize, step: &BlockStep) {
         let (past, now) = (&self.past, &mut self.now);
         now.normal_force[at] = step.normal_force;
         now.tangential_force[at] = step.tangential_force;
         now.age[at] = step.age;
         now.approach[at] = step.approach;
-        now.lost_damping[at] = sum(past.lost_damping[at], step.lost_damping);
-        now.lost_friction[at] = sum(past.lost_friction[at], step.lost_friction);
+        now.lost_damping[at] = add(past.lost_damping[at], step.lost_damping);
+        now.lost_friction[at] = add(past.lost_friction[at], step.lost_friction);
         self.stale[at] = 2;
     }
 
     /// Gives the contact memory of a block back to its columns.
     #[inline(always)]
-    fn keep(&mut self, at: usize, lanes: &Lanes) {
+    fn store(&mut self, at: usize, lanes: &Lanes) {
         let (past, now) = (&self.past, &mut self.now);
         now.normal_force[at] = lanes.normal_force;
         now.tangential_force[at] = lanes.tangential_force;
         now.age[at] = lanes.age;
         now.approach[at] = lanes.approach;
-        now.lost_damping[at] = sum(past.lost_damping[at], lanes.lost_damping);
-        now.lost_friction[at] = sum(past.lost_friction[at], lanes.lost_friction);
+        now.lost_damping[at] = add(past.lost_damping[at], lanes.lost_damping);
+        now.lost_friction[at] = add(past.lost_friction[at], lanes.lost_friction);
         self.stale[at] = 2;
     }
 
     /// As [`MemoryBlocks::keep`], for the lanes that are the body's own.
     #[cold]
-    fn keep_own(&mut self, own: impl Fn(usize) -> bool, at: usize, lanes: &Lanes) {
+    fn store_lanes(&mut self, own: impl Fn(usize) -> bool, at: usize, lanes: &Lanes) {
         let (past, now) = (&self.past, &mut self.now);
         for i in (0..LANES).filter(|i| own(*i)) {
             now.normal_force[at][i] = lanes.normal_force[i];
@@ -320,7 +323,7 @@ impl<'a> MemoryBlocks<'a> {
 
     /// Of a block that nothing touches: forgets old contacts, once for each of the two memories. Returns whether it held any.
     #[inline(always)]
-    fn forget(&mut self, at: usize) -> bool {
+    fn clear_block(&mut self, at: usize) -> bool {
         if self.stale[at] == 0 {
             return false;
         }
@@ -338,7 +341,7 @@ impl<'a> MemoryBlocks<'a> {
 }
 
 #[inline(always)]
-fn sum(a: Column, b: Column) -> Column {
+fn add(a: LaneBlock, b: LaneBlock) -> LaneBlock {
     let mut out = a;
     for i in 0..LANES {
         out[i] += b[i];
@@ -359,7 +362,7 @@ fn load_links(model: &Model, scratch: &Scratch, at: usize, lanes: &mut Lanes) {
 
 /// Coordinates from the body's origin; acceleration of the end from that of the link.
 #[inline(always)]
-fn shift_and_lever(lanes: &mut Lanes, alpha: &Column, origin_x: f64, origin_y: f64) {
+fn shift_and_lever(lanes: &mut Lanes, alpha: &LaneBlock, origin_x: f64, origin_y: f64) {
     for i in 0..LANES {
         lanes.x[i] -= origin_x;
         lanes.y[i] -= origin_y;
@@ -382,7 +385,10 @@ fn coordinate_acceleration(model: &Model, state: &State, scratch: &Scratch, k: u
     let force = scratch.chain_torque[k] + scratch.parts_force[k];
     let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], force);
     let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
-    if coordinate.is_free() { own - pull } else { 0.0 }
+    if coordinate.is_free() {
+        return own - pull;
+    }
+    shafts::driver_speed(model, state, scratch, k).map_or(0.0, |next| (next - q.omega[k]) / model.step_s)
 }
 
 #[inline(always)]
@@ -453,17 +459,19 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
     for (k, coordinate) in model.coordinates.iter().enumerate() {
         let before = r.omega[k];
         let after = match coordinate.motion {
-            Motion::Prescribed { speed_rad_s } => speed_rad_s,
-            Motion::Free { .. } => before + h * scratch.coordinate_alpha[k],
+            CoordinateMotion::Prescribed { speed_rad_s } if model.driver_motion.is_none() => speed_rad_s,
+            _ => before + h * scratch.coordinate_alpha[k],
         };
         // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
         let mean = 0.5 * (before + after);
         match coordinate.motion {
-            Motion::Prescribed { .. } => r.work_in[k] -= scratch.chain_torque[k] * mean * h,
-            Motion::Free { load, .. } => r.work_out[k] -= load * mean * h,
+            CoordinateMotion::Prescribed { .. } => {
+                r.work_in[k] -= (scratch.chain_torque[k] + scratch.parts_force[k]) * mean * h;
+            }
+            CoordinateMotion::Free { load, .. } => r.work_out[k] -= (load + scratch.working_force[k]) * mean * h,
         }
         if let Some(lost) = r.lost.get_mut(k) {
-            *lost += coordinate.spring.damping * mean * mean * h;
+            *lost += (coordinate.spring.damping * mean - scratch.losing_force[k]) * mean * h;
         }
         r.omega[k] = after;
         r.alpha[k] = scratch.coordinate_alpha[k];
@@ -473,7 +481,7 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
 }
 
 /// Looks whether the chain still holds together; returns the speed of its fastest joint [m/s].
-fn check(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepError> {
+fn check_joints(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, StepError> {
     let t_s = state.step as f64 * model.step_s;
     let mut fastest2 = 0.0_f64;
     for j in model.chain.links() {

@@ -35,7 +35,7 @@ pub(super) struct RowContact {
 }
 
 /// The contacts of every link, in the order in which a step looks at them.
-pub(super) type Row = Vec<Vec<RowContact>>;
+pub(super) type ContactRow = Vec<Vec<RowContact>>;
 
 /// Numbers that a link hands on to its next step, contact forces aside; all scaled to metres.
 const PER_LINK: usize = 8;
@@ -47,13 +47,13 @@ const SQUARINGS: u32 = 16;
 const LARGEST_GROWTH: f64 = 1e3;
 
 /// Whether a disturbance of the row grows at step `h` [s].
-pub(super) fn grows(link: &RowLink, row: &Row, h: f64) -> bool {
+pub(super) fn grows(link: &RowLink, row: &ContactRow, h: f64) -> bool {
     let n = PER_LINK * row.len() + row.iter().map(Vec::len).sum::<usize>();
     let mut matrix = vec![0.0; n * n];
     for column in 0..n {
         let mut unit = vec![0.0; n];
         unit[column] = 1.0;
-        for (i, value) in stepped(link, row, h, &unit).into_iter().enumerate() {
+        for (i, value) in advance(link, row, h, &unit).into_iter().enumerate() {
             matrix[i * n + column] = value;
         }
     }
@@ -91,7 +91,7 @@ fn squared(a: &[f64], n: usize) -> Vec<f64> {
 }
 
 /// One step of the row.
-fn stepped(link: &RowLink, row: &Row, h: f64, state: &[f64]) -> Vec<f64> {
+fn advance(link: &RowLink, row: &ContactRow, h: f64, state: &[f64]) -> Vec<f64> {
     let n = row.len();
     let square = h * h;
     // Positions; velocities in the middle of the last step; accelerations of it, and those that its joints gave.
@@ -109,7 +109,7 @@ fn stepped(link: &RowLink, row: &Row, h: f64, state: &[f64]) -> Vec<f64> {
     let (mut ay, mut alpha) = (jy.clone(), jt.clone());
     for (i, contacts) in row.iter().enumerate() {
         let (dy, dt) = (jy[i] - past_jy[i], jt[i] - past_jt[i]);
-        let mut at_node = End {
+        let mut at_node = LinkAtNode {
             vy: vy[i] + 0.5 * h * past_ay[i] + 0.25 * h * dy,
             omega: omega[i] + 0.5 * h * past_alpha[i] + 0.25 * h * dt,
             ay: past_ay[i] + dy,
@@ -131,12 +131,12 @@ fn stepped(link: &RowLink, row: &Row, h: f64, state: &[f64]) -> Vec<f64> {
     }
     // What contacts give, without the joints' first look, and the joints as they feel all of it.
     let (contact_y, contact_t) = (mixed(&ay, &jy, -1.0), mixed(&alpha, &jt, -1.0));
-    let felt = [mixed(&y, &ay, square / 12.0), mixed(&turn, &alpha, square / 12.0)];
-    let felt_rates = [
+    let mean = [mixed(&y, &ay, square / 12.0), mixed(&turn, &alpha, square / 12.0)];
+    let mean_rates = [
         mixed(&mixed(&vy, &ay, 0.25 * h), &past_ay, 0.25 * h),
         mixed(&mixed(&omega, &alpha, 0.25 * h), &past_alpha, 0.25 * h),
     ];
-    let (again_y, again_t) = joints(link, [&felt[0], &felt[1]], [&felt_rates[0], &felt_rates[1]]);
+    let (again_y, again_t) = joints(link, [&mean[0], &mean[1]], [&mean_rates[0], &mean_rates[1]]);
     let (ay, alpha) = (mixed(&contact_y, &again_y, 1.0), mixed(&contact_t, &again_t, 1.0));
     let (vy, omega) = (mixed(&vy, &ay, h), mixed(&omega, &alpha, h));
     let (y, turn) = (mixed(&y, &vy, h), mixed(&turn, &omega, h));
@@ -154,14 +154,14 @@ fn stepped(link: &RowLink, row: &Row, h: f64, state: &[f64]) -> Vec<f64> {
 }
 
 /// A link at a node, as its next contact sees it.
-struct End {
+struct LinkAtNode {
     vy: f64,
     omega: f64,
     ay: f64,
     alpha: f64,
 }
 
-impl End {
+impl LinkAtNode {
     /// Mean force of a contact at lever `arm`, whose end is at `height`.
     fn contact(&self, link: &RowLink, contact: &RowContact, (arm, height): (f64, f64), past: f64, h: f64) -> f64 {
         let mobility = link.inverse_mass + arm * arm * link.inverse_inertia;
@@ -219,7 +219,7 @@ mod tests {
     }
 
     /// Bodies p (in the first place of a step's order) and q: one link touches both, with its front or its rear end.
-    fn hand_over(p: (f64, f64), q: (f64, f64), front: bool) -> Row {
+    fn hand_over(p: (f64, f64), q: (f64, f64), front: bool) -> ContactRow {
         let between = if front {
             vec![on(true, p), on(true, q), on(false, q)]
         } else {
@@ -228,7 +228,7 @@ mod tests {
         vec![both(q), between, both(p), both(p)]
     }
 
-    fn limit_s(link: &RowLink, row: &Row, from_s: f64) -> f64 {
+    fn limit_s(link: &RowLink, row: &ContactRow, from_s: f64) -> f64 {
         let mut h = from_s;
         while grows(link, row, h) {
             h *= 0.998;
@@ -242,7 +242,7 @@ mod tests {
     fn joints_alone_bear_the_closed_form() {
         let link = link(40.0, (3e7, 0.0));
         let weak = (30.0, 0.0);
-        let row: Row = vec![both(weak); 4];
+        let row: ContactRow = vec![both(weak); 4];
         let mobility = link.lever_m * link.lever_m * link.inverse_inertia;
         let expected = libm::sqrt(12.0 / (4.0 * 3e7 * mobility));
         let found = limit_s(&link, &row, 20e-6);

@@ -45,18 +45,18 @@ impl Isa {
 }
 
 /// Loops over columns that are looked at in every step.
-pub trait Look {
-    type Seen;
+pub trait VectorKernel {
+    type Output;
     /// To be marked `inline(always)`: what a vector unit runs is compiled with all that is inlined here. (A closure or a function
     /// passed as a value may be left outside, and then takes four times as long.)
-    fn look(self) -> Self::Seen;
+    fn run(self) -> Self::Output;
 }
 
 /// A look compiled for a vector unit.
 #[inline(always)]
-pub fn vectorised<L: Look>(isa: Isa, of: L) -> L::Seen {
+pub fn vectorised<L: VectorKernel>(isa: Isa, of: L) -> L::Output {
     match isa {
-        Isa::Baseline => of.look(),
+        Isa::Baseline => of.run(),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the variants other than Baseline are only made where the machine has the features (Isa::available).
         Isa::Avx2 => unsafe { with_avx2(of) },
@@ -70,14 +70,14 @@ pub fn vectorised<L: Look>(isa: Isa, of: L) -> L::Seen {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn with_avx2<L: Look>(of: L) -> L::Seen {
-    of.look()
+fn with_avx2<L: VectorKernel>(of: L) -> L::Output {
+    of.run()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq")]
-fn with_avx512<L: Look>(of: L) -> L::Seen {
-    of.look()
+fn with_avx512<L: VectorKernel>(of: L) -> L::Output {
+    of.run()
 }
 
 /// A run that cannot go on: where and when. The State is left as it was before the step.

@@ -6,6 +6,7 @@
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the joints' second look lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
+//! couplings         h <= 0.95 / sqrt(k w), 0.75 / (c w); loads 0.75 / (dQ/dv w): w of the coordinates
 //! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers, plungers at their low stops
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
 //! ```
@@ -13,7 +14,7 @@
 //! the first three lines are measured: see tests/convergence.rs, which holds the errors they stand for. Abutments roll on
 //! without impact, so that their chain has peaks as right at longer steps: 1.28 and 1.45 in the first and third line.
 
-use super::link_row::{self, Row, RowContact, RowLink};
+use super::link_row::{self, ContactRow, RowContact, RowLink};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::link_joint::LinkJoint;
@@ -44,7 +45,7 @@ const STABLE_SHARE: f64 = 0.92;
 const STABLE_SEARCH: f64 = 0.95;
 const REFINEMENTS: u32 = 4;
 /// Share of the other bounds at which the search ends, whatever grows there: the step is a fortieth of any period.
-const LEAST_SEARCHED: f64 = 0.1;
+const MIN_SEARCHED: f64 = 0.1;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
@@ -85,6 +86,7 @@ pub fn step_bound(model: &Model) -> StepBound {
             bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
         }
     }
+    bounds.extend(shaft_bounds(model));
     let nowhere = vec![0.0; model.coordinates.len()];
     // At their low stops, where the oil is stiffest.
     let mut lowest = nowhere.clone();
@@ -143,6 +145,29 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
 }
 
+/// Bounds of couplings and loads.
+fn shaft_bounds(model: &Model) -> Vec<StepBound> {
+    let mut bounds = Vec::new();
+    for c in &model.couplings {
+        let mobility: f64 = c.ends.iter().map(|k| model.coordinates[*k].inverse_inertia()).sum();
+        let (stiffness, damping) = (c.stiffness_nm_per_rad * mobility, c.damping_nm_s_per_rad * mobility);
+        if stiffness > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause: c.path.clone() });
+        }
+        if damping > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT_DAMPING / damping, cause: c.path.clone() });
+        }
+    }
+    for l in &model.loads {
+        let coordinate = &model.coordinates[l.coordinate];
+        let rate = l.steepest(coordinate.nominal_speed_rad_s) * coordinate.inverse_inertia();
+        if rate > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT_DAMPING / rate, cause: l.path.clone() });
+        }
+    }
+    bounds
+}
+
 /// `accurate`, or what abutments on one or two of the bodies bear, if that is less.
 fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> StepBound {
     let mut bound = accurate;
@@ -170,9 +195,9 @@ fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> S
 }
 
 /// The largest step up to `most_s` at which the row does not grow.
-fn largest_stable_step(link: &RowLink, row: &Row, most_s: f64) -> f64 {
+fn largest_stable_step(link: &RowLink, row: &ContactRow, most_s: f64) -> f64 {
     let mut stable_s = most_s;
-    while link_row::grows(link, row, stable_s) && stable_s > LEAST_SEARCHED * most_s {
+    while link_row::grows(link, row, stable_s) && stable_s > MIN_SEARCHED * most_s {
         stable_s *= STABLE_SEARCH;
     }
     if stable_s == most_s {
@@ -188,7 +213,7 @@ fn largest_stable_step(link: &RowLink, row: &Row, most_s: f64) -> f64 {
 
 /// Links on their way from a body with the second law to one with the first: one link touches both, with its front end or with its
 /// rear end. Else links that lie on one body.
-fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<Row> {
+fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
     let on = |front: bool, (stiffness_n_per_m, damping_n_s_per_m): (f64, f64)| RowContact {
         front,
         stiffness_n_per_m,

@@ -3,6 +3,7 @@
 
 use super::{Body, Linked, Loop, Machine, Motion, PartQuantity, Placed, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
+use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
 use crate::effects::{Effect, Kind, On, Parameter};
 use crate::units::RPM;
@@ -11,6 +12,11 @@ use crate::units::RPM;
 /// start of a record is found as the record's travel, so that effects on links have no phase of their own.
 pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
+}
+
+/// Whether an effect on a body differs round its turn.
+pub fn differs_round_turn(effect: &Effect) -> bool {
+    effect.links == Some(On::Sprocket) || effect.parameters.iter().any(|p| p.kind == Kind::Phase)
 }
 
 /// Greatest common divisor.
@@ -65,6 +71,26 @@ impl Machine {
                 motion,
             });
         }
+        let bare = drive
+            .bare_shafts()
+            .into_iter()
+            .map(|k| (format!("shafts.{}", drive.shafts[k].name), drive.shafts[k].outer));
+        let arms = drive
+            .arms
+            .iter()
+            .map(|a| (format!("arms.{}", a.name), OuterSpec::Load { inertia_kg_m2: a.inertia_kg_m2, torque_nm: 0.0 }));
+        for (path, outer) in bare.chain(arms) {
+            let OuterSpec::Load { inertia_kg_m2, .. } = outer else { continue };
+            m.bodies.push(Body {
+                name: path.split_once('.').map_or(path.clone(), |(_, name)| name.to_string()),
+                slides: false,
+                inertia: slot(format!("{path}.inertia_kg_m2"), 1.0, inertia_kg_m2),
+                path,
+                minus: None,
+                teeth: None,
+                motion: Motion::Free,
+            });
+        }
         for s in &drive.sensors {
             let gain = slot(format!("{}.gain", s.path), 1.0, s.gain);
             let reads = match s.reads {
@@ -93,6 +119,7 @@ impl Machine {
             guides: drive.guides.iter().map(|g| g.name.clone()).collect(),
             repeats: repeats(drive),
             declared: declared(&drive.places),
+            turns_as: turns_as(drive),
         });
         m
     }
@@ -101,7 +128,8 @@ impl Machine {
     pub fn repeats(&self) -> u32 {
         let declared = self.linked.as_ref().map_or(2, |l| l.repeats);
         self.placed.iter().fold(declared, |all, p| match p.target {
-            Target::Body(b) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
+            // Friction and drag are the same all round.
+            Target::Body(b) if differs_round_turn(p.effect) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
             Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
             _ => all,
         })
@@ -115,15 +143,48 @@ impl Machine {
             return fits.map(|(i, s)| (s.name.clone(), Target::Sensor(i))).collect();
         }
         match effect.links {
-            Some(On::Sprocket) => {
-                self.bodies.iter().enumerate().map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
-            }
+            Some(On::Sprocket) => self.bodies_by(&|b| b.teeth.is_some()),
             Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
             Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
+            Some(On::Body) => self.bodies_by(&|b| b.motion == Motion::Free),
+            Some(On::Prescribed) => self.bodies_by(&|b| b.motion != Motion::Free),
             Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
             _ => Vec::new(),
         }
     }
+
+    fn bodies_by(&self, fits: &dyn Fn(&Body) -> bool) -> Vec<(String, Target)> {
+        let all = self.bodies.iter().enumerate().filter(|(_, b)| fits(b));
+        all.map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
+    }
+}
+
+/// For every body of the machine: the sprocket that it turns as fast as.
+fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
+    let mut all: Vec<Option<usize>> = (0..drive.sprockets.len()).map(Some).collect();
+    let on_shaft = |m: Moving| match m {
+        Moving::Sprocket(k) => Some(k),
+        Moving::Shaft(k) => drive.sprockets.iter().position(|s| s.shaft == Some(k)),
+        Moving::Arm(_) | Moving::Slider(_) => None,
+    };
+    let bare = drive.bare_shafts();
+    let mut of_bare: Vec<Option<usize>> = vec![None; bare.len()];
+    for _ in 0..=bare.len() {
+        for c in &drive.train.couplings {
+            for (from, to) in [(c.between[0], c.between[1]), (c.between[1], c.between[0])] {
+                let known = |m: Moving| match m {
+                    Moving::Shaft(k) => bare.iter().position(|b| *b == k),
+                    _ => None,
+                };
+                if let Some(own) = known(to) {
+                    of_bare[own] = of_bare[own].or(on_shaft(from)).or(known(from).and_then(|k| of_bare[k]));
+                }
+            }
+        }
+    }
+    all.extend(of_bare);
+    all.extend(drive.arms.iter().map(|_| None));
+    all
 }
 
 /// Adds every number of the file by its path, in the unit of its key.
@@ -172,6 +233,23 @@ fn repeats(drive: &Drive) -> u32 {
     let single = !e.pitch_errors.is_empty() || !e.tight_joints.is_empty() || drive.scatter.pitch_m > 0.0;
     if single || drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
         all = lcm(all, links);
+    }
+    let motion = &drive.train.motion;
+    if !motion.harmonics.is_empty() || !drive.train.order_loads.is_empty() {
+        // Orders are of the driver; half ones take two turns. Others are refused where records are compared.
+        all = lcm(all, 2 * teeth(drive.driver()));
+    }
+    let train = &drive.train;
+    if !train.motion.fluctuations.is_empty() {
+        all = lcm(all, teeth(drive.driver()));
+    }
+    let turning = train.loads.iter().filter(|l| l.differs_round_turn).map(|l| match l.on {
+        Moving::Sprocket(k) => Some(k),
+        Moving::Shaft(k) => drive.sprockets.iter().position(|s| s.shaft == Some(k)),
+        Moving::Arm(_) | Moving::Slider(_) => None,
+    });
+    for k in turning.flatten() {
+        all = lcm(all, teeth(k));
     }
     for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {
         all = lcm(all, teeth(k));

@@ -16,11 +16,11 @@ mod read;
 #[doc(hidden)]
 pub mod simulate;
 
-pub use links::gcd;
+pub use links::{differs_round_turn, gcd};
 pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
-use crate::drive::reader::{Places, Reader};
+use crate::drive::reader::{DriveReader, Places};
 use crate::effects::Effect;
 
 /// A checked lumped drive.
@@ -225,6 +225,8 @@ pub struct Linked {
     pub repeats: u32,
     /// Paths of effects that the drive file declares.
     pub declared: Vec<String>,
+    /// Per body: the sprocket whose teeth tell its mean speed; None: it does not turn on.
+    pub turns_as: Vec<Option<usize>>,
 }
 
 /// Whether a drive file has `fidelity = "lumped"`, in any TOML notation. In a file with errors, the readable part is
@@ -240,7 +242,7 @@ impl Machine {
     /// # Errors
     /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
-        let reader = Reader::new(name, text, overrides);
+        let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;
         let machine = read::machine(&reader.root(&root));
         drop(root);

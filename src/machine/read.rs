@@ -1,15 +1,15 @@
 //! Reading a lumped drive, table by table.
 
 use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
-use crate::drive::reader::Table;
-use crate::effects::{EFFECTS, Effect, On, named};
+use crate::drive::reader::TomlTable;
+use crate::effects::{EFFECTS, Effect, LOADS, On, named};
 use crate::units::{MM, RPM};
 
 /// Maximum number of marks whose spacing is fitted individually.
 pub const MOST_MARKS: usize = 60;
 
 /// Reads everything. The reader collects the errors; the returned values are then invalid.
-pub(super) fn machine(root: &Table<'_>) -> Machine {
+pub(super) fn machine(root: &TomlTable<'_>) -> Machine {
     let mut m = Machine::empty(root.text("title").unwrap_or_default());
     root.choice("fidelity", &[("lumped", ())]);
     bodies(root, &mut m);
@@ -31,7 +31,7 @@ pub(super) fn machine(root: &Table<'_>) -> Machine {
 }
 
 /// Adds a slot that the file may give, or must give if there is no default.
-fn slot(m: &mut Machine, t: &Table<'_>, key: &str, unit: f64, range: (f64, f64), default: Option<f64>) -> usize {
+fn slot(m: &mut Machine, t: &TomlTable<'_>, key: &str, unit: f64, range: (f64, f64), default: Option<f64>) -> usize {
     let value = match default {
         Some(default) => t.number(key, unit, range.0..=range.1).unwrap_or(default * unit),
         None => t.required(key, unit, range.0..=range.1),
@@ -42,7 +42,7 @@ fn slot(m: &mut Machine, t: &Table<'_>, key: &str, unit: f64, range: (f64, f64),
     m.slots.len() - 1
 }
 
-fn bodies(root: &Table<'_>, m: &mut Machine) {
+fn bodies(root: &TomlTable<'_>, m: &mut Machine) {
     let speeds = root.table("speeds");
     let constant = speeds.table("constant");
     for (kind, slides, key) in [("rotors", false, "inertia_kg_m2"), ("sliders", true, "mass_kg")] {
@@ -77,14 +77,14 @@ fn body_names(m: &Machine) -> String {
     m.bodies.iter().map(|b| b.name.clone()).collect::<Vec<_>>().join(", ")
 }
 
-fn body_named(m: &Machine, t: &Table<'_>, name: &str) -> usize {
+fn body_named(m: &Machine, t: &TomlTable<'_>, name: &str) -> usize {
     m.bodies.iter().position(|b| b.name == name).unwrap_or_else(|| {
         t.error(format!("no body is called `{name}`"), Some(format!("bodies: {}", body_names(m))));
         0
     })
 }
 
-fn springs(root: &Table<'_>, m: &mut Machine) {
+fn springs(root: &TomlTable<'_>, m: &mut Machine) {
     for kind in ["couplings", "spans", "grounds"] {
         let table = root.table(kind);
         for (name, t) in table.tables() {
@@ -143,7 +143,7 @@ fn springs(root: &Table<'_>, m: &mut Machine) {
     }
 }
 
-fn inputs(root: &Table<'_>, m: &mut Machine) {
+fn inputs(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("inputs");
     for kind in ["torque", "force", "speed", "angle", "position"] {
         let of_kind = table.table(kind);
@@ -170,7 +170,7 @@ fn inputs(root: &Table<'_>, m: &mut Machine) {
     table.finish();
 }
 
-fn chain(root: &Table<'_>, m: &mut Machine) {
+fn chain(root: &TomlTable<'_>, m: &mut Machine) {
     let t = root.table("chain");
     if t.is_present() {
         let links = t.required_integer("links", 5..=100_000) as u32;
@@ -199,7 +199,7 @@ pub const SENSOR_KINDS: [(&str, &str, &str); 8] = [
     ("force", "the same for a slider; links: of a guide", "N"),
 ];
 
-fn sensors(root: &Table<'_>, m: &mut Machine) {
+fn sensors(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("sensors");
     for (kind, ..) in SENSOR_KINDS {
         let of_kind = table.table(kind);
@@ -245,17 +245,7 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
     table.finish();
 }
 
-/// Declared loads are effects under another name: table, row of the catalogue.
-const LOADS: [(&str, &str); 6] = [
-    ("constant", "constant_torque"),
-    ("viscous", "viscous_friction"),
-    ("quadratic", "quadratic_drag"),
-    ("friction", "coulomb_friction"),
-    ("stribeck", "stribeck_friction"),
-    ("harmonic", "torque_ripple"),
-];
-
-fn loads(root: &Table<'_>, m: &mut Machine) {
+fn loads(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("loads");
     for (kind, row) in LOADS {
         let of_kind = table.table(kind);
@@ -271,7 +261,7 @@ fn loads(root: &Table<'_>, m: &mut Machine) {
     table.finish();
 }
 
-fn effects(root: &Table<'_>, m: &mut Machine) {
+fn effects(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("effects");
     for effect in EFFECTS {
         let of_kind = table.table(effect.name);
@@ -288,7 +278,7 @@ fn effects(root: &Table<'_>, m: &mut Machine) {
 }
 
 /// Reads an effect's parameters and adds it to the machine.
-fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target) {
+fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Target) {
     let keys = m.keys(effect, target);
     let slots = keys
         .iter()

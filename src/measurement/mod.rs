@@ -19,7 +19,7 @@ pub mod segments;
 pub mod units;
 
 use crate::diag::Report;
-use crate::drive::reader::{Places, Reader};
+use crate::drive::reader::{DriveReader, Places};
 
 /// A checked measurement file.
 #[derive(Clone, Debug)]
@@ -195,7 +195,7 @@ impl Measurement {
     /// # Errors
     /// All mistakes at once, each with its place in the text.
     pub fn parse(name: &str, text: &str) -> Result<Measurement, Report> {
-        let reader = Reader::new(name, text, &[]);
+        let reader = DriveReader::new(name, text, &[]);
         let root = reader.parse(text)?;
         let measurement = read::measurement(&reader.root(&root));
         drop(root);

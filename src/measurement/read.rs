@@ -5,10 +5,10 @@ use super::{
     CandidateSpec, ChannelSpec, FileSpec, FitSpec, InputSpec, Measurement, PulseValues, RecordSpec, Scope, Split, Use,
 };
 use crate::diag::nearest;
-use crate::drive::reader::{Places, Table};
+use crate::drive::reader::{Places, TomlTable};
 use crate::effects::{EFFECTS, named};
 
-pub(super) fn measurement(root: &Table<'_>) -> Measurement {
+pub(super) fn measurement(root: &TomlTable<'_>) -> Measurement {
     let title = root.text("title").unwrap_or_default();
     let drive = root.text("drive").unwrap_or_else(|| {
         root.error("`drive` is missing".into(), Some("add `drive = \"FILE.toml\"`, beside this file".into()));
@@ -38,7 +38,7 @@ pub(super) fn measurement(root: &Table<'_>) -> Measurement {
     }
 }
 
-fn effect_names(t: &Table<'_>, key: &str) -> Vec<String> {
+fn effect_names(t: &TomlTable<'_>, key: &str) -> Vec<String> {
     let names = t.texts(key).unwrap_or_default();
     for name in &names {
         if named(name).is_none() {
@@ -50,7 +50,7 @@ fn effect_names(t: &Table<'_>, key: &str) -> Vec<String> {
     names
 }
 
-fn text(t: &Table<'_>, key: &str, example: &str) -> String {
+fn text(t: &TomlTable<'_>, key: &str, example: &str) -> String {
     t.text(key).unwrap_or_else(|| {
         t.error(format!("`{}.{key}` is missing", t.path()), Some(format!("add `{key} = \"{example}\"`")));
         String::new()
@@ -58,11 +58,11 @@ fn text(t: &Table<'_>, key: &str, example: &str) -> String {
 }
 
 /// A count, for example of rows.
-fn count(t: &Table<'_>, key: &str, range: std::ops::RangeInclusive<i64>) -> Option<usize> {
+fn count(t: &TomlTable<'_>, key: &str, range: std::ops::RangeInclusive<i64>) -> Option<usize> {
     t.integer(key, range).and_then(|n| usize::try_from(n).ok())
 }
 
-fn files(root: &Table<'_>) -> Vec<FileSpec> {
+fn files(root: &TomlTable<'_>) -> Vec<FileSpec> {
     let table = root.table("files");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -95,7 +95,7 @@ fn files(root: &Table<'_>) -> Vec<FileSpec> {
     all
 }
 
-fn channels(root: &Table<'_>) -> Vec<ChannelSpec> {
+fn channels(root: &TomlTable<'_>) -> Vec<ChannelSpec> {
     let table = root.table("channels");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -119,7 +119,7 @@ fn channels(root: &Table<'_>) -> Vec<ChannelSpec> {
     all
 }
 
-fn inputs(root: &Table<'_>) -> Vec<InputSpec> {
+fn inputs(root: &TomlTable<'_>) -> Vec<InputSpec> {
     let table = root.table("inputs");
     let mut all = Vec::new();
     for (name, t) in table.tables() {
@@ -136,7 +136,12 @@ fn inputs(root: &Table<'_>) -> Vec<InputSpec> {
     all
 }
 
-fn records(root: &Table<'_>, files: &[FileSpec], channels: &[ChannelSpec], inputs: &[InputSpec]) -> Vec<RecordSpec> {
+fn records(
+    root: &TomlTable<'_>,
+    files: &[FileSpec],
+    channels: &[ChannelSpec],
+    inputs: &[InputSpec],
+) -> Vec<RecordSpec> {
     let table = root.table("records");
     let mut all: Vec<RecordSpec> = Vec::new();
     for (name, t) in table.tables() {
@@ -195,7 +200,7 @@ fn records(root: &Table<'_>, files: &[FileSpec], channels: &[ChannelSpec], input
     all
 }
 
-fn fit(root: &Table<'_>) -> Vec<FitSpec> {
+fn fit(root: &TomlTable<'_>) -> Vec<FitSpec> {
     let table = root.table("fit");
     let mut all = Vec::new();
     for (path, t) in table.tables() {

@@ -19,7 +19,7 @@ pub struct ChainModel {
     /// Length of the columns.
     pub padded: usize,
     /// Blocks of which every lane holds a link.
-    whole: Vec<bool>,
+    full_blocks: Vec<bool>,
     /// Half the pitch [m]: lever of both joints.
     pub lever: Vec<f64>,
     /// Mass per lane [kg].
@@ -67,7 +67,7 @@ impl ChainModel {
             loops: std::iter::once(0..n_links).collect(),
             lanes: n_links,
             padded,
-            whole: (0..padded / LANES).map(|b| (b + 1) * LANES <= n_links).collect(),
+            full_blocks: (0..padded / LANES).map(|b| (b + 1) * LANES <= n_links).collect(),
             lever: column(&half_pitch, 0.0, padded),
             mass: column(&|i| row(i).mass_kg, 0.0, padded),
             inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
@@ -105,7 +105,7 @@ impl ChainModel {
             n_links: chains.iter().map(|c| c.n_links).sum(),
             lanes,
             padded,
-            whole: (0..padded)
+            full_blocks: (0..padded)
                 .step_by(LANES)
                 .map(|at| loops.iter().any(|l| l.start <= at && at + LANES <= l.end))
                 .collect(),
@@ -159,13 +159,13 @@ impl ChainModel {
 
     /// Which of the lanes from `at` hold links; None: all of them.
     #[inline(always)]
-    pub fn gaps(&self, at: usize) -> Option<[bool; LANES]> {
-        if self.whole[at / LANES] { None } else { Some(self.held(at)) }
+    pub fn link_lanes(&self, at: usize) -> Option<[bool; LANES]> {
+        if self.full_blocks[at / LANES] { None } else { Some(self.lanes_with_links(at)) }
     }
 
     #[cold]
     #[inline(never)]
-    fn held(&self, at: usize) -> [bool; LANES] {
+    fn lanes_with_links(&self, at: usize) -> [bool; LANES] {
         std::array::from_fn(|i| self.is_link(at + i))
     }
 
@@ -219,7 +219,7 @@ impl ChainModel {
     }
 
     /// Holds link `i` still: a body of infinite mass.
-    pub fn hold(&mut self, i: usize) {
+    pub fn fix_link(&mut self, i: usize) {
         self.inverse_mass[i] = 0.0;
         self.inverse_inertia[i] = 0.0;
         if let Some(l) = self.loops.iter().find(|l| l.start == i) {

@@ -1,11 +1,11 @@
 //! Arms and sliders, what they touch, and the oil behind them.
 
-use super::{ArmModel, Model, Placed};
+use super::{ArmModel, Model, PlacedDrive};
 use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, SliderSpec};
 use crate::drive::{Drive, PreloadSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::coordinate::{Coordinate, CoordinateKind, Motion, Spring};
-use crate::elements::hydraulics::{Chamber, End, Network, Passage, Reservoir};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::hydraulics::{Chamber, Network, Passage, PassageEnd, Reservoir};
 use crate::elements::passage::{CheckBall, FlowLaw, Orifice};
 use crate::elements::touch::{Pad, Touch, TouchShape};
 use crate::geometry::{rotated, unit};
@@ -21,7 +21,7 @@ pub struct SliderModel {
 }
 
 /// Appends the coordinates of arms.
-pub(super) fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
+pub(super) fn build_arms(drive: &Drive, placed: &PlacedDrive, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
     let mut arms = Vec::new();
     for (index, spec) in drive.arms.iter().enumerate() {
         let carried = || placed.rails.iter().zip(&drive.rails).filter(|(_, r)| r.arm == Some(index));
@@ -34,7 +34,7 @@ pub(super) fn build_arms(drive: &Drive, placed: &Placed, coordinates: &mut Vec<C
         coordinates.push(Coordinate {
             path: format!("arms.{}", spec.name),
             kind: CoordinateKind::Turns,
-            motion: Motion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
+            motion: CoordinateMotion::Free { inertia: spec.inertia_kg_m2, load: 0.0 },
             spring: spring(spec.spring_nm_per_rad, spec.spring_torque_nm, spec.damping_nm_s_per_rad).0,
             nominal_speed_rad_s: 0.0,
             reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
@@ -125,9 +125,9 @@ pub(super) fn build_sliders(
 }
 
 /// What a spring of this stiffness and this force at zero gives: a spring, or a constant force where it is not stiff.
-fn spring(stiffness: f64, force: f64, damping: f64) -> (Spring, f64) {
+fn spring(stiffness: f64, force: f64, damping: f64) -> (CoordinateSpring, f64) {
     let (free, load) = if stiffness > 0.0 { (force / stiffness, 0.0) } else { (0.0, force) };
-    (Spring { stiffness, free, damping }, load)
+    (CoordinateSpring { stiffness, free, damping }, load)
 }
 
 fn slider_coordinate(drive: &Drive, spec: &SliderSpec) -> Coordinate {
@@ -147,7 +147,7 @@ fn slider_coordinate(drive: &Drive, spec: &SliderSpec) -> Coordinate {
     Coordinate {
         path: format!("sliders.{}", spec.name),
         kind: CoordinateKind::Slides,
-        motion: Motion::Free { inertia: spec.mass_kg, load },
+        motion: CoordinateMotion::Free { inertia: spec.mass_kg, load },
         spring,
         nominal_speed_rad_s: 0.0,
         reach_m: 1.0,
@@ -161,7 +161,7 @@ fn network(spec: &OilSpec, slider: &dyn Fn(&str) -> Option<usize>, first_ball: u
     let end = |name: &String| {
         let chamber = spec.chambers.iter().position(|c| c.name == *name);
         let reservoir = || spec.reservoirs.iter().position(|(r, _)| r == name).unwrap_or(0);
-        chamber.map_or_else(|| End::Reservoir(reservoir()), End::Chamber)
+        chamber.map_or_else(|| PassageEnd::Reservoir(reservoir()), PassageEnd::Chamber)
     };
     let mut ball = first_ball;
     let mut passages = Vec::new();
@@ -231,7 +231,7 @@ impl Model {
         self.coordinates.push(Coordinate {
             path: path.to_string(),
             kind: CoordinateKind::Slides,
-            motion: Motion::Free { inertia: ball.mass_kg, load },
+            motion: CoordinateMotion::Free { inertia: ball.mass_kg, load },
             spring,
             nominal_speed_rad_s: 0.0,
             reach_m: 1.0,

@@ -16,7 +16,7 @@ use crate::geometry::{Vec2, rotated};
 #[doc(hidden)]
 /// Geometry of a drive: sprockets, links, and the position at which the loop closes.
 #[derive(Clone, Debug)]
-pub struct Placed {
+pub struct PlacedDrive {
     pub sprockets: Vec<Toothing>,
     pub rows: Vec<LinkShape>,
     pub contour: Option<LinkContour>,
@@ -36,7 +36,7 @@ pub struct Placed {
     pub turn_rad: f64,
 }
 
-impl Placed {
+impl PlacedDrive {
     /// All that the chain may bend round in the order of travel, the tightening sprocket moved on by `shift_m`.
     pub fn loop_pulleys(&self, drive: &Drive, shift_m: f64) -> Vec<Pulley> {
         let mut pulleys = self.pulleys.clone();
@@ -80,7 +80,7 @@ fn rails_of(drive: &Drive, k: usize) -> Vec<usize> {
 }
 
 /// Computes all profiles and closes the loop. `loaded_pitch_m`: pitch under the preload.
-pub fn place(drive: &Drive) -> Result<Placed, Report> {
+pub fn place(drive: &Drive) -> Result<PlacedDrive, Report> {
     let mut diags = Vec::new();
     let mut sprockets = Vec::new();
     for s in &drive.sprockets {
@@ -189,7 +189,7 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
             let turned = |turn: f64| with_rails(drive, &rails, &pulleys, turn);
             let length = |turn: f64| Route::new(&turned(turn)).map(|r| r.length_m());
             let slope = (length(ARM_PROBE_RAD).map_err(&failed)? - length(0.0).map_err(&failed)?) / ARM_PROBE_RAD;
-            if slope.abs() < LEAST_PATH_PER_RAD {
+            if slope.abs() < MIN_PATH_PER_RAD {
                 return Err(drive.places.report(vec![drive.places.error(
                     "preload.moves",
                     "turning this arm does not make the chain's path longer or shorter".to_string(),
@@ -202,14 +202,14 @@ pub fn place(drive: &Drive) -> Result<Placed, Report> {
             turn_rad = longer * turn;
         }
     }
-    Ok(Placed { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction, rails, turn_rad })
+    Ok(PlacedDrive { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction, rails, turn_rad })
 }
 
 /// How much longer the path becomes where a sprocket moves out, an estimate [m/m].
 const PATH_PER_SHIFT: f64 = 1.9;
 /// Turn by which it is found how an arm changes the path [rad], and the least change that tightens a chain [m/rad].
 const ARM_PROBE_RAD: f64 = 1e-3;
-const LEAST_PATH_PER_RAD: f64 = 1e-3;
+const MIN_PATH_PER_RAD: f64 = 1e-3;
 
 /// Teeth of a sprocket, or why there are none and the key to blame.
 fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'static str)> {

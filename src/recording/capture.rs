@@ -13,13 +13,12 @@ use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::coordinate::Motion;
 use crate::elements::end_contact::EndShape;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{Part, Scratch, touches};
+use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -119,7 +118,7 @@ struct Pair<'a> {
     radius: f64,
     law: &'a ContactLaw,
     friction: f64,
-    part: Part,
+    part: ContactGroup,
     lane: usize,
 }
 
@@ -154,8 +153,7 @@ impl Camera {
         frame.step = state.step;
         frame.t_s = state.step as f64 * model.step_s;
         frame.state_hash = state.hash();
-        let driver = model.sprockets.get(model.driver);
-        frame.crank_angle_rad = driver.map_or(0.0, |d| d.nominal_speed_rad_s * state.step as f64 * model.step_s);
+        frame.crank_angle_rad = model.crank_angle_rad(state.step as f64 * model.step_s);
         fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
         frame
     }
@@ -221,7 +219,7 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
 
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
-    let memory = scratch.memory(Part::Bushes);
+    let memory = scratch.memory(ContactGroup::Bushes);
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
@@ -229,7 +227,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
             let (link, front) = model.chain.bush_carrier(j);
-            if memory.age[j] == 0.0 || !scratch.is_contact(Part::Bushes, j) || !node.is_asked(link) {
+            if memory.age[j] == 0.0 || !scratch.is_contact(ContactGroup::Bushes, j) || !node.is_asked(link) {
                 continue;
             }
             let p = node.end(link, front);
@@ -244,7 +242,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 radius: sprocket.body.bush_radius_m,
                 law: &sprocket.body.law,
                 friction: sprocket.body.friction,
-                part: Part::Bushes,
+                part: ContactGroup::Bushes,
                 lane: j,
             };
             let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
@@ -263,7 +261,7 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let up = perp(b.along);
         for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
-                let part = Part::Guides(2 * b.side + usize::from(!front));
+                let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -301,7 +299,7 @@ fn rail_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         for link in scratch.links_near_rail(model, k).filter(|i| node.is_asked(*i)) {
             for part_index in [1, 0, 2] {
                 let set = 3 * rail.body.side + part_index;
-                let part = Part::Rails(set);
+                let part = ContactGroup::Rails(set);
                 if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
                     continue;
                 }
@@ -334,7 +332,7 @@ fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     for (k, body) in model.end_bodies.iter().enumerate() {
         scratch.end_touches(model, state, k, node.only, |link, front, t| {
-            let part = Part::Contours(2 * body.set + usize::from(!front));
+            let part = ContactGroup::Contours(2 * body.set + usize::from(!front));
             if node.is_asked(link) && scratch.is_contact(part, link) {
                 let point = t.point + body.origin;
                 let pair = Pair {
@@ -476,23 +474,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
         sum_of(own.len(), |k| stored(own.start + k))
     });
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
-    for (k, coordinate) in model.coordinates.iter().enumerate() {
-        let speed = node.speed(k);
-        let half_step_turn = 0.5 * h * speed;
-        e.work_in_j += state.coordinates.work_in[k];
-        e.work_out_j += state.coordinates.work_out[k];
-        match coordinate.motion {
-            Motion::Prescribed { .. } => e.work_in_j -= scratch.chain_torque[k] * half_step_turn,
-            Motion::Free { inertia, load } => {
-                e.kinetic_j += 0.5 * inertia * speed.powi(2);
-                e.work_out_j -= load * half_step_turn;
-            }
-        }
-        e.elastic_spring_j += coordinate.spring.energy_j(state.coordinates.angle[k]);
-        if let Some(lost) = state.coordinates.lost.get(k) {
-            e.lost_spring_damping_j += lost + coordinate.spring.damping * speed * half_step_turn;
-        }
-    }
+    shafts::add_energies(model, state, scratch, &mut e);
     let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
     if let Some(oil) = &model.oil {
         e.elastic_spring_j += oil.stored_j(&state.oil);
@@ -511,7 +493,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &Rows) -> Energy {
     // Totals before and after this step: at the node in its middle, their mean.
     // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
     let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
-    for part in Part::of(model) {
+    for part in ContactGroup::in_model(model) {
         let (past, now) = (part.past_memory(state), scratch.memory(part));
         let (damping, friction) =
             (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));

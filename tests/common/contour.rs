@@ -5,7 +5,7 @@
 //! perpendicular foot, or for the convex corner where none does; joints that are C1 are owned by the element that begins
 //! there, so that no contact is counted twice.
 
-use pitchline::contact::Touch;
+use pitchline::contact::ContourTouch;
 use pitchline::geometry::Vec2;
 use pitchline::geometry::cross;
 use pitchline::geometry::profile::{Element, Profile};
@@ -14,7 +14,7 @@ use pitchline::units::{atan2, wrap_angle};
 /// Circle against an element: the touch whose foot lies in the element's interior, if there is one.
 ///
 /// A circle inside a concave arc touches it on the far side from the arc's centre; outside a convex arc on the near side.
-fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) -> Option<Touch> {
+fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) -> Option<ContourTouch> {
     let (on_body, normal, distance_m) = match *element {
         Element::Line { start, end } => {
             let along = element.foot_along(centre);
@@ -44,7 +44,7 @@ fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) 
             }
         }
     };
-    Some(Touch {
+    Some(ContourTouch {
         element: index,
         corner: false,
         on_body,
@@ -56,7 +56,7 @@ fn circle_element(centre: Vec2, radius_m: f64, index: usize, element: &Element) 
 
 /// Circle against the corner where `before` ends and `after` begins: a touch when the corner is convex and the circle's
 /// centre faces neither element squarely.
-fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element, after: &Element) -> Option<Touch> {
+fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element, after: &Element) -> Option<ContourTouch> {
     let point = before.end();
     let d = centre - point;
     let (t0, t1) = (before.tangent(1.0), after.tangent(0.0));
@@ -69,7 +69,7 @@ fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element, af
         return None;
     }
     let normal = d / distance;
-    Some(Touch {
+    Some(ContourTouch {
         element: index,
         corner: true,
         on_body: point,
@@ -83,7 +83,7 @@ fn circle_corner(centre: Vec2, radius_m: f64, index: usize, before: &Element, af
 const CORNER_KINK: f64 = 1e-9;
 
 /// Every overlap of a circle with a contour, in the order of elements. `centre` in the body's frame.
-pub fn touches(profile: &Profile, centre: Vec2, radius_m: f64) -> Vec<Touch> {
+pub fn touches(profile: &Profile, centre: Vec2, radius_m: f64) -> Vec<ContourTouch> {
     let elements = profile.elements();
     let mut found = Vec::new();
     for (i, element) in elements.iter().enumerate() {

@@ -34,7 +34,7 @@ use std::f64::consts::PI;
 
 /// Smallest gap of a part of the link on its way to the seat, and its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nearest {
+pub struct SmallestGap {
     /// Negative: overlap.
     pub gap_m: f64,
     /// Distance of the link from its seat, in pitches.
@@ -45,11 +45,11 @@ pub struct Nearest {
 /// the same in reverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntryClearances {
-    pub outer_flank: Nearest,
-    pub toe: Nearest,
-    pub inner_flank: Nearest,
-    pub crotch: Nearest,
-    pub eye: Nearest,
+    pub outer_flank: SmallestGap,
+    pub toe: SmallestGap,
+    pub inner_flank: SmallestGap,
+    pub crotch: SmallestGap,
+    pub eye: SmallestGap,
 }
 
 /// Pose of a link's frame in the frame of the sprocket, `pitches` before its seat in gap 0: angle and origin. The links
@@ -67,7 +67,7 @@ pub fn pose_before_seat(sprocket: &SilentSprocket, pin_pitch_m: f64, pitches: f6
 /// this link.
 pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, steps_per_pitch: u32) -> EntryClearances {
     const PITCHES: u32 = 3;
-    let none = Nearest { gap_m: f64::INFINITY, pitches_before_seat: 0.0 };
+    let none = SmallestGap { gap_m: f64::INFINITY, pitches_before_seat: 0.0 };
     let mut smallest = EntryClearances { outer_flank: none, toe: none, inner_flank: none, crotch: none, eye: none };
     let tooth: Vec<Element> = (-3..=PITCHES as i32 + 1).flat_map(|k| sprocket.gap(k)).collect();
     let outline = link.elements();
@@ -92,7 +92,7 @@ pub fn entry_clearances(link: &SilentLinkContour, sprocket: &SilentSprocket, ste
                 }
                 let gap_m = element_gap_m(&placed, other, deepest_m);
                 if gap_m < nearest.gap_m {
-                    *nearest = Nearest { gap_m, pitches_before_seat };
+                    *nearest = SmallestGap { gap_m, pitches_before_seat };
                 }
             }
         }

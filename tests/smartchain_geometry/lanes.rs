@@ -1,25 +1,27 @@
 //! The kernel with memory of the arcs that abutments faced, compared with the searches without memory.
 
 use crate::{Random, abutment, smooth};
-use pitchline::elements::arc_lanes::{Foot, FootLanes, Pair, PairLanes, SupportLanes, sure_arcs};
+use pitchline::elements::arc_lanes::{
+    FootLanes, FootPoint, PairLanes, PairSearchResult, SupportLanes, arcs_with_one_contact,
+};
 use pitchline::elements::tooth_contact::LANES;
 use pitchline::geometry::Vec2;
-use pitchline::geometry::smartchain::contour::Contour;
+use pitchline::geometry::smartchain::contour::AbutmentContour;
 use pitchline::geometry::smartchain::ring::RingContact;
-use pitchline::geometry::smartchain::{LobedRing, Side};
+use pitchline::geometry::smartchain::{AbutmentSide, LobedRing};
 
 const POSES: usize = 100_000;
 
-fn point(foot: &Foot) -> (Vec2, Vec2) {
+fn point(foot: &FootPoint) -> (Vec2, Vec2) {
     (Vec2::new(foot.point_x, foot.point_y), Vec2::new(foot.normal_x, foot.normal_y))
 }
 
 /// Front and rear contours of abutments for three numbers of teeth.
-fn for_each_contour(mut look: impl FnMut(&Contour, &mut Random)) {
+fn for_each_contour(mut look: impl FnMut(&AbutmentContour, &mut Random)) {
     let mut random = Random(17);
     for teeth in [15, 20, 40] {
         let abutment = abutment(teeth);
-        for side in [Side::Front, Side::Rear] {
+        for side in [AbutmentSide::Front, AbutmentSide::Rear] {
             look(abutment.contour(side), &mut random);
         }
     }
@@ -91,22 +93,22 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
         let abutment = abutment(made_for);
         let transition = smooth(teeth);
         let ring = LobedRing::new(&abutment, transition).expect("a ring");
-        for side in [Side::Front, Side::Rear] {
+        for side in [AbutmentSide::Front, AbutmentSide::Rear] {
             let contour = abutment.contour(side);
-            let sure = sure_arcs(contour, &ring);
+            let sure = arcs_with_one_contact(contour, &ring);
             let mut warm = PairLanes::default();
             for _ in 0..POSES / 6 {
                 let tau = -0.3 + 2.6 * random.unit();
                 let off = |random: &mut Random| 20e-6 * (random.unit() - 0.5);
                 let axis = transition.link(tau).axis.position + Vec2::new(off(&mut random), off(&mut random));
                 let at_front = ring.seat_turn_rad(tau) + 1e-3 * (random.unit() - 0.5);
-                let turn = if side == Side::Front { at_front } else { at_front - transition.seat_angle_rad() };
+                let turn = if side == AbutmentSide::Front { at_front } else { at_front - transition.seat_angle_rad() };
                 let turn = Vec2::new(libm::cos(turn), libm::sin(turn));
                 let near = contour.closest_to_point(axis);
                 if near.distance_m > ring.crest_radius_m + 20e-6 {
                     continue;
                 }
-                let lean = ring.lean(near.point - axis, turn);
+                let lean = ring.crest_offset_ratio(near.point - axis, turn);
                 let of_lane = |lanes: &PairLanes, i| lanes.contact(i, (axis.x, axis.y), (turn.x, turn.y), lean);
                 // Without memory, and with a wrong memory in every lane.
                 let mut cold = PairLanes::default();
@@ -114,7 +116,7 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
                 for i in 0..LANES {
                     let (foot, holds) = of_lane(&warm, i);
                     if holds {
-                        assert_eq!(found, Pair::Kept, "a pair that no search finds");
+                        assert_eq!(found, PairSearchResult::Kept, "a pair that no search finds");
                         assert_eq!(foot.distance, of_lane(&cold, 0).0.distance, "another pair");
                         kept += 1;
                     } else {
@@ -123,15 +125,15 @@ fn contacts_with_lobes_are_those_of_the_search_whatever_was_faced_before() {
                 }
                 let exact: Option<RingContact> = ring.contact(contour, axis, libm::atan2(turn.y, turn.x));
                 match (found, exact) {
-                    (Pair::Kept, Some(exact)) => {
+                    (PairSearchResult::Kept, Some(exact)) => {
                         let kept = of_lane(&cold, 0).0;
                         let (_, normal) = point(&kept);
                         let off_m = (kept.distance - exact.gap_m).abs();
                         farthest_m = farthest_m.max(off_m);
                         assert!((normal - exact.normal).norm() < 1e-7, "{normal:?} {exact:?}");
                     }
-                    (Pair::Alone(_), Some(_)) => alone += 1,
-                    (Pair::Nothing, None) => {}
+                    (PairSearchResult::Alone(_), Some(_)) => alone += 1,
+                    (PairSearchResult::Nothing, None) => {}
                     _ => panic!("{found:?} {exact:?}"),
                 }
                 let lane = (LANES as f64 * random.unit()) as usize;

@@ -7,8 +7,8 @@
 
 use pitchline::geometry::Vec2;
 use pitchline::geometry::smartchain::{
-    Abutment, AbutmentError, AbutmentSpec, Inclination, LobedRing, RingError, Side, Transition, TransitionError,
-    TwoLinks, centre_distance, fits_hollow,
+    Abutment, AbutmentError, AbutmentSide, AbutmentSpec, Inclination, LobedRing, RingError, Transition,
+    TransitionError, TwoLinks, centre_distance, fits_hollow,
 };
 use pitchline::units::{DEG, MM};
 
@@ -137,7 +137,7 @@ fn other_members_are_smooth_in_velocity_and_jump_in_acceleration() {
 }
 
 /// Gap between the ring and an abutment of the link whose front joint is at `tau` on its exact path [m].
-fn ring_gap_m(abutment: &Abutment, side: Side, tau: f64) -> f64 {
+fn ring_gap_m(abutment: &Abutment, side: AbutmentSide, tau: f64) -> f64 {
     let axis = abutment.transition.link(tau).axis.position;
     abutment.contour(side).closest_to_point(axis).distance_m - abutment.ring_radius_m
 }
@@ -151,14 +151,15 @@ fn ring_touches_the_front_abutment_for_two_periods_and_never_enters_the_rear() {
         let of = format!("z {}, {} deg, {} links", t.teeth, t.inclination_rad / DEG, t.span());
         for k in -1000..=4000 {
             let tau = f64::from(k) * 1e-3;
-            let (front, rear) = (ring_gap_m(&abutment, Side::Front, tau), ring_gap_m(&abutment, Side::Rear, tau));
+            let (front, rear) =
+                (ring_gap_m(&abutment, AbutmentSide::Front, tau), ring_gap_m(&abutment, AbutmentSide::Rear, tau));
             if (0.0..=t.span() + 1.0).contains(&tau) {
                 assert!(front.abs() < 5e-9, "{of}, tau {tau}: {front:e} m"); // measured 4.5e-9, the arcs' deviation
             }
             assert!(front > -5e-9 && rear > -5e-9, "{of}, tau {tau}: {front:e} {rear:e} m");
         }
     }
-    let rear = |tau: f64| ring_gap_m(&abutment(20), Side::Rear, tau) / MM;
+    let rear = |tau: f64| ring_gap_m(&abutment(20), AbutmentSide::Rear, tau) / MM;
     // The rear gap is the lift of the rear joint off its seat, except for second-order terms: 312.5 um one period
     // before it seats.
     assert!((rear(1.0) - 0.3126).abs() < 1e-3, "{}", rear(1.0));

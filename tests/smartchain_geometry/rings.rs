@@ -37,9 +37,10 @@ fn lobed_ring_leads_the_links_on_their_exact_path() {
             let tau = f64::from(k) * 0.01;
             let axis = ring.transition.link(tau).axis.position;
             let turn = ring.seat_turn_rad(tau);
-            let gap =
-                |side: Side, lobe: f64| ring.contact(chain.contour(side), axis, turn + lobe * seat).map(|c| c.gap_m);
-            for side in [Side::Front, Side::Rear] {
+            let gap = |side: AbutmentSide, lobe: f64| {
+                ring.contact(chain.contour(side), axis, turn + lobe * seat).map(|c| c.gap_m)
+            };
+            for side in [AbutmentSide::Front, AbutmentSide::Rear] {
                 for lobe in [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0] {
                     // Deviations of both contours add up; measured -7e-9.
                     assert!(
@@ -52,7 +53,7 @@ fn lobed_ring_leads_the_links_on_their_exact_path() {
             if tau < 0.0 {
                 continue;
             }
-            let front = gap(Side::Front, 0.0).expect("over its lobe");
+            let front = gap(AbutmentSide::Front, 0.0).expect("over its lobe");
             if (0.0..=ring.exact_until - 0.01).contains(&tau) {
                 assert!(front.abs() < 10e-9, "tau {tau}: {front:e}");
             }
@@ -60,7 +61,7 @@ fn lobed_ring_leads_the_links_on_their_exact_path() {
                 assert!((front * 1e6 - 0.57).abs() < 0.01, "{front:e}");
             }
             if (made_for, teeth, k) == (20, 40, 250) {
-                let rear = gap(Side::Rear, -1.0).expect("over its lobe");
+                let rear = gap(AbutmentSide::Rear, -1.0).expect("over its lobe");
                 assert!((front * 1e6 - 4.68).abs() < 0.01 && (rear - front).abs() < 1e-12, "{front:e} {rear:e}");
             }
         }
@@ -90,7 +91,7 @@ fn the_quick_search_for_a_lobe_finds_what_looking_at_every_element_finds() {
         let off = f64::from(k % 7) - 3.0;
         let axis = transition.link(tau).axis.position + Vec2::new(2e-6 * off, -1.5e-6 * f64::from(k % 5));
         let turn = ring.seat_turn_rad(tau) + 1e-4 * f64::from(k % 3);
-        for (side, turn) in [(Side::Front, turn), (Side::Rear, turn - transition.seat_angle_rad())] {
+        for (side, turn) in [(AbutmentSide::Front, turn), (AbutmentSide::Rear, turn - transition.seat_angle_rad())] {
             let contour = abutment.contour(side);
             let near = contour.closest_to_point(axis);
             if near.distance_m > ring.crest_radius_m + 20e-6 {

@@ -7,7 +7,7 @@
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
-use super::super::smartchain::{AbutmentSpec, Contour, Inclination, Transition, TransitionError, TwoLinks};
+use super::super::smartchain::{AbutmentContour, AbutmentSpec, Inclination, Transition, TransitionError, TwoLinks};
 use super::LinkShape;
 use std::f64::consts::PI;
 
@@ -76,8 +76,8 @@ impl AbutmentChain {
     pub fn rows(
         &self,
         stiffness_n_per_m: f64,
-        front: &Contour,
-        rear: &Contour,
+        front: &AbutmentContour,
+        rear: &AbutmentContour,
     ) -> Result<[LinkShape; 2], ProfileError> {
         let unloaded_m = self.pitch_m - self.design_tension_n / stiffness_n_per_m;
         let row = |index: usize| -> Result<LinkShape, ProfileError> {
@@ -100,7 +100,12 @@ impl AbutmentChain {
 }
 
 /// Outline: exact abutments; the plate between and below them is only for drawing. Counterclockwise.
-fn plate(pitch_m: f64, end_radius_m: f64, front: &Contour, rear: &Contour) -> Result<Profile, ProfileError> {
+fn plate(
+    pitch_m: f64,
+    end_radius_m: f64,
+    front: &AbutmentContour,
+    rear: &AbutmentContour,
+) -> Result<Profile, ProfileError> {
     let (h, r) = (0.5 * pitch_m, end_radius_m);
     let line = |start: Vec2, end: Vec2| Element::Line { start, end };
     let quarter = |x: f64, start_rad: f64| Element::Arc {

@@ -34,7 +34,7 @@ const PROJECTION_RANGE: (f64, f64) = (-0.125, 0.017);
 /// Largest difference of flank pitch and pin pitch, over p. assumed: tolerances are a tenth of that.
 const FLANK_PITCH_RANGE: f64 = 0.02;
 /// Minimum material around a pin hole, over p. assumed: thinner walls cannot be stamped.
-const LEAST_WALL: f64 = 0.02;
+const MIN_WALL: f64 = 0.02;
 
 /// Proportions of the contour, the same for all links of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,7 +137,7 @@ impl Flank {
 /// An arc in the frame of the link. The outward normal of a convex arc at `angle` is the unit vector at `angle`, that
 /// of a concave arc its opposite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ContourArc {
+pub struct SilentArc {
     pub centre: Vec2,
     pub radius_m: f64,
     pub start_rad: f64,
@@ -145,9 +145,9 @@ pub struct ContourArc {
     pub sweep_rad: f64,
 }
 
-impl ContourArc {
+impl SilentArc {
     pub fn element(&self) -> Element {
-        let ContourArc { centre, radius_m, start_rad, sweep_rad } = *self;
+        let SilentArc { centre, radius_m, start_rad, sweep_rad } = *self;
         Element::Arc { centre, radius_m, start_rad, sweep_rad }
     }
 }
@@ -157,9 +157,9 @@ impl ContourArc {
 pub struct LinkEnd {
     /// E, the virtual eye.
     pub eye_centre: Vec2,
-    pub eye: ContourArc,
+    pub eye: SilentArc,
     pub outer_flank: Flank,
-    pub toe: ContourArc,
+    pub toe: SilentArc,
     pub inner_flank: Flank,
 }
 
@@ -182,7 +182,7 @@ pub struct SilentLinkContour {
     pub front: LinkEnd,
     /// The end towards -x, trailing.
     pub rear: LinkEnd,
-    pub crotch: ContourArc,
+    pub crotch: SilentArc,
 }
 
 /// Parts of the outline, in its order.
@@ -343,9 +343,9 @@ impl SilentLinkContour {
         let on_inner = |u: f64| eye_centre + inward * inner_m + Vec2::new(s, c) * u;
         let front = LinkEnd {
             eye_centre,
-            eye: ContourArc { centre: eye_centre, radius_m: face_m, start_rad: -0.5 * PI, sweep_rad: 0.5 * PI + alpha },
+            eye: SilentArc { centre: eye_centre, radius_m: face_m, start_rad: -0.5 * PI, sweep_rad: 0.5 * PI + alpha },
             outer_flank: Flank { start: on_outer(0.0), end: on_outer(outer_flank_length_m), normal: outward },
-            toe: ContourArc {
+            toe: SilentArc {
                 centre: eye_centre + Vec2::new(toe_offset_m, toe_depth_m),
                 radius_m: form.toe_radius_m,
                 start_rad: alpha,
@@ -367,7 +367,7 @@ impl SilentLinkContour {
             crotch_centre_m,
             front,
             rear: front.mirrored(),
-            crotch: ContourArc {
+            crotch: SilentArc {
                 centre: Vec2::new(0.0, -crotch_centre_m),
                 radius_m: form.crotch_radius_m,
                 start_rad: -alpha,
@@ -458,7 +458,7 @@ fn check_crotch(
         return Err(SilentLinkError::CrotchLarge { largest_m: form.crotch_radius_m - excess_m * s / c });
     }
     let web_m = form.face_distance_m - (crotch_centre_m + form.crotch_radius_m);
-    let least_web_m = LEAST_WALL * pin_pitch_m;
+    let least_web_m = MIN_WALL * pin_pitch_m;
     if web_m < least_web_m {
         // The crotch top sinks by 1 / s - 1 per unit of r_c.
         let least_m = form.crotch_radius_m + (least_web_m - web_m) * s / (1.0 - s);
@@ -473,7 +473,7 @@ impl LinkEnd {
         let point = |p: Vec2| Vec2::new(-p.x, p.y);
         let flank = |f: Flank| Flank { start: point(f.end), end: point(f.start), normal: point(f.normal) };
         let arc =
-            |a: ContourArc| ContourArc { centre: point(a.centre), start_rad: PI - (a.start_rad + a.sweep_rad), ..a };
+            |a: SilentArc| SilentArc { centre: point(a.centre), start_rad: PI - (a.start_rad + a.sweep_rad), ..a };
         LinkEnd {
             eye_centre: point(self.eye_centre),
             eye: arc(self.eye),
@@ -507,7 +507,7 @@ impl SilentChain {
         let pin_radius_m = 0.5 * self.pin_diameter_m;
         // The contour is symmetric, so that one joint represents both.
         let reach_m = -plate.closest(Vec2::new(lever_m, 0.0)).distance_m;
-        let largest_radius_m = reach_m - LEAST_WALL * self.pitch_m;
+        let largest_radius_m = reach_m - MIN_WALL * self.pitch_m;
         if pin_radius_m > largest_radius_m {
             return Err(SilentLinkError::PinHole { largest_diameter_m: 2.0 * largest_radius_m });
         }

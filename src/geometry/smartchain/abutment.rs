@@ -21,7 +21,7 @@
 //!
 //! Source: envelope of a circle; own derivation, see `path`.
 
-use super::contour::Contour;
+use super::contour::AbutmentContour;
 use super::fit::{self, CurvePoint};
 use super::path::{Inclination, Transition, boundary};
 use crate::geometry::profile::Element;
@@ -52,7 +52,7 @@ pub const END_RESERVE_RAD: f64 = 4.0 * DEG;
 
 /// One of the two abutments of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum AbutmentSide {
     Front,
     Rear,
 }
@@ -89,8 +89,8 @@ pub struct Abutment {
     pub min_radius_m: f64,
     /// Largest distance of the exact contour from the arcs.
     pub max_deviation_m: f64,
-    pub front: Contour,
-    pub rear: Contour,
+    pub front: AbutmentContour,
+    pub rear: AbutmentContour,
 }
 
 /// Why there is no such abutment, each with a value that works.
@@ -152,7 +152,7 @@ impl std::fmt::Display for AbutmentError {
                     "the way of the ring has curvatures of {low:.2e} to {high:.2e} times that of the pitch circle: an abutment \
                      is hollow below 0 and pointed from {most:.3} on"
                 )?;
-                works.map_or(Ok(()), |works| write!(f, "; {} work", super::path::told(works)))
+                works.map_or(Ok(()), |works| write!(f, "; {} work", super::path::parameters_text(works)))
             }
             AbutmentError::Undercut { inclination_rad, to_rad, least_distance_m } => write!(
                 f,
@@ -251,7 +251,7 @@ impl Abutment {
             start_rad: atan2(normal.y, normal.x),
             sweep_rad: end_angle_rad - lever_end_rad,
         });
-        let front = Contour::new(&elements).map_err(|_error| AbutmentError::Degenerate)?;
+        let front = AbutmentContour::new(&elements).map_err(|_error| AbutmentError::Degenerate)?;
         let rear = front.mirrored();
         let mut guide_height_m = transition.line_height_m - ring_radius_m;
         let (mut rise_m, mut guide_overlap_m) = (0.0, 0.0);
@@ -287,10 +287,10 @@ impl Abutment {
         self.spec.distance_m
     }
 
-    pub fn contour(&self, side: Side) -> &Contour {
+    pub fn contour(&self, side: AbutmentSide) -> &AbutmentContour {
         match side {
-            Side::Front => &self.front,
-            Side::Rear => &self.rear,
+            AbutmentSide::Front => &self.front,
+            AbutmentSide::Rear => &self.rear,
         }
     }
 
@@ -359,7 +359,7 @@ fn check_curvature(transition: &Transition, curvature: (f64, f64), ring_radius_m
 }
 
 /// Depth by which the rear abutment enters the guide while the front joint rises.
-fn overlap_with_guide_m(transition: &Transition, rear: &Contour, guide_height_m: f64) -> f64 {
+fn overlap_with_guide_m(transition: &Transition, rear: &AbutmentContour, guide_height_m: f64) -> f64 {
     let face_m = transition.line_height_m - guide_height_m;
     (0..=CURVATURE_SAMPLES)
         .map(|k| transition.lever(f64::from(k) / f64::from(CURVATURE_SAMPLES)))

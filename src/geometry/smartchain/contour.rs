@@ -32,7 +32,7 @@ pub struct ContourArc {
 
 /// The contour of an abutment in the link frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Contour {
+pub struct AbutmentContour {
     arcs: Vec<ContourArc>,
     /// The convex hull; the contour itself if it is convex.
     hull: Vec<ContourArc>,
@@ -152,16 +152,16 @@ fn normal_angle(n: Vec2) -> f64 {
     0.5 * PI + wrap_angle(atan2(n.y, n.x) - 0.5 * PI)
 }
 
-impl Contour {
+impl AbutmentContour {
     /// A contour of elements with common tangents that are convex, except for a hollow after the first of them.
-    pub fn new(elements: &[Element]) -> Result<Contour, ContourError> {
+    pub fn new(elements: &[Element]) -> Result<AbutmentContour, ContourError> {
         assert!(!elements.is_empty(), "a contour has elements");
         let arcs: Vec<ContourArc> = elements.iter().map(ContourArc::new).collect();
         let hull = hull(&arcs)?;
-        Ok(Contour::from_arcs(arcs, hull))
+        Ok(AbutmentContour::from_arcs(arcs, hull))
     }
 
-    fn from_arcs(arcs: Vec<ContourArc>, hull: Vec<ContourArc>) -> Contour {
+    fn from_arcs(arcs: Vec<ContourArc>, hull: Vec<ContourArc>) -> AbutmentContour {
         let ends: Vec<(f64, f64)> = hull.iter().map(|a| (a.normal_end.x, a.normal_end.y)).collect();
         let (high, low) = (hull[0].normal_start.x, hull[hull.len() - 1].normal_end.x);
         let table_steps_per_x = TABLE_STEPS as f64 / (high - low).max(1e-9);
@@ -172,7 +172,7 @@ impl Contour {
         };
         let looks_up = hull.iter().all(|a| a.normal_start.y > 0.0 && a.normal_end.y > 0.0);
         let table = if looks_up { (0..TABLE_STEPS).map(first).collect() } else { vec![0; TABLE_STEPS] };
-        Contour { arcs, hull, ends, table, table_from: low, table_steps_per_x }
+        AbutmentContour { arcs, hull, ends, table, table_from: low, table_steps_per_x }
     }
 
     /// The first arc whose end normal is not before `direction`, a unit vector; the number of arcs if there is none.
@@ -214,9 +214,9 @@ impl Contour {
     }
 
     /// Mirror image x -> -x.
-    pub fn mirrored(&self) -> Contour {
+    pub fn mirrored(&self) -> AbutmentContour {
         let mirrored = |arcs: &[ContourArc]| arcs.iter().rev().map(ContourArc::mirrored).collect();
-        Contour::from_arcs(mirrored(&self.arcs), mirrored(&self.hull))
+        AbutmentContour::from_arcs(mirrored(&self.arcs), mirrored(&self.hull))
     }
 
     /// The open contour, for drawing.
@@ -238,7 +238,7 @@ impl Contour {
         (point.dot(&direction), point)
     }
 
-    /// As [`Contour::support`], with the radius of curvature there: zero at the contour's ends, and on a flat, where
+    /// As [`AbutmentContour::support`], with the radius of curvature there: zero at the contour's ends, and on a flat, where
     /// the plane rests on its first point.
     pub fn support_with_radius(&self, direction: Vec2) -> (f64, Vec2, f64) {
         let (height, point) = self.support(direction);
@@ -250,7 +250,7 @@ impl Contour {
         (height, point, radius_m)
     }
 
-    /// Foot of the perpendicular from `o`, a point outside and nearer than [`Contour::hollow_radius_m`], or inside and
+    /// Foot of the perpendicular from `o`, a point outside and nearer than [`AbutmentContour::hollow_radius_m`], or inside and
     /// no deeper than the radii of curvature.
     pub fn closest_to_point(&self, o: Vec2) -> ContourFoot {
         let last = self.arcs.len() - 1;

@@ -88,7 +88,7 @@ pub fn fit(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f
 }
 
 /// Minimum share of the parameter range of one piece.
-const LEAST_SHARE: f64 = 1.0 / 1024.0;
+const MIN_SHARE: f64 = 1.0 / 1024.0;
 
 /// Longest possible pieces one after another; None if more than `most` elements are needed.
 fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64, most: usize) -> Option<Vec<Element>> {
@@ -109,7 +109,7 @@ fn march(curve: &dyn Fn(f64) -> CurvePoint, from: f64, to: f64, tolerance_m: f64
         let end = super::path::boundary_within(start, to, BISECTIONS, |end| piece(end).is_some());
         // A curve that is not smooth would be divided without end: pieces have a minimum length, and the resulting
         // deviation is measured.
-        let end = end.max(start + (to - from) * LEAST_SHARE).min(to);
+        let end = end.max(start + (to - from) * MIN_SHARE).min(to);
         elements.extend(biarc(curve(start), curve(end)));
         start = end;
     }

@@ -21,8 +21,8 @@ pub mod path;
 pub mod ring;
 pub mod two_link;
 
-pub use abutment::{Abutment, AbutmentError, AbutmentSpec, Side};
-pub use contour::{Contour, ContourArc, ContourError, ContourFoot};
-pub use path::{Inclination, LinkMotion, Motion, Transition, TransitionError, centre_distance, centre_distance_m};
+pub use abutment::{Abutment, AbutmentError, AbutmentSide, AbutmentSpec};
+pub use contour::{AbutmentContour, ContourArc, ContourError, ContourFoot};
+pub use path::{Inclination, LinkMotion, PointMotion, Transition, TransitionError, centre_distance, centre_distance_m};
 pub use ring::{LobedRing, RingContact, RingError, fits_hollow};
-pub use two_link::{Turning, TwoLinks};
+pub use two_link::{LinkInclination, TwoLinks};

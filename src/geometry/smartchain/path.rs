@@ -26,7 +26,7 @@
 //! Source: own derivation from the law of gearing (rack and wheel); it reproduces published data of abutment chains and
 //! is not taken from a patent. Rigid links, no clearance.
 
-use super::two_link::{Turning, TwoLinks};
+use super::two_link::{LinkInclination, TwoLinks};
 use crate::geometry::sprocket::TEETH_RANGE;
 use crate::geometry::{Vec2, cross, perp, rotated};
 use crate::units::{DEG, MM, UM, atan2, sin_cos};
@@ -34,7 +34,7 @@ use std::f64::consts::PI;
 
 /// Position [m], velocity [m per tau] and acceleration [m per tau^2].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct PointMotion {
     pub position: Vec2,
     pub velocity: Vec2,
     pub acceleration: Vec2,
@@ -76,7 +76,7 @@ pub struct Transition {
     /// Acceleration is continuous at both ends.
     pub smooth_acceleration: bool,
     /// For a transition over two links: rotation of the first of them.
-    pub turning: Option<Turning>,
+    pub turning: Option<LinkInclination>,
 }
 
 /// Why there is no such transition.
@@ -131,14 +131,14 @@ impl std::fmt::Display for TransitionError {
                 if given.free_rad != [0.0; 3] {
                     write!(f, ", with the free part that is given")?;
                 }
-                works.map_or(Ok(()), |works| write!(f, "; {} do", told(works)))
+                works.map_or(Ok(()), |works| write!(f, "; {} do", parameters_text(works)))
             }
         }
     }
 }
 
 /// The three parameters of a path over two links, as text.
-pub(super) fn told(n: [f64; 3]) -> String {
+pub(super) fn parameters_text(n: [f64; 3]) -> String {
     format!("{:.1} um above the circle, {:.4} deg and an end at {:.4} mm", n[0] / UM, n[1] / DEG, n[2] / MM)
 }
 
@@ -152,7 +152,7 @@ impl std::error::Error for TransitionError {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkMotion {
     /// Sprocket axis in the link frame.
-    pub axis: Motion,
+    pub axis: PointMotion,
     /// Rotation of the link, with the sprocket, since it was on the line [rad], and its rates per tau and tau^2.
     pub turn_rad: f64,
     pub turn_rate: f64,
@@ -225,7 +225,7 @@ impl Transition {
 
     /// Motion of the joint at `tau` on its way in. Where two pieces meet, the straight line and the circle take
     /// precedence.
-    pub fn pin(&self, tau: f64) -> Motion {
+    pub fn pin(&self, tau: f64) -> PointMotion {
         if tau <= 0.0 {
             self.pin_on_line(tau)
         } else if tau >= self.span() {
@@ -235,15 +235,15 @@ impl Transition {
         }
     }
 
-    pub(super) fn pin_on_line(&self, tau: f64) -> Motion {
-        Motion {
+    pub(super) fn pin_on_line(&self, tau: f64) -> PointMotion {
+        PointMotion {
             position: Vec2::new(self.line_end_x_m + self.pitch_m * tau, self.line_height_m),
             velocity: Vec2::new(self.pitch_m, 0.0),
             acceleration: Vec2::zeros(),
         }
     }
 
-    pub(super) fn pin_on_circle(&self, tau: f64) -> Motion {
+    pub(super) fn pin_on_circle(&self, tau: f64) -> PointMotion {
         let w = self.seat_angle_rad();
         circle_motion(self.pitch_radius_m, self.seat_angle_at_rad(tau), w)
     }
@@ -254,16 +254,16 @@ impl Transition {
     }
 
     /// Motion between line and circle, for tau in 0 ..= n: limits from within at both ends.
-    pub fn pin_in_transition(&self, tau: f64) -> Motion {
+    pub fn pin_in_transition(&self, tau: f64) -> PointMotion {
         match &self.turning {
             None => apex(&self.pin_on_line(tau - 1.0), &self.pin_on_circle(tau + 1.0), self.pitch_m),
-            Some(turning) if tau <= 1.0 => turning.led(&self.pin_on_line(tau - 1.0), tau, self.pitch_m),
+            Some(turning) if tau <= 1.0 => turning.front_joint_motion(&self.pin_on_line(tau - 1.0), tau, self.pitch_m),
             Some(_) => apex(&self.pin_in_transition(tau - 1.0), &self.pin_on_circle(tau + 1.0), self.pitch_m),
         }
     }
 
     /// Rear and front joint of the link whose front joint is at `tau`.
-    pub fn joints(&self, tau: f64) -> (Motion, Motion) {
+    pub fn joints(&self, tau: f64) -> (PointMotion, PointMotion) {
         (self.pin(tau - 1.0), self.pin(tau))
     }
 
@@ -279,7 +279,7 @@ impl Transition {
         self.link_between(rear, self.pin_in_transition(tau))
     }
 
-    fn link_between(&self, rear: Motion, front: Motion) -> LinkMotion {
+    fn link_between(&self, rear: PointMotion, front: PointMotion) -> LinkMotion {
         // Mirrored, so that the sprocket lies on the left of the chain.
         let mirror = |v: Vec2| Vec2::new(v.x, -v.y);
         let along = mirror(front.position - rear.position) / self.pitch_m;
@@ -296,7 +296,7 @@ impl Transition {
         let acceleration = -middle2 - perp(position) * turn_acceleration - perp(velocity) * (2.0 * turn_rate)
             + position * turn_rate.powi(2);
         LinkMotion {
-            axis: Motion { position, velocity, acceleration },
+            axis: PointMotion { position, velocity, acceleration },
             turn_rad: atan2(along.y, along.x),
             turn_rate,
             turn_acceleration,
@@ -365,7 +365,7 @@ impl Transition {
 }
 
 /// The joint one pitch away from both `a` and `c`, above them.
-pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
+pub(super) fn apex(a: &PointMotion, c: &PointMotion, pitch_m: f64) -> PointMotion {
     // gamma = (A + C)/2 + g perp(D), D = C - A, g^2 = p^2/|D|^2 - 1/4.
     let (d, d1, d2) = (c.position - a.position, c.velocity - a.velocity, c.acceleration - a.acceleration);
     let square = d.norm_squared();
@@ -377,7 +377,7 @@ pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
     let g = libm::sqrt(pitch2 / square - 0.25);
     let g1 = q1 / (2.0 * g);
     let g2 = q2 / (2.0 * g) - q1.powi(2) / (4.0 * g.powi(3));
-    Motion {
+    PointMotion {
         position: (a.position + c.position) * 0.5 + perp(d) * g,
         velocity: (a.velocity + c.velocity) * 0.5 + perp(d) * g1 + perp(d1) * g,
         acceleration: (a.acceleration + c.acceleration) * 0.5 + perp(d) * g2 + perp(d1) * (2.0 * g1) + perp(d2) * g,
@@ -385,10 +385,10 @@ pub(super) fn apex(a: &Motion, c: &Motion, pitch_m: f64) -> Motion {
 }
 
 /// A joint on a pitch circle, clockwise, at `angle_rad` from +y, moving at `rate` [rad per tau].
-pub(super) fn circle_motion(radius_m: f64, angle_rad: f64, rate: f64) -> Motion {
+pub(super) fn circle_motion(radius_m: f64, angle_rad: f64, rate: f64) -> PointMotion {
     let (sin, cos) = sin_cos(angle_rad);
     let position = Vec2::new(sin, cos) * radius_m;
-    Motion { position, velocity: -perp(position) * rate, acceleration: -position * (rate * rate) }
+    PointMotion { position, velocity: -perp(position) * rate, acceleration: -position * (rate * rate) }
 }
 
 /// Tolerance within which an inclination counts as that of the member with continuous acceleration [rad]: rounding of
@@ -452,17 +452,17 @@ pub(super) fn boundary_within(inside: f64, outside: f64, bisections: u32, works:
 /// None if the loop is too short for any distance.
 pub fn centre_distance_m(first: &Transition, second: &Transition, n_links: u32) -> Option<f64> {
     let pitch = first.pitch_m;
-    let lean = second.line_height_m - first.line_height_m;
+    let height_m = second.line_height_m - first.line_height_m;
     let seats = |t: &Transition, wrap_rad: f64| (wrap_rad - 2.0 * t.handover_angle_rad) / t.seat_angle_rad();
     let links = |c: f64| {
-        let span = libm::sqrt((c * c - lean * lean).max(0.0)) + first.line_end_x_m + second.line_end_x_m;
-        let turn = 2.0 * libm::asin(lean / c);
+        let span = libm::sqrt((c * c - height_m * height_m).max(0.0)) + first.line_end_x_m + second.line_end_x_m;
+        let turn = 2.0 * libm::asin(height_m / c);
         2.0 * span / pitch + seats(first, PI - turn) + seats(second, PI + turn) + 2.0 * (first.span() + second.span())
     };
     let wanted = f64::from(n_links);
     // The straight part must not be negative; a larger distance always takes more links.
     let free = (first.line_end_x_m + second.line_end_x_m).abs();
-    let (mut low, mut high) = (libm::sqrt(free * free + lean * lean), pitch * wanted);
+    let (mut low, mut high) = (libm::sqrt(free * free + height_m * height_m), pitch * wanted);
     if links(low) > wanted || links(high) < wanted {
         return None;
     }

@@ -20,7 +20,7 @@
 //! envelope has a step at the seat.
 
 use super::abutment::{Abutment, tolerance_m};
-use super::contour::{Contour, ContourFoot};
+use super::contour::{AbutmentContour, ContourFoot};
 use super::fit::{self, CurvePoint};
 use super::path::{Transition, boundary};
 use crate::geometry::profile::{Element, Profile, ProfileError};
@@ -56,7 +56,7 @@ pub struct LobedRing {
     /// The same for contact search.
     arcs: Vec<RingArc>,
     /// Inverse of the distance from the crest's ray beyond which an abutment can contact its own side only [1/m].
-    leans_per_m: f64,
+    crest_offsets_per_m: f64,
 }
 
 /// An element of the outline with its data for contact search.
@@ -224,7 +224,7 @@ impl LobedRing {
             transition,
             valley_radius_m,
             crest_radius_m: crest.y,
-            leans_per_m: 1.0 / (FAR_SIDE * crest.y),
+            crest_offsets_per_m: 1.0 / (FAR_SIDE * crest.y),
             envelope_end_radius_m: end.norm(),
             flank_start_rad,
             envelope_end_rad: -wrap_angle(atan2(end.y, end.x) - 0.5 * PI),
@@ -249,20 +249,20 @@ impl LobedRing {
     /// Contact of one lobe with an abutment: the smallest gap at which normals are opposite. `axis` is the sprocket's
     /// axis in the link frame and `turn_rad` the angle of the lobe's gap frame to the link frame. `None` if this lobe
     /// has no common normal with it. Exact for convex arcs, flats and the crest; to rounding for concave arcs.
-    pub fn contact(&self, abutment: &Contour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
+    pub fn contact(&self, abutment: &AbutmentContour, axis: Vec2, turn_rad: f64) -> Option<RingContact> {
         let turn = unit(turn_rad);
         let on = |k: usize| self.element_contact(k, abutment, axis, turn);
         let arcs = (0..self.arcs.len()).filter_map(on);
         arcs.chain(self.crest_contact(abutment, axis, turn)).reduce(nearer)
     }
 
-    fn element_contact(&self, k: usize, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+    fn element_contact(&self, k: usize, abutment: &AbutmentContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let contact = self.arcs[k].placed(axis, turn).contact(abutment)?;
         Some(RingContact { ring_element: k, ..contact })
     }
 
     /// Contact of the crest's corner, if the abutment's normal lies between those of its two sides.
-    fn crest_contact(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+    fn crest_contact(&self, abutment: &AbutmentContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let before = self.arcs[self.crest_arc].placed(axis, turn);
         let after = self.arcs[self.crest_arc + 1].placed(axis, turn);
         let foot = abutment.closest_to_point(before.end);
@@ -272,17 +272,17 @@ impl LobedRing {
 
     /// As [`LobedRing::contact`], but faster; `turn` is the unit vector at `turn_rad`. A binary search over the
     /// elements on either side of the crest; the abutment is more curved than the hollow parts of the ring.
-    pub fn contact_at(&self, abutment: &Contour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
+    pub fn contact_at(&self, abutment: &AbutmentContour, axis: Vec2, turn: Vec2) -> Option<RingContact> {
         let turned = |v: Vec2| Vec2::new(turn.x * v.x - turn.y * v.y, turn.y * v.x + turn.x * v.y);
         // Offset of the abutment's nearest point to the axis from the crest's ray, to the left, over the distance.
         let at = abutment.closest_to_point(axis).point - axis;
-        let lean = self.lean(at, turn);
+        let offset_ratio = self.crest_offset_ratio(at, turn);
         let mut least: Option<RingContact> = None;
         // The outline is smooth on either side of the crest: each side has at most one common normal nearby.
         for side in [0..=self.crest_arc, self.crest_arc + 1..=self.arcs.len() - 1] {
             let (first, last) = (*side.start(), *side.end());
             // Far on the other side of the crest this side has no contact.
-            if (first == 0) == (lean > 0.0) && lean.abs() > 1.0 {
+            if (first == 0) == (offset_ratio > 0.0) && offset_ratio.abs() > 1.0 {
                 continue;
             }
             // At the end of an element, the point of the abutment that faces it lies ahead as long as the contact does.
@@ -320,8 +320,8 @@ impl LobedRing {
     /// Offset of the point `at` of an abutment, relative to the axis, to the left of the crest's ray, over the offset
     /// beyond which it contacts its own side only. `turn`: as in [`LobedRing::contact_at`].
     #[inline(always)]
-    pub fn lean(&self, at: Vec2, turn: Vec2) -> f64 {
-        0.0 - (turn.x * at.x + turn.y * at.y) * self.leans_per_m
+    pub fn crest_offset_ratio(&self, at: Vec2, turn: Vec2) -> f64 {
+        0.0 - (turn.x * at.x + turn.y * at.y) * self.crest_offsets_per_m
     }
 
     /// Angle of the gap frame of the front joint's seat to the link frame, when that joint is at `tau` [rad].
@@ -388,7 +388,7 @@ impl RingArc {
     }
 
     /// Contact where the normals of arc and abutment are opposite, if on this arc. In the link frame.
-    fn contact(&self, abutment: &Contour) -> Option<RingContact> {
+    fn contact(&self, abutment: &AbutmentContour) -> Option<RingContact> {
         if self.radius_m.is_infinite() {
             let (_, point) = abutment.support(-self.normal_start);
             let along = (point - self.start).dot(&(self.end - self.start));

@@ -20,7 +20,7 @@
 //! Source: own derivation; the search is that of J. A. Nelder and R. Mead, "A simplex method for function minimization",
 //! Computer Journal 7 (1965).
 
-use super::path::{Motion, PITCH_RANGE_M, Transition, TransitionError, apex};
+use super::path::{PITCH_RANGE_M, PointMotion, Transition, TransitionError, apex};
 use crate::geometry::sprocket::TEETH_RANGE;
 use crate::geometry::{Vec2, cross};
 use crate::units::{DEG, atan2, sin_cos};
@@ -28,7 +28,7 @@ use std::f64::consts::PI;
 
 /// Inclination of the first link: alpha = tau^3 times a polynomial with these coefficients [rad].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turning([f64; 6]);
+pub struct LinkInclination([f64; 6]);
 
 /// Free parameters of a transition over two links; those that are not given are optimised.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,10 +43,10 @@ pub struct TwoLinks {
     pub free_rad: [f64; 3],
 }
 
-impl Turning {
+impl LinkInclination {
     /// The inclination that reaches the given value and first two derivatives at tau = 1, plus the free part.
-    fn new([alpha, rate, acceleration]: [f64; 3], [b0, b1, b2]: [f64; 3]) -> Turning {
-        Turning([
+    fn new([alpha, rate, acceleration]: [f64; 3], [b0, b1, b2]: [f64; 3]) -> LinkInclination {
+        LinkInclination([
             10.0 * alpha - 4.0 * rate + 0.5 * acceleration + b0,
             -15.0 * alpha + 7.0 * rate - acceleration + b1 - 3.0 * b0,
             6.0 * alpha - 3.0 * rate + 0.5 * acceleration + b2 - 3.0 * b1 + 3.0 * b0,
@@ -69,11 +69,11 @@ impl Turning {
     }
 
     /// The front joint of the first link, whose rear joint is `rear`.
-    pub(super) fn led(&self, rear: &Motion, tau: f64, pitch_m: f64) -> Motion {
+    pub(super) fn front_joint_motion(&self, rear: &PointMotion, tau: f64, pitch_m: f64) -> PointMotion {
         let [alpha, rate, acceleration] = self.at(tau);
         let (sin, cos) = sin_cos(alpha);
         let (along, down) = (Vec2::new(cos, -sin), Vec2::new(-sin, -cos));
-        Motion {
+        PointMotion {
             position: rear.position + along * pitch_m,
             velocity: rear.velocity + down * (pitch_m * rate),
             acceleration: rear.acceleration + (down * acceleration - along * rate.powi(2)) * pitch_m,
@@ -91,7 +91,7 @@ impl Transition {
             return Err(TransitionError::Pitch(pitch_m));
         }
         let given = [form.rise_m.map(|m| m / pitch_m), form.handover_rad, form.line_end_m.map(|m| m / pitch_m)];
-        let numbers = least_jerk(teeth, given, form.free_rad);
+        let numbers = minimum_jerk(teeth, given, form.free_rad);
         let scaled = [numbers[0] * pitch_m, numbers[1], numbers[2] * pitch_m];
         match two_links(teeth, pitch_m, scaled, form.free_rad) {
             Some(t) => Ok(t),
@@ -125,7 +125,7 @@ impl Transition {
 
 /// Line above the pitch circle [m], hand-over angle [rad] and end of the line [m] with the smallest peak of jerk.
 pub(super) fn smoothest(teeth: u32, pitch_m: f64) -> Option<[f64; 3]> {
-    let [rise, angle, line_end] = least_jerk(teeth, [None; 3], [0.0; 3]);
+    let [rise, angle, line_end] = minimum_jerk(teeth, [None; 3], [0.0; 3]);
     let numbers = [rise * pitch_m, angle, line_end * pitch_m];
     two_links(teeth, pitch_m, numbers, [0.0; 3]).map(|_| numbers)
 }
@@ -151,14 +151,14 @@ fn two_links(teeth: u32, pitch_m: f64, numbers: [f64; 3], free: [f64; 3]) -> Opt
         line_end_x_m,
         circle_start: Vec2::new(sin, cos) * pitch_radius_m,
         smooth_acceleration: true,
-        turning: Some(Turning([0.0; 6])),
+        turning: Some(LinkInclination([0.0; 6])),
     };
     let (line, circle) = (t.pin_on_line(0.0), t.pin_on_circle(2.0));
     let middle = apex(&line, &circle, pitch_m);
     let along = (middle.position - line.position) / pitch_m;
     let rate = -cross(along, (middle.velocity - line.velocity) / pitch_m);
     let acceleration = -cross(along, (middle.acceleration - line.acceleration) / pitch_m);
-    t.turning = Some(Turning::new([-atan2(along.y, along.x), rate, acceleration], free));
+    t.turning = Some(LinkInclination::new([-atan2(along.y, along.x), rate, acceleration], free));
     let ahead = circle.position - middle.position;
     t.inclination_rad = -atan2(ahead.y, ahead.x);
     let exists = (0..=SAMPLES)
@@ -177,7 +177,7 @@ const START: [f64; 3] = [0.68, 454.0 * DEG, 43.0 * DEG];
 const WAY: u32 = 8;
 
 /// Rise in pitches, angle and end of the line in pitches: the given ones, and the best values of the others.
-fn least_jerk(teeth: u32, given: [Option<f64>; 3], free: [f64; 3]) -> [f64; 3] {
+fn minimum_jerk(teeth: u32, given: [Option<f64>; 3], free: [f64; 3]) -> [f64; 3] {
     if let [Some(rise), Some(angle), Some(line_end)] = given {
         return [rise, angle, line_end];
     }

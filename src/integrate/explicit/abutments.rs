@@ -1,11 +1,14 @@
 //! Abutments on rings, lobes and guide faces: a block of ends at a time, from what they faced in the step before.
 
 use super::LANES;
-use super::ends::{Answer, Clearances, Poses, Query, ToothGaps};
-use crate::elements::arc_lanes::{Foot, FootLanes, Found, NOTHING_M, Pair, PairLanes, SupportLanes, sure_arcs};
-use crate::elements::end_contact::{EndBody, EndShape, Seats};
-use crate::elements::tooth_contact::{Column, Mask, any, mask};
-use crate::geometry::smartchain::contour::Contour;
+use super::ends::{Clearances, Poses, Query, QueryResult, ToothGaps};
+use crate::elements::arc_lanes::{
+    EndContactLanes, FootLanes, FootPoint, NO_CONTACT_M, PairLanes, PairSearchResult, SupportLanes,
+    arcs_with_one_contact,
+};
+use crate::elements::end_contact::{EndBody, EndShape, SeatDirections};
+use crate::elements::tooth_contact::{LaneBlock, LaneMask, any, mask};
+use crate::geometry::smartchain::contour::AbutmentContour;
 use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
 use crate::recording::frame::Segment;
@@ -23,21 +26,21 @@ pub(super) struct AbutmentCache {
     /// Whether the abutment has no hollow.
     convex: bool,
     /// Clearances to a face's plane, or to the highest circle of lobes [m].
-    gaps_m: Column,
+    gaps_m: LaneBlock,
     /// Of ends past a face's ends to its corner [m]; whether there are any.
-    past_m: Column,
-    beyond: Mask,
+    past_m: LaneBlock,
+    beyond: LaneMask,
     /// Elements of lanes that were looked up anew.
     searches: u64,
 }
 
 impl AbutmentCache {
-    pub(super) fn new(body: &EndBody, abutment: &Contour) -> AbutmentCache {
+    pub(super) fn new(body: &EndBody, abutment: &AbutmentContour) -> AbutmentCache {
         let convex = abutment.arcs().iter().all(|arc| arc.radius_m >= 0.0);
         let EndShape::Lobes { ring, seats, .. } = &body.shape else {
             return AbutmentCache { convex, ..AbutmentCache::default() };
         };
-        let (tooth_gaps, sure) = (ToothGaps::new(seats), sure_arcs(abutment, ring).into());
+        let (tooth_gaps, sure) = (ToothGaps::new(seats), arcs_with_one_contact(abutment, ring).into());
         AbutmentCache { tooth_gaps, sure, convex, ..AbutmentCache::default() }
     }
 
@@ -48,52 +51,62 @@ impl AbutmentCache {
 
 /// Touches of a block.
 #[inline(always)]
-pub(super) fn touches(query: &Query<'_>, abutment: &Contour, cache: &mut AbutmentCache, found: &mut Found) -> Answer {
+pub(super) fn touches(
+    query: &Query<'_>,
+    abutment: &AbutmentContour,
+    cache: &mut AbutmentCache,
+    found: &mut EndContactLanes,
+) -> QueryResult {
     match &query.body.shape {
         EndShape::Circle { radius_m } => circle(query, abutment, *radius_m, cache, found),
         EndShape::Lobes { ring, seats, turn } => lobes(query, abutment, (ring, seats, *turn), cache, found),
         EndShape::Face { along, length_m } => face(query, abutment, (*along, *length_m), cache, found),
-        EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => Answer::Apart(None),
+        EndShape::OuterFlanks { .. } | EndShape::InnerFlanks { .. } => QueryResult::Apart(None),
     }
 }
 
 /// Perpendiculars from points in the frames of the links onto their contours.
-struct Feet {
-    point_x: Column,
-    point_y: Column,
-    normal_x: Column,
-    normal_y: Column,
-    distance: Column,
+struct FootColumns {
+    point_x: LaneBlock,
+    point_y: LaneBlock,
+    normal_x: LaneBlock,
+    normal_y: LaneBlock,
+    distance: LaneBlock,
 }
 
-impl Feet {
+impl FootColumns {
     #[inline(always)]
-    fn put(&mut self, i: usize, foot: &Foot) {
+    fn set(&mut self, i: usize, foot: &FootPoint) {
         (self.point_x[i], self.point_y[i]) = (foot.point_x, foot.point_y);
         (self.normal_x[i], self.normal_y[i], self.distance[i]) = (foot.normal_x, foot.normal_y, foot.distance);
     }
 
-    fn nothing() -> Feet {
+    fn zero() -> FootColumns {
         let zero = [0.0; LANES];
-        Feet { point_x: zero, point_y: zero, normal_x: zero, normal_y: zero, distance: zero }
+        FootColumns { point_x: zero, point_y: zero, normal_x: zero, normal_y: zero, distance: zero }
     }
 
     /// Of the lanes of `own`; those that have come to face another element are searched for.
     #[inline(always)]
-    fn of(abutment: &Contour, own: &Mask, (x, y): (&Column, &Column), cache: &mut AbutmentCache) -> Feet {
-        let mut out = Feet::nothing();
-        let mut strayed = [0; LANES];
+    fn find(
+        abutment: &AbutmentContour,
+        own: &LaneMask,
+        (x, y): (&LaneBlock, &LaneBlock),
+        cache: &mut AbutmentCache,
+    ) -> FootColumns {
+        let mut out = FootColumns::zero();
+        let mut outdated = [0; LANES];
         for i in 0..LANES {
             let (foot, faced) = cache.feet.foot(i, x[i], y[i]);
             // Inside of a contour signs do not tell all.
-            strayed[i] = own[i] & !mask(faced & (foot.distance > 0.0));
-            out.put(i, &foot);
+            outdated[i] = own[i] & !mask(faced & (foot.distance > 0.0));
+            out.set(i, &foot);
         }
-        if any(&strayed) {
-            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+        if any(&outdated) {
+            for i in (0..LANES).filter(|i| outdated[*i] != 0) {
                 cache.feet.search(i, abutment, Vec2::new(x[i], y[i]));
                 cache.searches += 1;
-                out.put(i, &cache.feet.foot(i, x[i], y[i]).0);
+                out.set(i, &cache.feet.foot(i, x[i], y[i]).0);
             }
         }
         out
@@ -103,36 +116,36 @@ impl Feet {
 #[inline(always)]
 fn circle(
     query: &Query<'_>,
-    abutment: &Contour,
+    abutment: &AbutmentContour,
     radius_m: f64,
     cache: &mut AbutmentCache,
-    found: &mut Found,
-) -> Answer {
+    found: &mut EndContactLanes,
+) -> QueryResult {
     let (x, y) = query.poses.origin();
-    let feet = Feet::of(abutment, query.own, (&x, &y), cache);
+    let feet = FootColumns::find(abutment, query.own, (&x, &y), cache);
     let (mut near, mut gaps_m) = ([0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let penetration = radius_m - feet.distance[i];
         gaps_m[i] = 0.0 - penetration;
         near[i] = query.own[i] & mask(penetration > -query.far_m);
-        found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
+        found.penetration[i] = if near[i] != 0 { penetration } else { NO_CONTACT_M };
     }
     cache.gaps_m = gaps_m;
     if !any(&near) {
-        return Answer::Apart(Some(Clearances::of(query.own, &gaps_m)));
+        return QueryResult::Apart(Some(Clearances::new(query.own, &gaps_m)));
     }
-    put(&query.poses, &feet, found);
+    write_contacts(&query.poses, &feet, found);
     if query.details {
         found.body_radius = [radius_m; LANES];
         found.link_radius = cache.feet.radius;
         found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
-    Answer::Near
+    QueryResult::Near
 }
 
 /// Points and normals of the links in the world.
 #[inline(always)]
-fn put(poses: &Poses<'_>, feet: &Feet, found: &mut Found) {
+fn write_contacts(poses: &Poses<'_>, feet: &FootColumns, found: &mut EndContactLanes) {
     for i in 0..LANES {
         let (px, py) = poses.world(i, feet.point_x[i], feet.point_y[i]);
         let (nx, ny) = poses.world(i, feet.normal_x[i], feet.normal_y[i]);
@@ -144,21 +157,21 @@ fn put(poses: &Poses<'_>, feet: &Feet, found: &mut Found) {
 #[inline(always)]
 fn face(
     query: &Query<'_>,
-    abutment: &Contour,
+    abutment: &AbutmentContour,
     (along, length_m): (Vec2, f64),
     cache: &mut AbutmentCache,
-    found: &mut Found,
-) -> Answer {
+    found: &mut EndContactLanes,
+) -> QueryResult {
     let (poses, own) = (&query.poses, query.own);
     let up = perp(along);
-    let (mut strayed, mut near, mut beyond) = ([0; LANES], [0; LANES], [0; LANES]);
+    let (mut outdated, mut near, mut beyond) = ([0; LANES], [0; LANES], [0; LANES]);
     let (mut gaps_m, mut at) = ([0.0; LANES], [0.0; LANES]);
     for searched in [false, true] {
         for i in 0..LANES {
             // Down into the face, as the link sees it.
             let (dx, dy) = poses.link(i, -up.x, -up.y);
             let ((px, py), faced) = cache.support.point(i, dx, dy);
-            strayed[i] = own[i] & !mask(faced);
+            outdated[i] = own[i] & !mask(faced);
             let gap = (poses.x[i] * up.x + poses.y[i] * up.y) - (px * dx + py * dy);
             // The face's direction is the one down turned by +90 degrees.
             let x = (poses.x[i] * along.x + poses.y[i] * along.y) + (py * dx - px * dy);
@@ -166,21 +179,21 @@ fn face(
             let on = near[i] & mask((x >= 0.0) & (x <= length_m));
             beyond[i] = near[i] & !on;
             (gaps_m[i], at[i]) = (gap, x);
-            found.penetration[i] = if on != 0 { 0.0 - gap } else { NOTHING_M };
+            found.penetration[i] = if on != 0 { 0.0 - gap } else { NO_CONTACT_M };
             found.point_x[i] = along.x * x + up.x * gap;
             found.point_y[i] = along.y * x + up.y * gap;
         }
-        if searched || !any(&strayed) {
+        if searched || !any(&outdated) {
             break;
         }
-        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+        for i in (0..LANES).filter(|i| outdated[*i] != 0) {
             let (x, y) = poses.link(i, -up.x, -up.y);
             cache.support.search(i, abutment, Vec2::new(x, y));
             cache.searches += 1;
         }
     }
     if !any(&near) {
-        return Answer::Apart(Some(Clearances::of(own, &gaps_m)));
+        return QueryResult::Apart(Some(Clearances::new(own, &gaps_m)));
     }
     (found.normal_x, found.normal_y) = ([up.x; LANES], [up.y; LANES]);
     if query.details {
@@ -195,17 +208,17 @@ fn face(
     if any(&beyond) {
         corners(query, abutment, (along * length_m, &at), cache, found);
     }
-    Answer::Near
+    QueryResult::Near
 }
 
 /// Lanes past an end of a face: its corner against the contour.
 #[inline(always)]
 fn corners(
     query: &Query<'_>,
-    abutment: &Contour,
-    (last, at): (Vec2, &Column),
+    abutment: &AbutmentContour,
+    (last, at): (Vec2, &LaneBlock),
     cache: &mut AbutmentCache,
-    found: &mut Found,
+    found: &mut EndContactLanes,
 ) {
     let (poses, beyond) = (&query.poses, cache.beyond);
     let (mut x, mut y, mut near) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
@@ -213,7 +226,7 @@ fn corners(
         let (cx, cy) = (if at[i] < 0.0 { 0.0 } else { last.x }, if at[i] < 0.0 { 0.0 } else { last.y });
         (x[i], y[i]) = poses.link(i, cx - poses.x[i], cy - poses.y[i]);
     }
-    let feet = Feet::of(abutment, &beyond, (&x, &y), cache);
+    let feet = FootColumns::find(abutment, &beyond, (&x, &y), cache);
     for i in 0..LANES {
         // Corner to corner there is no normal.
         near[i] = beyond[i] & mask((cache.feet.radius[i] != 0.0) & (feet.distance[i] < query.far_m));
@@ -235,7 +248,7 @@ fn corners(
 /// which nothing of a convex contour is nearer to the face.
 #[inline(always)]
 pub(super) fn near_gaps(query: &Query<'_>, cache: &AbutmentCache) -> Clearances {
-    let mut out = Clearances::of(query.own, &cache.gaps_m);
+    let mut out = Clearances::new(query.own, &cache.gaps_m);
     if matches!(query.body.shape, EndShape::Face { .. }) && any(&cache.beyond) {
         for i in (0..LANES).filter(|i| cache.beyond[*i] != 0) {
             out.at_least_m[i] = if cache.convex { cache.past_m[i] } else { 0.0 };
@@ -248,14 +261,14 @@ pub(super) fn near_gaps(query: &Query<'_>, cache: &AbutmentCache) -> Clearances 
 #[inline(always)]
 fn lobes(
     query: &Query<'_>,
-    abutment: &Contour,
-    (ring, seats, turn): (&LobedRing, &Seats, (f64, f64)),
+    abutment: &AbutmentContour,
+    (ring, seats, turn): (&LobedRing, &SeatDirections, (f64, f64)),
     cache: &mut AbutmentCache,
-    found: &mut Found,
-) -> Answer {
+    found: &mut EndContactLanes,
+) -> QueryResult {
     let poses = &query.poses;
     let (x, y) = poses.origin();
-    let feet = Feet::of(abutment, query.own, (&x, &y), cache);
+    let feet = FootColumns::find(abutment, query.own, (&x, &y), cache);
     // The highest circle first: most links are beyond it.
     let (mut near, mut over_crest_m) = ([0; LANES], [0.0; LANES]);
     for i in 0..LANES {
@@ -264,65 +277,66 @@ fn lobes(
     }
     cache.gaps_m = over_crest_m;
     if !any(&near) {
-        return Answer::Apart(Some(Clearances::of(query.own, &over_crest_m)));
+        return QueryResult::Apart(Some(Clearances::new(query.own, &over_crest_m)));
     }
     let (jx, jy) = query.joints();
-    cache.tooth_gaps.settle(seats, query.rotor, &near, (&jx, &jy));
+    cache.tooth_gaps.update_gaps(seats, query.rotor, &near, (&jx, &jy));
     let gap_turn = turned(turn, query.rotor);
-    let (mut turn_x, mut turn_y, mut lean) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    let (mut turn_x, mut turn_y, mut offset_ratio) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         // +y of the gap frame points along the seat.
         let (seat_x, seat_y) = turned(gap_turn, (cache.tooth_gaps.cos[i], cache.tooth_gaps.sin[i]));
         let (gx, gy) = poses.link(i, seat_x, seat_y);
         (turn_x[i], turn_y[i]) = (gy, 0.0 - gx);
-        lean[i] = ring.lean(Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]), Vec2::new(gy, 0.0 - gx));
+        offset_ratio[i] =
+            ring.crest_offset_ratio(Vec2::new(feet.point_x[i] - x[i], feet.point_y[i] - y[i]), Vec2::new(gy, 0.0 - gx));
     }
-    let (mut contacts, mut strayed) = (Feet::nothing(), [0; LANES]);
+    let (mut contacts, mut outdated) = (FootColumns::zero(), [0; LANES]);
     for i in 0..LANES {
-        let (foot, holds) = cache.pairs.contact(i, (x[i], y[i]), (turn_x[i], turn_y[i]), lean[i]);
-        strayed[i] = near[i] & !mask(holds);
-        contacts.put(i, &foot);
+        let (foot, holds) = cache.pairs.contact(i, (x[i], y[i]), (turn_x[i], turn_y[i]), offset_ratio[i]);
+        outdated[i] = near[i] & !mask(holds);
+        contacts.set(i, &foot);
     }
     if query.details {
         (found.body_radius, found.link_radius) = (cache.pairs.ring_radius, cache.pairs.radius);
         found.segment = [f64::from(Segment::Ring as u32); LANES];
     }
-    if any(&strayed) {
-        for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+    if any(&outdated) {
+        for i in (0..LANES).filter(|i| outdated[*i] != 0) {
             let turn = (turn_x[i], turn_y[i]);
             let (axis, gap_x) = (Vec2::new(x[i], y[i]), Vec2::new(turn.0, turn.1));
             cache.searches += 1;
             match cache.pairs.search(i, (abutment, &cache.sure), ring, axis, gap_x) {
-                Pair::Kept => {
-                    contacts.put(i, &cache.pairs.contact(i, (axis.x, axis.y), turn, lean[i]).0);
+                PairSearchResult::Kept => {
+                    contacts.set(i, &cache.pairs.contact(i, (axis.x, axis.y), turn, offset_ratio[i]).0);
                     found.body_radius[i] = cache.pairs.ring_radius[i];
                     found.link_radius[i] = cache.pairs.radius[i];
                 }
-                Pair::Alone(contact) => {
-                    contacts.put(i, &foot_of(&contact));
+                PairSearchResult::Alone(contact) => {
+                    contacts.set(i, &foot_of(&contact));
                     found.body_radius[i] = contact.ring_radius_m;
                     found.link_radius[i] = contact.abutment_radius_m;
                 }
-                Pair::Nothing => near[i] = 0,
+                PairSearchResult::Nothing => near[i] = 0,
             }
         }
     }
     for i in 0..LANES {
         let penetration = -contacts.distance[i];
         near[i] &= mask(penetration > -query.far_m);
-        found.penetration[i] = if near[i] != 0 { penetration } else { NOTHING_M };
+        found.penetration[i] = if near[i] != 0 { penetration } else { NO_CONTACT_M };
     }
     if !any(&near) {
-        return Answer::Apart(Some(Clearances::of(query.own, &over_crest_m)));
+        return QueryResult::Apart(Some(Clearances::new(query.own, &over_crest_m)));
     }
     found.tooth = cache.tooth_gaps.seat;
-    put(poses, &contacts, found);
-    Answer::Near
+    write_contacts(poses, &contacts, found);
+    QueryResult::Near
 }
 
-fn foot_of(c: &RingContact) -> Foot {
+fn foot_of(c: &RingContact) -> FootPoint {
     let (point_x, point_y, normal_x, normal_y) = (c.point.x, c.point.y, c.normal.x, c.normal.y);
-    Foot { point_x, point_y, normal_x, normal_y, distance: c.gap_m }
+    FootPoint { point_x, point_y, normal_x, normal_y, distance: c.gap_m }
 }
 
 /// One unit vector turned by the angle of another.

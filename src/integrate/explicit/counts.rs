@@ -1,7 +1,7 @@
 //! What looking for contacts costs, by pair of bodies: what a next change of the kernels is measured by.
 
 use super::Scratch;
-use crate::elements::tooth_contact::Column;
+use crate::elements::tooth_contact::LaneBlock;
 use crate::model::Model;
 use std::time::Instant;
 
@@ -26,7 +26,7 @@ pub struct PairCounts {
 
 impl PairCounts {
     /// A query that is done. `solved`: normal forces.
-    pub(super) fn note(&mut self, near: bool, solved: Option<&Column>, begun: Instant) {
+    pub(super) fn record(&mut self, near: bool, solved: Option<&LaneBlock>, begun: Instant) {
         self.queries += 1;
         self.near += u64::from(near);
         self.solved += u64::from(solved.is_some());
@@ -37,7 +37,7 @@ impl PairCounts {
 
 /// Counts of all pairs, by index of the sprocket, the guide, the rail and the contour's body.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Counts {
+pub(super) struct ContactCounts {
     pub(super) bushes: Vec<PairCounts>,
     pub(super) plates: Vec<PairCounts>,
     pub(super) rails: Vec<PairCounts>,
@@ -59,7 +59,7 @@ impl Scratch {
         let of = |n: usize| vec![PairCounts::default(); n];
         let (bushes, plates) = (of(model.sprockets.len()), of(model.guides.len()));
         let (rails, contours) = (of(model.rails.len()), of(model.end_bodies.len()));
-        self.counts = Some(Box::new(Counts { bushes, plates, rails, contours }));
+        self.counts = Some(Box::new(ContactCounts { bushes, plates, rails, contours }));
     }
 
     /// The counts since [`Scratch::count_pairs`], of the pairs that were looked at.

@@ -1,11 +1,11 @@
 //! Toothed flanks of silent links in their gaps: a block of ends at a time.
 
 use super::LANES;
-use super::ends::{Answer, Clearances, Query, ToothGaps};
-use crate::elements::arc_lanes::Found;
+use super::ends::{Clearances, Query, QueryResult, ToothGaps};
+use crate::elements::arc_lanes::EndContactLanes;
 use crate::elements::end_contact::{EndBody, EndShape};
-use crate::elements::flank_lanes::{FlankLanes, Placed};
-use crate::elements::tooth_contact::{Column, any, mask, take};
+use crate::elements::flank_lanes::{FlankLanes, LinksInBodyFrame};
+use crate::elements::tooth_contact::{LaneBlock, any, mask, take};
 use crate::geometry::chain::silent::SilentLinkContour;
 
 /// What a block of ends touches with, and the tooth gaps they were in last.
@@ -14,8 +14,8 @@ pub(super) struct FlankCache {
     flanks: FlankLanes,
     tooth_gaps: ToothGaps,
     /// Distance of a joint from the axis beyond which its link touches no tooth [m], and its square.
-    limit: Column,
-    limit_squared: Column,
+    limit: LaneBlock,
+    limit_squared: LaneBlock,
 }
 
 impl FlankCache {
@@ -43,11 +43,11 @@ impl FlankCache {
 
 /// Touches of a block.
 #[inline(always)]
-pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Found) -> Answer {
+pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut EndContactLanes) -> QueryResult {
     let (tooth, seats, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, seats } => (tooth, seats, true),
         EndShape::InnerFlanks { tooth, seats } => (tooth, seats, false),
-        _ => return Answer::Apart(None),
+        _ => return QueryResult::Apart(None),
     };
     let (jx, jy) = query.joints();
     let mut near = [0; LANES];
@@ -55,12 +55,12 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
         near[i] = query.own[i] & !mask(jx[i] * jx[i] + jy[i] * jy[i] > cache.limit_squared[i]);
     }
     if !any(&near) {
-        return Answer::Apart(Some(Clearances::of(query.own, &beyond_limit(cache, (&jx, &jy)))));
+        return QueryResult::Apart(Some(Clearances::new(query.own, &beyond_limit(cache, (&jx, &jy)))));
     }
-    cache.tooth_gaps.settle(seats, query.rotor, &near, (&jx, &jy));
+    cache.tooth_gaps.update_gaps(seats, query.rotor, &near, (&jx, &jy));
     let (axis_x, axis_y) = cache.tooth_gaps.axes(query.rotor);
     let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
-    let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
+    let placed = LinksInBodyFrame { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     // Ahead of a front end for the outer flank, behind it for the inner one.
     let side = usize::from(query.front == outer);
     let bounds = (&near, query.far_m);
@@ -70,12 +70,12 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut Fou
     } else {
         cache.flanks.deepest::<false>(tooth, side, &placed, bounds, found)
     };
-    if touches { Answer::Near } else { Answer::Apart(None) }
+    if touches { QueryResult::Near } else { QueryResult::Apart(None) }
 }
 
 /// How far joints are outside of the circle within which their links touch teeth [m].
 #[inline(always)]
-fn beyond_limit(cache: &FlankCache, (x, y): (&Column, &Column)) -> Column {
+fn beyond_limit(cache: &FlankCache, (x, y): (&LaneBlock, &LaneBlock)) -> LaneBlock {
     let mut out = [0.0; LANES];
     for i in 0..LANES {
         out[i] = (x[i] * x[i] + y[i] * y[i]).sqrt() - cache.limit[i];
@@ -94,7 +94,7 @@ pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Clearances {
     let (jx, jy) = query.joints();
     let (axis_x, axis_y) = cache.tooth_gaps.axes(query.rotor);
     let (x, y, cos, sin) = (&query.poses.x, &query.poses.y, query.poses.cos, query.poses.sin);
-    let placed = Placed { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
+    let placed = LinksInBodyFrame { x, y, cos, sin, axis_x: &axis_x, axis_y: &axis_y };
     let side = usize::from(query.front == outer);
     let to_contour = if outer {
         cache.flanks.clearances::<true>(tooth, side, &placed, query.extent_m)
@@ -107,5 +107,5 @@ pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Clearances {
         let within = if to_contour[i] < to_next[i] { to_contour[i] } else { to_next[i] };
         out[i] = if out[i] > within { out[i] } else { within };
     }
-    Clearances::of(query.own, &out)
+    Clearances::new(query.own, &out)
 }

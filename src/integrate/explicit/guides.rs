@@ -1,10 +1,13 @@
 //! The part of a step that concerns guides: plate ends on straight faces, many at a time.
 
-use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, load_links, owned, put, send_away, shift_and_lever, take};
+use super::watch::ContactBlock;
+use super::{
+    ContactGroup, MemoryBlocks, Scratch, Window, load_links, move_out_of_reach, owned_lanes, shift_and_lever, take,
+    write_block,
+};
 use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, Column, LANES, Lanes};
+use crate::elements::tooth_contact::{self, LANES, LaneBlock, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -32,29 +35,29 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     || within && {
                         let held = take(&state.guide_ends[set].normal_force, at);
                         let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
-                        let push = pushes(model, scratch, at);
+                        let push = acceleration_bounds(model, scratch, at);
                         guide_contact::any_near(body, reach_m, model.step_s, held, motion, push)
                     };
                 if !near {
                     if scratch.stale_blocks[set][block] != 0 {
-                        memory(state, scratch, set, count).forget(block);
+                        memory(state, scratch, set, count).clear_block(block);
                     }
                     if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
-                        counts.plates[k].note(false, None, begun);
+                        counts.plates[k].record(false, None, begun);
                     }
                     continue;
                 }
                 load_ends(model, scratch, at, sign, body.origin, lanes);
                 if shared {
-                    send_away(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
+                    move_out_of_reach(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
                 guide_contact::penetrations(body, lanes);
-                memory(state, scratch, set, count).recall(block, lanes);
+                memory(state, scratch, set, count).load_past(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 scratch.end_forces[block].add(lanes);
                 if WATCHED {
-                    watch(model, scratch, k, (at, shared), set, lanes);
+                    observe(model, scratch, k, (at, shared), set, lanes);
                 }
                 if shared {
                     let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
@@ -64,19 +67,19 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                         scratch.guide_depth[set][at + i] = lanes.penetration[i];
                     }
                     let (now, stale) = (&mut scratch.guide_ends[set], &mut scratch.stale_blocks[set]);
-                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).keep_own(
+                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).store_lanes(
                         |i| nearest[i] == k,
                         block,
                         lanes,
                     );
                 } else {
-                    put(&mut scratch.guide_rate[set], at, lanes.rate);
-                    put(&mut scratch.guide_slide[set], at, lanes.slide);
-                    put(&mut scratch.guide_depth[set], at, lanes.penetration);
-                    memory(state, scratch, set, count).keep(block, lanes);
+                    write_block(&mut scratch.guide_rate[set], at, lanes.rate);
+                    write_block(&mut scratch.guide_slide[set], at, lanes.slide);
+                    write_block(&mut scratch.guide_depth[set], at, lanes.penetration);
+                    memory(state, scratch, set, count).store(block, lanes);
                 }
                 if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
-                    counts.plates[k].note(true, Some(&lanes.normal_force), begun);
+                    counts.plates[k].record(true, Some(&lanes.normal_force), begun);
                 }
             }
         }
@@ -86,26 +89,26 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
 
 /// For those who look at every step.
 #[inline(always)]
-fn watch(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
+fn observe(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize, bool), set: usize, lanes: &Lanes) {
     let Some(watched) = &mut scratch.watched else { return };
     let body = &model.guides[k].body;
     let nearest = &scratch.nearest_guide[body.side];
-    let own = owned(model.chain.gaps(at), shared.then_some(&nearest[at..at + LANES]), k);
-    let part = Part::Guides(set);
+    let own = owned_lanes(model.chain.link_lanes(at), shared.then_some(&nearest[at..at + LANES]), k);
+    let part = ContactGroup::Guides(set);
     if watched.wants_segments() {
         let along = |i: usize| lanes.x[i] * body.along.x + lanes.y[i] * body.along.y;
         let segment = |i: usize| f64::from(model.guides[k].segment(along(i)) as u32);
-        watched.note_segments(part, at, std::array::from_fn(segment), own.as_ref());
+        watched.record_segments(part, at, std::array::from_fn(segment), own.as_ref());
     }
-    watched.note(&Noted { part, at, lanes }, own.as_ref());
+    watched.record(&ContactBlock { part, at, lanes }, own.as_ref());
 }
 
 /// Forces on a block of links that add up, of guides and of all that contours touch: at the centres, with moments.
 #[derive(Clone, Default)]
 pub(super) struct BlockForces {
-    pub(super) x: Column,
-    pub(super) y: Column,
-    pub(super) moment: Column,
+    pub(super) x: LaneBlock,
+    pub(super) y: LaneBlock,
+    pub(super) moment: LaneBlock,
     /// Whether anything was added, be it zero.
     pub(super) used: bool,
 }
@@ -135,7 +138,7 @@ impl BlockForces {
 
 /// Accelerations of the ends of the links `at` .. `at + LANES`, at most [m/s2].
 #[inline(always)]
-fn pushes(model: &Model, scratch: &Scratch, at: usize) -> Column {
+fn acceleration_bounds(model: &Model, scratch: &Scratch, at: usize) -> LaneBlock {
     let w = &scratch.wrapped;
     let (ax, ay, alpha) = (take(&w.ax, at), take(&w.ay, at), take(&w.alpha, at));
     let lever = take(&model.chain.lever, at);

@@ -2,7 +2,7 @@
 //! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
 
 use super::guides::BlockForces;
-use super::scratch::{ByJoint, Constants, Ends, Wrapped};
+use super::scratch::{JointColumn, LinkConstants, LinkEnds, WrappedColumns};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
 use crate::elements::link_joint::{self, JointEnds, LinkJoint};
@@ -13,8 +13,8 @@ use crate::state::{LinkState, State};
 /// What the joints give at this node, and what contacts may reckon with: accelerations of a step ago with the change that the
 /// joints have made since, and the velocities that come of it.
 #[inline(always)]
-pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
-    first_look(model, state, scratch);
+pub(super) fn predict_from_joints(model: &Model, state: &State, scratch: &mut Scratch) {
+    predict_joint_forces(model, state, scratch);
     let quarter = 0.25 * model.step_s;
     let (c, s) = (&model.chain, &state.links);
     let count = c.padded / LANES;
@@ -32,17 +32,17 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
         joint_alpha: now_turn,
         ..
     } = scratch;
-    let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
-    let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
-    let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
+    let (fx0, fx1) = (blocks(joint_x.shifted(), count), blocks(joint_x.values(), count));
+    let (fy0, fy1) = (blocks(joint_y.shifted(), count), blocks(joint_y.values(), count));
+    let (fm0, fm1) = (blocks(joint_torque.shifted(), count), blocks(joint_torque.values(), count));
     let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     let (ax, ay, alpha) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
     let (past_x, past_y) = (blocks(&s.joint_ax, count), blocks(&s.joint_ay, count));
     let past_turn = blocks(&s.joint_alpha, count);
     let (now_x, now_y) = (blocks_mut(now_x, count), blocks_mut(now_y, count));
     let now_turn = blocks_mut(now_turn, count);
-    let (lead_x, lead_y) = (blocks_mut(&mut wrapped.ax, count), blocks_mut(&mut wrapped.ay, count));
-    let lead_turn = blocks_mut(&mut wrapped.alpha, count);
+    let (predicted_x, predicted_y) = (blocks_mut(&mut wrapped.ax, count), blocks_mut(&mut wrapped.ay, count));
+    let predicted_turn = blocks_mut(&mut wrapped.alpha, count);
     let (front_vx, front_vy) = (blocks_mut(&mut front.vx, count), blocks_mut(&mut front.vy, count));
     let (rear_vx, rear_vy) = (blocks_mut(&mut rear.vx, count), blocks_mut(&mut rear.vy, count));
     let turning = blocks_mut(omega, count);
@@ -75,24 +75,24 @@ pub(super) fn lead(model: &Model, state: &State, scratch: &mut Scratch) {
             w[i] += o;
         }
         (now_x[at], now_y[at], now_turn[at]) = (x, y, turn);
-        (lead_x[at], lead_y[at], lead_turn[at]) = (ax, ay, alpha);
+        (predicted_x[at], predicted_y[at], predicted_turn[at]) = (ax, ay, alpha);
         (front_vx[at], front_vy[at], rear_vx[at], rear_vy[at]) = (a, b, e, f);
         turning[at] = w;
     }
-    let Wrapped { ax, ay, alpha, .. } = wrapped;
-    close([&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha], c);
+    let WrappedColumns { ax, ay, alpha, .. } = wrapped;
+    wrap_loops([&mut rear.vx, &mut rear.vy, omega, ax, ay, alpha], c);
 }
 
 /// Joint law of every loop, and its blocks. By value: what is read through a reference is read anew for every block.
 #[inline(always)]
-fn loops(chain: &ChainModel) -> impl Iterator<Item = (LinkJoint, std::ops::Range<usize>)> {
+fn joint_laws(chain: &ChainModel) -> impl Iterator<Item = (LinkJoint, std::ops::Range<usize>)> {
     let blocks = chain.loops.iter().map(|l| l.start / LANES..l.end.div_ceil(LANES));
     chain.joints.iter().copied().zip(blocks)
 }
 
 /// Behind the last link of every loop its first again.
 #[inline(always)]
-fn close<const N: usize>(mut columns: [&mut Vec<f64>; N], chain: &ChainModel) {
+fn wrap_loops<const N: usize>(mut columns: [&mut Vec<f64>; N], chain: &ChainModel) {
     for l in &chain.loops {
         let (start, end) = (l.start, l.end);
         for column in &mut columns {
@@ -103,7 +103,7 @@ fn close<const N: usize>(mut columns: [&mut Vec<f64>; N], chain: &ChainModel) {
 
 /// Forces of the joints at the node, with the friction that their forces of a step ago allow: that saves a root.
 #[inline(always)]
-fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
+fn predict_joint_forces(model: &Model, state: &State, scratch: &mut Scratch) {
     let c = &model.chain;
     let count = c.padded / LANES;
     let Scratch { front, rear, omega, joint_x, joint_y, joint_torque, constants, .. } = scratch;
@@ -111,28 +111,29 @@ fn first_look(model: &Model, state: &State, scratch: &mut Scratch) {
     let limit = blocks(&state.joint_limit, count);
     let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
-        let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
-        let fm = blocks_mut(joint_torque.own_mut(), count);
-        for (joint, own) in loops(c) {
+        let (fx, fy) = (blocks_mut(joint_x.values_mut(), count), blocks_mut(joint_y.values_mut(), count));
+        let fm = blocks_mut(joint_torque.values_mut(), count);
+        for (joint, own) in joint_laws(c) {
             let per_speed = 1.0 / joint.stick_speed_rad_s;
             for at in own.start..own.end.min(count) {
                 let force = ends.block(&joint, at, count);
-                let (limit, grip, w0, w1) = (limit[at], constants.block(at).grip, w0[at], w1[at]);
+                let (limit, slope, w0, w1) = (limit[at], constants.block(at).friction_slope, w0[at], w1[at]);
                 let mut torque = [0.0; LANES];
                 for i in 0..LANES {
-                    torque[i] = friction::gripped_force(limit[i], w1[i] - w0[i], limit[i] * per_speed, grip[i]);
+                    torque[i] =
+                        friction::force_with_slope_limit(limit[i], w1[i] - w0[i], limit[i] * per_speed, slope[i]);
                 }
                 (fx[at], fy[at], fm[at]) = (force.x, force.y, torque);
             }
         }
     }
-    ByJoint::close([joint_x, joint_y, joint_torque], c);
+    JointColumn::wrap_loops([joint_x, joint_y, joint_torque], c);
 }
 
 /// What contacts give, into the accelerations; ends and speeds as joints feel them on the mean over the step with these and
 /// with what the joints gave at first.
 #[inline(always)]
-pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
+pub(super) fn apply_contacts(model: &Model, state: &State, scratch: &mut Scratch) {
     let (quarter, shift) = (0.25 * model.step_s, model.step_s * model.step_s / 12.0);
     let c = &model.chain;
     let s = &state.links;
@@ -142,9 +143,9 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
     {
         let Scratch { bush_x, bush_y, bush_moment, ax, ay, alpha, stale_bushes, end_forces, constants, .. } =
             &mut *scratch;
-        let (bx0, bx1) = (blocks(bush_x.before(), count), blocks(bush_x.own(), count));
-        let (by0, by1) = (blocks(bush_y.before(), count), blocks(bush_y.own(), count));
-        let (bm0, bm1) = (blocks(bush_moment.before(), count), blocks(bush_moment.own(), count));
+        let (bx0, bx1) = (blocks(bush_x.shifted(), count), blocks(bush_x.values(), count));
+        let (by0, by1) = (blocks(bush_y.shifted(), count), blocks(bush_y.values(), count));
+        let (bm0, bm1) = (blocks(bush_moment.shifted(), count), blocks(bush_moment.values(), count));
         let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
         let (stale, pushed) = (&stale_bushes[..count], &end_forces[..count]);
@@ -194,18 +195,18 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     let Scratch {
-        felt_front, felt_rear, felt_omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha, constants, ..
+        mean_front, mean_rear, mean_omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha, constants, ..
     } = scratch;
     let (cx, cy, ct) = (blocks(ax, count), blocks(ay, count), blocks(alpha, count));
     let (jx, jy, jt) = (blocks(joint_ax, count), blocks(joint_ay, count), blocks(joint_alpha, count));
     let (px, py, pt) = (blocks(&s.ax, count), blocks(&s.ay, count), blocks(&s.alpha, count));
     let (vx, vy, w) = (blocks(&s.vx, count), blocks(&s.vy, count), blocks(&s.omega, count));
     let (mid_x, mid_y) = (blocks(&s.x, count), blocks(&s.y, count));
-    let (felt_fx, felt_fy) = (blocks_mut(&mut felt_front.x, count), blocks_mut(&mut felt_front.y, count));
-    let (felt_fvx, felt_fvy) = (blocks_mut(&mut felt_front.vx, count), blocks_mut(&mut felt_front.vy, count));
-    let (felt_rx, felt_ry) = (blocks_mut(&mut felt_rear.x, count), blocks_mut(&mut felt_rear.y, count));
-    let (felt_rvx, felt_rvy) = (blocks_mut(&mut felt_rear.vx, count), blocks_mut(&mut felt_rear.vy, count));
-    let turning = blocks_mut(felt_omega, count);
+    let (mean_fx, mean_fy) = (blocks_mut(&mut mean_front.x, count), blocks_mut(&mut mean_front.y, count));
+    let (mean_fvx, mean_fvy) = (blocks_mut(&mut mean_front.vx, count), blocks_mut(&mut mean_front.vy, count));
+    let (mean_rx, mean_ry) = (blocks_mut(&mut mean_rear.x, count), blocks_mut(&mut mean_rear.y, count));
+    let (mean_rvx, mean_rvy) = (blocks_mut(&mut mean_rear.vx, count), blocks_mut(&mut mean_rear.vy, count));
+    let turning = blocks_mut(mean_omega, count);
     for at in 0..count {
         let (l, c, sn) = (constants.block(at).lever, cos[at], sin[at]);
         let (cx, cy, ct) = (cx[at], cy[at], ct[at]);
@@ -229,34 +230,43 @@ pub(super) fn feel(model: &Model, state: &State, scratch: &mut Scratch) {
             (ax[i], ay[i]) = ((mid_x[i] + lc) + (x - ts), (mid_y[i] + ls) + (y + tc));
             (bx[i], by[i]) = ((mid_x[i] - lc) + (x + ts), (mid_y[i] - ls) + (y - tc));
         }
-        (felt_fx[at], felt_fy[at], felt_rx[at], felt_ry[at]) = (ax, ay, bx, by);
-        (felt_fvx[at], felt_fvy[at], felt_rvx[at], felt_rvy[at]) = (avx, avy, bvx, bvy);
+        (mean_fx[at], mean_fy[at], mean_rx[at], mean_ry[at]) = (ax, ay, bx, by);
+        (mean_fvx[at], mean_fvy[at], mean_rvx[at], mean_rvy[at]) = (avx, avy, bvx, bvy);
         turning[at] = o;
     }
-    let Ends { x, y, vx, vy } = felt_rear;
-    close([x, y, vx, vy, felt_omega], &model.chain);
+    let LinkEnds { x, y, vx, vy } = mean_rear;
+    wrap_loops([x, y, vx, vy, mean_omega], &model.chain);
 }
 
 /// Positions and predicted velocities of both ends of every link at the node, and headings, with the first link again after the
 /// last, where joint n - 1 closes the loop.
 #[inline(always)]
-pub(super) fn ends(model: &Model, state: &State, scratch: &mut Scratch) {
+pub(super) fn end_motion(model: &Model, state: &State, scratch: &mut Scratch) {
     let Scratch { front, rear, omega, wrapped, constants, .. } = scratch;
-    ends_kernel(0.5 * model.step_s, constants, &state.links, front, rear, omega, wrapped, model.chain.padded / LANES);
-    let Wrapped { cos, sin, .. } = wrapped;
-    let Ends { x, y, vx, vy } = rear;
-    close([x, y, vx, vy, omega, cos, sin], &model.chain);
+    end_motion_kernel(
+        0.5 * model.step_s,
+        constants,
+        &state.links,
+        front,
+        rear,
+        omega,
+        wrapped,
+        model.chain.padded / LANES,
+    );
+    let WrappedColumns { cos, sin, .. } = wrapped;
+    let LinkEnds { x, y, vx, vy } = rear;
+    wrap_loops([x, y, vx, vy, omega, cos, sin], &model.chain);
 }
 
 #[inline(always)]
-fn ends_kernel(
+fn end_motion_kernel(
     half: f64,
-    constants: &Constants,
+    constants: &LinkConstants,
     s: &LinkState,
-    front: &mut Ends,
-    rear: &mut Ends,
+    front: &mut LinkEnds,
+    rear: &mut LinkEnds,
     omega: &mut [f64],
-    wrapped: &mut Wrapped,
+    wrapped: &mut WrappedColumns,
     count: usize,
 ) {
     let (x, y) = (blocks(&s.x, count), blocks(&s.y, count));
@@ -297,13 +307,13 @@ fn ends_kernel(
 
 /// Forces of the joints on ends and speeds as they feel them, and the accelerations that these add to those from contacts.
 #[inline(always)]
-pub(super) fn joints(model: &Model, state: &State, scratch: &mut Scratch) {
-    second_look(model, scratch);
+pub(super) fn apply_joints(model: &Model, state: &State, scratch: &mut Scratch) {
+    joint_forces(model, scratch);
     let (s, count) = (&state.links, model.chain.padded / LANES);
     let Scratch { joint_x, joint_y, joint_torque, ax, ay, alpha, constants, .. } = &mut *scratch;
-    let (fx0, fx1) = (blocks(joint_x.before(), count), blocks(joint_x.own(), count));
-    let (fy0, fy1) = (blocks(joint_y.before(), count), blocks(joint_y.own(), count));
-    let (fm0, fm1) = (blocks(joint_torque.before(), count), blocks(joint_torque.own(), count));
+    let (fx0, fx1) = (blocks(joint_x.shifted(), count), blocks(joint_x.values(), count));
+    let (fy0, fy1) = (blocks(joint_y.shifted(), count), blocks(joint_y.values(), count));
+    let (fm0, fm1) = (blocks(joint_torque.shifted(), count), blocks(joint_torque.values(), count));
     let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     let (ax, ay, alpha) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
     for at in 0..count {
@@ -324,13 +334,13 @@ pub(super) fn joints(model: &Model, state: &State, scratch: &mut Scratch) {
 
 /// Forces of the joints and the power they lose, on ends and speeds as they feel them.
 #[inline(always)]
-fn second_look(model: &Model, scratch: &mut Scratch) {
+fn joint_forces(model: &Model, scratch: &mut Scratch) {
     let c = &model.chain;
     let count = c.padded / LANES;
     let Scratch {
-        felt_front: front,
-        felt_rear: rear,
-        felt_omega: omega,
+        mean_front: front,
+        mean_rear: rear,
+        mean_omega: omega,
         joint_x,
         joint_y,
         joint_torque,
@@ -343,20 +353,21 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
     let ends = JointEnds::new([&front.x, &front.y, &front.vx, &front.vy], [&rear.x, &rear.y, &rear.vx, &rear.vy]);
     let (w0, w1) = (blocks(omega, count), blocks(&omega[1..], count));
     {
-        let (fx, fy) = (blocks_mut(joint_x.own_mut(), count), blocks_mut(joint_y.own_mut(), count));
-        let (fm, limits) = (blocks_mut(joint_torque.own_mut(), count), blocks_mut(joint_limit, count));
+        let (fx, fy) = (blocks_mut(joint_x.values_mut(), count), blocks_mut(joint_y.values_mut(), count));
+        let (fm, limits) = (blocks_mut(joint_torque.values_mut(), count), blocks_mut(joint_limit, count));
         let (pd, pf) = (blocks_mut(joint_power_damping, count), blocks_mut(joint_power_friction, count));
-        for (joint, own) in loops(c) {
+        for (joint, own) in joint_laws(c) {
             let (arm, per_speed) = (joint.friction_arm_m, 1.0 / joint.stick_speed_rad_s);
             for at in own.start..own.end.min(count) {
                 let force = ends.block(&joint, at, count);
                 let (mut torque, mut lost, mut limit) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                 if arm > 0.0 {
-                    let (w0, w1, grip) = (w0[at], w1[at], constants.block(at).grip);
+                    let (w0, w1, slope) = (w0[at], w1[at], constants.block(at).friction_slope);
                     for i in 0..LANES {
                         let relative = w1[i] - w0[i];
                         limit[i] = arm * (force.x[i] * force.x[i] + force.y[i] * force.y[i]).sqrt();
-                        torque[i] = friction::gripped_force(limit[i], relative, limit[i] * per_speed, grip[i]);
+                        torque[i] =
+                            friction::force_with_slope_limit(limit[i], relative, limit[i] * per_speed, slope[i]);
                         lost[i] = 0.0 - torque[i] * relative;
                     }
                 }
@@ -365,7 +376,7 @@ fn second_look(model: &Model, scratch: &mut Scratch) {
             }
         }
     }
-    ByJoint::close([joint_x, joint_y, joint_torque], c);
+    JointColumn::wrap_loops([joint_x, joint_y, joint_torque], c);
 }
 
 /// Friction of the joints that turn hard, beside that of all.
@@ -374,13 +385,13 @@ fn tight_joints(model: &Model, scratch: &mut Scratch) {
     let c = &model.chain;
     for (j, torque_nm) in &c.tight {
         let (j, next) = (*j, c.next(*j));
-        let relative = scratch.felt_omega[j + 1] - scratch.felt_omega[j];
+        let relative = scratch.mean_omega[j + 1] - scratch.mean_omega[j];
         let inverse = &c.inverse_inertia;
         let mobility = 0.5 * model.step_s * (inverse[j] + inverse[j + 1]);
         let own = link_joint::tightened(c.joint(j), *torque_nm, relative, mobility);
         scratch.joint_limit[j] += *torque_nm;
-        scratch.joint_torque.own_mut()[j] += own;
-        ByJoint::close([&mut scratch.joint_torque], c);
+        scratch.joint_torque.values_mut()[j] += own;
+        JointColumn::wrap_loops([&mut scratch.joint_torque], c);
         scratch.joint_power_friction[j] -= own * relative;
         scratch.alpha[j] -= own * inverse[j];
         scratch.alpha[next] += own * inverse[next];

@@ -1,9 +1,9 @@
 //! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
 
-use super::watch::Noted;
-use super::{MemoryBlocks, Part, Scratch, Window, load_links, owned, put, take};
-use crate::elements::rail_contact::{self, Found, PlatePart, RailBody, Swing};
-use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Sliding};
+use super::watch::ContactBlock;
+use super::{ContactGroup, MemoryBlocks, Scratch, Window, load_links, owned_lanes, take, write_block};
+use crate::elements::rail_contact::{self, PlatePart, RailBody, RailContactLanes, RailMotion};
+use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
 use crate::model::Model;
 use crate::state::{FAR_AWAY_M, State};
 use std::time::Instant;
@@ -39,9 +39,9 @@ impl RailColumns {
 
 /// Lanes of the three parts of plates.
 #[derive(Clone, Default)]
-pub(super) struct Plates {
+pub(super) struct PlateLanes {
     lanes: [Lanes; 3],
-    found: [Found; 3],
+    found: [RailContactLanes; 3],
 }
 
 /// Contacts of all plates near rail `k`.
@@ -49,34 +49,34 @@ pub(super) struct Plates {
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let rail = &model.rails[k];
     let (body, count) = (&rail.body, model.chain.padded / LANES);
-    let (swing, inverse_inertia) = swing(model, state, k);
+    let (swing, inverse_inertia) = rail_motion(model, state, k);
     let reach_m = (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m) * model.step_s;
     let mut own = scratch.plates.take().unwrap_or_default();
-    let Plates { lanes, found } = &mut *own;
+    let PlateLanes { lanes, found } = &mut *own;
     let mut torque = [0.0; LANES];
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
         for block in start / LANES..end / LANES {
             let at = block * LANES;
             let begun = scratch.counts.is_some().then(Instant::now);
-            find(model, state, scratch, (k, shared), at, swing, lanes, found);
+            find_contacts(model, state, scratch, (k, shared), at, swing, lanes, found);
             let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
             let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
             let held = |set: usize| take(&state.rail_plates[set].age, at).iter().any(|age| *age != 0.0);
             if !shared && !lanes.iter().any(near) && !sets.into_iter().any(held) {
                 for set in sets {
-                    memory(state, scratch, set, count).forget(block);
+                    memory(state, scratch, set, count).clear_block(block);
                 }
-                note(scratch, k, None, begun);
+                count_query(scratch, k, None, begun);
                 continue;
             }
             for (lanes, set) in lanes.iter_mut().zip(sets) {
-                memory(state, scratch, set, count).recall(block, lanes);
+                memory(state, scratch, set, count).load_past(block, lanes);
             }
-            hand_on(lanes, found);
+            transfer_contacts(lanes, found);
             for ((lanes, found), set) in lanes.iter_mut().zip(found.iter()).zip(sets) {
                 let sliding =
-                    Sliding { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
+                    FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
                 let (law, h) = (&body.law, model.step_s);
                 tooth_contact::forces_on_body(
                     law,
@@ -91,11 +91,11 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     *sum += own;
                 }
                 if WATCHED {
-                    watch(model, scratch, k, (at, shared), set, (lanes, found));
+                    observe(model, scratch, k, (at, shared), set, (lanes, found));
                 }
-                keep(state, scratch, (k, shared), (at, set), (lanes, found), count);
+                store(state, scratch, (k, shared), (at, set), (lanes, found), count);
             }
-            note(scratch, k, Some(lanes), begun);
+            count_query(scratch, k, Some(lanes), begun);
         }
     }
     if let Some(q) = rail.coordinate {
@@ -106,26 +106,26 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
 
 /// How a rail moves at the node, and the inverse inertia that it gives way with.
 #[inline(always)]
-pub(crate) fn swing(model: &Model, state: &State, k: usize) -> (Swing, f64) {
+pub(crate) fn rail_motion(model: &Model, state: &State, k: usize) -> (RailMotion, f64) {
     let Some(q) = model.rails[k].coordinate else {
-        return (Swing { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 }, 0.0);
+        return (RailMotion { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 }, 0.0);
     };
     let c = &state.coordinates;
     let omega = c.omega[q] + 0.5 * model.step_s * c.alpha[q];
-    (Swing { cos: c.cos[q], sin: c.sin[q], omega, alpha: c.alpha[q] }, model.coordinates[q].inverse_inertia())
+    (RailMotion { cos: c.cos[q], sin: c.sin[q], omega, alpha: c.alpha[q] }, model.coordinates[q].inverse_inertia())
 }
 
 /// Geometry of the three parts of the plates of a block.
 #[inline(always)]
-fn find(
+fn find_contacts(
     model: &Model,
     state: &State,
     scratch: &Scratch,
     (k, shared): (usize, bool),
     at: usize,
-    swing: Swing,
+    swing: RailMotion,
     lanes: &mut [Lanes; 3],
-    found: &mut [Found; 3],
+    found: &mut [RailContactLanes; 3],
 ) {
     let body = &model.rails[k].body;
     let alpha = take(&scratch.wrapped.alpha, at);
@@ -141,29 +141,29 @@ fn find(
         *other = first[0];
     }
     for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(found)) {
-        *found = rail_contact::touches(body, part, swing, &alpha, lanes);
+        *found = rail_contact::find_contacts(body, part, swing, &alpha, lanes);
     }
 }
 
-/// Where a joint of the chain passes a brink, the contact of the edge becomes that of an end, or the other way round: what it remembers goes with
+/// Where a joint of the chain passes an edge support, the contact of the edge becomes that of an end, or the other way round: what it remembers goes with
 /// it.
-fn hand_on(lanes: &mut [Lanes; 3], found: &[Found; 3]) {
+fn transfer_contacts(lanes: &mut [Lanes; 3], found: &[RailContactLanes; 3]) {
     let [front, rear, edge] = lanes;
     for i in 0..LANES {
         for (end, of_end) in [(front as &mut Lanes, &found[0]), (rear, &found[1])] {
             // Both may be there for a step: rounding tells on which side of the joint a point lies.
-            let begins = |lanes: &Lanes, found: &Found| found.here[i] && lanes.age[i] <= 1.0;
-            let ended = |lanes: &Lanes, found: &Found| !found.here[i] && lanes.age[i] != 0.0;
+            let begins = |lanes: &Lanes, found: &RailContactLanes| found.here[i] && lanes.age[i] <= 1.0;
+            let ended = |lanes: &Lanes, found: &RailContactLanes| !found.here[i] && lanes.age[i] != 0.0;
             if begins(edge, &found[2]) && ended(end, of_end) {
-                give(end, edge, i);
+                transfer_lane(end, edge, i);
             } else if begins(end, of_end) && ended(edge, &found[2]) {
-                give(edge, end, i);
+                transfer_lane(edge, end, i);
             }
         }
     }
 }
 
-fn give(from: &mut Lanes, to: &mut Lanes, i: usize) {
+fn transfer_lane(from: &mut Lanes, to: &mut Lanes, i: usize) {
     to.normal_force[i] = std::mem::take(&mut from.normal_force[i]);
     to.tangential_force[i] = std::mem::take(&mut from.tangential_force[i]);
     to.age[i] = std::mem::take(&mut from.age[i]);
@@ -172,12 +172,12 @@ fn give(from: &mut Lanes, to: &mut Lanes, i: usize) {
 
 /// Gives results and memory of a part of a block back to their columns.
 #[inline(always)]
-fn keep(
+fn store(
     state: &State,
     scratch: &mut Scratch,
     (k, shared): (usize, bool),
     (at, set): (usize, usize),
-    (lanes, found): (&Lanes, &Found),
+    (lanes, found): (&Lanes, &RailContactLanes),
     count: usize,
 ) {
     let Scratch { rails: r, rail_plates, stale_rails, nearest_rail, .. } = scratch;
@@ -198,47 +198,47 @@ fn keep(
                 column[at + i] = values[i];
             }
         }
-        memory.keep_own(|i| nearest[i] == k, at / LANES, lanes);
+        memory.store_lanes(|i| nearest[i] == k, at / LANES, lanes);
     } else {
         for (column, values) in results {
-            put(column, at, *values);
+            write_block(column, at, *values);
         }
-        memory.keep(at / LANES, lanes);
+        memory.store(at / LANES, lanes);
     }
 }
 
 /// For those who ask what contacts cost.
-fn note(scratch: &mut Scratch, k: usize, lanes: Option<&[Lanes; 3]>, begun: Option<Instant>) {
+fn count_query(scratch: &mut Scratch, k: usize, lanes: Option<&[Lanes; 3]>, begun: Option<Instant>) {
     if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
-        let mut forces: Column = [0.0; LANES];
+        let mut forces: LaneBlock = [0.0; LANES];
         for own in lanes.into_iter().flatten() {
             for (sum, force) in forces.iter_mut().zip(own.normal_force) {
                 *sum += force;
             }
         }
-        counts.rails[k].note(lanes.is_some(), lanes.is_some().then_some(&forces), begun);
+        counts.rails[k].record(lanes.is_some(), lanes.is_some().then_some(&forces), begun);
     }
 }
 
 /// For those who look at every step.
 #[inline(always)]
-fn watch(
+fn observe(
     model: &Model,
     scratch: &mut Scratch,
     k: usize,
     (at, shared): (usize, bool),
     set: usize,
-    (lanes, found): (&Lanes, &Found),
+    (lanes, found): (&Lanes, &RailContactLanes),
 ) {
     let Some(watched) = &mut scratch.watched else { return };
     let nearest = &scratch.nearest_rail[model.rails[k].body.side];
-    let own = owned(model.chain.gaps(at), shared.then_some(&nearest[at..at + LANES]), k);
-    let part = Part::Rails(set);
+    let own = owned_lanes(model.chain.link_lanes(at), shared.then_some(&nearest[at..at + LANES]), k);
+    let part = ContactGroup::Rails(set);
     if watched.wants_segments() {
         let segment = |i: usize| f64::from(model.rails[k].segment(found.piece[i] as usize) as u32);
-        watched.note_segments(part, at, std::array::from_fn(segment), own.as_ref());
+        watched.record_segments(part, at, std::array::from_fn(segment), own.as_ref());
     }
-    watched.note(&Noted { part, at, lanes }, own.as_ref());
+    watched.record(&ContactBlock { part, at, lanes }, own.as_ref());
 }
 
 /// What a set of plates remembers.
@@ -282,7 +282,7 @@ mod tests {
         let rail = Rail::new(GuideSide::Outside, Vec2::zeros(), 0.0, &stretches).expect("a rail");
         let law = ContactLaw::Linear { stiffness_n_per_m: 1e7, damping_n_s_per_m: 0.0 };
         let body = RailBody::new(&rail, Vec2::zeros(), plate_m, law, 0.0, 0.1);
-        let swing = Swing { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 };
+        let swing = RailMotion { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 };
         // Where the chain is on its way: point and outward normal.
         let at = |s: f64| {
             let turn = ((s - 0.03) / 0.1).clamp(0.0, 0.3);
@@ -299,18 +299,18 @@ mod tests {
             let centre = point + normal * (plate_m - deep_m);
             let heading = rotated(normal, -std::f64::consts::FRAC_PI_2);
             let mut lanes = [Lanes::default(); 3];
-            let mut found = [Found::default(); 3];
+            let mut found = [RailContactLanes::default(); 3];
             for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(&mut found)) {
                 (lanes.x, lanes.y) = ([centre.x; LANES], [centre.y; LANES]);
                 (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                 lanes.lever = [lever_m; LANES];
-                *found = rail_contact::touches(&body, part, swing, &[0.0; LANES], lanes);
+                *found = rail_contact::find_contacts(&body, part, swing, &[0.0; LANES], lanes);
             }
             for (lanes, age) in lanes.iter_mut().zip(held) {
                 (lanes.age, lanes.normal_force) = ([age; LANES], [age; LANES]);
             }
             let before = held;
-            hand_on(&mut lanes, &found);
+            transfer_contacts(&mut lanes, &found);
             for (part, age) in held.iter_mut().enumerate() {
                 let touches = found[part].here[0] && lanes[part].penetration[0] > 0.0;
                 *age = if touches { lanes[part].age[0] + 1.0 } else { 0.0 };

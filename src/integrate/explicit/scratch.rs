@@ -1,14 +1,14 @@
 //! Scratch: what a step computes on the way, and what may be asked of it between [`super::evaluate`] and [`super::advance`].
 
-use super::counts::Counts;
+use super::counts::ContactCounts;
 use super::ends::EndBlock;
 use super::guides::BlockForces;
-use super::rails::{Plates, RailColumns};
-use super::watch::Watched;
+use super::rails::{PlateLanes, RailColumns};
+use super::watch::ObservedStep;
 use super::{RunIn, Window};
-use crate::elements::contour_forces::Lead;
+use crate::elements::contour_forces::AccelerationChange;
 use crate::elements::friction;
-use crate::elements::tooth_contact::{Column, LANES, Lanes, take};
+use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, take};
 use crate::geometry::Vec2;
 use crate::integrate::Isa;
 use crate::model::{ChainModel, Model};
@@ -23,25 +23,25 @@ pub struct Scratch {
     pub(super) next_refresh: u64,
     /// Fastest joint at the last look [m/s]; nothing that is further off than this times the step touches within one.
     pub(super) fastest_m_s: f64,
-    pub(super) front: Ends,
-    pub(super) rear: Ends,
+    pub(super) front: LinkEnds,
+    pub(super) rear: LinkEnds,
     pub(super) omega: Vec<f64>,
     /// Ends and speeds as joints feel them on the mean over a step.
-    pub(super) felt_front: Ends,
-    pub(super) felt_rear: Ends,
-    pub(super) felt_omega: Vec<f64>,
-    pub(super) wrapped: Wrapped,
-    pub(super) joint_x: ByJoint,
-    pub(super) joint_y: ByJoint,
-    pub(super) joint_torque: ByJoint,
+    pub(super) mean_front: LinkEnds,
+    pub(super) mean_rear: LinkEnds,
+    pub(super) mean_omega: Vec<f64>,
+    pub(super) wrapped: WrappedColumns,
+    pub(super) joint_x: JointColumn,
+    pub(super) joint_y: JointColumn,
+    pub(super) joint_torque: JointColumn,
     pub(super) joint_power_damping: Vec<f64>,
     /// Largest friction torque of every joint [N m].
     pub joint_limit: Vec<f64>,
-    pub(super) constants: Constants,
+    pub(super) constants: LinkConstants,
     pub(super) joint_power_friction: Vec<f64>,
-    pub(super) bush_x: ByJoint,
-    pub(super) bush_y: ByJoint,
-    pub(super) bush_moment: ByJoint,
+    pub(super) bush_x: JointColumn,
+    pub(super) bush_y: JointColumn,
+    pub(super) bush_moment: JointColumn,
     /// Closing speed of every bush at the node, per joint, and of every guide end [m/s]; penetrations [m]. Stale where the
     /// contact's age is zero.
     pub(super) bush_rate: Vec<f64>,
@@ -55,8 +55,8 @@ pub struct Scratch {
     pub(super) rails: RailColumns,
     /// Forces of guides and of what contours touch, per block of links.
     pub(super) end_forces: Vec<BlockForces>,
-    /// See [`Lead`]; empty where there are no contours.
-    pub(super) end_leads: Vec<Lead>,
+    /// See [`AccelerationChange`]; empty where there are no contours.
+    pub(super) end_changes: Vec<AccelerationChange>,
     /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
     pub(super) seat_cos: Vec<Vec<f64>>,
     pub(super) seat_sin: Vec<Vec<f64>>,
@@ -85,7 +85,7 @@ pub struct Scratch {
     pub(super) stale_bushes: Vec<u8>,
     /// Lanes that are being worked on: kept, because clearing them for every body takes longer than filling them.
     pub(super) lanes: Option<Box<Lanes>>,
-    pub(super) plates: Option<Box<Plates>>,
+    pub(super) plates: Option<Box<PlateLanes>>,
     /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
     pub(super) contour_ends: [ContactMemory; 6],
     pub(super) contour_rate: [Vec<f64>; 6],
@@ -105,9 +105,9 @@ pub struct Scratch {
     /// Per set of contour ends and block: how many of the two memories still hold an old contact.
     pub(super) stale_ends: [Vec<u8>; 6],
     /// For those who look at every step.
-    pub(super) watched: Option<Box<Watched>>,
+    pub(super) watched: Option<Box<ObservedStep>>,
     /// For those who ask what contacts cost.
-    pub(super) counts: Option<Box<Counts>>,
+    pub(super) counts: Option<Box<ContactCounts>>,
     /// Accelerations of this step.
     pub ax: Vec<f64>,
     pub ay: Vec<f64>,
@@ -122,38 +122,41 @@ pub struct Scratch {
     /// What touching parts remember, and the force of touching parts and oil on each coordinate, mean over the step [N m, N].
     pub(super) touches: ContactMemory,
     pub(super) parts_force: Vec<f64>,
+    /// The shares of loads and couplings that lose energy, and that do work outside.
+    pub(super) losing_force: Vec<f64>,
+    pub(super) working_force: Vec<f64>,
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,
 }
 
 /// One value per joint, and the last joint's again before the first's: of the joint behind every link, and of the one before it.
-pub(super) struct ByJoint(Vec<f64>);
+pub(super) struct JointColumn(Vec<f64>);
 
-impl ByJoint {
+impl JointColumn {
     /// Where the first joint stands: at the beginning of a cache line.
     const FIRST: usize = LANES;
 
-    fn new(n: usize) -> ByJoint {
-        ByJoint(vec![0.0; Self::FIRST + n])
+    fn new(n: usize) -> JointColumn {
+        JointColumn(vec![0.0; Self::FIRST + n])
     }
 
-    pub(super) fn own(&self) -> &[f64] {
+    pub(super) fn values(&self) -> &[f64] {
         &self.0[Self::FIRST..]
     }
 
-    pub(super) fn own_mut(&mut self) -> &mut [f64] {
+    pub(super) fn values_mut(&mut self) -> &mut [f64] {
         &mut self.0[Self::FIRST..]
     }
 
     /// Shifted by one: joint j at j + 1, the last one of a loop before its first.
-    pub(super) fn before(&self) -> &[f64] {
+    pub(super) fn shifted(&self) -> &[f64] {
         &self.0[Self::FIRST - 1..]
     }
 
     /// To be called when all joints have their values.
     #[inline(always)]
-    pub(super) fn close<const N: usize>(mut columns: [&mut ByJoint; N], chain: &ChainModel) {
+    pub(super) fn wrap_loops<const N: usize>(mut columns: [&mut JointColumn; N], chain: &ChainModel) {
         for l in &chain.loops {
             let (before, last) = (Self::FIRST + l.start - 1, Self::FIRST + l.end - 1);
             for column in &mut columns {
@@ -170,7 +173,7 @@ impl ByJoint {
 /// What links and joints do not change, by block: most blocks of a chain are alike, and one that is read for all of them stays in the
 /// processor's nearest memory. Columns of their own were a tenth of what a step reads.
 #[derive(Default)]
-pub(super) struct Constants {
+pub(super) struct LinkConstants {
     /// Blocks that differ from the first one, and the first.
     kinds: Vec<BlockConstants>,
     /// Which of them each block is.
@@ -181,15 +184,15 @@ pub(super) struct Constants {
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct BlockConstants {
     /// Half the pitch [m].
-    pub(super) lever: Column,
+    pub(super) lever: LaneBlock,
     /// [1/kg], [1/(kg m2)].
-    pub(super) inverse_mass: Column,
-    pub(super) inverse_inertia: Column,
+    pub(super) inverse_mass: LaneBlock,
+    pub(super) inverse_inertia: LaneBlock,
     /// Largest friction torque per relative speed of every joint that does not overshoot [N m s/rad].
-    pub(super) grip: Column,
+    pub(super) friction_slope: LaneBlock,
 }
 
-impl Constants {
+impl LinkConstants {
     pub(super) fn read(&mut self, model: &Model) {
         let (c, half) = (&model.chain, 0.5 * model.step_s);
         self.kinds.clear();
@@ -200,7 +203,9 @@ impl Constants {
                 lever: take(&c.lever, at),
                 inverse_mass: take(&c.inverse_mass, at),
                 inverse_inertia: take(inverse, at),
-                grip: std::array::from_fn(|i| friction::grip(half * (inverse[at + i] + inverse[at + i + 1]))),
+                friction_slope: std::array::from_fn(|i| {
+                    friction::largest_stable_slope(half * (inverse[at + i] + inverse[at + i + 1]))
+                }),
             };
             if self.kinds.first() == Some(&block) {
                 self.kind.push(0);
@@ -218,7 +223,7 @@ impl Constants {
 }
 
 /// Positions and velocities of one end of every link, one value longer.
-pub(super) struct Ends {
+pub(super) struct LinkEnds {
     pub(super) x: Vec<f64>,
     pub(super) y: Vec<f64>,
     pub(super) vx: Vec<f64>,
@@ -226,7 +231,7 @@ pub(super) struct Ends {
 }
 
 /// Headings, and the accelerations that contacts reckon with, one value longer.
-pub(super) struct Wrapped {
+pub(super) struct WrappedColumns {
     pub(super) cos: Vec<f64>,
     pub(super) sin: Vec<f64>,
     pub(super) ax: Vec<f64>,
@@ -234,9 +239,9 @@ pub(super) struct Wrapped {
     pub(super) alpha: Vec<f64>,
 }
 
-impl Ends {
-    pub(super) fn new(len: usize) -> Ends {
-        Ends { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
+impl LinkEnds {
+    pub(super) fn new(len: usize) -> LinkEnds {
+        LinkEnds { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
     }
 }
 
@@ -262,23 +267,23 @@ impl Scratch {
             run_in: RunIn::OFF,
             next_refresh: 0,
             fastest_m_s: 0.0,
-            front: Ends::new(n + 1),
-            rear: Ends::new(n + 1),
+            front: LinkEnds::new(n + 1),
+            rear: LinkEnds::new(n + 1),
             omega: longer(),
-            felt_front: Ends::new(n + 1),
-            felt_rear: Ends::new(n + 1),
-            felt_omega: longer(),
-            wrapped: Wrapped { cos: longer(), sin: longer(), ax: longer(), ay: longer(), alpha: longer() },
-            joint_x: ByJoint::new(n),
-            joint_y: ByJoint::new(n),
-            joint_torque: ByJoint::new(n),
+            mean_front: LinkEnds::new(n + 1),
+            mean_rear: LinkEnds::new(n + 1),
+            mean_omega: longer(),
+            wrapped: WrappedColumns { cos: longer(), sin: longer(), ax: longer(), ay: longer(), alpha: longer() },
+            joint_x: JointColumn::new(n),
+            joint_y: JointColumn::new(n),
+            joint_torque: JointColumn::new(n),
             joint_power_damping: column(),
             joint_limit: column(),
-            constants: Constants::default(),
+            constants: LinkConstants::default(),
             joint_power_friction: column(),
-            bush_x: ByJoint::new(n),
-            bush_y: ByJoint::new(n),
-            bush_moment: ByJoint::new(n),
+            bush_x: JointColumn::new(n),
+            bush_y: JointColumn::new(n),
+            bush_moment: JointColumn::new(n),
             bush_rate: column(),
             guide_rate: std::array::from_fn(|_| column()),
             bush_slide: column(),
@@ -286,7 +291,7 @@ impl Scratch {
             bush_depth: column(),
             guide_depth: std::array::from_fn(|_| column()),
             end_forces: vec![BlockForces::default(); n / LANES],
-            end_leads: vec![Lead::default(); if model.contour.is_some() { n / LANES } else { 0 }],
+            end_changes: vec![AccelerationChange::default(); if model.contour.is_some() { n / LANES } else { 0 }],
             // All joints in gap 0 until somebody looks.
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
@@ -336,6 +341,8 @@ impl Scratch {
             chain_torque: vec![0.0; model.coordinates.len()],
             touches: ContactMemory::new(model.touches.len()),
             parts_force: vec![0.0; model.coordinates.len()],
+            losing_force: vec![0.0; model.coordinates.len()],
+            working_force: vec![0.0; model.coordinates.len()],
             places_before: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
             places_between: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
         }
@@ -343,7 +350,7 @@ impl Scratch {
 
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
     pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
-        (self.joint_x.own()[j], self.joint_y.own()[j], self.joint_torque.own()[j])
+        (self.joint_x.values()[j], self.joint_y.values()[j], self.joint_torque.values()[j])
     }
 
     /// Angular acceleration of every coordinate [rad/s2].

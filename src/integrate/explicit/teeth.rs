@@ -1,8 +1,8 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
-use super::watch::{Noted, Watched};
-use super::{MemoryBlocks, Part, Scratch, Window, owned, send_away};
-use crate::elements::tooth_contact::{self, Column, LANES, Lanes, Turning, blocks, blocks_mut};
+use super::watch::{ContactBlock, ObservedStep};
+use super::{ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
+use crate::elements::tooth_contact::{self, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -10,41 +10,41 @@ use std::time::Instant;
 
 /// What the bushes near a sprocket are loaded from: blocks of columns of one length, so that one bounds check does for all.
 /// Of the link before each joint, and of the link behind it.
-struct Sources<'a> {
-    on_front: &'a [Column],
-    x: [&'a [Column]; 2],
-    y: [&'a [Column]; 2],
-    vx: [&'a [Column]; 2],
-    vy: [&'a [Column]; 2],
-    omega: [&'a [Column]; 2],
-    cos: [&'a [Column]; 2],
-    sin: [&'a [Column]; 2],
-    ax: [&'a [Column]; 2],
-    ay: [&'a [Column]; 2],
-    alpha: [&'a [Column]; 2],
-    lever: &'a [Column],
-    inverse_mass: &'a [Column],
-    inverse_inertia: &'a [Column],
+struct BushSources<'a> {
+    on_front: &'a [LaneBlock],
+    x: [&'a [LaneBlock]; 2],
+    y: [&'a [LaneBlock]; 2],
+    vx: [&'a [LaneBlock]; 2],
+    vy: [&'a [LaneBlock]; 2],
+    omega: [&'a [LaneBlock]; 2],
+    cos: [&'a [LaneBlock]; 2],
+    sin: [&'a [LaneBlock]; 2],
+    ax: [&'a [LaneBlock]; 2],
+    ay: [&'a [LaneBlock]; 2],
+    alpha: [&'a [LaneBlock]; 2],
+    lever: &'a [LaneBlock],
+    inverse_mass: &'a [LaneBlock],
+    inverse_inertia: &'a [LaneBlock],
 }
 
 /// Tooth gaps of the joints near a sprocket: direction of their axes, how far they lie beside their place, number.
-struct Seats<'a> {
-    cos: &'a mut [Column],
-    sin: &'a mut [Column],
-    out: &'a mut [Column],
-    left: &'a mut [Column],
+struct SeatColumns<'a> {
+    cos: &'a mut [LaneBlock],
+    sin: &'a mut [LaneBlock],
+    out: &'a mut [LaneBlock],
+    left: &'a mut [LaneBlock],
     index: &'a mut [u32],
     reseats: &'a mut u64,
 }
 
 /// What bushes give to their links, and what is known of them at the node.
-struct Results<'a> {
-    force_x: &'a mut [Column],
-    force_y: &'a mut [Column],
-    moment: &'a mut [Column],
-    rate: &'a mut [Column],
-    slide: &'a mut [Column],
-    depth: &'a mut [Column],
+struct BushResults<'a> {
+    force_x: &'a mut [LaneBlock],
+    force_y: &'a mut [LaneBlock],
+    moment: &'a mut [LaneBlock],
+    rate: &'a mut [LaneBlock],
+    slide: &'a mut [LaneBlock],
+    depth: &'a mut [LaneBlock],
 }
 
 /// Contacts of all bushes near sprocket `k`.
@@ -54,7 +54,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let (c, count) = (&model.chain, model.chain.padded / LANES);
     let (r, q) = (&state.coordinates, model.sprockets[k].coordinate);
     let omega = r.omega[q] + 0.5 * model.step_s * r.alpha[q];
-    let turning = Turning { cos: r.cos[q], sin: r.sin[q], omega };
+    let turning = SprocketMotion { cos: r.cos[q], sin: r.sin[q], omega };
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m
@@ -64,7 +64,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         + model.chain.joints[model.sprockets[k].chain].clearance_m
         + JOINT_STRETCH_M;
     let s = scratch;
-    let sources = Sources {
+    let sources = BushSources {
         on_front: blocks(&c.bush_on_front[1..], count),
         x: [blocks(&s.front.x, count), blocks(&s.rear.x[1..], count)],
         y: [blocks(&s.front.y, count), blocks(&s.rear.y[1..], count)],
@@ -80,7 +80,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         inverse_mass: blocks(&c.bush_inverse_mass, count),
         inverse_inertia: blocks(&c.bush_inverse_inertia, count),
     };
-    let mut seats = Seats {
+    let mut seats = SeatColumns {
         cos: blocks_mut(&mut s.seat_cos[k], count),
         sin: blocks_mut(&mut s.seat_sin[k], count),
         out: blocks_mut(&mut s.seat_out[k], count),
@@ -89,10 +89,10 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         reseats: &mut s.reseats,
     };
     let mut memory = MemoryBlocks::new(&state.bushes, &mut s.bushes, &mut s.stale_bushes, count);
-    let results = Results {
-        force_x: blocks_mut(s.bush_x.own_mut(), count),
-        force_y: blocks_mut(s.bush_y.own_mut(), count),
-        moment: blocks_mut(s.bush_moment.own_mut(), count),
+    let results = BushResults {
+        force_x: blocks_mut(s.bush_x.values_mut(), count),
+        force_y: blocks_mut(s.bush_y.values_mut(), count),
+        moment: blocks_mut(s.bush_moment.values_mut(), count),
         rate: blocks_mut(&mut s.bush_rate, count),
         slide: blocks_mut(&mut s.bush_slide, count),
         depth: blocks_mut(&mut s.bush_depth, count),
@@ -105,7 +105,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             let begun = s.counts.is_some().then(|| (Instant::now(), *seats.reseats));
             if !shared && !tooth_contact::any_inside(body, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
                 // Outside the tip circle.
-                if memory.forget(at) {
+                if memory.clear_block(at) {
                     let nothing = [0.0; LANES];
                     results.force_x[at] = nothing;
                     results.force_y[at] = nothing;
@@ -118,9 +118,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             lanes.seat_sin = seats.sin[at];
             lanes.seat_out = seats.out[at];
             lanes.seat_left = seats.left[at];
-            memory.recall(at, lanes);
+            memory.load_past(at, lanes);
             if *shared {
-                send_away(nearest, k, lanes);
+                move_out_of_reach(nearest, k, lanes);
             }
             if !tooth_contact::penetrations(body, turning, lanes) {
                 reseat(model, &mut seats, k, turning, at, lanes);
@@ -134,10 +134,10 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     *sum += torque;
                 }
             } else {
-                lanes.let_go();
+                lanes.release();
             }
             if WATCHED && let Some(watched) = &mut s.watched {
-                watch(model, watched, nearest, k, (at * LANES, *shared), turning, lanes);
+                observe(model, watched, nearest, k, (at * LANES, *shared), turning, lanes);
             }
             if *shared {
                 for i in (0..LANES).filter(|i| nearest[*i] == k) {
@@ -145,7 +145,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     results.slide[at][i] = lanes.slide[i];
                     results.depth[at][i] = lanes.penetration[i];
                 }
-                memory.keep_own(|i| nearest[i] == k, at, lanes);
+                memory.store_lanes(|i| nearest[i] == k, at, lanes);
                 for i in 0..LANES {
                     results.force_x[at][i] += lanes.force_x[i];
                     results.force_y[at][i] += lanes.force_y[i];
@@ -158,11 +158,11 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 results.force_x[at] = lanes.force_x;
                 results.force_y[at] = lanes.force_y;
                 results.moment[at] = lanes.moment;
-                memory.keep(at, lanes);
+                memory.store(at, lanes);
             }
             if let (Some((begun, reseats)), Some(counts)) = (begun, &mut s.counts) {
                 counts.bushes[k].searches += *seats.reseats - reseats;
-                counts.bushes[k].note(near, near.then_some(&lanes.normal_force), begun);
+                counts.bushes[k].record(near, near.then_some(&lanes.normal_force), begun);
             }
         }
     }
@@ -171,22 +171,22 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
 
 /// For those who look at every step.
 #[inline(always)]
-fn watch(
+fn observe(
     model: &Model,
-    watched: &mut Watched,
+    watched: &mut ObservedStep,
     nearest: &[usize],
     k: usize,
     (at, shared): (usize, bool),
-    turning: Turning,
+    turning: SprocketMotion,
     lanes: &Lanes,
 ) {
     let body = &model.sprockets[k].body;
-    let own = owned(model.chain.gaps(at), shared.then_some(nearest), k);
+    let own = owned_lanes(model.chain.link_lanes(at), shared.then_some(nearest), k);
     if watched.wants_segments() && lanes.age != [0.0; LANES] {
         let segments = tooth_contact::segments(body, turning, lanes);
-        watched.note_segments(Part::Bushes, at, segments, own.as_ref());
+        watched.record_segments(ContactGroup::Bushes, at, segments, own.as_ref());
     }
-    watched.note(&Noted { part: Part::Bushes, at, lanes }, own.as_ref());
+    watched.record(&ContactBlock { part: ContactGroup::Bushes, at, lanes }, own.as_ref());
 }
 
 /// Joints that stretch further than this are found torn soon [m].
@@ -194,14 +194,14 @@ const JOINT_STRETCH_M: f64 = 0.5e-3;
 
 /// The bushes of the joints of block `at` as seen from `centre`.
 #[inline(always)]
-fn load(from: &Sources<'_>, at: usize, centre: Vec2, lanes: &mut Lanes) {
+fn load(from: &BushSources<'_>, at: usize, centre: Vec2, lanes: &mut Lanes) {
     let owner = &from.on_front[at];
-    let (mut x, mut y) = (chosen(owner, from.x, at), chosen(owner, from.y, at));
-    (lanes.vx, lanes.vy) = (chosen(owner, from.vx, at), chosen(owner, from.vy, at));
-    lanes.omega = chosen(owner, from.omega, at);
-    let (cos, sin, lever) = (chosen(owner, from.cos, at), chosen(owner, from.sin, at), from.lever[at]);
-    let (mut ax, mut ay) = (chosen(owner, from.ax, at), chosen(owner, from.ay, at));
-    let alpha = chosen(owner, from.alpha, at);
+    let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
+    (lanes.vx, lanes.vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
+    lanes.omega = select_owner(owner, from.omega, at);
+    let (cos, sin, lever) = (select_owner(owner, from.cos, at), select_owner(owner, from.sin, at), from.lever[at]);
+    let (mut ax, mut ay) = (select_owner(owner, from.ax, at), select_owner(owner, from.ay, at));
+    let alpha = select_owner(owner, from.alpha, at);
     for i in 0..LANES {
         x[i] -= centre.x;
         y[i] -= centre.y;
@@ -221,9 +221,9 @@ fn load(from: &Sources<'_>, at: usize, centre: Vec2, lanes: &mut Lanes) {
 
 /// Of the link before each joint where `owner` is one, of that behind it where it is zero.
 #[inline(always)]
-fn chosen(owner: &Column, [front, rear]: [&[Column]; 2], at: usize) -> Column {
+fn select_owner(owner: &LaneBlock, [front, rear]: [&[LaneBlock]; 2], at: usize) -> LaneBlock {
     // By value: of references one would be chosen lane by lane.
-    let (front, rear): (Column, Column) = (front[at], rear[at]);
+    let (front, rear): (LaneBlock, LaneBlock) = (front[at], rear[at]);
     let mut out = [0.0; LANES];
     for i in 0..LANES {
         out[i] = if owner[i] != 0.0 { front[i] } else { rear[i] };
@@ -234,7 +234,7 @@ fn chosen(owner: &Column, [front, rear]: [&[Column]; 2], at: usize) -> Column {
 /// Gives every lane of a block that has left its tooth gap the one it is in.
 #[cold]
 #[inline(never)]
-fn reseat(model: &Model, seats: &mut Seats<'_>, k: usize, turning: Turning, at: usize, lanes: &mut Lanes) {
+fn reseat(model: &Model, seats: &mut SeatColumns<'_>, k: usize, turning: SprocketMotion, at: usize, lanes: &mut Lanes) {
     let body = &model.sprockets[k].body;
     *seats.reseats += 1;
     for i in 0..LANES {

@@ -1,30 +1,31 @@
 //! The part of a step that concerns parts which touch each other and no chain, and oil: stops, tips of sliders, balls, chambers.
 
 use super::Scratch;
-use crate::elements::hydraulics::Way;
-use crate::elements::touch::{Moving, Past};
+use crate::elements::hydraulics::CoordinateStep;
+use crate::elements::touch::{CoordinateRates, PastTouch};
 use crate::model::Model;
 use crate::state::State;
 
-/// Forces of oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
+/// Forces of loads, couplings, oil and of all touches on the coordinates, one touch after the other: each reckons with those before it.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
-    if model.touches.is_empty() && model.oil.is_none() {
+    if model.touches.is_empty() && model.oil.is_none() && !model.has_shaft_forces() {
         return;
     }
     scratch.parts_force.fill(0.0);
+    super::shafts::forces(model, state, scratch);
     let q = &state.coordinates;
     if let Some(oil) = &model.oil {
         oil.add_forces(&q.angle, &state.oil, &mut scratch.parts_force);
     }
     for (i, touch) in model.touches.iter().enumerate() {
         let gap = touch.shape.gap(&q.angle);
-        let moving = Moving {
+        let moving = CoordinateRates {
             speed: gap.coordinates.map(|k| q.omega[k]),
             acceleration: gap.coordinates.map(|k| super::coordinate_acceleration(model, state, scratch, k)),
             inverse_inertia: gap.coordinates.map(|k| model.coordinates[k].inverse_inertia()),
         };
         let before = &state.touches;
-        let past = Past { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
+        let past = PastTouch { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
         let step = touch.step(model.step_s, &gap, &moving, past);
         for (k, force) in gap.coordinates.into_iter().zip(step.forces) {
             scratch.parts_force[k] += force;
@@ -44,7 +45,7 @@ pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratc
     for ((middle, a), b) in scratch.places_between.iter_mut().zip(from).zip(&q.angle) {
         *middle = 0.5 * (a + b);
     }
-    let way = Way { from, to: &q.angle, middle: &scratch.places_between, speed: &q.omega };
+    let way = CoordinateStep { from, to: &q.angle, middle: &scratch.places_between, speed: &q.omega };
     oil.advance(model.step_s, way, &mut state.oil);
 }
 

@@ -5,24 +5,24 @@
 //! columns took as many instructions and more time (penetrations 9 % of a run and not 1). Sums are worked on as local values: a
 //! compiler cannot know that they do not overlap the lanes, and would add them up one by one.
 
-use super::parts::{PARTS, Part};
-use super::{Scratch, put};
-use crate::elements::tooth_contact::{Column, LANES, Lanes};
+use super::parts::{CONTACT_GROUPS, ContactGroup};
+use super::{Scratch, write_block};
+use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes};
 use crate::model::Model;
 
 /// What is asked for.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct RequiredData {
     /// Segments of what lanes touch.
     pub segments: bool,
     pub extremes: Vec<Extreme>,
     /// Parts of which a number is asked that changes with the set of lanes that touch.
-    pub sets: Vec<Parts>,
+    pub sets: Vec<ContactGroups>,
 }
 
-impl Wanted {
+impl RequiredData {
     /// All that this or another asks for.
-    pub fn and(mut self, other: Wanted) -> Wanted {
+    pub fn union(mut self, other: RequiredData) -> RequiredData {
         self.segments |= other.segments;
         for extreme in other.extremes {
             if !self.extremes.contains(&extreme) {
@@ -40,17 +40,17 @@ impl Wanted {
 
 /// A set of parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Parts(u32);
+pub struct ContactGroups(u32);
 
-impl Parts {
-    pub fn has(self, part: Part) -> bool {
+impl ContactGroups {
+    pub fn has(self, part: ContactGroup) -> bool {
         self.0 & (1 << part.index()) != 0
     }
 }
 
-impl FromIterator<Part> for Parts {
-    fn from_iter<I: IntoIterator<Item = Part>>(parts: I) -> Parts {
-        Parts(parts.into_iter().fold(0, |all, part| all | (1 << part.index())))
+impl FromIterator<ContactGroup> for ContactGroups {
+    fn from_iter<I: IntoIterator<Item = ContactGroup>>(parts: I) -> ContactGroups {
+        ContactGroups(parts.into_iter().fold(0, |all, part| all | (1 << part.index())))
     }
 }
 
@@ -61,7 +61,7 @@ pub struct Extreme {
     /// 1, or -1 where the smallest is meant.
     pub sign: f64,
     pub absolute: bool,
-    pub parts: Parts,
+    pub parts: ContactGroups,
 }
 
 /// A value that every contact has.
@@ -83,26 +83,26 @@ pub enum ContactValue {
 }
 
 /// Everything that is kept.
-pub(super) struct Watched {
+pub(super) struct ObservedStep {
     /// A [`Segment`](crate::recording::frame::Segment) as a number.
-    segments: Option<[Vec<f64>; PARTS]>,
-    extremes: Vec<(Extreme, Column)>,
-    sets: Vec<(Parts, Column)>,
+    segments: Option<[Vec<f64>; CONTACT_GROUPS]>,
+    extremes: Vec<(Extreme, LaneBlock)>,
+    sets: Vec<(ContactGroups, LaneBlock)>,
     /// A number for every lane of every part.
     keys: Vec<f64>,
     padded: usize,
 }
 
 /// A block of contacts that has just been computed.
-pub(super) struct Noted<'a> {
-    pub(super) part: Part,
+pub(super) struct ContactBlock<'a> {
+    pub(super) part: ContactGroup,
     pub(super) at: usize,
     pub(super) lanes: &'a Lanes,
 }
 
 impl Extreme {
     #[inline(always)]
-    fn note(&self, most: &mut Column, b: &Noted, own: impl Fn(usize) -> bool) {
+    fn record(&self, most: &mut LaneBlock, b: &ContactBlock, own: impl Fn(usize) -> bool) {
         let l = b.lanes;
         let values = match self.value {
             ContactValue::Penetration => &l.penetration,
@@ -125,14 +125,14 @@ impl Extreme {
     }
 }
 
-impl Watched {
-    fn new(model: &Model, wanted: &Wanted) -> Watched {
+impl ObservedStep {
+    fn new(model: &Model, wanted: &RequiredData) -> ObservedStep {
         let padded = model.chain.padded;
         // Distinct whole numbers below 2^40: their sums are exact, and those of sets that follow each other practically never
         // equal.
         let key = |i: usize| ((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 24) as f64;
-        let keys = if wanted.sets.is_empty() { 0 } else { PARTS * padded };
-        Watched {
+        let keys = if wanted.sets.is_empty() { 0 } else { CONTACT_GROUPS * padded };
+        ObservedStep {
             segments: wanted.segments.then(|| std::array::from_fn(|_| vec![0.0; padded])),
             extremes: wanted.extremes.iter().map(|e| (*e, [f64::NEG_INFINITY; LANES])).collect(),
             sets: wanted.sets.iter().map(|s| (*s, [0.0; LANES])).collect(),
@@ -159,11 +159,17 @@ impl Watched {
 
     /// Segments of a block, before it is noted.
     #[inline(always)]
-    pub(super) fn note_segments(&mut self, part: Part, at: usize, segments: Column, own: Option<&[bool; LANES]>) {
+    pub(super) fn record_segments(
+        &mut self,
+        part: ContactGroup,
+        at: usize,
+        segments: LaneBlock,
+        own: Option<&[bool; LANES]>,
+    ) {
         let Some(all) = &mut self.segments else { return };
         let column = &mut all[part.index()];
         match own {
-            None => put(column, at, segments),
+            None => write_block(column, at, segments),
             Some(own) => {
                 for i in (0..LANES).filter(|i| own[*i]) {
                     column[at + i] = segments[i];
@@ -174,18 +180,18 @@ impl Watched {
 
     /// A block of contacts; of some of its lanes only, where it is another body's too or ends behind the last link.
     #[inline(always)]
-    pub(super) fn note(&mut self, b: &Noted, own: Option<&[bool; LANES]>) {
+    pub(super) fn record(&mut self, b: &ContactBlock, own: Option<&[bool; LANES]>) {
         match own {
-            None => self.note_where(b, |_| true),
-            Some(own) => self.note_where(b, |i| own[i]),
+            None => self.record_lanes(b, |_| true),
+            Some(own) => self.record_lanes(b, |i| own[i]),
         }
     }
 
     #[inline(always)]
-    fn note_where(&mut self, b: &Noted, own: impl Fn(usize) -> bool + Copy) {
+    fn record_lanes(&mut self, b: &ContactBlock, own: impl Fn(usize) -> bool + Copy) {
         for (extreme, most) in &mut self.extremes {
             if extreme.parts.has(b.part) {
-                extreme.note(most, b, own);
+                extreme.record(most, b, own);
             }
         }
         let first = b.part.index() * self.padded + b.at;
@@ -218,12 +224,12 @@ impl Watched {
 
 impl Scratch {
     /// From the next evaluation on, keeps what is wanted.
-    pub fn watch(&mut self, model: &Model, wanted: &Wanted) {
-        self.watched = (*wanted != Wanted::default()).then(|| Box::new(Watched::new(model, wanted)));
+    pub fn require(&mut self, model: &Model, wanted: &RequiredData) {
+        self.watched = (*wanted != RequiredData::default()).then(|| Box::new(ObservedStep::new(model, wanted)));
     }
 
     /// Segments of what a part touches, where they are asked for.
-    pub fn segments(&self, part: Part) -> Option<&[f64]> {
+    pub fn segments(&self, part: ContactGroup) -> Option<&[f64]> {
         Some(&self.watched.as_deref()?.segments.as_ref()?[part.index()])
     }
 
@@ -235,7 +241,7 @@ impl Scratch {
     }
 
     /// A number that changes with the set of lanes of these parts that touch, and with the segments where those are asked for.
-    pub fn set(&self, of: Parts) -> Option<f64> {
+    pub fn set(&self, of: ContactGroups) -> Option<f64> {
         let (_, sum) = self.watched.as_deref()?.sets.iter().find(|(parts, _)| *parts == of)?;
         Some(sum.iter().sum())
     }

@@ -4,7 +4,7 @@
 use super::guides::BlockForces;
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
-use crate::elements::rail_contact::Swing;
+use crate::elements::rail_contact::RailMotion;
 use crate::geometry::Vec2;
 use crate::model::{Model, RailModel};
 use crate::state::{ContactMemory, State};
@@ -16,12 +16,12 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     scratch.bushes.clone_from(&state.bushes);
     scratch.guide_ends.clone_from(&state.guide_ends);
     scratch.rail_plates.clone_from(&state.rail_plates);
-    stale(&state.bushes, &mut scratch.stale_bushes);
+    mark_stale_blocks(&state.bushes, &mut scratch.stale_bushes);
     for (memory, blocks) in state.guide_ends.iter().zip(&mut scratch.stale_blocks) {
-        stale(memory, blocks);
+        mark_stale_blocks(memory, blocks);
     }
     for (memory, blocks) in state.rail_plates.iter().zip(&mut scratch.stale_rails) {
-        stale(memory, blocks);
+        mark_stale_blocks(memory, blocks);
     }
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.clear();
@@ -78,7 +78,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         scratch.guide_windows[k] = aligned_windows(&model.chain.loops[guide.chain], near);
     }
     for (k, rail) in model.rails.iter().enumerate() {
-        let (swing, _) = super::rails::swing(model, state, k);
+        let (swing, _) = super::rails::rail_motion(model, state, k);
         let reach = rail.body.plate_radius_m + longest_lever(model, rail.chain) + WINDOW_MARGIN_M;
         let near = |i: usize| rail.box_distance_m(in_frame(rail, &swing, state, i)) < reach;
         scratch.rail_windows[k] = aligned_windows(&model.chain.loops[rail.chain], near);
@@ -95,13 +95,13 @@ fn longest_lever(model: &Model, chain: usize) -> f64 {
 }
 
 /// The centre of link `i` in the frame of a rail.
-fn in_frame(rail: &RailModel, swing: &Swing, state: &State, i: usize) -> Vec2 {
+fn in_frame(rail: &RailModel, swing: &RailMotion, state: &State, i: usize) -> Vec2 {
     let (x, y) = (state.links.x[i] - rail.body.origin.x, state.links.y[i] - rail.body.origin.y);
     Vec2::new(swing.cos * x + swing.sin * y, swing.cos * y - swing.sin * x)
 }
 
 /// Where nothing has been touched both memories that change hands say so already.
-pub(super) fn stale(memory: &ContactMemory, blocks: &mut [u8]) {
+pub(super) fn mark_stale_blocks(memory: &ContactMemory, blocks: &mut [u8]) {
     let lanes = memory.age.chunks(LANES).zip(memory.normal_force.chunks(LANES));
     for (block, (age, force)) in blocks.iter_mut().zip(lanes) {
         *block = if age.iter().chain(force).any(|v| *v != 0.0) { 2 } else { 0 };
@@ -109,7 +109,7 @@ pub(super) fn stale(memory: &ContactMemory, blocks: &mut [u8]) {
 }
 
 /// Notes which body is nearest, and counts where it is another than before.
-pub(super) fn hand_over(nearest: &mut usize, now: usize, handovers: &mut u64) {
+pub(super) fn update_nearest(nearest: &mut usize, now: usize, handovers: &mut u64) {
     *handovers += u64::from(*nearest != now);
     *nearest = now;
 }
@@ -127,7 +127,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
             };
             let of_chain = (0..model.sprockets.len()).filter(|k| model.sprockets[*k].chain == own);
             let nearest = of_chain.min_by(|a, b| gap(a).total_cmp(&gap(b)));
-            hand_over(&mut scratch.nearest_sprocket[j], nearest.unwrap_or(0), &mut scratch.handovers);
+            update_nearest(&mut scratch.nearest_sprocket[j], nearest.unwrap_or(0), &mut scratch.handovers);
         }
     }
     let same_side = |a: usize, b: usize| model.guides[a].body.side == model.guides[b].body.side;
@@ -145,7 +145,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                 let on_side = (0..model.guides.len())
                     .filter(|k| model.guides[*k].body.side == side && model.guides[*k].chain == own);
                 let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
-                hand_over(&mut scratch.nearest_guide[side][i], nearest, &mut scratch.handovers);
+                update_nearest(&mut scratch.nearest_guide[side][i], nearest, &mut scratch.handovers);
             }
         }
     }
@@ -161,13 +161,13 @@ fn find_nearest_rail(model: &Model, state: &State, scratch: &mut Scratch) {
         for i in model.chain.links() {
             let own = model.chain.loop_of(i);
             let gap = |k: &usize| {
-                let (swing, _) = super::rails::swing(model, state, *k);
+                let (swing, _) = super::rails::rail_motion(model, state, *k);
                 model.rails[*k].rail.profile.closest(in_frame(&model.rails[*k], &swing, state, i)).distance_m.abs()
             };
             let on_side =
                 (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side && model.rails[*k].chain == own);
             let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
-            hand_over(&mut scratch.nearest_rail[side][i], nearest, &mut scratch.handovers);
+            update_nearest(&mut scratch.nearest_rail[side][i], nearest, &mut scratch.handovers);
         }
     }
 }

@@ -1,13 +1,13 @@
 //! Where contours of links touch bodies, for those who look without a step: equilibria, frames, explanations.
 
 use super::super::{LANES, Scratch};
-use super::query::{Answer, Cache, Poses, Query};
-use super::{EndSources, Meeting, Sources, from_origin, holds};
-use crate::elements::arc_lanes::{Found, NOTHING_M};
+use super::query::{Cache, Poses, Query, QueryResult};
+use super::{BodyInStep, EndSources, LinkSources, from_origin, was_touching};
+use crate::elements::arc_lanes::{EndContactLanes, NO_CONTACT_M};
 use crate::elements::end_contact::{EndBody, EndTouch, LinkContour};
-use crate::elements::tooth_contact::{Column, any, blocks, mask};
+use crate::elements::tooth_contact::{LaneBlock, any, blocks, mask};
 use crate::geometry::Vec2;
-use crate::integrate::{Isa, Look, vectorised};
+use crate::integrate::{Isa, VectorKernel, vectorised};
 use crate::model::Model;
 use crate::state::State;
 
@@ -20,10 +20,10 @@ pub(crate) struct EndFinder {
 
 /// Where links are to be looked at: centres and directions, padded to whole blocks.
 pub(crate) struct LinkPoses {
-    x: Vec<Column>,
-    y: Vec<Column>,
-    cos: Vec<Column>,
-    sin: Vec<Column>,
+    x: Vec<LaneBlock>,
+    y: Vec<LaneBlock>,
+    cos: Vec<LaneBlock>,
+    sin: Vec<LaneBlock>,
 }
 
 impl LinkPoses {
@@ -45,21 +45,21 @@ impl LinkPoses {
 }
 
 /// A block that is looked at with a vector unit.
-struct Glance<'a> {
+struct BlockQuery<'a> {
     query: Query<'a>,
     contour: &'a LinkContour,
     cache: &'a mut Cache,
 }
 
-impl Look for Glance<'_> {
-    type Seen = Option<Found>;
+impl VectorKernel for BlockQuery<'_> {
+    type Output = Option<EndContactLanes>;
 
     #[inline(always)]
-    fn look(self) -> Option<Found> {
-        let mut found = Found::nothing();
+    fn run(self) -> Option<EndContactLanes> {
+        let mut found = EndContactLanes::none();
         match self.cache.touches(&self.query, self.contour, &mut found) {
-            Answer::Near => Some(found),
-            Answer::Apart(_) => None,
+            QueryResult::Near => Some(found),
+            QueryResult::Apart(_) => None,
         }
     }
 }
@@ -113,8 +113,8 @@ impl EndFinder {
                     joint_x: &joint_x,
                     joint_y: &joint_y,
                 };
-                if let Some(found) = vectorised(self.isa, Glance { query, contour, cache }) {
-                    for i in (0..LANES).filter(|i| found.penetration[*i] != NOTHING_M) {
+                if let Some(found) = vectorised(self.isa, BlockQuery { query, contour, cache }) {
+                    for i in (0..LANES).filter(|i| found.penetration[*i] != NO_CONTACT_M) {
                         tell(at * LANES + i, front, found.touch(i));
                     }
                 }
@@ -137,22 +137,22 @@ impl Scratch {
     ) {
         let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
         let count = model.chain.padded / LANES;
-        let far_m = super::far_m(model, self.fastest_m_s);
-        let links = Sources::new(model, state, (&self.omega, &self.wrapped), count);
-        let meeting = Meeting::new(model, state, k, (self.fastest_m_s, true));
+        let far_m = super::closable_gap_m(model, self.fastest_m_s);
+        let links = LinkSources::new(model, state, (&self.omega, &self.wrapped), count);
+        let meeting = BodyInStep::new(model, state, k, (self.fastest_m_s, true));
         let near = self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count));
         for at in near.filter(|at| only.is_none_or(|link| link / LANES == *at)) {
             for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
                 let end = &self.end_blocks[k][at][rear];
                 let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);
-                if !holds(&ages[at], &end.own) {
+                if !was_touching(&ages[at], &end.own) {
                     continue;
                 }
                 let ends = EndSources::new(ends, sign, count);
                 let query = Query::new(&links, (far_m, self.contour_extent_m), &meeting, (&ends, at), &end.own);
                 let mut cache = end.cache.clone();
-                if let Some(found) = vectorised(self.isa, Glance { query, contour, cache: &mut cache }) {
-                    for i in (0..LANES).filter(|i| found.penetration[*i] != NOTHING_M) {
+                if let Some(found) = vectorised(self.isa, BlockQuery { query, contour, cache: &mut cache }) {
+                    for i in (0..LANES).filter(|i| found.penetration[*i] != NO_CONTACT_M) {
                         tell(at * LANES + i, rear == 0, found.touch(i));
                     }
                 }
@@ -284,7 +284,7 @@ mod tests {
                     let (sin, cos) = sin_cos(rest.configuration.coordinates[r]);
                     (cos, sin)
                 });
-                let columns = |of: &dyn Fn(usize) -> f64| -> Column { std::array::from_fn(of) };
+                let columns = |of: &dyn Fn(usize) -> f64| -> LaneBlock { std::array::from_fn(of) };
                 for at in 0..n / LANES {
                     let place = |i: usize| moved[at * LANES + i];
                     let (x, y) =
@@ -310,7 +310,7 @@ mod tests {
                             joint_y: &joint_y,
                         };
                         let mut cache = Cache::new(&model, body, at, front);
-                        let mut found = Found::nothing();
+                        let mut found = EndContactLanes::none();
                         _ = cache.touches(&query, contour, &mut found);
                         let Cache::Flanks(flanks) = &cache else { panic!("flanks") };
                         let clear = crate::integrate::explicit::flanks::gaps(&query, flanks).at_least_m;

@@ -3,10 +3,10 @@
 use super::super::LANES;
 use super::super::abutments::{self, AbutmentCache};
 use super::super::flanks::{self, FlankCache};
-use super::{EndSources, Meeting, Sources, from_origin};
-use crate::elements::arc_lanes::Found;
-use crate::elements::end_contact::{EndBody, LinkContour, Seats};
-use crate::elements::tooth_contact::{Column, Mask, any, mask};
+use super::{BodyInStep, EndSources, LinkSources, from_origin};
+use crate::elements::arc_lanes::EndContactLanes;
+use crate::elements::end_contact::{EndBody, LinkContour, SeatDirections};
+use crate::elements::tooth_contact::{LaneBlock, LaneMask, any, mask};
 use crate::geometry::Vec2;
 use crate::model::Model;
 
@@ -18,25 +18,25 @@ pub(in super::super) struct Query<'a> {
     pub(in super::super) rotor: (f64, f64),
     /// Gap beyond which nothing is of interest in this step [m].
     pub(in super::super) far_m: f64,
-    /// As in [`Pass`].
+    /// As in [`EndContactPass`].
     pub(in super::super) extent_m: f64,
     /// Whether radii of curvature and segments are asked for.
     pub(in super::super) details: bool,
-    pub(in super::super) own: &'a Mask,
+    pub(in super::super) own: &'a LaneMask,
     pub(in super::super) poses: Poses<'a>,
     /// The joints at the ends, in the world.
-    pub(in super::super) joint_x: &'a Column,
-    pub(in super::super) joint_y: &'a Column,
+    pub(in super::super) joint_x: &'a LaneBlock,
+    pub(in super::super) joint_y: &'a LaneBlock,
 }
 
 impl<'a> Query<'a> {
     #[inline(always)]
     pub(super) fn new(
-        links: &Sources<'a>,
+        links: &LinkSources<'a>,
         (far_m, extent_m): (f64, f64),
-        meeting: &Meeting<'a>,
+        meeting: &BodyInStep<'a>,
         (ends, at): (&EndSources<'a>, usize),
-        own: &'a Mask,
+        own: &'a LaneMask,
     ) -> Query<'a> {
         Query {
             body: meeting.body,
@@ -46,7 +46,7 @@ impl<'a> Query<'a> {
             extent_m,
             details: meeting.details,
             own,
-            poses: Poses::of(links, at, meeting.body),
+            poses: Poses::new(links, at, meeting.body),
             joint_x: &ends.x[at],
             joint_y: &ends.y[at],
         }
@@ -54,13 +54,13 @@ impl<'a> Query<'a> {
 
     /// The joints from the body's origin.
     #[inline(always)]
-    pub(in super::super) fn joints(&self) -> (Column, Column) {
+    pub(in super::super) fn joints(&self) -> (LaneBlock, LaneBlock) {
         from_origin(self.body, self.joint_x, self.joint_y)
     }
 }
 
 /// What a query tells of a block.
-pub(in super::super) enum Answer {
+pub(in super::super) enum QueryResult {
     /// Something touches, or is nearer than [`Query::far_m`].
     Near,
     /// Nothing is near. None: the query does not know the clearances; the caller may compute them.
@@ -69,15 +69,15 @@ pub(in super::super) enum Answer {
 
 /// Centres of links from the body's origin, and their headings.
 pub(in super::super) struct Poses<'a> {
-    pub(in super::super) x: Column,
-    pub(in super::super) y: Column,
-    pub(in super::super) cos: &'a Column,
-    pub(in super::super) sin: &'a Column,
+    pub(in super::super) x: LaneBlock,
+    pub(in super::super) y: LaneBlock,
+    pub(in super::super) cos: &'a LaneBlock,
+    pub(in super::super) sin: &'a LaneBlock,
 }
 
 impl<'a> Poses<'a> {
     #[inline(always)]
-    fn of(from: &Sources<'a>, at: usize, body: &EndBody) -> Poses<'a> {
+    fn new(from: &LinkSources<'a>, at: usize, body: &EndBody) -> Poses<'a> {
         let (x, y) = from_origin(body, &from.x[at], &from.y[at]);
         Poses { x, y, cos: &from.cos[at], sin: &from.sin[at] }
     }
@@ -96,7 +96,7 @@ impl<'a> Poses<'a> {
 
     /// The body's origin in the frames of the links.
     #[inline(always)]
-    pub(in super::super) fn origin(&self) -> (Column, Column) {
+    pub(in super::super) fn origin(&self) -> (LaneBlock, LaneBlock) {
         let mut out = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
             (out.0[i], out.1[i]) = self.link(i, -self.x[i], -self.y[i]);
@@ -108,21 +108,21 @@ impl<'a> Poses<'a> {
 /// The tooth gaps that joints are in: number, and direction of the axis in the sprocket's frame.
 #[derive(Clone, Debug, Default)]
 pub(in super::super) struct ToothGaps {
-    pub(in super::super) seat: Column,
-    pub(in super::super) cos: Column,
-    pub(in super::super) sin: Column,
+    pub(in super::super) seat: LaneBlock,
+    pub(in super::super) cos: LaneBlock,
+    pub(in super::super) sin: LaneBlock,
     /// Tangent of how far off an axis it is surely the nearest.
     sure_tan: f64,
 }
 
 impl ToothGaps {
-    pub(in super::super) fn new(seats: &Seats) -> ToothGaps {
+    pub(in super::super) fn new(seats: &SeatDirections) -> ToothGaps {
         ToothGaps { sure_tan: seats.sure_tan(), ..ToothGaps::default() }
     }
 
     /// Directions of the axes in the world.
     #[inline(always)]
-    pub(in super::super) fn axes(&self, (c, s): (f64, f64)) -> (Column, Column) {
+    pub(in super::super) fn axes(&self, (c, s): (f64, f64)) -> (LaneBlock, LaneBlock) {
         let mut out = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
             out.0[i] = c * self.cos[i] - s * self.sin[i];
@@ -133,7 +133,11 @@ impl ToothGaps {
 
     /// How far joints are from where they leave their gaps, at least [m]; `(gx, gy)`: as [`ToothGaps::axes`] has them.
     #[inline(always)]
-    pub(in super::super) fn margins(&self, (x, y): (&Column, &Column), (gx, gy): (&Column, &Column)) -> Column {
+    pub(in super::super) fn margins(
+        &self,
+        (x, y): (&LaneBlock, &LaneBlock),
+        (gx, gy): (&LaneBlock, &LaneBlock),
+    ) -> LaneBlock {
         let per_length = 1.0 / (1.0 + self.sure_tan * self.sure_tan).sqrt();
         let mut out = [0.0; LANES];
         for i in 0..LANES {
@@ -145,21 +149,21 @@ impl ToothGaps {
 
     /// Looks up the gaps of the lanes of `near` that have left theirs.
     #[inline(always)]
-    pub(in super::super) fn settle(
+    pub(in super::super) fn update_gaps(
         &mut self,
-        seats: &Seats,
+        seats: &SeatDirections,
         rotor: (f64, f64),
-        near: &Mask,
-        (x, y): (&Column, &Column),
+        near: &LaneMask,
+        (x, y): (&LaneBlock, &LaneBlock),
     ) {
         let (gx, gy) = self.axes(rotor);
-        let mut strayed = [0; LANES];
+        let mut outdated = [0; LANES];
         for i in 0..LANES {
             let (along, across) = (x[i] * gx[i] + y[i] * gy[i], gx[i] * y[i] - gy[i] * x[i]);
-            strayed[i] = near[i] & !mask(across.abs() < self.sure_tan * along);
+            outdated[i] = near[i] & !mask(across.abs() < self.sure_tan * along);
         }
-        if any(&strayed) {
-            for i in (0..LANES).filter(|i| strayed[*i] != 0) {
+        if any(&outdated) {
+            for i in (0..LANES).filter(|i| outdated[*i] != 0) {
                 let seat = seats.nearest(Vec2::new(x[i], y[i]), rotor).0;
                 (self.cos[i], self.sin[i]) = seats.direction(seat);
                 self.seat[i] = seat as f64;
@@ -172,15 +176,15 @@ impl ToothGaps {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in super::super) struct Clearances {
     /// At least this wide [m]; of lanes of other bodies infinite.
-    pub(in super::super) at_least_m: Column,
+    pub(in super::super) at_least_m: LaneBlock,
     /// 1 where motion along a face narrows them too: past its ends; else 0.
-    pub(in super::super) past_end: Column,
+    pub(in super::super) past_end: LaneBlock,
 }
 
 impl Clearances {
     /// Of these lanes; the others' are infinite.
     #[inline(always)]
-    pub(in super::super) fn of(own: &Mask, gaps_m: &Column) -> Clearances {
+    pub(in super::super) fn new(own: &LaneMask, gaps_m: &LaneBlock) -> Clearances {
         let mut out = Clearances::default();
         for i in 0..LANES {
             out.at_least_m[i] = if own[i] != 0 { gaps_m[i] } else { f64::INFINITY };
@@ -190,7 +194,7 @@ impl Clearances {
 
     /// Narrows them by what the links have moved. Returns whether all are still too wide for this step.
     #[inline(always)]
-    pub(super) fn outlast(&mut self, motion: &Motion) -> bool {
+    pub(super) fn remain_clear(&mut self, motion: &MotionBounds) -> bool {
         let mut due = [0; LANES];
         for i in 0..LANES {
             let along = self.past_end[i] * motion.along_m[i];
@@ -202,13 +206,13 @@ impl Clearances {
 }
 
 /// How points of a block of links move against a body, at most: those that may touch it.
-pub(super) struct Motion {
+pub(super) struct MotionBounds {
     /// In the step before [m].
-    pub(super) moved_m: Column,
+    pub(super) moved_m: LaneBlock,
     /// In this one, as the contacts reckon [m].
-    pub(super) way_m: Column,
+    pub(super) way_m: LaneBlock,
     /// Along a face, in the step before; in this one no more than twice that [m].
-    pub(super) along_m: Column,
+    pub(super) along_m: LaneBlock,
 }
 
 /// What a block of ends touches with.
@@ -234,13 +238,18 @@ impl Cache {
 
     /// Where the ends of a block meet the body.
     #[inline(always)]
-    pub(super) fn touches(&mut self, query: &Query<'_>, contour: &LinkContour, found: &mut Found) -> Answer {
+    pub(super) fn touches(
+        &mut self,
+        query: &Query<'_>,
+        contour: &LinkContour,
+        found: &mut EndContactLanes,
+    ) -> QueryResult {
         match (self, contour) {
             (Cache::Abutments(cache), LinkContour::Abutments { front, rear }) => {
                 abutments::touches(query, if query.front { front } else { rear }, cache, found)
             }
             (Cache::Flanks(cache), _) => flanks::touches(query, cache, found),
-            _ => Answer::Apart(None),
+            _ => QueryResult::Apart(None),
         }
     }
 }

@@ -1,0 +1,90 @@
+//! The part of a step that concerns shafts: loads, couplings, and the motion of the driver.
+
+use super::Scratch;
+use crate::elements::coordinate::CoordinateMotion;
+use crate::elements::driver_motion::sum_of_cosines;
+use crate::model::Model;
+use crate::recording::frame::Energy;
+use crate::state::State;
+
+/// Time of the node since the recording began; negative while a drive is run in [s].
+#[inline(always)]
+fn time_s(model: &Model, state: &State, scratch: &Scratch) -> f64 {
+    (state.step as f64 - scratch.run_in.steps_before as f64) * model.step_s
+}
+
+/// Adds loads and couplings to the forces of parts, apart by what they do to energy.
+pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
+    if !model.has_shaft_forces() {
+        return;
+    }
+    let q = &state.coordinates;
+    let half = 0.5 * model.step_s;
+    let speed = |k: usize| q.omega[k] + half * q.alpha[k];
+    scratch.losing_force.fill(0.0);
+    scratch.working_force.fill(0.0);
+    for load in &model.loads {
+        let k = load.coordinate;
+        let force = load.force(q.angle[k], speed(k));
+        let column = if load.is_dissipative { &mut scratch.losing_force } else { &mut scratch.working_force };
+        column[k] += force;
+    }
+    if let Some(motion) = &model.driver_motion {
+        let turn_rad = motion.turn_rad(time_s(model, state, scratch));
+        for load in &model.order_loads {
+            scratch.working_force[load.coordinate] -= load.sense * sum_of_cosines(&load.harmonics, turn_rad);
+        }
+    }
+    for coupling in &model.couplings {
+        let [a, b] = coupling.ends;
+        let (spring, damper) = coupling.torques_nm([q.angle[a], q.angle[b]], [speed(a), speed(b)]);
+        scratch.parts_force[a] += spring;
+        scratch.parts_force[b] -= spring;
+        scratch.losing_force[a] += damper;
+        scratch.losing_force[b] -= damper;
+    }
+    for ((sum, losing), working) in
+        scratch.parts_force.iter_mut().zip(&scratch.losing_force).zip(&scratch.working_force)
+    {
+        *sum += losing + working;
+    }
+}
+
+/// Speed of the driver in the middle of the coming step [rad/s]; None where it is constant.
+#[inline(always)]
+pub(super) fn driver_speed(model: &Model, state: &State, scratch: &Scratch, k: usize) -> Option<f64> {
+    let motion = model.driver_motion.as_ref()?;
+    let half = 0.5 * model.step_s;
+    let q = &state.coordinates;
+    // The angle in the middle of the step, as the speed of the step before has it.
+    Some(motion.speed_rad_s(time_s(model, state, scratch) + half, q.angle[k] + half * q.omega[k]))
+}
+
+/// Adds what coordinates and couplings hold, lose and take at the node to the accounts: sums up to the step before, and half of this step's.
+pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &mut Energy) {
+    let r = &state.coordinates;
+    let h = model.step_s;
+    for (k, coordinate) in model.coordinates.iter().enumerate() {
+        let speed = r.omega[k] + 0.5 * h * scratch.coordinate_alpha[k];
+        let half_step_turn = 0.5 * h * speed;
+        e.work_in_j += r.work_in[k];
+        e.work_out_j += r.work_out[k];
+        match coordinate.motion {
+            CoordinateMotion::Prescribed { .. } => {
+                e.work_in_j -= (scratch.chain_torque[k] + scratch.parts_force[k]) * half_step_turn;
+            }
+            CoordinateMotion::Free { inertia, load } => {
+                e.kinetic_j += 0.5 * inertia * speed.powi(2);
+                e.work_out_j -= (load + scratch.working_force[k]) * half_step_turn;
+            }
+        }
+        e.elastic_spring_j += coordinate.spring.energy_j(r.angle[k]);
+        if let Some(lost) = r.lost.get(k) {
+            e.lost_spring_damping_j +=
+                lost + (coordinate.spring.damping * speed - scratch.losing_force[k]) * half_step_turn;
+        }
+    }
+    for coupling in &model.couplings {
+        e.elastic_spring_j += coupling.energy_j(coupling.ends.map(|k| r.angle[k]));
+    }
+}

@@ -1,0 +1,171 @@
+//! Shafts without sprockets, couplings, loads, and how the driver turns.
+
+use super::Model;
+use crate::drive::shafts::Moving;
+use crate::drive::{Drive, OuterSpec};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::coupling::Coupling;
+use crate::elements::driver_motion::DriverMotion;
+use crate::elements::load::{Load, OrderLoad};
+
+impl Model {
+    /// Puts in what turns without a sprocket, and what acts on shafts, arms and sliders. Comes before the oil: what turns stands before what
+    /// slides.
+    pub fn add_shafts(&mut self, drive: &Drive) {
+        let on_sprockets = |shaft: usize| drive.sprockets.iter().position(|s| s.shaft == Some(shaft));
+        let first = self.n_turning();
+        let mut added = Vec::new();
+        let mut of_shaft = vec![0; drive.shafts.len()];
+        for (k, shaft) in drive.shafts.iter().enumerate() {
+            of_shaft[k] = match on_sprockets(k) {
+                Some(sprocket) => self.sprockets[sprocket].coordinate,
+                None => {
+                    added.push(free_shaft(&shaft.name, shaft.outer));
+                    first + added.len() - 1
+                }
+            };
+        }
+        self.make_room(first, added.len());
+        self.coordinates.splice(first..first, added);
+        let coordinate = |m: Moving, model: &Model| match m {
+            Moving::Sprocket(k) => model.sprockets[k].coordinate,
+            Moving::Shaft(k) => of_shaft[k],
+            // Several chains have their arms and sliders in another order than the file.
+            Moving::Arm(k) => find(&model.arms, |a| a.name == drive.arms[k].name).coordinate,
+            Moving::Slider(k) => find(&model.sliders, |s| s.name == drive.sliders[k].name).coordinate,
+        };
+        for c in &drive.train.couplings {
+            self.couplings.push(Coupling {
+                path: c.path.clone(),
+                ends: c.between.map(|m| coordinate(m, self)),
+                stiffness_nm_per_rad: c.stiffness_nm_per_rad,
+                damping_nm_s_per_rad: c.damping_nm_s_per_rad,
+            });
+        }
+        self.spread_nominal_speeds();
+        for l in &drive.train.loads {
+            self.loads.push(Load {
+                path: l.path.clone(),
+                coordinate: coordinate(l.on, self),
+                law: l.law,
+                values: l.values.clone(),
+                is_dissipative: l.is_dissipative,
+            });
+        }
+        for l in &drive.train.order_loads {
+            let coordinate = coordinate(l.on, self);
+            let sense = if self.coordinates[coordinate].nominal_speed_rad_s < 0.0 { -1.0 } else { 1.0 };
+            let (path, harmonics) = (l.path.clone(), l.harmonics.clone());
+            self.order_loads.push(OrderLoad { path, coordinate, sense, harmonics });
+        }
+        self.turning_parts = of_shaft.into_iter().filter(|k| (first..).contains(k)).collect();
+        self.turning_parts.extend(drive.arms.iter().map(|arm| find(&self.arms, |a| a.name == arm.name).coordinate));
+        let motion = &drive.train.motion;
+        if motion.varies() || !self.order_loads.is_empty() {
+            let sense = drive.sprockets[drive.driver()].wrap.sign();
+            let fluctuations = motion.fluctuations.clone();
+            self.driver_motion = Some(DriverMotion::new(&motion.speeds, motion.harmonics.clone(), fluctuations, sense));
+        }
+    }
+
+    /// Coordinates from `first` on move up by `count`.
+    fn make_room(&mut self, first: usize, count: usize) {
+        if count == 0 {
+            return;
+        }
+        let moved = |q: usize| if q >= first { q + count } else { q };
+        self.touches.iter_mut().for_each(|t| t.shape = t.shape.renumbered(moved));
+        self.sliders.iter_mut().for_each(|s| s.coordinate = moved(s.coordinate));
+    }
+
+    /// A shaft behind a coupling turns as fast as what turns it.
+    fn spread_nominal_speeds(&mut self) {
+        for _ in 0..self.couplings.len() {
+            for c in &self.couplings {
+                let [a, b] = c.ends;
+                for (from, to) in [(a, b), (b, a)] {
+                    let (speed, reach_m) = (self.coordinates[from].nominal_speed_rad_s, self.coordinates[from].reach_m);
+                    let other = &mut self.coordinates[to];
+                    if other.nominal_speed_rad_s == 0.0 && speed != 0.0 {
+                        (other.nominal_speed_rad_s, other.reach_m) = (speed, reach_m);
+                        if let CoordinateMotion::Free { load, .. } = &mut other.motion {
+                            *load *= speed.signum();
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether there are forces on coordinates besides those of the chain, of touches and of oil.
+    pub fn has_shaft_forces(&self) -> bool {
+        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty())
+    }
+
+    /// Whether something on coordinates loses energy.
+    pub fn has_losses(&self) -> bool {
+        self.coordinates.iter().any(|c| c.spring.damping > 0.0)
+            || self.loads.iter().any(|l| l.is_dissipative)
+            || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
+    }
+
+    /// Mean of the loads by laws on a coordinate at its nominal speed [N m, N].
+    pub fn mean_load(&self, coordinate: usize) -> f64 {
+        let speed = self.coordinates[coordinate].nominal_speed_rad_s;
+        self.loads.iter().filter(|l| l.coordinate == coordinate).map(|l| l.mean_force(speed)).sum()
+    }
+
+    /// Turn of the driver at a time since the recording began, harmonics included [rad].
+    pub fn crank_angle_rad(&self, t_s: f64) -> f64 {
+        match (&self.driver_motion, self.sprockets.get(self.driver)) {
+            (Some(motion), _) => motion.angle_rad(t_s),
+            (None, Some(driver)) => driver.nominal_speed_rad_s * t_s,
+            (None, None) => 0.0,
+        }
+    }
+
+    /// The coordinate of a sprocket, or behind all sprockets of a shaft without one, or of an arm, as sensors count them.
+    pub fn turning_part(&self, index: usize) -> usize {
+        match self.sprockets.get(index) {
+            Some(sprocket) => sprocket.coordinate,
+            None => self.turning_parts[index - self.sprockets.len()],
+        }
+    }
+
+    /// The first of the coordinates that couplings join with this one.
+    pub fn first_coupled(&self, coordinate: usize) -> usize {
+        let mut first = coordinate;
+        for _ in 0..self.couplings.len() {
+            for [a, b] in self.couplings.iter().map(|c| c.ends) {
+                if a == first || b == first {
+                    first = a.min(b);
+                }
+            }
+        }
+        first
+    }
+}
+
+/// The one of a list that is known to be there.
+fn find<T>(all: &[T], is: impl Fn(&T) -> bool) -> &T {
+    all.iter().find(|t| is(t)).expect("every part of the drive is in its model")
+}
+
+fn free_shaft(name: &str, outer: OuterSpec) -> Coordinate {
+    Coordinate {
+        path: format!("shafts.{name}"),
+        kind: CoordinateKind::Turns,
+        motion: match outer {
+            // Refused when the drive is read.
+            OuterSpec::Speed { speed_rad_s } => CoordinateMotion::Prescribed { speed_rad_s },
+            OuterSpec::Load { inertia_kg_m2, torque_nm } => {
+                CoordinateMotion::Free { inertia: inertia_kg_m2, load: -torque_nm }
+            }
+        },
+        spring: CoordinateSpring::default(),
+        nominal_speed_rad_s: 0.0,
+        reach_m: 0.0,
+        rest_load: 0.0,
+        is_held_at_rest: false,
+    }
+}
