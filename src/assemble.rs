@@ -28,8 +28,11 @@ use std::f64::consts::PI;
 
 /// A drive ready to run.
 pub struct Assembly {
+    /// The compiled drive, with its axes where they were moved to.
     pub model: Model,
+    /// The state at step 0, after run-in and settling.
     pub state: State,
+    /// How it was assembled.
     pub report: AssemblyReport,
 }
 
@@ -44,18 +47,25 @@ pub struct AssemblyReport {
     pub sliders: Vec<RestingSlider>,
     /// Mean tension of the first chain at rest, unloaded, over one tooth period [N]; its lowest and highest value there.
     pub preload_n: f64,
+    /// Lowest mean tension over one tooth period [N].
     pub preload_low_n: f64,
+    /// Highest mean tension over one tooth period [N].
     pub preload_high_n: f64,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
+    /// Highest tension of a joint [N].
     pub static_max_tension_n: f64,
+    /// Lowest tension of a joint [N].
     pub static_min_tension_n: f64,
     /// Largest unbalanced force of the static solution [N], and its iterations.
     pub residual_n: f64,
+    /// Newton iterations of the static solution.
     pub iterations: usize,
     /// Step taken, largest allowed, and what bounds it.
     pub step_s: f64,
+    /// Largest step that the scheme bears [s].
     pub step_bound_s: f64,
+    /// What bounds the step, in words.
     pub step_bound_cause: String,
     /// Per free sprocket: peak-to-peak of the speed averaged over tooth periods, relative to nominal, while settling.
     pub stillness: Vec<f64>,
@@ -66,24 +76,33 @@ pub struct AssemblyReport {
 /// Axis of a sprocket that was moved [m].
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MovedAxis {
+    /// Name of the sprocket.
     pub sprocket: String,
+    /// x of its axis [m].
     pub x_m: f64,
+    /// y of its axis [m].
     pub y_m: f64,
 }
 
 /// Where an arm rests, from the position in which it is drawn [rad], and the torque of its spring there [N m].
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RestingArm {
+    /// Name of the arm.
     pub arm: String,
+    /// Angle from where it is drawn, counterclockwise positive [rad].
     pub angle_rad: f64,
+    /// Torque of its spring on it there [N m].
     pub spring_torque_nm: f64,
 }
 
 /// Where a slider rests, from where it is drawn [m], and the force of its tip there [N].
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RestingSlider {
+    /// Name of the slider.
     pub slider: String,
+    /// Distance from where it is drawn, outwards positive [m].
     pub position_m: f64,
+    /// Force with which its tip presses [N].
     pub tip_force_n: f64,
 }
 
@@ -138,7 +157,14 @@ pub enum AssemblyError {
     /// The drive's mistake: points into the file.
     Input(Report),
     /// No equilibrium.
-    Statics { what: String, residual_n: f64, iterations: usize },
+    Statics {
+        /// Which chain or arm.
+        what: String,
+        /// Largest unbalanced force that remained [N].
+        residual_n: f64,
+        /// Newton iterations until then.
+        iterations: usize,
+    },
     /// Broke down while running in.
     RunIn(StepError),
 }
@@ -165,13 +191,18 @@ const PRELOAD_PHASES: u32 = 4;
 /// The mean preload is met to this fraction.
 const PRELOAD_TOLERANCE: f64 = 1e-4;
 
-/// Compiles and assembles a drive.
+/// Compiles and assembles a drive: moves axes until the preload is met, finds the static equilibrium under load, runs in.
+///
+/// # Errors
+/// See [`AssemblyError`].
 pub fn assemble(drive: &Drive) -> Result<Assembly, AssemblyError> {
     assemble_with(drive, Isa::detect())
 }
 
+#[doc(hidden)]
 /// A drive tightened and compiled, without the State that assembling ends in.
 pub struct Compiled {
+    /// The compiled drive.
     pub model: Model,
     bound: StepBound,
     /// Mean tension at rest over the phases of the driver [N].

@@ -8,6 +8,7 @@ use std::ops::Range;
 pub struct SourceText {
     /// File name, or `--set`.
     pub name: String,
+    /// All of the text, into which the spans of errors point.
     pub text: String,
 }
 
@@ -16,6 +17,7 @@ pub struct SourceText {
 pub struct Place {
     /// Index into the sources of the [`Report`].
     pub source: usize,
+    /// Range of bytes in the text of the source.
     pub span: Range<usize>,
 }
 
@@ -24,6 +26,7 @@ pub struct Place {
 pub struct Diag {
     /// What is wrong, with the value and what would be right.
     pub title: String,
+    /// Where it is wrong.
     pub place: Place,
     /// What to do.
     pub help: Option<String>,
@@ -32,7 +35,9 @@ pub struct Diag {
 /// All errors of an input, in the order of its text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
+    /// The file first, then one for every override that an error points into.
     pub sources: Vec<SourceText>,
+    /// The errors, sorted by place, none twice.
     pub diags: Vec<Diag>,
 }
 
@@ -40,6 +45,7 @@ pub struct Report {
 const MAX_PRINTED: usize = 20;
 
 impl Report {
+    /// Sorts the errors by their places and drops repetitions.
     pub fn new(sources: Vec<SourceText>, mut diags: Vec<Diag>) -> Report {
         diags.sort_by_key(|d| (d.place.source, d.place.span.start));
         diags.dedup();

@@ -8,6 +8,7 @@ mod chains;
 mod check;
 pub mod mechanism;
 mod read;
+#[doc(hidden)]
 pub mod reader;
 pub mod sensors;
 pub mod shafts;
@@ -46,35 +47,53 @@ pub const CHAIN_TYPES: [&str; 3] = ["bush-20-40", "silent-20-40", "smartchain-20
 /// What is a chain's own where a drive has several.
 #[derive(Clone, Debug)]
 pub struct ChainPart {
+    /// Type and dimensions of the links.
     pub chain: ChainSpec,
+    /// Number of links.
     pub links: usize,
+    /// How its links differ from each other.
     pub scatter: ScatterSpec,
+    /// Its joints: pin and bush, or pin and pin.
     pub joint: JointSpec,
+    /// Contact with the teeth of sprockets.
     pub tooth_contact: ContactSpec,
+    /// Contact with guides and rails.
     pub guide_contact: ContactSpec,
+    /// How this chain is tightened.
     pub preload: PreloadSpec,
 }
 
 /// A shaft that sprockets sit on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShaftSpec {
+    /// Last part of its path in the file.
     pub name: String,
+    /// What turns it.
     pub outer: OuterSpec,
 }
 
 /// A checked drive, in SI, with the text it came from.
 #[derive(Clone, Debug)]
 pub struct Drive {
+    /// Name of the file without its extension, or of the bundled drive.
     pub name: String,
+    /// The drive file, unchanged.
     pub text: String,
+    /// `path=value` overrides, in the order in which they were given.
     pub overrides: Vec<String>,
+    /// Title in the drive file.
     pub title: String,
     /// The chain; of several, the first.
     pub chain: ChainSpec,
+    /// Number of links; of several chains, of the first.
     pub links: usize,
+    /// How links differ from each other.
     pub scatter: ScatterSpec,
+    /// Joints of the chain.
     pub joint: JointSpec,
+    /// Bushes or flanks on teeth.
     pub tooth_contact: ContactSpec,
+    /// Plates on guides and rails.
     pub guide_contact: ContactSpec,
     /// Abutments on rings.
     pub ring_contact: ContactSpec,
@@ -84,32 +103,46 @@ pub struct Drive {
     pub more: Vec<ChainPart>,
     /// Names of all chains where there are several.
     pub chain_names: Vec<String>,
+    /// Shafts that carry several sprockets; a sprocket may have none.
     pub shafts: Vec<ShaftSpec>,
     /// How the driver turns, loads and couplings.
     pub train: shafts::ShaftTrain,
     /// In the order in which the chain meets them, one chain after the other.
     pub sprockets: Vec<SprocketDrive>,
+    /// Straight guides along spans.
     pub guides: Vec<GuideSpec>,
+    /// Tensioner arms.
     pub arms: Vec<ArmSpec>,
+    /// Plungers of hydraulic tensioners.
     pub sliders: Vec<SliderSpec>,
     /// Tips of sliders on arms; None without sliders.
     pub tip_contact: Option<ContactSpec>,
+    /// Oil behind the sliders; None: no slider is hydraulic.
     pub oil: Option<OilSpec>,
+    /// Curved guides, fixed or on arms.
     pub rails: Vec<RailSpec>,
+    /// How the loop of the first chain is tightened.
     pub preload: PreloadSpec,
+    /// Departures from the ideal drive.
     pub effects: Effects,
+    /// Sensors of the drive, in the order of the file.
     pub sensors: Vec<sensors::SensorSpec>,
     /// Effects on their signals, in the order in which a signal passes them.
     pub signals: Vec<sensors::SignalSpec>,
+    /// Step and durations before the recording.
     pub run: RunSpec,
+    /// Where every value stands in the file, for errors.
     pub places: Places,
 }
 
 /// The chain, of one type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ChainSpec {
+    /// Bush chain: bushes seat in the gaps of ISO 606 sprockets.
     Bush(BushChain),
+    /// Silent chain: flanks of inverted teeth bear on the sprocket's faces.
     Silent(SilentChain),
+    /// Abutment chain (SmartChain kind): abutments carry the links onto rings beside the teeth.
     Abutment(AbutmentChain),
 }
 
@@ -132,6 +165,7 @@ impl ChainSpec {
         }
     }
 
+    /// Diameter of the pins [m].
     pub fn pin_diameter_m(&self) -> f64 {
         match self {
             ChainSpec::Bush(c) => c.pin_diameter_m,
@@ -162,10 +196,15 @@ impl ChainSpec {
 /// Joints of the chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSpec {
+    /// Radial stiffness of pin in bush [N/m].
     pub stiffness_n_per_m: f64,
+    /// Radial damping [N s/m].
     pub damping_n_s_per_m: f64,
+    /// Radial play of the pin in its bush; tension is zero within it [m].
     pub clearance_m: f64,
+    /// Coulomb coefficient of pin in bush.
     pub friction: f64,
+    /// Relative speed of two links below which friction is proportional to it [rad/s].
     pub stick_speed_rad_s: f64,
 }
 
@@ -174,27 +213,35 @@ pub struct JointSpec {
 pub struct ScatterSpec {
     /// Standard deviation of the pitch [m].
     pub pitch_m: f64,
+    /// Seed of the random numbers; the same seed gives the same links.
     pub seed: u64,
 }
 
 /// A contact pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactSpec {
+    /// Normal force over penetration and its rate.
     pub law: ContactLaw,
+    /// Coulomb coefficient.
     pub friction: f64,
+    /// Sliding speed below which friction is proportional to it [m/s].
     pub stick_speed_m_s: f64,
 }
 
 /// A sprocket with what turns it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SprocketDrive {
+    /// Last part of its path in the file.
     pub name: String,
     /// Index of the chain that runs on it.
     pub chain: usize,
     /// Index of the shaft it sits on; None: its own.
     pub shaft: Option<usize>,
+    /// Number of teeth.
     pub teeth: u32,
+    /// Smallest or largest tooth gap of ISO 606; of bush and abutment chains.
     pub form: GapForm,
+    /// Tip diameter; None: standard [m].
     pub tip_diameter_m: Option<f64>,
     /// Gaps cut deeper by this [m].
     pub root_relief_m: f64,
@@ -202,11 +249,17 @@ pub struct SprocketDrive {
     pub ring: RingForm,
     /// Of a silent chain; what is not given is standard.
     pub face: FaceForm,
+    /// Clearance between toe and root of a silent chain; None: standard [m].
     pub root_clearance_m: Option<f64>,
+    /// Rounding of the tip corners of a silent sprocket; None: standard [m].
     pub corner_radius_m: Option<f64>,
+    /// x of its axis as drawn; preload may move it [m].
     pub x_m: f64,
+    /// y of its axis as drawn [m].
     pub y_m: f64,
+    /// Sense in which the chain goes round it.
     pub wrap: Wrap,
+    /// What turns it or loads it.
     pub outer: OuterSpec,
 }
 
@@ -228,25 +281,41 @@ pub enum FaceForm {
     /// Osculates the involute.
     Arc,
     /// Arc of this radius that touches the seated flank at a distance from the foot of the joint's perpendicular [m].
-    Crowned { radius_m: f64, contact_distance_m: f64 },
+    Crowned {
+        /// Radius of the arc [m].
+        radius_m: f64,
+        /// Distance of the contact from the foot of the joint's perpendicular [m].
+        contact_distance_m: f64,
+    },
 }
 
 /// What is prescribed at a sprocket.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OuterSpec {
     /// Speed in the sense in which the chain moves forwards [rad/s].
-    Speed { speed_rad_s: f64 },
+    Speed {
+        /// Constant speed, negative backwards [rad/s].
+        speed_rad_s: f64,
+    },
     /// Load torque against the motion [N m].
-    Load { inertia_kg_m2: f64, torque_nm: f64 },
+    Load {
+        /// Inertia of everything that turns with it [kg m2].
+        inertia_kg_m2: f64,
+        /// Torque of the load [N m].
+        torque_nm: f64,
+    },
 }
 
 /// A fixed guide along the span from one sprocket to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideSpec {
+    /// Last part of its path in the file.
     pub name: String,
     /// Index of the sprocket that the span leaves.
     pub span: usize,
+    /// On which side of the chain it stands.
     pub side: GuideSide,
+    /// Distance of its start from the start of the span [m].
     pub start_m: f64,
     /// Distance of the end of the guide from the end of the span.
     pub end_m: f64,
@@ -254,38 +323,49 @@ pub struct GuideSpec {
     pub clearance_m: f64,
     /// How much nearer to the chain it stands where the chain leaves it than where it arrives [m].
     pub end_lift_m: f64,
+    /// Radius of its lead-in and lead-out [m].
     pub end_radius_m: f64,
 }
 
 /// A body that turns about a pivot, held by a torsion spring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmSpec {
+    /// Last part of its path in the file.
     pub name: String,
+    /// Point about which it turns [m].
     pub pivot: Vec2,
     /// About the pivot.
     pub inertia_kg_m2: f64,
+    /// Torsional stiffness of its spring [N m/rad].
     pub spring_nm_per_rad: f64,
     /// Torque of the spring on the arm in the position in which it is drawn, counterclockwise positive [N m].
     pub spring_torque_nm: f64,
+    /// Torsional damping [N m s/rad].
     pub damping_nm_s_per_rad: f64,
     /// Ends of its way from where it is drawn [rad], and how far from the pivot its stops are [m].
     pub low_rad: Option<f64>,
+    /// Largest angle from where it is drawn; None: no stop [rad].
     pub high_rad: Option<f64>,
+    /// Distance of the stops from the pivot [m].
     pub stop_radius_m: f64,
 }
 
 /// A guide of arcs and lines, along the way from one sprocket to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RailSpec {
+    /// Last part of its path in the file.
     pub name: String,
     /// Index of the sprocket that the way leaves.
     pub span: usize,
     /// Index of the arm that carries it; None: fixed.
     pub arm: Option<usize>,
+    /// On which side of the chain it stands.
     pub side: GuideSide,
     /// Where the chain arrives, and its heading there.
     pub start: Vec2,
+    /// Heading of the rail at `start`, counterclockwise from +x [rad].
     pub heading_rad: f64,
+    /// Arcs and lines from there.
     pub stretches: Vec<Stretch>,
 }
 
@@ -318,23 +398,30 @@ impl PreloadSpec {
 /// What departs from the ideal drive.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
+    /// Tooth gaps cut too deep or too shallow.
     pub gap_errors: Vec<GapError>,
+    /// Waves round sprockets: runout, or uneven tooth pitch.
     pub gap_waves: Vec<GapWave>,
+    /// Single links that are longer or shorter.
     pub pitch_errors: Vec<PitchError>,
     /// Of every link [m].
     pub elongation_m: f64,
     /// By which inner links are longer than outer ones [m].
     pub alternate_m: f64,
+    /// Joints that turn hard.
     pub tight_joints: Vec<TightJoint>,
     /// Of every pin in its bush, beyond the declared friction.
     pub pin_friction: f64,
+    /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
 }
 
 /// What a guide has beyond its declared contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideEffect {
+    /// Name of the guide.
     pub guide: String,
+    /// Coulomb coefficient beyond the declared one.
     pub friction: f64,
     /// Of its mounting, in series with the contact [m/N].
     pub compliance_m_per_n: f64,
@@ -345,6 +432,7 @@ pub struct GuideEffect {
 pub struct GapError {
     /// Index of the sprocket.
     pub sprocket: usize,
+    /// Number of the gap, counted counterclockwise from the sprocket's mark.
     pub gap: u32,
     /// Negative: cut too deep [m].
     pub outward_m: f64,
@@ -355,7 +443,9 @@ pub struct GapError {
 pub struct GapWave {
     /// Index of the sprocket.
     pub sprocket: usize,
+    /// Amplitude of the wave [m].
     pub amplitude_m: f64,
+    /// Phase of the wave [rad].
     pub phase_rad: f64,
     /// None: the whole toothing is displaced; else gaps are early and late so many times a turn.
     pub order: Option<u32>,
@@ -364,16 +454,22 @@ pub struct GapWave {
 /// A joint that turns hard.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TightJoint {
+    /// Last part of its path in the file.
     pub name: String,
+    /// Index of the joint.
     pub joint: usize,
+    /// Torque of its friction [N m].
     pub torque_nm: f64,
 }
 
 /// A link that is longer or shorter than the others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PitchError {
+    /// Last part of its path in the file.
     pub name: String,
+    /// Index of the link.
     pub link: usize,
+    /// Difference from the nominal pitch; negative: shorter [m].
     pub length_m: f64,
 }
 
@@ -389,7 +485,10 @@ pub struct RunSpec {
 }
 
 impl Drive {
-    /// Reads and checks a drive. All mistakes come back at once.
+    /// Reads and checks a drive. `name` is what errors call the text; `overrides` are `path=value`, as for `--set`.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
         let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;
@@ -405,6 +504,12 @@ impl Drive {
             drive.single_chain(chain).check()?;
         }
         Ok(drive)
+    }
+
+    /// A bundled drive: one of the names in [`BUNDLED`]. None: there is no such drive.
+    pub fn bundled(name: &str) -> Option<Drive> {
+        let (name, text) = BUNDLED.iter().find(|(bundled, _)| *bundled == name)?;
+        Drive::parse(name, text, &[]).ok()
     }
 
     /// Index of the sprocket whose speed is prescribed.

@@ -53,10 +53,12 @@ pub const LANE_WIDTH: usize = crate::elements::tooth_contact::LANES;
 pub enum Toothing {
     /// Seats bushes.
     Iso(Box<Sprocket>),
+    /// Bears the flanks of a silent chain.
     Silent(Box<SilentSprocket>),
 }
 
 impl Toothing {
+    /// Radius of the pitch circle, through the seated pins [m].
     pub fn pitch_radius_m(&self) -> f64 {
         match self {
             Toothing::Iso(s) => s.pitch_radius_m,
@@ -72,6 +74,7 @@ impl Toothing {
         }
     }
 
+    /// Radius of the bottom of the gaps [m].
     pub fn root_radius_m(&self) -> f64 {
         match self {
             Toothing::Iso(s) => s.root_radius_m,
@@ -79,6 +82,7 @@ impl Toothing {
         }
     }
 
+    /// Radius of the tips [m].
     pub fn tip_radius_m(&self) -> f64 {
         match self {
             Toothing::Iso(s) => s.tip_radius_m,
@@ -86,6 +90,7 @@ impl Toothing {
         }
     }
 
+    /// Number of teeth.
     pub fn teeth(&self) -> u32 {
         match self {
             Toothing::Iso(s) => s.spec.teeth,
@@ -113,10 +118,13 @@ impl Toothing {
 /// A sprocket of the model.
 #[derive(Clone, Debug)]
 pub struct SprocketModel {
+    /// Name in the drive file.
     pub name: String,
+    /// Exact tooth gap.
     pub geometry: Toothing,
     /// Index of the chain that runs on it.
     pub chain: usize,
+    /// The same as contacts need it: elements by tooth gap, friction, law.
     pub body: ToothedBody,
     /// What it turns by: index into [`Model::coordinates`].
     pub coordinate: usize,
@@ -127,10 +135,13 @@ pub struct SprocketModel {
 /// A guide of the model.
 #[derive(Clone, Debug)]
 pub struct GuideModel {
+    /// Name in the drive file.
     pub name: String,
     /// Index of the chain that runs on it.
     pub chain: usize,
+    /// Exact face, in the frame of the drive.
     pub geometry: StraightGuide,
+    /// The same as contacts need it.
     pub body: GuideBody,
 }
 
@@ -149,11 +160,13 @@ impl GuideModel {
 /// A rail of the model.
 #[derive(Clone, Debug)]
 pub struct RailModel {
+    /// Name in the drive file.
     pub name: String,
     /// Index of the chain that runs on it.
     pub chain: usize,
     /// In the frame of its body.
     pub rail: Rail,
+    /// The contour as contacts need it.
     pub body: RailBody,
     /// What the arm turns by that carries it; None: fixed.
     pub coordinate: Option<usize>,
@@ -161,6 +174,7 @@ pub struct RailModel {
     pub reach_m: f64,
     /// Corners of a box about it, in its frame.
     pub low: Vec2,
+    /// The upper right corner of the box about it, in its frame [m].
     pub high: Vec2,
 }
 
@@ -184,8 +198,11 @@ impl RailModel {
 /// An arm of the model.
 #[derive(Clone, Debug)]
 pub struct ArmModel {
+    /// Name in the drive file.
     pub name: String,
+    /// Point about which it turns [m].
     pub pivot: Vec2,
+    /// Index into [`Model::coordinates`].
     pub coordinate: usize,
     /// Angle from where it is drawn at which the loop closes without load, or an estimate of it [rad].
     pub start_rad: f64,
@@ -194,22 +211,31 @@ pub struct ArmModel {
 /// The whole drive, compiled.
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// Integration step [s].
     pub step_s: f64,
+    /// Columns of the links of all chains.
     pub chain: ChainModel,
     /// What sprockets and arms turn by.
     pub coordinates: Vec<Coordinate>,
+    /// Sprockets, in the order in which the chains meet them.
     pub sprockets: Vec<SprocketModel>,
+    /// Straight guides.
     pub guides: Vec<GuideModel>,
+    /// Tensioner arms.
     pub arms: Vec<ArmModel>,
+    /// Curved guides, fixed or on arms.
     pub rails: Vec<RailModel>,
     /// Parts that touch each other and no chain.
     pub touches: Vec<Touch>,
+    /// Plungers of tensioners.
     pub sliders: Vec<SliderModel>,
     /// Oil of tensioners.
     pub oil: Option<Network>,
-    /// Loads by laws, loads by orders of the driver, and couplings between what turns.
+    /// Loads by laws of the catalogue.
     pub loads: Vec<Load>,
+    /// Loads by orders of the driver.
     pub order_loads: Vec<OrderLoad>,
+    /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
     /// How the driver turns; None: at a constant speed, and no load asks for its turn.
     pub driver_motion: Option<DriverMotion>,
@@ -217,6 +243,7 @@ pub struct Model {
     turning_parts: Vec<usize>,
     /// Contour of the links' ends, and the bodies that it touches.
     pub contour: Option<LinkContour>,
+    /// Bodies that the contours of links touch: rings of abutment chains, teeth of silent sprockets.
     pub end_bodies: Vec<EndBody>,
     /// Per sprocket: where the straight path of the joints ends, from the foot of its axis along the arriving span [m].
     pub line_end_m: Vec<f64>,
@@ -228,9 +255,11 @@ pub struct Model {
     pub chain_speeds_m_s: Vec<f64>,
     /// Inner and outer link, of one chain after the other; `row_ranges`: those of each.
     pub rows: Vec<LinkShape>,
+    /// Rows of every chain in `rows`.
     pub row_ranges: Vec<std::ops::Range<usize>>,
     /// Route of every chain; none where there are no sprockets.
     pub routes: Vec<Route>,
+    /// What every sensor reads, in the order of the drive file.
     pub sensors: Vec<SensorReads>,
 }
 

@@ -3,6 +3,10 @@
 //! With a window around breakpoints, recorded items are held back for as long as the window reaches back. At a hit the
 //! run is repeated from a snapshot of the State before the window and recorded densely, with bit-identical steps.
 
+mod simulation;
+
+pub use simulation::Simulation;
+
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
@@ -46,9 +50,11 @@ impl RunLength {
 
 /// Where a run stops, or is recorded more densely.
 pub struct Breaks {
+    /// The expressions, each with what it remembers of the step before.
     pub watches: Vec<BreakWatch>,
     /// Hits after which the run ends; None: it continues.
     pub hits: Option<usize>,
+    /// Recorded densely round every hit; None: as the rest.
     pub around: Option<DenseWindow>,
 }
 
@@ -57,34 +63,43 @@ pub struct Breaks {
 pub struct DenseWindow {
     /// Steps before and after the hit.
     pub steps: u64,
+    /// Steps between two frames in the window.
     pub steps_per_frame: u64,
 }
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ending {
+    /// All steps were taken.
     Done,
     /// At a breakpoint.
     Hit,
     /// Interrupted after a whole step.
     Interrupted,
+    /// The step could not be computed: the last frames are those before it.
     Broke(StepError),
 }
 
 /// Summary of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
+    /// Why it ended.
     pub ending: Ending,
+    /// Steps taken.
     pub steps: u64,
+    /// Frames recorded, or taken where there is no sink.
     pub frames: u64,
+    /// XXH3-64 of the last State.
     pub state_hash: u64,
     /// At the last frame; for a run without a sink that breaks down, up to 63 frames before.
     pub energy: Energy,
     /// Stored energy at the first and at the last frame [J].
     pub stored_first_j: f64,
+    /// Stored energy at the last frame [J].
     pub stored_last_j: f64,
     /// At most [`MAX_HITS`] of them.
     pub hits: Vec<Hit>,
+    /// Number of hits, of which `hits` lists the first ones.
     pub n_hits: u64,
     /// None: not detected.
     pub impacts: Option<u64>,
@@ -92,11 +107,15 @@ pub struct Summary {
 
 /// Inputs of a run besides the model and its State.
 pub struct Job<'a> {
+    /// Header of the recordings; says the interval of frames.
     pub header: &'a Header,
+    /// Duration and frame interval.
     pub span: RunLength,
+    /// Break expressions, where there are any.
     pub breaks: Option<Breaks>,
     /// Has observed the previous steps, if there are any.
     pub impacts: ImpactWatch,
+    /// Takes frames; knows where the energy ledger began.
     pub camera: Camera,
 }
 
@@ -124,6 +143,9 @@ struct Recorder<'a, 's> {
 
 /// Runs `span` from `state`, with frames at its first and last step and in between. `stop` ends it after a step;
 /// `progress` receives the step number at every frame.
+///
+/// # Errors
+/// A sink cannot write. A run that breaks down is no error: see [`Summary::ending`].
 pub fn run(
     model: &Model,
     state: &mut State,
@@ -139,6 +161,9 @@ pub fn run(
 }
 
 /// As [`run`], with breakpoints.
+///
+/// # Errors
+/// As those of [`run`]; and where a window is recorded again, that it breaks down there.
 pub fn run_job(
     model: &Model,
     state: &mut State,

@@ -1,15 +1,17 @@
 //! Checks against closed forms: geometry, contact laws, polygon effect, rings, spans.
 
 mod common;
+#[path = "common/contour.rs"]
+mod contour;
 
 use common::{NO_FRICTION, assembled, drive, drive_without_guides, watch};
-use pitchline::contact::{BodyContour, gap_contact};
+use pitchline::contact::gap_contact;
 use pitchline::elements::contact_law::{ContactLaw, HertzLine, PairRadii, restitution_hysteresis};
 use pitchline::elements::link_joint::LinkJoint;
 use pitchline::geometry::chain::bush::{BushChain, RowSpec};
 use pitchline::geometry::profile::{Element, Profile};
 use pitchline::geometry::sprocket::{GapForm, Sprocket, SprocketError, SprocketSpec};
-use pitchline::geometry::{Vec2, rotated, unit};
+use pitchline::geometry::{Vec2, unit};
 use pitchline::integrate::explicit;
 use pitchline::model::Model;
 use pitchline::state::State;
@@ -131,18 +133,17 @@ fn closest_point_and_offset_agree_along_a_tooth() {
 }
 
 #[test]
-fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_poses() {
+fn contacts_by_seat_index_equal_brute_force_on_100_000_random_poses() {
     let mut touching = 0;
     for (teeth, form, seed) in [(20, GapForm::Max, 11), (40, GapForm::Min, 12)] {
         let s = Sprocket::new(spec(teeth, 8.0, 5.0, form)).expect("a tooth");
-        let contour = BodyContour::new(s.profile().expect("closed"));
+        let profile = s.profile().expect("closed");
         let r = 2.5e-3;
         let mut random = Random(seed);
         for _ in 0..50_000 {
             let radius = random.between(s.root_radius_m + 2.3e-3, s.tip_radius_m + 2.6e-3);
             let centre = unit(random.between(-PI, PI)) * radius;
-            let all = contour.circle_brute_force(centre, r);
-            assert_eq!(all, contour.circle(centre, r), "hierarchy against brute force at {centre}");
+            let all = contour::touches(&profile, centre, r);
             let local = gap_contact(&s, centre, r);
             // A bush in a gap contacts at most one element; deep inside a tooth it may overlap several, and the local
             // search returns one of them.
@@ -161,40 +162,6 @@ fn contacts_by_seat_index_and_by_hierarchy_equal_brute_force_on_100_000_random_p
     }
     println!("{touching} of 100000 poses touch");
     assert!(touching > 20_000);
-}
-
-#[test]
-fn profile_contacts_find_lines_face_to_face_and_corners() {
-    let square = |side: f64, at: Vec2, angle: f64| {
-        let h = 0.5 * side;
-        let p =
-            [Vec2::new(-h, -h), Vec2::new(h, -h), Vec2::new(h, h), Vec2::new(-h, h)].map(|p| rotated(p, angle) + at);
-        Profile::new((0..4).map(|i| Element::Line { start: p[i], end: p[(i + 1) % 4] }).collect(), true)
-            .expect("closed")
-    };
-    let body = BodyContour::new(square(10e-3, Vec2::zeros(), 0.0));
-    // Flat on the upper side, 3 um deep: the overlap's two ends.
-    let flat = body.profile_touches(&square(4e-3, Vec2::new(1e-3, 7e-3 - 3e-6), 0.0), 1e-6);
-    let ends: Vec<_> = flat.iter().filter(|t| !t.corner && (t.normal - Vec2::new(0.0, 1.0)).norm() < 1e-9).collect();
-    assert!(ends.len() >= 2 && ends.iter().all(|t| (t.penetration_m - 3e-6).abs() < 1e-12), "{flat:?}");
-    // On its corner, 5 um deep.
-    let half_diagonal = 2e-3 * 2.0_f64.sqrt();
-    let corner = body.profile_touches(&square(4e-3, Vec2::new(1e-3, 5e-3 + half_diagonal - 5e-6), PI / 4.0), 1e-6);
-    assert_eq!(corner.len(), 1, "{corner:?}");
-    assert!((corner[0].penetration_m - 5e-6).abs() < 1e-12);
-    // A disc on the body's own corner.
-    let disc = Profile::new(
-        vec![Element::Arc {
-            centre: Vec2::new(6e-3, 6e-3),
-            radius_m: 2.0_f64.sqrt() * 1e-3 + 2e-6,
-            start_rad: 0.0,
-            sweep_rad: 2.0 * PI,
-        }],
-        true,
-    );
-    let hit = body.profile_touches(&disc.expect("closed"), 1e-6);
-    assert_eq!(hit.len(), 1, "{hit:?}");
-    assert!(hit[0].corner && (hit[0].penetration_m - 2e-6).abs() < 1e-12);
 }
 
 /// Integrates m d'' = -F(d, d') from first contact at `speed` by fine Runge-Kutta steps; returns (rebound speed, depth,
@@ -518,7 +485,7 @@ fn tension_falls_along_the_wrap_as_binder_says() {
         explicit::step(&a.model, &mut a.state, &mut scratch).expect("holds");
     }
     explicit::evaluate(&a.model, &a.state, &mut scratch).expect("holds");
-    let contacts = pitchline::recording::capture::contacts_at(&a.model, &a.state, &scratch);
+    let contacts = pitchline::recording::capture::contacts_of(&a.model, &a.state, &scratch, None);
     let l = &a.state.links;
     let chord = |k: usize| Vec2::new(l.cos[k], l.sin[k]);
     let joint_force = |j: usize| Vec2::new(scratch.joint_force(j).0, scratch.joint_force(j).1);

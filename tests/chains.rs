@@ -1,6 +1,12 @@
 //! The three chains on the 20/40 drive: impacts measured on the driver, compared with closed forms and published
 //! behaviour.
 
+#[allow(dead_code)]
+#[path = "common/silent_mesh.rs"]
+mod silent_mesh;
+#[path = "common/transition.rs"]
+mod transition;
+
 use pitchline::assemble::assemble;
 use pitchline::compare::{DriveSummary, Plan, run, verdict};
 use pitchline::drive::{BUNDLED, Drive};
@@ -8,7 +14,6 @@ use pitchline::elements::contact_law::ContactLaw;
 use pitchline::elements::coordinate::CoordinateMotion;
 use pitchline::engagement::{ContactKind, EngagementWatch, Pass};
 use pitchline::geometry::chain::silent::SilentLinkForm;
-use pitchline::geometry::silent_mesh::{stretched_approach_speed_m_s, wrap_statics};
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketSpec, ToothFace};
 use pitchline::geometry::smartchain::{Transition, TwoLinks};
 use pitchline::integrate::Isa;
@@ -16,6 +21,7 @@ use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 use pitchline::model::Model;
 use pitchline::recording::capture::Camera;
 use pitchline::state::State;
+use silent_mesh::{stretched_approach_speed_m_s, wrap_statics};
 use std::sync::atomic::AtomicBool;
 
 fn drive(name: &str, overrides: &[&str]) -> Drive {
@@ -122,7 +128,7 @@ fn first_touches_of_the_abutment_chain_follow_their_closed_forms() {
     let transition = Transition::smooth(20, 8e-3).expect("20 teeth");
     // Pressure angle of the maximum form at 20 teeth, from the tangent.
     let lean = (23.25_f64 + 9.0).to_radians();
-    let (radial, ahead) = transition.approach_to_seat_m(0.0);
+    let (radial, ahead) = transition::approach_to_seat_m(&transition, 0.0);
     let gap_m = radial * lean.sin() + ahead * lean.cos();
     let sweep = [
         (300.0, 0.0, 3000.0, 1e8),
@@ -233,7 +239,7 @@ fn follows_the_table(sets: &[&str], transition: &Transition, taus: &[f64]) {
     let mut worst = 0.0_f64;
     for tau in taus {
         let mean = passes.iter().map(|p| p.mean(ContactKind::RingFront, tau - 0.05, tau + 0.05)).sum::<f64>();
-        let (mean, expected) = (mean / passes.len() as f64, transition.quasi_static_ring_force_n(pressing, *tau));
+        let (mean, expected) = (mean / passes.len() as f64, transition.quasi_static_forces_n(pressing, *tau).0);
         println!(
             "tau {tau:.2}: ring {mean:.1} N, quasi-static {expected:.1} N ({:+.1} %)",
             100.0 * (mean / expected - 1.0)

@@ -5,7 +5,7 @@ mod common;
 use common::{EngagementWatch, assembled, bundled, drive_without_guides, for_step, watch};
 use pitchline::drive::Drive;
 use pitchline::model::Model;
-use pitchline::recording::capture::contacts_at;
+use pitchline::recording::capture::contacts_of;
 use pitchline::state::State;
 
 /// Peaks of all engagements on a sprocket in a window, from the same State for every step size.
@@ -28,7 +28,7 @@ fn peaks(
     watch(&model, &mut state, steps, |state, scratch| {
         let t = state.step as f64 * step_s;
         if t >= window_s.0 {
-            engagements.look(t, &contacts_at(&looking, state, scratch));
+            engagements.look(t, &contacts_of(&looking, state, scratch, None));
         }
     });
     // Contacts that exist at the start of the window are no engagements.
@@ -154,7 +154,7 @@ fn mean_square_on_the_guide(a: &pitchline::assemble::Assembly, step_s: f64) -> f
     let steps = (5e-3 / step_s) as u64;
     let (looking, mut sum) = (model.clone(), 0.0);
     watch(&model, &mut state, steps, |state, scratch| {
-        let c = contacts_at(&looking, state, scratch);
+        let c = contacts_of(&looking, state, scratch, None);
         let on_it = (0..c.link.len()).filter(|i| c.body[*i] as usize == tight);
         sum += on_it.map(|i| c.normal_force_n[i].powi(2)).sum::<f64>();
     });

@@ -1,12 +1,14 @@
 //! The 20/40 drive as a whole: ratio, tensions, approach speeds, energy, order of convergence.
 
 mod common;
+#[path = "common/contour.rs"]
+mod contour;
 
 use common::{NO_FRICTION, assembled, drive, drive_without_guides, watch};
 use pitchline::geometry::Vec2;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::Model;
-use pitchline::recording::capture::{Camera, contacts_at};
+use pitchline::recording::capture::{Camera, contacts_of};
 use pitchline::recording::frame::{Energy, Segment};
 use pitchline::state::State;
 use std::f64::consts::PI;
@@ -145,7 +147,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
     let mut free = state.links.clone();
     watch(&a.model, &mut state, loop_steps(&model, 1.0), |state, scratch| {
         let before = std::mem::replace(&mut free, state.links.clone());
-        let c = contacts_at(&model, state, scratch);
+        let c = contacts_of(&model, state, scratch, None);
         let t = state.step as f64 * model.step_s;
         for j in 0..state.lanes {
             let l = &state.links;
@@ -515,12 +517,12 @@ fn beside_an_idler() -> pitchline::drive::Drive {
 /// Compares frames with an exhaustive search, at every tenth node; returns the numbers of contacts with teeth and with
 /// guides.
 fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize) {
-    use pitchline::contact::{BodyContour, gap_contact};
+    use pitchline::contact::gap_contact;
     use pitchline::recording::frame::Feature;
     let assembly = common::assembled(&drive);
     let (model, mut state) = (assembly.model, assembly.state);
-    let profile = |g: &pitchline::model::GuideModel| BodyContour::new(g.geometry.profile().expect("a contour"));
-    let guides: Vec<BodyContour> = model.guides.iter().map(profile).collect();
+    let profile = |g: &pitchline::model::GuideModel| g.geometry.profile().expect("a contour");
+    let guides: Vec<_> = model.guides.iter().map(profile).collect();
     let turned = |(cos, sin): (f64, f64), v: Vec2| Vec2::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x);
     let (mut scratch, mut seen) = (Scratch::new(&model), [0, 0]);
     for step in 0..steps {
@@ -550,7 +552,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
                 let axes = (guide.body.along.x, guide.body.along.y);
                 for (link, front) in (0..model.chain.n_links).flat_map(|i| [(i, true), (i, false)]) {
                     let d = turned(axes, end(link, front) - guide.geometry.origin);
-                    let touches = guides[k].circle(d, guide.body.plate_radius_m);
+                    let touches = contour::touches(&guides[k], d, guide.body.plate_radius_m);
                     let Some(deepest) = touches.iter().map(|t| t.penetration_m).max_by(f64::total_cmp) else {
                         continue;
                     };
@@ -560,7 +562,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
                 }
             }
             all.sort_by_key(|r| (r.0, r.1, r.2));
-            let c = contacts_at(&model, &state, &scratch);
+            let c = contacts_of(&model, &state, &scratch, None);
             // A contact without overlap exerts force within the step.
             assert!((0..c.link.len()).all(|i| c.penetration_m[i] > 0.0 || c.normal_force_n[i] > 0.0));
             let found: Vec<_> = (0..c.link.len())

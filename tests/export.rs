@@ -1,6 +1,10 @@
 //! Tables of recordings: every value equals the Frame's to the bit, in Parquet and CSV, also for other readers; errors
 //! and full disks are reported and leave no files behind.
 
+#[allow(dead_code)]
+#[path = "common/readers.rs"]
+mod readers;
+
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use pitchline::recording::channels::CHANNELS;
@@ -445,11 +449,7 @@ fn highest_peak(header: &Header, frames: &[Frame]) -> (u32, f64) {
 
 #[test]
 fn duckdb_finds_the_tooth_with_the_highest_peak() {
-    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
-    if !Command::new(&python).args(["-c", "import duckdb"]).output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: {python} has no duckdb");
-        return;
-    }
+    let Some(python) = readers::python("duckdb") else { return };
     let script = "import duckdb, sys
 tooth, peak = duckdb.sql(f\"\"\"select tooth, max(normal_force_n) as peak from '{sys.argv[1]}'
     where body_path = 'sprockets.driver' group by tooth order by peak desc limit 1\"\"\").fetchall()[0]
@@ -600,11 +600,7 @@ fn the_documented_script_finds_forces_balanced() {
     let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recording-format.md")).expect("docs");
     let (_, script) = docs.split_once("```python\n").expect("a script");
     let (script, _) = script.split_once("```").expect("its end");
-    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
-    if Command::new(&python).arg("--version").output().is_err() {
-        println!("skipped: no {python}");
-        return;
-    }
+    let Some(python) = readers::python("csv, math") else { return };
     for sample in samples() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("balance.py");

@@ -31,7 +31,7 @@ fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Identificat
         progress: &quiet,
         runs: &runs,
     };
-    identify(&measurement, &machine, &data, &context)
+    identify(&measurement, &machine, &data, &context).map_err(|e| e.to_string())
 }
 
 const ALL: Budget = Budget { runs: None, seconds: None };

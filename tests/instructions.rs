@@ -1,5 +1,9 @@
 //! The work of a step, counted in instructions: repeatable on a noisy machine, so that a slow-down fails a test.
 
+#[allow(dead_code)]
+#[path = "common/readers.rs"]
+mod readers;
+
 use std::process::Command;
 
 /// Instructions per link and step of the bundled drive, AVX2 path (valgrind does not support AVX-512), including
@@ -62,7 +66,7 @@ fn count_of(drive: &str, sets: &[&str], duration_ms: u32, breaks: &[&str]) -> Op
 #[test]
 fn a_step_takes_no_more_instructions_than_it_did() {
     let (Some((few, few_steps)), Some((many, many_steps))) = (count(5, &[]), count(15, &[])) else {
-        println!("skipped: no valgrind");
+        readers::skip("no valgrind");
         return;
     };
     let per_link_step = (many - few) / (many_steps - few_steps) / 90.0;
@@ -91,7 +95,7 @@ fn a_step_of_abutments_over_two_links_takes_no_more_instructions_than_it_did() {
 
 fn takes_no_more_than_it_did((drive, sets, links, measured, [few_ms, many_ms]): &Counted) {
     let (Some(few), Some(many)) = (count_of(drive, sets, *few_ms, &[]), count_of(drive, sets, *many_ms, &[])) else {
-        println!("skipped: no valgrind");
+        readers::skip("no valgrind");
         return;
     };
     let per_link_step = (many.0 - few.0) / (many.1 - few.1) / links;
@@ -125,7 +129,7 @@ const LOOKS: [(&str, f64); 13] = [
 fn a_breakpoint_takes_few_instructions() {
     let share = |breaks: &[&str]| Some(count(9, breaks)?.0 - count(4, breaks)?.0);
     let Some(plain) = share(&[]) else {
-        println!("skipped: no valgrind");
+        readers::skip("no valgrind");
         return;
     };
     for (expression, measured) in LOOKS {

@@ -1,5 +1,10 @@
 //! Live runs: a viewer gets the recorded data, and no viewer can stop a run.
+
 #![cfg(all(unix, feature = "live", feature = "rerun"))]
+
+#[allow(dead_code)]
+#[path = "common/readers.rs"]
+mod readers;
 
 use foxglove::messages::{FrameTransforms, SceneUpdate};
 use pitchline::recording::frame::{Frame, Header};
@@ -35,16 +40,13 @@ struct Server(Option<Child>);
 
 impl Server {
     fn start(port: u16, save: &Path) -> Option<Server> {
-        let program = std::env::var("PITCHLINE_RERUN").unwrap_or_else(|_| "rerun".into());
+        let program = readers::rerun()?;
         let port_text = port.to_string();
         let mut command = Command::new(&program);
         command.args(["--serve-grpc", "--bind", "127.0.0.1", "--port", &port_text, "--save"]).arg(save);
         command.env("RERUN_ANALYTICS", "0").stdout(Stdio::null()).stderr(Stdio::null());
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let Ok(child) = command.spawn() else {
-            println!("skipped: no program `{program}` (pip install rerun-sdk==0.36.3)");
-            return None;
-        };
+        let child = command.spawn().expect("started before");
         let started = Instant::now();
         while TcpStream::connect(("127.0.0.1", port)).is_err() {
             assert!(started.elapsed() < Duration::from_secs(60), "{program} does not listen");
@@ -282,12 +284,7 @@ fn foxglove_may_go_away() {
 
 #[test]
 fn python_listens_as_foxglove_does() {
-    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let has = Command::new(&python).args(["-c", "import websockets, google.protobuf"]).output();
-    if !has.is_ok_and(|o| o.status.success()) {
-        println!("skipped: {python} has no websockets and protobuf");
-        return;
-    }
+    let Some(python) = readers::python("websockets, google.protobuf") else { return };
     let (mut run, address, _) = serving(&["--duration", "10ms", "--live-speed", "0.02"]);
     let script = format!("{}/tests/read_foxglove.py", env!("CARGO_MANIFEST_DIR"));
     let out = Command::new(&python).arg(script).arg(&address).output().expect("runs");

@@ -1,6 +1,9 @@
 //! Recordings: the written data are read back, by this reader and by others; damage and full disks are reported.
 
 mod common;
+#[allow(dead_code)]
+#[path = "common/readers.rs"]
+mod readers;
 
 use common::{assembled, drive};
 use pitchline::assemble::Assembly;
@@ -112,12 +115,7 @@ fn python_reads_every_value() {
     let path = folder.path().join("a.mcap");
     let (_, frames) = record(&[&path], 3e-3);
     let script = format!("{}/tests/read_mcap.py", env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let has = Command::new(&python).args(["-c", "import mcap, mcap_protobuf"]).output();
-    if !has.is_ok_and(|o| o.status.success()) {
-        println!("skipped: {python} has no mcap and mcap-protobuf-support");
-        return;
-    }
+    let Some(python) = readers::python("mcap, mcap_protobuf") else { return };
     let expected = folder.path().join("expected.txt");
     // Every value as its bits, in the order of the schema.
     let mut lines = String::new();
@@ -163,12 +161,7 @@ fn foxglove_schemas_are_those_of_foxglove() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     record(&[&path], 1e-3);
-    let python = std::env::var("PITCHLINE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let has = Command::new(&python).args(["-c", "import mcap, foxglove_schemas_protobuf"]).output();
-    if !has.is_ok_and(|o| o.status.success()) {
-        println!("skipped: {python} has no mcap and foxglove-schemas-protobuf");
-        return;
-    }
+    let Some(python) = readers::python("mcap, foxglove_schemas_protobuf") else { return };
     let script = format!("{}/tests/check_foxglove.py", env!("CARGO_MANIFEST_DIR"));
     let out = Command::new(&python).arg(script).arg(&path).output().expect("runs");
     println!("{}", String::from_utf8_lossy(&out.stdout));
@@ -229,11 +222,8 @@ fn rerun_verifies_the_view() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.rrd");
     record(&[&path], 3e-3);
-    let program = std::env::var("PITCHLINE_RERUN").unwrap_or_else(|_| "rerun".into());
-    let Ok(out) = Command::new(&program).args(["rrd", "verify"]).arg(&path).output() else {
-        println!("skipped: no program `{program}` (pip install rerun-sdk)");
-        return;
-    };
+    let Some(program) = readers::rerun() else { return };
+    let out = Command::new(&program).args(["rrd", "verify"]).arg(&path).output().expect("ran before");
     println!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
     assert!(out.status.success());
     let out = Command::new(&program).args(["rrd", "stats"]).arg(&path).output().expect("ran before");

@@ -1,5 +1,8 @@
 //! Silent chain: the closed forms of link and tooth, the motion to the seat, the forces of a lightly loaded wrap.
 
+#[path = "common/silent_mesh.rs"]
+mod silent_mesh;
+
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::end_contact::{LinkContour, LinkPose};
 use pitchline::geometry::Vec2;
@@ -8,12 +11,12 @@ use pitchline::geometry::chain::silent::{
 };
 use pitchline::geometry::element_gap::element_gap_m;
 use pitchline::geometry::profile::Profile;
-use pitchline::geometry::silent_mesh::{
+use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
+use pitchline::model::{Model, Toothing, place};
+use silent_mesh::{
     EntryClearances, approach_speeds_m_s, entry_clearances, first_contact_on_contours_rad, first_contact_turn_rad,
     flank_gaps_m, pose_before_seat, stretched_approach_speed_m_s, working_flank_pitch_m, wrap_statics,
 };
-use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
-use pitchline::model::{Model, Toothing, place};
 use std::f64::consts::PI;
 
 /// Pitch [mm] and teeth of the cases with known numbers.

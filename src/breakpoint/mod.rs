@@ -8,11 +8,15 @@
 mod columns;
 mod extremes;
 mod ledger;
+#[doc(hidden)]
 pub mod parse;
+#[doc(hidden)]
 pub mod quantities;
+#[doc(hidden)]
 pub mod scratch;
 
 use crate::diag::Report;
+use crate::drive::Drive;
 use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
 
@@ -28,12 +32,28 @@ pub struct Names {
 }
 
 impl Names {
+    /// Those of a drive.
+    pub fn of(drive: &Drive) -> Names {
+        Names {
+            bodies: drive
+                .sprockets
+                .iter()
+                .map(|s| format!("sprockets.{}", s.name))
+                .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
+                .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
+                .collect(),
+            turning: drive.turning_paths(),
+            chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
+        }
+    }
+
     /// Number of links of all chains together.
     pub fn links(&self) -> usize {
         self.chains.iter().sum()
     }
 }
 
+#[doc(hidden)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Expr {
     Any(Vec<Expr>),
@@ -42,6 +62,7 @@ pub enum Expr {
     Compare(Compare),
 }
 
+#[doc(hidden)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Compare {
     Numbers {
@@ -57,6 +78,7 @@ pub enum Compare {
     },
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
     /// In SI.
@@ -69,6 +91,7 @@ pub enum Number {
     },
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
     Above,
@@ -79,6 +102,7 @@ pub enum Operator {
     Unequal,
 }
 
+#[doc(hidden)]
 /// The rows to which `contact`, `impact`, `link` and `joint` without an index refer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BoundRows<'a> {
@@ -92,22 +116,37 @@ pub struct BoundRows<'a> {
 /// An object that fulfils an expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Subject {
+    /// The whole drive: the expression names no link, joint, contact or impact.
     Drive,
-    Contact { link: u32, feature: u32, body: u32 },
+    /// A part of a link on a body.
+    Contact {
+        /// Index of the link.
+        link: u32,
+        /// What of the link touches: see [`Feature`](crate::recording::frame::Feature).
+        feature: u32,
+        /// Index into `Header::bodies`.
+        body: u32,
+    },
+    /// The link with this index, counted through all chains.
     Link(u32),
+    /// The joint with this index: it joins the link of the same index to the next.
     Joint(u32),
 }
 
 /// An event at which the run stops.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hit {
+    /// Step of the hit; of an impact, the step of its first touch.
     pub step: u64,
+    /// Time of that step [s].
     pub t_s: f64,
+    /// What fulfilled the expression.
     pub subject: Subject,
     /// For expressions about impacts.
     pub impact: Option<Impact>,
 }
 
+#[doc(hidden)]
 /// Source of values. None: the value is not known here.
 pub trait QuantityValues {
     fn number(&self, quantity: &Quantity, index: Option<usize>, bound: &BoundRows<'_>) -> Option<f64>;
@@ -121,13 +160,17 @@ pub trait QuantityValues {
 /// A checked expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Breakpoint {
+    /// The expression as it was written.
     pub text: String,
+    /// The expression, parsed.
     pub expr: Expr,
+    /// Which columns of a step it needs.
     pub uses: Uses,
     /// Link counts of the chains that it refers to.
     chains: Vec<usize>,
 }
 
+#[doc(hidden)]
 /// Properties of an expression.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Uses {
@@ -148,6 +191,9 @@ pub struct Uses {
 
 impl Breakpoint {
     /// Reads and checks an expression.
+    ///
+    /// # Errors
+    /// An unknown name or unit, or another mistake, with its place in the text.
     pub fn parse(text: &str, names: &Names) -> Result<Breakpoint, Report> {
         let expr = parse::parse(text, names)?;
         let mut uses = Uses::default();
@@ -250,6 +296,7 @@ fn collect_uses(expr: &Expr, uses: &mut Uses) {
     }
 }
 
+#[doc(hidden)]
 /// Whether an expression is true; None if the values do not decide it.
 pub fn truth(expr: &Expr, values: &impl QuantityValues, bound: &BoundRows<'_>) -> Option<bool> {
     match expr {

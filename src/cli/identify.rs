@@ -261,7 +261,7 @@ fn write(args: &IdentifyArgs, machine: &Machine, report: &IdentificationReport) 
     let put = |path: &Path, text: &str| crate::output::write(path, text.as_bytes()).map_err(Failure::from);
     for out in &args.output {
         if out.extension().is_some_and(|e| e == "toml") {
-            put(out, &text::updated(machine, report).map_err(Failure::World)?)?;
+            put(out, &text::updated(machine, report).map_err(|e| Failure::World(e.to_string()))?)?;
         } else {
             write_series(out, report)?;
         }

@@ -346,17 +346,7 @@ fn moved_body(before: &Model, after: &Model) -> Option<String> {
 
 /// Reads the break expressions; returns all errors at once.
 pub(super) fn parse_breaks(expressions: &[String], drive: &Drive) -> Result<Vec<Breakpoint>, Failure> {
-    let names = Names {
-        bodies: drive
-            .sprockets
-            .iter()
-            .map(|s| format!("sprockets.{}", s.name))
-            .chain(drive.guides.iter().map(|g| format!("guides.fixed.{}", g.name)))
-            .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
-            .collect(),
-        turning: drive.turning_paths(),
-        chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
-    };
+    let names = Names::of(drive);
     let (mut good, mut bad) = (Vec::new(), Vec::new());
     for expression in expressions {
         match Breakpoint::parse(expression, &names) {

@@ -13,18 +13,25 @@ use std::f64::consts::PI;
 /// A body that slides along a line and presses on an arm with its tip: the plunger of a tensioner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SliderSpec {
+    /// Last part of its path in the file.
     pub name: String,
     /// Centre of the tip's rounding, where it is drawn, and the direction in which the slider moves out.
     pub centre: Vec2,
+    /// Direction in which the slider moves out, counterclockwise from +x [rad].
     pub direction_rad: f64,
+    /// Mass [kg].
     pub mass_kg: f64,
+    /// Stiffness of its spring [N/m].
     pub spring_n_per_m: f64,
     /// Force of the spring where it is drawn, outwards positive [N].
     pub spring_n: f64,
+    /// Damping of its motion [N s/m].
     pub damping_n_s_per_m: f64,
     /// Ends of its way from where it is drawn [m].
     pub low_m: Option<f64>,
+    /// Largest distance outwards; None: no stop [m].
     pub high_m: Option<f64>,
+    /// Radius of the tip's rounding [m].
     pub tip_radius_m: f64,
     /// Index of the arm that it presses on.
     pub arm: usize,
@@ -37,14 +44,20 @@ pub struct SliderSpec {
 /// Oil, and all that it is in and flows through.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OilSpec {
+    /// Density, viscosity, bulk modulus and air of the oil.
     pub oil: Oil,
+    /// Closed volumes, each with one pressure.
     pub chambers: Vec<ChamberSpec>,
+    /// Names of reservoirs and their gauge pressures, which are constant [Pa].
     pub reservoirs: Vec<(String, f64)>,
+    /// What oil flows through, between chambers and reservoirs.
     pub passages: Vec<PassageSpec>,
 }
 
+/// A closed volume of oil with one pressure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChamberSpec {
+    /// Last part of its path in the file.
     pub name: String,
     /// Where all is drawn [m3].
     pub volume_m3: f64,
@@ -54,42 +67,62 @@ pub struct ChamberSpec {
     pub start_pa: f64,
 }
 
+/// An opening between two chambers or reservoirs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassageSpec {
+    /// Path in the file: `passages.KIND.NAME`.
     pub path: String,
     /// Names of chambers or reservoirs.
     pub ends: [String; 2],
+    /// Flow over the difference of pressures.
     pub law: PassageLaw,
 }
 
+/// How much flows through a passage.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PassageLaw {
+    /// A sharp-edged hole.
     Orifice {
+        /// Diameter of the hole [m].
         diameter_m: f64,
+        /// Discharge coefficient of turbulent flow.
         discharge: f64,
+        /// Reynolds number at which laminar flow ends.
         transition_reynolds: f64,
     },
     /// `slider`: the plunger in the bore.
     Leak {
+        /// Length, diameter, width and eccentricity of the gap.
         gap: AnnularGap,
+        /// Name of the plunger that moves in the bore; None: the wall stands still.
         slider: Option<String>,
     },
+    /// A ball that opens in one direction.
     Check(CheckSpec),
 }
 
 /// A ball on its seat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckSpec {
+    /// Radius of the edge on which the ball rests [m].
     pub seat_radius_m: f64,
+    /// Radius of the ball [m].
     pub ball_radius_m: f64,
+    /// Mass of the ball [kg].
     pub mass_kg: f64,
+    /// Largest lift of the ball [m].
     pub lift_m: f64,
+    /// Stiffness of its spring [N/m].
     pub spring_n_per_m: f64,
     /// Force of the spring on the closed ball [N].
     pub spring_n: f64,
+    /// Stiffness of seat and stop [N/m].
     pub stiffness_n_per_m: f64,
+    /// Damping of seat and stop [N s/m].
     pub damping_n_s_per_m: f64,
+    /// Discharge coefficient of turbulent flow.
     pub discharge: f64,
+    /// Reynolds number at which laminar flow ends.
     pub transition_reynolds: f64,
 }
 

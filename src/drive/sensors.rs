@@ -6,8 +6,11 @@ use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
 /// A sensor on a drive with links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSpec {
+    /// Last part of its path in the file; effects are put on it.
     pub name: String,
+    /// Path in the file: `sensors.KIND.NAME`.
     pub path: String,
+    /// The quantity that it reads.
     pub reads: SensorReads,
     /// Value shown per SI unit.
     pub gain: f64,
@@ -20,7 +23,9 @@ pub struct SensorSpec {
 pub enum SensorReads {
     /// Of a sprocket; behind all of them come shafts without sprockets, then arms [rad, rad/s, rad/s2].
     Angle(usize),
+    /// Speed of this sprocket [rad/s].
     Speed(usize),
+    /// Acceleration of this sprocket [rad/s2].
     Acceleration(usize),
     /// What turns the sprocket with the prescribed speed [N m].
     Torque(usize),
@@ -32,9 +37,11 @@ pub enum SensorReads {
     Guide(usize),
     /// Way of this slider from where it is drawn [m], and the force of its tip [N].
     Slider(usize),
+    /// Force of this slider's tip [N].
     Tip(usize),
     /// Gauge pressure in this chamber [Pa], and flow through this passage from its first end to its second [m3/s].
     Pressure(usize),
+    /// Flow through this passage from its first end to its second [m3/s].
     Flow(usize),
 }
 
@@ -57,7 +64,9 @@ impl SensorReads {
 /// An effect on a sensor's signal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalSpec {
+    /// Row of the catalogue.
     pub effect: &'static Effect,
+    /// Path in the file: `effects.NAME.SENSOR`.
     pub path: String,
     /// Index of the sensor.
     pub sensor: usize,

@@ -23,6 +23,7 @@ pub struct MotionSpec {
     pub speeds: Vec<(f64, f64)>,
     /// Amplitudes as angles [rad].
     pub harmonics: Vec<Harmonic>,
+    /// Effects on the driver's speed: their laws, and the values of their parameters [SI].
     pub fluctuations: Vec<(MotionLaw, Vec<f64>)>,
 }
 
@@ -36,47 +37,67 @@ impl MotionSpec {
 /// What a load or a coupling acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moving {
+    /// The sprocket with this index.
     Sprocket(usize),
+    /// The shaft with this index.
     Shaft(usize),
+    /// The arm with this index.
     Arm(usize),
+    /// The slider with this index.
     Slider(usize),
 }
 
 /// A load by a law of the catalogue.
 #[derive(Clone, Debug)]
 pub struct LoadSpec {
+    /// Path in the file: `loads.LAW.NAME`.
     pub path: String,
+    /// What it acts on.
     pub on: Moving,
+    /// Law of the catalogue.
     pub law: BodyLaw,
     /// SI.
     pub values: Vec<f64>,
+    /// It takes energy out only.
     pub is_dissipative: bool,
+    /// It depends on the angle, so that it changes within a turn.
     pub differs_round_turn: bool,
 }
 
 /// A load by orders of the driver's turn, amplitudes as torques [N m].
 #[derive(Clone, Debug, PartialEq)]
 pub struct OrderLoadSpec {
+    /// Path in the file: `loads.orders.NAME`.
     pub path: String,
+    /// What it acts on.
     pub on: Moving,
+    /// Orders of the driver's turn, with their phases.
     pub harmonics: Vec<Harmonic>,
 }
 
 /// A torsion spring between two sprockets or shafts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CouplingSpec {
+    /// Path in the file: `couplings.NAME`.
     pub path: String,
+    /// Its two ends.
     pub between: [Moving; 2],
+    /// Torsional stiffness [N m/rad].
     pub stiffness_nm_per_rad: f64,
+    /// Torsional damping [N m s/rad].
     pub damping_nm_s_per_rad: f64,
 }
 
 /// All that acts on shafts besides constant speeds and constant loads.
 #[derive(Clone, Debug, Default)]
 pub struct ShaftTrain {
+    /// How the driver turns.
     pub motion: MotionSpec,
+    /// Loads by laws of the catalogue.
     pub loads: Vec<LoadSpec>,
+    /// Loads by orders of the driver's turn.
     pub order_loads: Vec<OrderLoadSpec>,
+    /// Torsion springs between sprockets or shafts.
     pub couplings: Vec<CouplingSpec>,
 }
 

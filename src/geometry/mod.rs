@@ -7,7 +7,6 @@ pub mod guide;
 pub mod profile;
 pub mod rail;
 pub mod route;
-pub mod silent_mesh;
 pub mod silent_sprocket;
 pub mod smartchain;
 pub mod sprocket;

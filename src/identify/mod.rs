@@ -4,45 +4,83 @@
 //! Sequence: facts -> structure -> baseline fit -> hypotheses, screened and fitted -> held-out score -> shams -> rivals
 //! -> residual analysis -> report. The loop runs over the catalogue of effects and contains no physics of its own.
 
+#[doc(hidden)]
 pub mod accept;
+#[doc(hidden)]
 pub mod candidates;
+#[doc(hidden)]
 pub mod crossed;
+#[doc(hidden)]
 pub mod diagnosis;
+#[doc(hidden)]
 pub mod fit;
+#[doc(hidden)]
 pub mod judge;
+#[doc(hidden)]
 pub mod model;
+#[doc(hidden)]
 pub mod plant;
+#[doc(hidden)]
 pub mod problem;
 pub mod report;
+#[doc(hidden)]
 pub mod screen;
 pub mod search;
+#[doc(hidden)]
 pub mod stats;
+#[doc(hidden)]
 pub mod steady;
+#[doc(hidden)]
 pub mod structure;
 pub mod text;
+#[doc(hidden)]
 pub mod unnamed;
+#[doc(hidden)]
 pub mod windows;
 
 use crate::machine::Machine;
+use crate::machine::simulate::RunError;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
 use report::{IdentificationReport, IdentificationVerdict};
 use search::Context;
 use std::sync::atomic::Ordering;
 
-/// Runs the whole identification. `Err` says why the declared model cannot be simulated at all.
+/// The declared model cannot be simulated over a record, so that there is nothing to compare.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeclaredModelFails {
+    /// Name of the record.
+    pub record: String,
+    /// Why the model stopped.
+    pub cause: RunError,
+}
+
+impl std::fmt::Display for DeclaredModelFails {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the declared model cannot follow record `{}`: {}", self.record, self.cause)
+    }
+}
+
+impl std::error::Error for DeclaredModelFails {}
+
+/// Runs the whole identification: fits the free numbers of the machine to the records, searches the catalogue of effects for
+/// what remains, and judges by records that took no part in the fit. The result does not depend on the number of threads,
+/// unless the budget ends the search.
+///
+/// # Errors
+/// The declared model cannot be simulated over one of the records.
 pub fn identify(
     measurement: &Measurement,
     machine: &Machine,
     data: &Data,
     context: &Context,
-) -> Result<IdentificationReport, String> {
+) -> Result<IdentificationReport, DeclaredModelFails> {
     let own = judge::held_out_segments(data);
     let problem = search::declared(measurement, machine, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
-        if let Err(e) = problem.model(k, &start.globals, &start.locals[k], false) {
-            return Err(format!("the declared model cannot follow record `{}`: {e}", data.records[s.record]));
+        if let Err(cause) = problem.model(k, &start.globals, &start.locals[k], false) {
+            return Err(DeclaredModelFails { record: data.records[s.record].clone(), cause });
         }
     }
     let searched = search::search(measurement, problem, &own, context);

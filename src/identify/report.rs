@@ -21,33 +21,43 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum IdentificationVerdict {
+    /// These effects are accepted.
     Named,
+    /// One of several sets of effects, which these records cannot distinguish.
     Ambiguous,
+    /// No effect of the catalogue is accepted.
     None,
 }
 
 /// A fitted parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FittedNumber {
+    /// Path of the parameter in the drive file.
     pub path: String,
     /// Set if the value holds for one record only.
     pub record: Option<String>,
     /// In the unit of the key, the last part of the path.
     pub value: f64,
+    /// One standard deviation, widened where residuals are correlated, in the same unit.
     pub standard_error: f64,
     /// Value in the drive file.
     pub nameplate: Option<f64>,
     /// Difference from the nameplate in standard deviations of the nameplate, where they are given.
     pub nameplate_z: Option<f64>,
+    /// The fit ended at a limit of the range, so that the value is not determined.
     pub at_bound: bool,
     /// False: a phase that the fitted data do not determine; a held-out record fits its own.
     pub determined: bool,
 }
 
+/// An accepted effect.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NamedEffect {
+    /// Name in the catalogue.
     pub name: String,
+    /// Family in the catalogue, as printed beside the name.
     pub family: String,
+    /// Path in the drive file: `effects.NAME.TARGET`.
     pub path: String,
     /// Path and value, in the unit of the path.
     pub parameters: Vec<FittedNumber>,
@@ -60,40 +70,54 @@ pub struct NamedEffect {
     /// Rivals by tooth and link counts: all their orders are also orders of this effect, whatever its shape over the
     /// loop suggests.
     pub by_order: Vec<String>,
+    /// Held-out error with it over that without it, with its 95 % interval: value, low, high.
     pub judge_ratio: [f64; 3],
     /// Its size in the halves of every fitted record, relative to its overall size.
     pub sizes: Vec<Size>,
     /// Records that were left out of the fit in turn and used as held-out data, where the regular held-out data do not
     /// show this effect.
     pub judged_by_leaving_out: Vec<String>,
+    /// Score without it minus score with it; positive is better.
     pub score: f64,
+    /// Share of the squared error that it takes on the records that fit.
     pub gain: f64,
+    /// Largest share that the same effect takes when it is shifted in time.
     pub sham_gain: f64,
 }
 
 /// Error of a channel in one record or in all records.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelError {
+    /// Name of the channel.
     pub channel: String,
+    /// Unit of the errors.
     pub unit: String,
     /// None: all records together.
     pub record: Option<String>,
     /// Root mean square, with its 95 % interval by block bootstrap.
     pub fit: Option<f64>,
+    /// 95 % interval of `fit`.
     pub fit_interval: Option<[f64; 2]>,
+    /// Root mean square over held-out samples; None: the record has none.
     pub held_out: Option<f64>,
+    /// 95 % interval of `held_out`.
     pub held_out_interval: Option<[f64; 2]>,
 }
 
 /// Noise floor of a channel, and whether the best model reaches it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Floor {
+    /// Name of the channel.
     pub channel: String,
+    /// Unit of the floor.
     pub unit: String,
+    /// Root mean square that the model cannot go below: noise, quantisation, and what does not repeat.
     pub noise_floor: f64,
     /// With link bodies: non-repeating part of the drive's motion (root mean square); part of the floor.
     pub unrepeated: f64,
+    /// Held-out error over the floor.
     pub times_floor: f64,
+    /// Neighbouring residuals are not correlated.
     pub white: bool,
     /// Correlation of neighbouring residuals.
     pub lag1: f64,
@@ -105,9 +129,13 @@ pub struct Floor {
 /// Error of the fitted model on a record that was neither fitted nor held out for judging.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Transfer {
+    /// Name of the record.
     pub record: String,
+    /// Name of the channel.
     pub channel: String,
+    /// Unit of the errors.
     pub unit: String,
+    /// Root mean square of the residuals of the fitted model.
     pub error: f64,
     /// Error of the declared model.
     pub error_before: f64,
@@ -120,6 +148,7 @@ pub struct Transfer {
 /// An item of the error budget.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Share {
+    /// Path of an effect, `noise floor`, or `not explained`.
     pub of: String,
     /// Share of the declared model's squared error on fitted data, all channels weighted equally [percent].
     pub percent: f64,
@@ -128,51 +157,86 @@ pub struct Share {
 /// Time series of a record segment for a plot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
+    /// Name of the record.
     pub record: String,
+    /// Name of the channel.
     pub channel: String,
+    /// Unit of the values.
     pub unit: String,
+    /// Time in the record [s].
     pub t_s: Vec<f64>,
+    /// Measured values.
     pub measured: Vec<f64>,
+    /// Output of the declared model after its numbers were fitted.
     pub before: Vec<f64>,
+    /// Output of the model with the accepted effects.
     pub after: Vec<f64>,
     /// First held-out index.
     pub judge_from: usize,
 }
 
+/// Everything that an identification found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IdentificationReport {
+    /// Title of the measurement file.
     pub title: String,
+    /// Whether effects were named.
     pub outcome: IdentificationVerdict,
+    /// The accepted effects; where the outcome is ambiguous, the best set.
     pub effects: Vec<NamedEffect>,
+    /// Every set of effects that was fitted, and why it was not taken.
     pub candidates: Vec<Trial>,
+    /// Effects that were not examined, and why.
     pub left_out: Vec<(String, String)>,
+    /// Errors of the declared model, its numbers fitted, by channel and record.
     pub error_before: Vec<ChannelError>,
+    /// Errors of the model with the accepted effects, by channel and record.
     pub error_after: Vec<ChannelError>,
+    /// What the error cannot go below, by channel.
     pub noise_floor: Vec<Floor>,
+    /// What is left is white and at the noise floor in every channel.
     pub explained: bool,
+    /// Experiments that would decide what these records leave open.
     pub next_experiment: Vec<String>,
+    /// A formula without a physical name that holds out of sample, where no effect was named.
     pub unnamed: Option<Unnamed>,
     /// Residuals of the declared model, and of the model with the effects.
     pub diagnosis: Diagnosis,
+    /// The same of the model with the accepted effects; None: there are none.
     pub diagnosis_after: Option<Diagnosis>,
+    /// Numbers of the declared model, fitted without any effect.
     pub numbers_before: Vec<FittedNumber>,
+    /// Numbers of the drive, fitted together with the accepted effects.
     pub numbers_after: Vec<FittedNumber>,
+    /// Shares of the declared model's squared error: effects, noise floor, rest.
     pub error_budget: Vec<Share>,
+    /// Errors on records that neither fit nor judge.
     pub transfer: Vec<Transfer>,
+    /// Effects that cannot be told apart, because tooth and link counts share factors.
     pub collisions: Vec<Collision>,
+    /// Smallest size of every effect that these records would show.
     pub detectable: Vec<Detectable>,
+    /// Effects whose signals are nearly the same in these records.
     pub alike: Vec<IndistinguishablePair>,
+    /// Facts about the samples of every channel and record.
     pub facts: Vec<Facts>,
+    /// Facts about the sampling of every record.
     pub clocks: Vec<Clock>,
+    /// What the user should look at before believing the result.
     pub warnings: Vec<String>,
+    /// The final fit ended at a minimum.
     pub converged: bool,
+    /// The search was stopped from outside; the results so far are reported.
     pub interrupted: bool,
     /// The budget ended before the search was complete.
     pub budget_spent: bool,
+    /// FittedNumber of simulations that the search took.
     pub model_runs: u64,
     /// XXH3 of the held-out samples, and of the drive.
     pub held_out_hash: String,
+    /// XXH3 of the drive file.
     pub drive_hash: String,
+    /// Measured and computed series of every segment, for plots.
     #[serde(skip)]
     pub curves: Vec<Curve>,
 }

@@ -26,7 +26,9 @@ use std::time::Instant;
 /// Limits of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budget {
+    /// Largest number of model runs; None: no limit. The same limit gives the same result.
     pub runs: Option<u64>,
+    /// Longest time [s]; None: no limit. What a time limit cuts off depends on the machine.
     pub seconds: Option<f64>,
 }
 
@@ -35,11 +37,17 @@ pub type Progress<'a> = &'a (dyn Fn(&str, u64) + Sync);
 
 /// Everything that a search needs besides data and machine.
 pub struct Context<'a> {
+    /// FittedNumber of threads; they do not change the result unless the budget ends the search.
     pub threads: usize,
+    /// When to end early.
     pub budget: Budget,
+    /// Start of the time that the budget limits.
     pub started: Instant,
+    /// Ends the search when another thread sets it.
     pub stop: &'a AtomicBool,
+    /// Called at the start of every stage, and on the way, with the model runs so far.
     pub progress: Progress<'a>,
+    /// Counts model runs.
     pub runs: &'a AtomicU64,
     /// Simulates the drive if it has link bodies.
     pub plant: Option<&'a Plant>,
@@ -53,6 +61,7 @@ impl Context<'_> {
             || self.budget.seconds.is_some_and(|s| self.started.elapsed().as_secs_f64() >= s)
     }
 
+    /// Reports the beginning of a stage.
     pub fn report(&self, stage: &str) {
         (self.progress)(stage, self.runs.load(Ordering::Relaxed));
     }
@@ -61,19 +70,23 @@ impl Context<'_> {
 /// Outcome of a hypothesis.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Trial {
+    /// Path of the effect, with its order where it has one.
     pub identity: String,
     /// Effects that were already in the model.
     pub beside: Vec<String>,
     /// Share of the cost that screening predicted.
     pub promised: f64,
+    /// Root mean square of its residuals on fitted samples, relative to the noise; None: it was not fitted.
     pub rms_fit: Option<f64>,
     /// Only for those that were compared on held-out data.
     pub rms_judge: Option<f64>,
     /// Score relative to the model without it; negative is better.
     pub score: Option<f64>,
+    /// Why it was not taken, or that it was.
     pub why: String,
 }
 
+#[doc(hidden)]
 /// Result of a search.
 pub struct SearchResult<'a> {
     pub declared: FittedModel<'a>,
@@ -351,7 +364,7 @@ pub fn moved_parameters(declared: &FittedModel, best: &FittedModel) -> Vec<Strin
     far.map(text).collect()
 }
 
-/// Number of best sets that are fitted again from the file's parameters.
+/// FittedNumber of best sets that are fitted again from the file's parameters.
 const REFITTED_SETS: usize = 2;
 
 /// Fits a set of effects again from the file's parameters, if it is far from them: the effects that were missing when
@@ -388,7 +401,7 @@ fn near_the_file<'a>(declared: &FittedModel<'a>, own: &'a Data, context: &Contex
     Some(FittedModel::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
-/// Number of shortest stretches that are joined, per level; the last level is whole records.
+/// FittedNumber of shortest stretches that are joined, per level; the last level is whole records.
 const JOINED_STRETCHES: [usize; 2] = [1, 4];
 /// Hypotheses that are fitted to short stretches, and how many of them are then fitted to whole records.
 const SHORT_FITTED: usize = 6;
@@ -436,7 +449,7 @@ fn from_stretches<'a>(
     });
     fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
     fits.truncate(SHORT_KEPT);
-    // Number of shortest stretches per segment.
+    // FittedNumber of shortest stretches per segment.
     let per_part = (levels[0].0.segments.len() / whole.data.segments.len().max(1)).max(1) as u64;
     context.runs.fetch_add(runs.load(Ordering::Relaxed) / per_part, Ordering::Relaxed);
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();

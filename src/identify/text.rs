@@ -297,8 +297,28 @@ fn push_remaining_sections(t: &mut String, r: &IdentificationReport) -> std::fmt
     writeln!(t, "\n{} model runs", r.model_runs)
 }
 
-/// The drive file with fitted parameters and effects written in; comments are kept. `Err`: what could not be placed.
-pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, String> {
+/// A fitted number has no place in the drive file, because the file has no table for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NoTable {
+    /// Path of the number.
+    pub path: String,
+    /// Head of the table, with its brackets.
+    pub table: String,
+}
+
+impl std::fmt::Display for NoTable {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "`{}` has no table `{}` for it", self.path, self.table)
+    }
+}
+
+impl std::error::Error for NoTable {}
+
+/// The drive file with fitted parameters and effects written in; comments are kept.
+///
+/// # Errors
+/// A fitted number that the file does not state has no table to go into.
+pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, NoTable> {
     let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
     let mut inserts: Vec<(usize, String)> = Vec::new();
     for n in r.numbers_after.iter().filter(|n| n.record.is_none()) {
@@ -314,7 +334,7 @@ pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, St
                 });
                 let line = at.into_iter().find(|(_, l)| l.split('#').next().is_some_and(|l| l.trim() == header));
                 let Some((start, line)) = line else {
-                    return Err(format!("`{}` has no table `{header}` for it", n.path));
+                    return Err(NoTable { path: n.path.clone(), table: header });
                 };
                 inserts.push((start + line.len(), format!("\n{key} = {}", toml_number(n.value))));
             }

@@ -71,6 +71,13 @@ struct Window {
     shared: bool,
 }
 
+/// Share of the room around a body that a joint may cross between two looks: less than half, because body and joint may both
+/// move. Twice the share or half of it changes no bit of the bundled drives.
+const MOVED_SHARE: f64 = 0.4;
+/// Stretch of a joint over half a pitch at which the chain counts as torn. assumed: with their play, joints of the bundled drives
+/// stretch by less than a thirtieth of it.
+const TORN_SHARE: f64 = 0.2;
+
 /// One whole step.
 pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(), StepError> {
     evaluate(model, state, scratch)?;
@@ -89,7 +96,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
         let fastest_m_s = check_joints(model, state, scratch)? + of_rails.fold(0.0, f64::max);
         scratch.fastest_m_s = fastest_m_s;
         windows::refresh(model, state, scratch);
-        let bearable = (0.4 * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
+        let bearable = (MOVED_SHARE * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
         scratch.next_refresh = state.step + scratch.refresh_steps.min(bearable).max(1);
     }
     // What is kept for others would cost the steps of those who ask for nothing 2 % if it were not compiled apart.
@@ -485,7 +492,7 @@ fn check_joints(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, 
         if !stretch_m.is_finite() {
             return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::NotFinite });
         }
-        if stretch_m > 0.2 * model.chain.lever[j] {
+        if stretch_m > TORN_SHARE * model.chain.lever[j] {
             return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::Torn { stretch_m } });
         }
     }

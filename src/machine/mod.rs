@@ -13,6 +13,7 @@ mod links;
 mod place;
 mod pulses;
 mod read;
+#[doc(hidden)]
 pub mod simulate;
 
 pub use links::{differs_round_turn, gcd};
@@ -25,24 +26,35 @@ use crate::effects::Effect;
 /// A checked lumped drive.
 #[derive(Clone, Debug)]
 pub struct Machine {
+    /// Name of the file without its extension.
     pub name: String,
+    /// The drive file, unchanged.
     pub text: String,
+    /// Title in the file, or the name.
     pub title: String,
+    /// Every parameter of the file, of its loads and of its effects.
     pub slots: Vec<Slot>,
     /// One for every slot, SI.
     pub values: Vec<f64>,
+    /// What turns or slides.
     pub bodies: Vec<Body>,
+    /// Couplings, spans and springs to the ground.
     pub springs: Vec<Spring>,
+    /// Measured columns that act on bodies.
     pub inputs: Vec<Input>,
+    /// What is compared with measured columns.
     pub sensors: Vec<Sensor>,
     /// Loads and effects; effects on sensors are in the order of the catalogue.
     pub placed: Vec<PlacedEffect>,
+    /// The chain, where bodies have teeth; None: no effect of a chain is searched.
     pub chain: Option<ChainLoop>,
     /// For a drive with link bodies: data that the lumped form does not contain.
     pub linked: Option<LinkedDrive>,
+    /// Where every value stands in the file, for errors.
     pub places: Places,
 }
 
+#[doc(hidden)]
 /// A parameter of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slot {
@@ -54,6 +66,7 @@ pub struct Slot {
     pub high: f64,
 }
 
+#[doc(hidden)]
 /// A body with one coordinate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
@@ -69,6 +82,7 @@ pub struct Body {
     pub motion: BodyMotion,
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BodyMotion {
     Free,
@@ -78,6 +92,7 @@ pub enum BodyMotion {
     Measured(usize),
 }
 
+#[doc(hidden)]
 /// One end of a spring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct End {
@@ -87,6 +102,7 @@ pub struct End {
     pub sign: i8,
 }
 
+#[doc(hidden)]
 /// A coupling, a span or a spring to the ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spring {
@@ -102,6 +118,7 @@ pub struct Spring {
     pub links: Option<(f64, f64)>,
 }
 
+#[doc(hidden)]
 /// How a measured column acts on a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Input {
@@ -111,6 +128,7 @@ pub struct Input {
     pub kind: InputKind,
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {
     /// Force or torque; slot of the gain per unit of the column.
@@ -121,6 +139,7 @@ pub enum InputKind {
     Angle,
 }
 
+#[doc(hidden)]
 /// Quantity that a sensor reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reads {
@@ -144,6 +163,7 @@ pub enum Reads {
     Part(PartQuantity),
 }
 
+#[doc(hidden)]
 /// What a sensor reads of a slider [m, N], of a chamber [Pa] or of a passage [m3/s].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartQuantity {
@@ -153,6 +173,7 @@ pub enum PartQuantity {
     Flow,
 }
 
+#[doc(hidden)]
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     pub name: String,
@@ -164,6 +185,7 @@ pub struct Sensor {
     pub unit: Option<String>,
 }
 
+#[doc(hidden)]
 /// An effect at its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedEffect {
@@ -174,6 +196,7 @@ pub struct PlacedEffect {
     pub slots: Vec<usize>,
 }
 
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     Body(usize),
@@ -184,6 +207,7 @@ pub enum Target {
     Guide(usize),
 }
 
+#[doc(hidden)]
 /// Link count of the chain loop, which determines orders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainLoop {
@@ -192,6 +216,7 @@ pub struct ChainLoop {
     pub leader: usize,
 }
 
+#[doc(hidden)]
 /// Data of a drive with link bodies besides its shafts, as far as measured records need them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkedDrive {
@@ -212,7 +237,10 @@ pub fn is_lumped(text: &str) -> bool {
 }
 
 impl Machine {
-    /// Reads and checks a machine. Returns all errors at once.
+    /// Reads and checks a machine. `name` is what errors call the text; `overrides` are `path=value`.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Machine, Report> {
         let reader = DriveReader::new(name, text, overrides);
         let root = reader.parse(text)?;

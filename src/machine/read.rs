@@ -295,7 +295,7 @@ fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Ta
 
 impl Machine {
     /// Resolves the target `name` of an effect.
-    pub fn target(&self, effect: &Effect, name: &str) -> Result<Target, String> {
+    fn target(&self, effect: &Effect, name: &str) -> Result<Target, String> {
         let known = self.targets(effect);
         // Trailing plus signs distinguish effects of the same kind at the same place.
         let name = name.trim_end_matches('+');

@@ -53,6 +53,8 @@ impl std::fmt::Display for RunError {
     }
 }
 
+impl std::error::Error for RunError {}
+
 /// Maximum number of steps per sample, unless the caller sets a lower limit.
 pub const MAX_STEPS: f64 = 300.0;
 

@@ -10,12 +10,19 @@ use serde::Serialize;
 /// Facts of one channel in one record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Facts {
+    /// Name of the record.
     pub record: String,
+    /// Name of the channel.
     pub channel: String,
+    /// Unit of the column, in which the numbers below are.
     pub unit: String,
+    /// Number of samples.
     pub samples: usize,
+    /// Number of samples that are empty or no number.
     pub missing: usize,
+    /// Smallest value.
     pub low: f64,
+    /// Largest value.
     pub high: f64,
     /// Spacing of the grid on which all values lie; zero if there is none.
     pub quantisation: f64,
@@ -25,20 +32,26 @@ pub struct Facts {
     pub rest_samples: usize,
     /// Mean of the samples at rest.
     pub rest_mean: Option<f64>,
+    /// Standard deviation of the noise, declared or estimated, at least that of the quantisation.
     pub noise: f64,
+    /// Some values are negative.
     pub below_zero: bool,
 }
 
 /// Facts about the sampling of a record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Clock {
+    /// Name of the record.
     pub record: String,
+    /// Number of samples.
     pub samples: usize,
+    /// Samples per second, by the median spacing [1/s].
     pub rate_hz: f64,
     /// Standard deviation of the sample spacing relative to its mean [percent].
     pub jitter_percent: f64,
     /// Number of spacings of more than 1.5 times the median.
     pub gaps: usize,
+    /// Time from the first sample to the last [s].
     pub length_s: f64,
 }
 

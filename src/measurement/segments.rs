@@ -17,6 +17,7 @@ use std::path::Path;
 pub struct RecordSegment {
     /// Index of its record.
     pub record: usize,
+    /// Inputs and sample times of the run.
     pub task: Task,
     /// One series for every channel, SI (or the sensor's own unit); pulses: ln of intervals. Missing: NaN.
     pub measured: Vec<Vec<f64>>,
@@ -31,6 +32,7 @@ pub struct RecordSegment {
 }
 
 impl RecordSegment {
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.measured.first().map_or(0, Vec::len)
     }
@@ -47,6 +49,7 @@ impl RecordSegment {
         task
     }
 
+    /// Whether it has no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -55,28 +58,38 @@ impl RecordSegment {
 /// A channel, bound to a sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasuredChannel {
+    /// Name in the measurement file.
     pub name: String,
+    /// Path of the sensor in the drive file.
     pub sensor_path: String,
+    /// Index of the sensor.
     pub sensor: usize,
     /// Unit of results: that of the column. Values times `shown` are in it.
     pub unit: String,
+    /// Value in that unit per value in which the model is compared.
     pub shown: f64,
     /// Standard deviation of its noise in the form in which the model is compared (SI, or ln).
     pub noise: f64,
     /// Whether residuals are differences of logarithms, that is, relative errors.
     pub relative: bool,
+    /// Spacing of the grid on which the values lie, in the same form as `noise`.
     pub quantisation: f64,
 }
 
 /// All data of the records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Data {
+    /// Measured quantities, in the order of the measurement file.
     pub channels: Vec<MeasuredChannel>,
+    /// Names of the records.
     pub records: Vec<String>,
+    /// Segments of the records that fit or judge.
     pub segments: Vec<RecordSegment>,
     /// Segments of records that neither fit nor judge.
     pub transfer: Vec<RecordSegment>,
+    /// Facts about every channel in every record.
     pub facts: Vec<Facts>,
+    /// Facts about the sampling of every record.
     pub clocks: Vec<Clock>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
@@ -104,6 +117,8 @@ impl std::fmt::Display for DataError {
     }
 }
 
+impl std::error::Error for DataError {}
+
 /// Largest magnitude of a measured value, so that squares and their sums do not overflow a float.
 const LARGEST_VALUE: f64 = 1e60;
 /// Shortest record that is accepted [samples].
@@ -111,6 +126,10 @@ const SHORTEST: usize = 16;
 
 /// Reads all files and binds columns to sensors and inputs. `folder` is that of the measurement file. Names and units
 /// are checked before a file is opened.
+///
+/// # Errors
+/// The measurement file names what the drive does not have, or a measured file cannot be read, has another form, or needs more memory
+/// than `memory` leaves.
 pub fn load(
     measurement: &Measurement,
     machine: &Machine,
@@ -137,15 +156,6 @@ fn needed_columns(measurement: &Measurement, file: &str) -> Vec<String> {
     names.extend(measurement.channels.iter().map(|c| c.column.clone()));
     names.extend(measurement.inputs.iter().map(|i| i.column.clone()));
     names
-}
-
-/// As [`load`], from columns that are already read: names of files, and their columns.
-pub fn from_tables(
-    measurement: &Measurement,
-    machine: &Machine,
-    tables: &[(String, Columns)],
-) -> Result<Data, DataError> {
-    split_into_segments(measurement, machine, bind(measurement, machine)?, tables)
 }
 
 /// Splits columns into segments.

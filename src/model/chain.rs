@@ -22,8 +22,11 @@ pub struct ChainModel {
     full_blocks: Vec<bool>,
     /// Half the pitch [m]: lever of both joints.
     pub lever: Vec<f64>,
+    /// Mass per lane [kg].
     pub mass: Vec<f64>,
+    /// Moment of inertia about the centre of mass per lane [kg m2].
     pub inertia: Vec<f64>,
+    /// 1 / mass; zero in lanes without a link [1/kg].
     pub inverse_mass: Vec<f64>,
     /// One value longer: the first link's again at `n_links`.
     pub inverse_inertia: Vec<f64>,
@@ -31,7 +34,9 @@ pub struct ChainModel {
     pub bush_on_front: Vec<f64>,
     /// Of the link that carries the bush of joint j: signed lever, inverse mass and inertia.
     pub bush_lever: Vec<f64>,
+    /// Inverse mass of that link [1/kg].
     pub bush_inverse_mass: Vec<f64>,
+    /// Inverse inertia of that link [1/(kg m2)].
     pub bush_inverse_inertia: Vec<f64>,
     /// Joint law of every loop.
     pub joints: Vec<LinkJoint>,
@@ -146,6 +151,7 @@ impl ChainModel {
         if lane + 1 == own.end { own.start } else { lane + 1 }
     }
 
+    /// Lane of the link behind.
     pub fn previous(&self, lane: usize) -> usize {
         let own = &self.loops[self.loop_of(lane)];
         if lane == own.start { own.end - 1 } else { lane - 1 }
@@ -169,6 +175,7 @@ impl ChainModel {
         self.loops[..k].iter().map(Range::len).sum::<usize>() + lane - self.loops[k].start
     }
 
+    /// Lane of a link, counted through all chains.
     pub fn lane_of(&self, link: usize) -> usize {
         let mut left = link;
         for l in &self.loops {

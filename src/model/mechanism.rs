@@ -14,7 +14,9 @@ use std::f64::consts::PI;
 /// A slider of the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SliderModel {
+    /// Name in the drive file.
     pub name: String,
+    /// Index into [`Model::coordinates`](super::Model::coordinates).
     pub coordinate: usize,
 }
 

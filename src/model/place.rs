@@ -13,6 +13,7 @@ use crate::geometry::smartchain::{Abutment, LobedRing, RingError, fits_hollow};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use crate::geometry::{Vec2, rotated};
 
+#[doc(hidden)]
 /// Geometry of a drive: sprockets, links, and the position at which the loop closes.
 #[derive(Clone, Debug)]
 pub struct PlacedDrive {

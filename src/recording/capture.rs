@@ -189,12 +189,7 @@ pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrat
     Ok(ledger(&node, &links, &rows))
 }
 
-/// The contacts alone, for looking at every step.
-pub fn contacts_at(model: &Model, state: &State, scratch: &Scratch) -> Contacts {
-    contacts_of(model, state, scratch, None)
-}
-
-/// As [`contacts_at`], of one link where one is given.
+/// The contacts alone, for looking at every step; of one link where one is given.
 pub fn contacts_of(model: &Model, state: &State, scratch: &Scratch, only: Option<usize>) -> Contacts {
     let (mut rows, mut contacts) = (SortedContacts::default(), Contacts::default());
     rows.find(&Node { model, state, scratch, only: only.map(|link| model.chain.lane_of(link)) });

@@ -87,8 +87,10 @@ pub struct Parent {
     /// Its State where this one begins, before anything was changed.
     #[prost(uint64, tag = "2")]
     pub step: u64,
+    /// Time of that step [s].
     #[prost(double, tag = "3")]
     pub t_s: f64,
+    /// XXH3-64 of its State there.
     #[prost(fixed64, tag = "4")]
     pub state_hash: u64,
     /// True: values of the drive were changed there; a branch of its own.
@@ -136,18 +138,25 @@ pub struct Outline {
 /// A line from start to end, or an arc round `centre` when `radius_m` > 0.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct OutlineElement {
+    /// x of the start [m].
     #[prost(double, tag = "1")]
     pub start_x_m: f64,
+    /// y of the start [m].
     #[prost(double, tag = "2")]
     pub start_y_m: f64,
+    /// x of the end [m].
     #[prost(double, tag = "3")]
     pub end_x_m: f64,
+    /// y of the end [m].
     #[prost(double, tag = "4")]
     pub end_y_m: f64,
+    /// x of the centre of an arc [m].
     #[prost(double, tag = "5")]
     pub centre_x_m: f64,
+    /// y of the centre of an arc [m].
     #[prost(double, tag = "6")]
     pub centre_y_m: f64,
+    /// Radius of an arc; 0 of a line [m].
     #[prost(double, tag = "7")]
     pub radius_m: f64,
     /// Signed sweep of the arc [rad], counterclockwise positive.
@@ -158,10 +167,13 @@ pub struct OutlineElement {
 /// A circle of an outline.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct OutlineCircle {
+    /// x of the centre [m].
     #[prost(double, tag = "1")]
     pub x_m: f64,
+    /// y of the centre [m].
     #[prost(double, tag = "2")]
     pub y_m: f64,
+    /// Radius [m].
     #[prost(double, tag = "3")]
     pub radius_m: f64,
 }
@@ -178,6 +190,7 @@ pub struct BodyInfo {
     /// Origin of the body's frame [m]; a sprocket's axis.
     #[prost(double, tag = "3")]
     pub x_m: f64,
+    /// y of the origin of the body's frame [m].
     #[prost(double, tag = "4")]
     pub y_m: f64,
     /// Rotation of a guide's frame [rad]; of what turns, at angle zero.
@@ -231,14 +244,19 @@ pub struct Frame {
     /// Angle turned by the driver since step 0 [rad].
     #[prost(double, tag = "4")]
     pub crank_angle_rad: f64,
+    /// Pose and motion of every link.
     #[prost(message, required, tag = "5")]
     pub links: Links,
+    /// Force and torque in every joint.
     #[prost(message, required, tag = "6")]
     pub joints: Joints,
+    /// Everything that touches.
     #[prost(message, required, tag = "7")]
     pub contacts: Contacts,
+    /// What turns: sprockets or shafts, then arms.
     #[prost(message, required, tag = "8")]
     pub rotors: Rotors,
+    /// The energy ledger.
     #[prost(message, required, tag = "9")]
     pub energy: Energy,
     /// What every sensor stands at, in SI, before its gain and its errors.
@@ -249,22 +267,28 @@ pub struct Frame {
 /// Pose and velocity of every link at its centre of mass.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Links {
+    /// x of the centre of mass [m].
     #[prost(double, repeated, tag = "1")]
     pub x_m: Vec<f64>,
+    /// y of the centre of mass [m].
     #[prost(double, repeated, tag = "2")]
     pub y_m: Vec<f64>,
     /// Heading of the link, rear pin to front pin [rad], in [-pi, pi].
     #[prost(double, repeated, tag = "3")]
     pub angle_rad: Vec<f64>,
+    /// x of the velocity of the centre of mass [m/s].
     #[prost(double, repeated, tag = "4")]
     pub vx_m_s: Vec<f64>,
+    /// y of the velocity of the centre of mass [m/s].
     #[prost(double, repeated, tag = "5")]
     pub vy_m_s: Vec<f64>,
+    /// Angular velocity, counterclockwise positive [rad/s].
     #[prost(double, repeated, tag = "6")]
     pub omega_rad_s: Vec<f64>,
     /// Acceleration of the centre of mass, mean over the step [m/s2].
     #[prost(double, repeated, tag = "7")]
     pub ax_m_s2: Vec<f64>,
+    /// y of the acceleration of the centre of mass, mean over the step [m/s2].
     #[prost(double, repeated, tag = "8")]
     pub ay_m_s2: Vec<f64>,
     /// Angular acceleration, mean over the step [rad/s2].
@@ -278,6 +302,7 @@ pub struct Joints {
     /// Force on link `j + 1` at joint `j` [N]; link `j` feels the opposite.
     #[prost(double, repeated, tag = "1")]
     pub force_x_n: Vec<f64>,
+    /// y of the force on link `j + 1` at joint `j` [N].
     #[prost(double, repeated, tag = "2")]
     pub force_y_n: Vec<f64>,
     /// Friction torque on link `j + 1` [N m].
@@ -288,6 +313,7 @@ pub struct Joints {
 /// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Contacts {
+    /// Index of the link.
     #[prost(uint32, repeated, tag = "1")]
     pub link: Vec<u32>,
     /// What of the link touches: see [`Feature`].
@@ -305,18 +331,22 @@ pub struct Contacts {
     /// Foot of the contact on the body's contour [m].
     #[prost(double, repeated, tag = "6")]
     pub point_body_x_m: Vec<f64>,
+    /// y of the foot on the body's contour [m].
     #[prost(double, repeated, tag = "7")]
     pub point_body_y_m: Vec<f64>,
     /// Deepest point of the link's contour [m].
     #[prost(double, repeated, tag = "8")]
     pub point_link_x_m: Vec<f64>,
+    /// y of the deepest point of the link's contour [m].
     #[prost(double, repeated, tag = "9")]
     pub point_link_y_m: Vec<f64>,
     /// Unit normal out of the body, towards the link.
     #[prost(double, repeated, tag = "10")]
     pub normal_x: Vec<f64>,
+    /// y of the unit normal.
     #[prost(double, repeated, tag = "11")]
     pub normal_y: Vec<f64>,
+    /// Depth of overlap along the normal at the instant; negative where the contact pushes within the step only [m].
     #[prost(double, repeated, tag = "12")]
     pub penetration_m: Vec<f64>,
     /// Closing speed along the normal when the contact was first touched [m/s].
@@ -351,6 +381,7 @@ pub struct Rotors {
     /// Angle turned since step 0 plus the angle at assembly [rad].
     #[prost(double, repeated, tag = "1")]
     pub angle_rad: Vec<f64>,
+    /// Angular velocity, counterclockwise positive [rad/s].
     #[prost(double, repeated, tag = "2")]
     pub speed_rad_s: Vec<f64>,
     /// Torque of the chain on the sprocket [N m].
@@ -364,6 +395,7 @@ pub struct Rotors {
 /// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Energy {
+    /// Kinetic energy of links, free sprockets, arms and sliders [J].
     #[prost(double, tag = "1")]
     pub kinetic_j: f64,
     /// Stored in the pin joints.
@@ -378,16 +410,22 @@ pub struct Energy {
     /// Work done on the loads.
     #[prost(double, tag = "5")]
     pub work_out_j: f64,
+    /// Lost to damping in the joints [J].
     #[prost(double, tag = "6")]
     pub lost_pin_damping_j: f64,
+    /// Lost to friction in the joints [J].
     #[prost(double, tag = "7")]
     pub lost_pin_friction_j: f64,
+    /// Lost to damping of contacts with sprockets [J].
     #[prost(double, tag = "8")]
     pub lost_contact_damping_j: f64,
+    /// Lost to friction on sprockets [J].
     #[prost(double, tag = "9")]
     pub lost_contact_friction_j: f64,
+    /// Lost to damping of contacts with guides and rails [J].
     #[prost(double, tag = "10")]
     pub lost_guide_damping_j: f64,
+    /// Lost to friction on guides and rails [J].
     #[prost(double, tag = "11")]
     pub lost_guide_friction_j: f64,
     /// work in - work out - lost - change of stored energy.
@@ -396,6 +434,7 @@ pub struct Energy {
     /// Stored in the springs of arms and sliders and in oil; lost in their dampers and in passages of oil.
     #[prost(double, tag = "13")]
     pub elastic_spring_j: f64,
+    /// Lost in dampers of arms and sliders and in passages of oil [J].
     #[prost(double, tag = "14")]
     pub lost_spring_damping_j: f64,
 }
@@ -403,8 +442,10 @@ pub struct Energy {
 /// A snapshot of the State from which a run goes on to the bit.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Keyframe {
+    /// Step to which it belongs.
     #[prost(uint64, tag = "1")]
     pub step: u64,
+    /// XXH3-64 of the State, by which a reader checks it.
     #[prost(fixed64, tag = "2")]
     pub state_hash: u64,
     /// Every column of the State by name.
@@ -415,8 +456,10 @@ pub struct Keyframe {
 /// One named column of the State.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct StateColumn {
+    /// Name of the column, as in docs/recording-format.md.
     #[prost(string, tag = "1")]
     pub name: String,
+    /// Values of the column, bit for bit.
     #[prost(double, repeated, tag = "2")]
     pub values: Vec<f64>,
 }
@@ -424,8 +467,10 @@ pub struct StateColumn {
 /// Something that happened between frames.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Event {
+    /// Step at which it happened.
     #[prost(uint64, tag = "1")]
     pub step: u64,
+    /// Time of that step [s].
     #[prost(double, tag = "2")]
     pub t_s: f64,
     /// `first_touch`, ...
@@ -434,8 +479,10 @@ pub struct Event {
     /// One sentence, with numbers and units.
     #[prost(string, tag = "4")]
     pub text: String,
+    /// Index of the link; 0 where there is none.
     #[prost(uint32, tag = "5")]
     pub link: u32,
+    /// Index into `Header::bodies`; 0 where there is none.
     #[prost(uint32, tag = "6")]
     pub body: u32,
     /// Quantity the event is about, e.g. the approach speed [m/s].
@@ -446,6 +493,7 @@ pub struct Event {
 /// A part of a link meets a body after it was free of it for two tooth periods; see [`crate::impacts`] for the definitions.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct Impact {
+    /// Index of the link.
     #[prost(uint32, tag = "1")]
     pub link: u32,
     /// What of the link touches: see [`Feature`].
@@ -463,6 +511,7 @@ pub struct Impact {
     /// Step of the first touch, and its time [s].
     #[prost(uint64, tag = "6")]
     pub step: u64,
+    /// Time of the first touch [s].
     #[prost(double, tag = "7")]
     pub t_s: f64,
     /// Closing speed along the normal there [m/s].
@@ -471,6 +520,7 @@ pub struct Impact {
     /// Largest normal force within the first two tooth periods [N], and its time after the first touch [s].
     #[prost(double, tag = "9")]
     pub peak_force_n: f64,
+    /// Time of the peak after the first touch [s].
     #[prost(double, tag = "10")]
     pub peak_after_s: f64,
     /// Integral of the normal force from the first touch until, after its peak, it has fallen to half of it [N s].
@@ -485,6 +535,7 @@ pub struct Impact {
     /// Place of the first touch on the body [m].
     #[prost(double, tag = "14")]
     pub x_m: f64,
+    /// y of the place of the first touch [m].
     #[prost(double, tag = "15")]
     pub y_m: f64,
     /// How long it was watched [s]: less than two tooth periods where the recording ends.
@@ -496,17 +547,25 @@ pub struct Impact {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Feature {
+    /// Bush at the rear joint.
     RearBush = 0,
+    /// Bush at the front joint.
     FrontBush = 1,
+    /// Plate edge over the rear joint.
     RearPlateEnd = 2,
+    /// Plate edge over the front joint.
     FrontPlateEnd = 3,
+    /// Abutment at the rear joint.
     RearAbutment = 4,
+    /// Abutment at the front joint.
     FrontAbutment = 5,
     /// Of a silent chain's link: flanks that face out of the link.
     RearOuterFlank = 6,
+    /// Outer flank at the front, which leads.
     FrontOuterFlank = 7,
     /// Flanks that face each other across the crotch.
     RearInnerFlank = 8,
+    /// Inner flank at the front.
     FrontInnerFlank = 9,
     /// A plate on an arc of a rail: its straight edge, or the rounds at its ends.
     PlateEdge = 10,
@@ -538,24 +597,32 @@ impl Feature {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Segment {
+    /// Seat at the bottom of a tooth gap.
     Seat = 0,
     /// Flank on the clockwise side of the gap.
     FlankClockwise = 1,
     /// Flank on the counterclockwise side of the gap.
     FlankCounterclockwise = 2,
+    /// Rounding between flank and tip.
     TipCorner = 3,
+    /// Top of a tooth.
     TipLand = 4,
+    /// Straight face of a guide, or a line of a rail.
     GuideFace = 5,
+    /// Rounding of a guide where the chain arrives.
     GuideLeadIn = 6,
+    /// Rounding of a guide where the chain leaves.
     GuideLeadOut = 7,
     /// Ring of an abutment chain's sprocket.
     Ring = 8,
     /// A convex or concave arc of a rail, and the corner at its end.
     RailArc = 9,
+    /// End of a rail.
     RailEnd = 10,
 }
 
 impl Segment {
+    /// All segments, in the order of their numbers.
     pub const ALL: [Segment; 11] = [
         Segment::Seat,
         Segment::FlankClockwise,
@@ -594,13 +661,16 @@ impl Segment {
 /// A few scalars per frame, for plot panels.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Signals {
+    /// Time of the frame [s].
     #[prost(double, tag = "1")]
     pub t_s: f64,
+    /// Angle turned by the driver since step 0 [deg].
     #[prost(double, tag = "2")]
     pub crank_angle_deg: f64,
     /// Largest and smallest force in any joint [N].
     #[prost(double, tag = "3")]
     pub joint_force_max_n: f64,
+    /// Smallest force in any joint [N].
     #[prost(double, tag = "4")]
     pub joint_force_min_n: f64,
     /// Largest normal force of any contact, per body of the header [N].
@@ -609,8 +679,10 @@ pub struct Signals {
     /// Per rotor [rpm].
     #[prost(double, repeated, tag = "6")]
     pub rotor_speed_rpm: Vec<f64>,
+    /// Number of contacts.
     #[prost(uint32, tag = "7")]
     pub contacts: u32,
+    /// Energy that does not add up [J].
     #[prost(double, tag = "8")]
     pub energy_error_j: f64,
     /// Per sensor of the header, in SI.

@@ -22,19 +22,45 @@ pub enum Viewer {
     Foxglove(u16),
 }
 
+/// Why a text names no viewer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ViewerError {
+    /// No kind of viewer is called so.
+    Unknown,
+    /// The text after `foxglove=` is no port number.
+    Port,
+    /// This program was built without this feature.
+    WithoutFeature(&'static str),
+}
+
+impl std::fmt::Display for ViewerError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            ViewerError::Unknown => write!(f, "write rerun, rerun=URL, foxglove or foxglove=PORT"),
+            ViewerError::Port => write!(f, "write foxglove or foxglove=PORT, e.g. foxglove=8765"),
+            ViewerError::WithoutFeature(name) => write!(f, "this program was built without the feature `{name}`"),
+        }
+    }
+}
+
+impl std::error::Error for ViewerError {}
+
 impl Viewer {
-    /// `rerun`, `rerun=URL`, `foxglove` or `foxglove=PORT`.
-    pub fn parse(text: &str) -> Result<Viewer, String> {
+    /// Reads `rerun`, `rerun=URL`, `foxglove` or `foxglove=PORT`.
+    ///
+    /// # Errors
+    /// The text is none of these, or this program was built without that viewer.
+    pub fn parse(text: &str) -> Result<Viewer, ViewerError> {
         let (kind, place) = text.split_once('=').map_or((text, None), |(kind, place)| (kind, Some(place)));
         match kind {
             "rerun" if cfg!(feature = "rerun") => Ok(Viewer::Rerun(place.unwrap_or(RERUN_URL).to_string())),
             "foxglove" if cfg!(feature = "live") => match place.map_or(Ok(FOXGLOVE_PORT), str::parse) {
                 Ok(port) => Ok(Viewer::Foxglove(port)),
-                Err(_) => Err("write foxglove or foxglove=PORT, e.g. foxglove=8765".into()),
+                Err(_) => Err(ViewerError::Port),
             },
-            "rerun" => Err("this program was built without the feature `rerun`".into()),
-            "foxglove" => Err("this program was built without the feature `live`".into()),
-            _ => Err("write rerun, rerun=URL, foxglove or foxglove=PORT".into()),
+            "rerun" => Err(ViewerError::WithoutFeature("rerun")),
+            "foxglove" => Err(ViewerError::WithoutFeature("live")),
+            _ => Err(ViewerError::Unknown),
         }
     }
 }
@@ -203,7 +229,7 @@ mod tests {
 
     #[test]
     fn viewers_are_named_with_their_place() {
-        assert!(Viewer::parse("vlc").unwrap_err().contains("foxglove=PORT"));
+        assert!(Viewer::parse("vlc").unwrap_err().to_string().contains("foxglove=PORT"));
         assert!(Viewer::parse("foxglove=x").is_err());
         #[cfg(feature = "live")]
         assert_eq!(Viewer::parse("foxglove=1234"), Ok(Viewer::Foxglove(1234)));

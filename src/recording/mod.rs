@@ -2,19 +2,27 @@
 //! model. A new kind of file is one new module and one arm in [`create`].
 
 pub mod capture;
+#[doc(hidden)]
 pub mod channels;
 #[cfg(feature = "live")]
+#[doc(hidden)]
 pub mod foxglove_live;
+#[doc(hidden)]
 pub mod foxglove_scene;
 pub mod frame;
 mod frame_bytes;
 mod header;
+#[doc(hidden)]
 pub mod live;
+#[doc(hidden)]
 pub mod mcap;
 pub mod reader;
 #[cfg(feature = "rerun")]
+#[doc(hidden)]
 pub mod rerun;
+#[doc(hidden)]
 pub mod table;
+#[doc(hidden)]
 pub mod view_geometry;
 
 use frame::{Event, Frame, Header, Impact, Keyframe};
@@ -23,8 +31,11 @@ use std::path::{Path, PathBuf};
 /// A place where a recording goes. Calls come in order of time; `finish` comes last and once, or `close` and, where all went well,
 /// `publish`.
 pub trait Sink {
+    /// Takes a frame.
     fn frame(&mut self, frame: &Frame) -> anyhow::Result<()>;
+    /// Takes a keyframe, behind the frame of the same step.
     fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()>;
+    /// Takes an event.
     fn event(&mut self, event: &Event) -> anyhow::Result<()>;
     /// Comes when its two tooth periods are over; its time is that of the touch.
     fn impact(&mut self, impact: &Impact) -> anyhow::Result<()>;
@@ -68,6 +79,9 @@ pub fn extensions() -> &'static [&'static str] {
 }
 
 /// Opens `path` for writing; the extension says what kind of recording.
+///
+/// # Errors
+/// The extension names no kind of recording, or the file cannot be written.
 pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result<Box<dyn Sink>> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     match extension {
@@ -82,6 +96,7 @@ pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result
     }
 }
 
+#[doc(hidden)]
 /// Takes a picture only every so often: true when `t_s` has reached the next picture's time.
 #[derive(Clone, Copy, Debug)]
 pub struct PictureClock {
@@ -111,6 +126,8 @@ impl PictureClock {
 /// A sink's file, for messages.
 #[derive(Clone, Debug)]
 pub struct Output {
+    /// Where it lies.
     pub path: PathBuf,
+    /// Its size [bytes].
     pub bytes: u64,
 }

@@ -31,11 +31,15 @@ const MOST_SENTENCES: usize = 12;
 /// Requested messages. Of others only the topic is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
+    /// Whole frames.
     pub frames: bool,
     /// Step and time of frames only.
     pub heads: bool,
+    /// Keyframes, from which a run can go on.
     pub keyframes: bool,
+    /// Events: first contacts, hits of break expressions.
     pub events: bool,
+    /// Impacts.
     pub impacts: bool,
 }
 
@@ -44,19 +48,26 @@ pub struct Wanted {
 pub enum Entry<'a> {
     /// In a buffer that is reused for the next frame.
     Frame(&'a Frame),
+    /// First fields of a frame.
     Head(FrameHead),
+    /// A keyframe.
     Keyframe(Box<Keyframe>),
+    /// An event.
     Event(Event),
+    /// An impact.
     Impact(Impact),
 }
 
 /// The first fields of a [`Frame`].
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct FrameHead {
+    /// Step of the frame.
     #[prost(uint64, tag = "1")]
     pub step: u64,
+    /// Its time [s].
     #[prost(double, tag = "2")]
     pub t_s: f64,
+    /// XXH3-64 of the State there.
     #[prost(fixed64, tag = "3")]
     pub state_hash: u64,
 }
@@ -64,7 +75,9 @@ pub struct FrameHead {
 /// Whether to continue reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
+    /// Go on with the next message.
     On,
+    /// Stop reading: nothing more is wanted.
     Enough,
 }
 
@@ -130,7 +143,10 @@ impl Rhythm {
 }
 
 impl Reader {
-    /// Opens a recording and reads its header.
+    /// Opens a recording (`.mcap`) and reads its header. A file that was cut off is opened as well: see [`Reader::missing`].
+    ///
+    /// # Errors
+    /// The file cannot be read, is no recording, or has another format version.
     pub fn open(path: &Path) -> anyhow::Result<Reader> {
         let shown = path.display();
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
@@ -175,10 +191,12 @@ impl Reader {
         Ok(reader)
     }
 
+    /// Path as it was given to [`Reader::open`].
     pub fn path(&self) -> &Path {
         &self.path
     }
 
+    /// The header: names, dimensions and columns that frames refer to.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -476,15 +494,6 @@ impl Reader {
         Ok(heads)
     }
 
-    /// The frame nearest to `t_s`, and its number.
-    pub fn frame_near(&mut self, t_s: f64) -> anyhow::Result<Option<(usize, Frame)>> {
-        let heads = self.heads()?;
-        let away = |head: &FrameHead| (head.t_s - t_s).abs();
-        let nearest = heads.iter().enumerate().min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b)));
-        let Some((number, head)) = nearest else { return Ok(None) };
-        Ok(self.frame_at(head.t_s)?.map(|frame| (number, frame)))
-    }
-
     /// The frame at exactly this time.
     pub fn frame_at(&mut self, t_s: f64) -> anyhow::Result<Option<Frame>> {
         let mut found = None;
@@ -580,6 +589,7 @@ pub struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
+    /// Begins at the first frame.
     pub fn new(reader: &'a mut Reader) -> Cursor<'a> {
         Cursor { reader, chunk: 0, rhythm: Rhythm::default(), frames: std::collections::VecDeque::new() }
     }
@@ -589,6 +599,10 @@ impl<'a> Cursor<'a> {
         Cursor::new(self.reader)
     }
 
+    /// The next frame; None: there are no more.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a chunk of it is damaged.
     pub fn next_frame(&mut self) -> anyhow::Result<Option<Frame>> {
         while self.frames.is_empty() && self.chunk < self.reader.chunks.len() {
             let frames = &mut self.frames;

@@ -55,7 +55,7 @@ fn report_of(c: &Case) -> Result<IdentificationReport, String> {
         progress: &quiet,
         runs: &runs,
     };
-    identify(&measurement, &machine, &data, &context)
+    identify(&measurement, &machine, &data, &context).map_err(|e| e.to_string())
 }
 
 /// Whether paths of two effects are equal, except for names that a drive file leaves free.

@@ -214,7 +214,7 @@ pub fn identified(folder: &Path, threads: usize) -> Result<IdentificationReport,
         progress: &say,
         runs: &runs,
     };
-    identify(&measurement, &machine, &data, &context)
+    identify(&measurement, &machine, &data, &context).map_err(|e| e.to_string())
 }
 
 /// The bundled bush drive.

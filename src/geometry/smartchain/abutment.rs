@@ -311,12 +311,6 @@ impl Abutment {
         }
     }
 
-    /// Gap between the ring and an abutment of the link whose front joint is at `tau` on its exact path [m].
-    pub fn ring_gap_m(&self, side: AbutmentSide, tau: f64) -> f64 {
-        let axis = self.transition.link(tau).axis.position;
-        self.contour(side).closest_to_point(axis).distance_m - self.ring_radius_m
-    }
-
     /// Length along the chain over which abutments of neighbouring links overlap about their common joint [m]: they
     /// must lie in different planes, like inner and outer links.
     pub fn neighbour_overlap_m(&self) -> f64 {
@@ -333,24 +327,6 @@ impl Abutment {
     /// Length along the link between its own two abutments [m].
     pub fn own_gap_m(&self) -> f64 {
         2.0 * self.front.end().x
-    }
-
-    /// Clearance between a bush about the joint and the abutments of its own and the neighbouring link, straight or
-    /// articulated [m].
-    pub fn bush_clearance_m(&self, bush_radius_m: f64) -> f64 {
-        self.min_joint_distance_m() - bush_radius_m
-    }
-
-    /// Smallest distance of the contour from its joint.
-    fn min_joint_distance_m(&self) -> f64 {
-        // The contour lies outside the circle of radius a about its joint, except for rounding of the arcs.
-        let joint = Vec2::new(0.5 * self.transition.pitch_m, 0.0);
-        self.front
-            .arcs()
-            .iter()
-            .flat_map(|arc| [arc.start, arc.end])
-            .map(|p| (p - joint).norm())
-            .fold(self.distance_m(), f64::min)
     }
 }
 

@@ -235,17 +235,6 @@ impl Transition {
         }
     }
 
-    /// Motion of the joint on its way out; it reaches the line at tau = 0.
-    pub fn leaving_pin(&self, tau: f64) -> PointMotion {
-        let m = self.pin(-tau);
-        let mirror = |v: Vec2| Vec2::new(-v.x, v.y);
-        PointMotion {
-            position: mirror(m.position),
-            velocity: -mirror(m.velocity),
-            acceleration: mirror(m.acceleration),
-        }
-    }
-
     pub(super) fn pin_on_line(&self, tau: f64) -> PointMotion {
         PointMotion {
             position: Vec2::new(self.line_end_x_m + self.pitch_m * tau, self.line_height_m),
@@ -332,16 +321,6 @@ impl Transition {
             })
     }
 
-    /// Distance of the joint at `tau` from its seat, in the frame of the turning sprocket: outwards along the seat's
-    /// radius, and ahead of it in the sense of rotation [m]. It decreases with the third power of 1 - tau: seating
-    /// without impact.
-    pub fn approach_to_seat_m(&self, tau: f64) -> (f64, f64) {
-        let pin = self.pin(tau).position;
-        let (sin, cos) = sin_cos(self.seat_angle_at_rad(tau));
-        let (radial, ahead) = (Vec2::new(sin, cos), Vec2::new(cos, -sin));
-        (pin.dot(&radial) - self.pitch_radius_m, pin.dot(&ahead))
-    }
-
     /// Contact force of the ring on the lever whose front joint is at tau, in 0 ..= n [N], and force of the guide on
     /// the rear joint of the lever that ends on the line [N], for `tension_n` in the straight span and massless links
     /// without friction.
@@ -382,11 +361,6 @@ impl Transition {
         // approach frame.
         let push = rotated(perp(lever.axis.velocity.normalize()), lever.turn_rad);
         Vec2::new(push.x, -push.y)
-    }
-
-    /// The first of [`Transition::quasi_static_forces_n`] [N].
-    pub fn quasi_static_ring_force_n(&self, tension_n: f64, tau: f64) -> f64 {
-        self.quasi_static_forces_n(tension_n, tau).0
     }
 }
 

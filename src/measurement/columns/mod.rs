@@ -5,6 +5,7 @@
 mod csv;
 mod parquet;
 
+#[doc(hidden)]
 pub use self::csv::parse_csv;
 
 use super::contained::contained;
@@ -22,6 +23,7 @@ pub struct Columns {
     pub names: Vec<String>,
     /// One value per row for requested columns, empty for others.
     pub values: Vec<Vec<f64>>,
+    /// Number of rows.
     pub rows: usize,
     /// Why a column cannot be used, e.g. its first non-numeric value with its line. This is an error only if the
     /// measurement requests that column.
@@ -36,12 +38,14 @@ pub struct Columns {
     pub missing: Vec<String>,
 }
 
-/// Layout of a text file, and the group to be read from an MDF file.
+/// FileLayout of a text file, and the group to be read from an MDF file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileLayout {
+    /// The first line names the columns.
     pub header: bool,
     /// None: comma, semicolon or tab, by the first line.
     pub separator: Option<u8>,
+    /// Lines before the names, or before the first row without them.
     pub skip_lines: usize,
     /// Counted from 0.
     pub group: Option<usize>,
@@ -56,7 +60,9 @@ impl Default for FileLayout {
 /// Requested columns.
 #[derive(Clone, Copy, Debug)]
 pub enum ColumnSelection<'a> {
+    /// Every column.
     All,
+    /// Columns with these names.
     Named(&'a [String]),
 }
 
@@ -119,6 +125,7 @@ impl Columns {
         self.names.iter().position(|n| n == name)
     }
 
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -154,6 +161,7 @@ impl Columns {
     }
 }
 
+#[doc(hidden)]
 /// Reads the wanted columns of a file. Errors name the file, and line and column of the unreadable value.
 pub fn read(
     path: &Path,
@@ -206,6 +214,7 @@ fn read_mdf(
     parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
 }
 
+#[doc(hidden)]
 /// Channels of one group of an ASAM MDF file, converted to their units; invalid and non-numeric values are NaN. If more
 /// than one group contains samples, `group` selects one, because groups have separate clocks.
 pub fn parse_mdf(

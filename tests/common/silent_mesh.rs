@@ -24,13 +24,12 @@
 //! T is the tension minus m v^2 / p. Source: derived here. Valid without friction, for rigid links and faces with a
 //! contact point (arc, crowned).
 
-use super::Vec2;
-use super::chain::silent::{LinkPart, SilentLinkContour};
-use super::element_gap::{element_gap_m, least_distance_m};
-use super::profile::Element;
-use super::silent_sprocket::SilentSprocket;
-use super::unit;
-use crate::units::{atan2, sin_cos};
+use pitchline::geometry::chain::silent::{LinkPart, SilentLinkContour};
+use pitchline::geometry::element_gap::{element_gap_m, least_distance_m};
+use pitchline::geometry::profile::Element;
+use pitchline::geometry::silent_sprocket::SilentSprocket;
+use pitchline::geometry::{Vec2, unit};
+use pitchline::units::{atan2, sin_cos};
 use std::f64::consts::PI;
 
 /// Smallest gap of a part of the link on its way to the seat, and its position.
