@@ -111,6 +111,7 @@ fn modules_use_only_what_stands_above_them() {
         "units",
         "diag",
         "geometry",
+        "recording::columns",
         "recording::frame",
         "state",
         "contact",

@@ -2,7 +2,7 @@
 //! model. A new kind of file is one new module and one arm in [`create`].
 
 pub mod capture;
-pub mod channels;
+pub mod columns;
 #[cfg(feature = "live")]
 pub mod foxglove_live;
 pub mod foxglove_scene;

@@ -2,6 +2,7 @@
 //! many values as there are contacts. The arrays are built here, because the crate's archetype builders copy value by
 //! value.
 
+use crate::recording::columns;
 use anyhow::Result;
 use rerun::external::arrow::array::{
     ArrayRef, BooleanArray, FixedSizeListArray, Float32Array, Float64Array, StringArray, UInt16Array, UInt64Array,
@@ -80,6 +81,14 @@ impl Table {
         Table::new(entity.into(), columns.into_iter().map(|(name, values)| (number(group, name), values)).collect())
     }
 
+    /// Adds a row: values of every column, in the order of the table.
+    pub fn push_row(&mut self, columns: &[columns::Values<'_>]) {
+        for (to, from) in self.columns.iter_mut().zip(columns) {
+            to.values.extend(from);
+        }
+        self.end_row(columns.first().map_or(0, columns::Values::len));
+    }
+
     /// Ends a row in which every column has received `n` values.
     pub fn end_row(&mut self, n: usize) {
         self.lengths.push(n);
@@ -110,13 +119,6 @@ impl Table {
         match &mut self.columns[column].values {
             Values::U64(values) => values,
             _ => panic!("{} column {column} is not u64", self.entity),
-        }
-    }
-
-    pub fn bool(&mut self, column: usize) -> &mut Vec<bool> {
-        match &mut self.columns[column].values {
-            Values::Bool(values) => values,
-            _ => panic!("{} column {column} is not bool", self.entity),
         }
     }
 
@@ -159,6 +161,31 @@ pub fn send<'a>(
 }
 
 impl Values {
+    /// An empty column for such values.
+    pub fn like(values: &columns::Values<'_>) -> Values {
+        match values {
+            columns::Values::F64(_) => Values::F64(Vec::new()),
+            columns::Values::U32(_) => Values::U16(Vec::new()),
+            columns::Values::U64(_) => Values::U64(Vec::new()),
+            columns::Values::Bool(_) => Values::Bool(Vec::new()),
+            columns::Values::Text(_) => Values::Text(Vec::new()),
+        }
+    }
+
+    fn extend(&mut self, values: &columns::Values<'_>) {
+        match (self, values) {
+            (Values::F64(to), columns::Values::F64(from)) => to.extend_from_slice(from),
+            // No chain has more links or teeth than fit.
+            (Values::U16(to), columns::Values::U32(from)) => {
+                to.extend(from.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
+            }
+            (Values::U64(to), columns::Values::U64(from)) => to.extend_from_slice(from),
+            (Values::Bool(to), columns::Values::Bool(from)) => to.extend_from_slice(from),
+            (Values::Text(to), columns::Values::Text(from)) => to.extend_from_slice(from),
+            (_, from) => panic!("a column of another kind than {from:?}"),
+        }
+    }
+
     fn take(&mut self) -> ArrayRef {
         match self {
             Values::F64(values) => Arc::new(Float64Array::from(taken(values))),
