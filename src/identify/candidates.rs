@@ -5,7 +5,7 @@ use super::plant::has_place;
 use super::problem::{Global, Law, Local, Point, Problem};
 use super::screen::Seed;
 use crate::drive::sensors::is_signal;
-use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
+use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale, Twin, sign_blind};
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
 use crate::measurement::CandidateSpec;
@@ -294,12 +294,12 @@ pub fn all(
                     && (p.slots.iter().any(|s| fitted.contains(s)) || p.path == path)
             });
             // The same parameter under another name, which is already free.
-            let twin = match (effect.name, target) {
-                ("span_stiffness", Target::Spring(s)) => Some(m.springs[s].stiffness),
-                ("span_damping", Target::Spring(s)) => Some(m.springs[s].damping),
-                ("gain_error", Target::Sensor(s)) => Some(m.sensors[s].gain),
-                _ => None,
-            };
+            let twin = effect.kin.twin.and_then(|twin| match (twin, target) {
+                (Twin::SpanStiffness, Target::Spring(s)) => Some(m.springs[s].stiffness),
+                (Twin::SpanDamping, Target::Spring(s)) => Some(m.springs[s].damping),
+                (Twin::SensorGain, Target::Sensor(s)) => Some(m.sensors[s].gain),
+                (Twin::SpanStiffness | Twin::SpanDamping | Twin::SensorGain, _) => None,
+            });
             if twin.is_some_and(|slot| fitted.contains(&slot)) {
                 leave("its number is fitted already");
                 continue;
@@ -331,7 +331,7 @@ pub fn all(
                     continue;
                 }
             }
-            if effect.name == "sign_blind"
+            if *effect == sign_blind::ROW
                 && let Some(c) = channel
                 && data.facts.iter().any(|f| f.channel == c.name && f.below_zero)
             {

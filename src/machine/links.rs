@@ -4,13 +4,13 @@
 use super::{Body, Linked, Loop, Machine, Motion, PartQuantity, Placed, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::{Drive, OuterSpec};
-use crate::effects::{Effect, Kind, On, Parameter};
+use crate::effects::{Effect, Kind, On, Parameter, parameter_at};
 use crate::units::RPM;
 
 /// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
 /// start of a record is found as the record's travel, so that effects on links have no phase of their own.
 pub(super) fn takes(effect: &Effect, p: &Parameter) -> bool {
-    is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
+    is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
 }
 
 /// Greatest common divisor.
@@ -40,7 +40,8 @@ impl Machine {
                 known
             }
             None => {
-                m.slots.push(Slot { path, unit, low: f64::MIN, high: f64::MAX });
+                let (low, high) = parameter_at(&path).map_or((f64::MIN, f64::MAX), |p| (p.low, p.high));
+                m.slots.push(Slot { path, unit, low, high });
                 m.values.push(value);
                 m.slots.len() - 1
             }
@@ -131,7 +132,8 @@ fn numbers_of_the_file(m: &mut Machine, text: &str) {
     fn walk(prefix: &str, value: &toml::Value, m: &mut Machine) {
         let mut leaf = |number: f64| {
             let path = prefix.to_string();
-            m.slots.push(Slot { path, unit: 1.0, low: f64::MIN, high: f64::MAX });
+            let (low, high) = parameter_at(&path).map_or((f64::MIN, f64::MAX), |p| (p.low, p.high));
+            m.slots.push(Slot { path, unit: 1.0, low, high });
             m.values.push(number);
         };
         match value {

@@ -2,7 +2,7 @@
 
 use super::{Body, End, Input, InputKind, Loop, Machine, Motion, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::Table;
-use crate::effects::{EFFECTS, Effect, On, named};
+use crate::effects::{self, EFFECTS, Effect, On};
 use crate::units::{MM, RPM};
 
 /// Maximum number of marks whose spacing is fitted individually.
@@ -18,7 +18,7 @@ pub(super) fn machine(root: &Table<'_>) -> Machine {
     chain(root, &mut m);
     sensors(root, &mut m);
     loads(root, &mut m);
-    effects(root, &mut m);
+    read_effects(root, &mut m);
     if m.bodies.is_empty() {
         root.error("a machine needs a body".into(), Some("add `[rotors.NAME]` or `[sliders.NAME]`".into()));
     }
@@ -246,20 +246,19 @@ fn sensors(root: &Table<'_>, m: &mut Machine) {
 }
 
 /// Declared loads are effects under another name: table, row of the catalogue.
-const LOADS: [(&str, &str); 6] = [
-    ("constant", "constant_torque"),
-    ("viscous", "viscous_friction"),
-    ("quadratic", "quadratic_drag"),
-    ("friction", "coulomb_friction"),
-    ("stribeck", "stribeck_friction"),
-    ("harmonic", "torque_ripple"),
+const LOADS: [(&str, &Effect); 6] = [
+    ("constant", &effects::constant_torque::ROW),
+    ("viscous", &effects::viscous_friction::ROW),
+    ("quadratic", &effects::quadratic_drag::ROW),
+    ("friction", &effects::coulomb_friction::ROW),
+    ("stribeck", &effects::stribeck_friction::ROW),
+    ("harmonic", &effects::torque_ripple::ROW),
 ];
 
 fn loads(root: &Table<'_>, m: &mut Machine) {
     let table = root.table("loads");
-    for (kind, row) in LOADS {
+    for (kind, effect) in LOADS {
         let of_kind = table.table(kind);
-        let Some(effect) = named(row) else { continue };
         for (name, t) in of_kind.tables_or_set() {
             let on = t.text("body").unwrap_or_else(|| name.clone());
             let body = body_named(m, &t, &on);
@@ -271,7 +270,7 @@ fn loads(root: &Table<'_>, m: &mut Machine) {
     table.finish();
 }
 
-fn effects(root: &Table<'_>, m: &mut Machine) {
+fn read_effects(root: &Table<'_>, m: &mut Machine) {
     let table = root.table("effects");
     for effect in EFFECTS {
         let of_kind = table.table(effect.name);
@@ -290,16 +289,7 @@ fn effects(root: &Table<'_>, m: &mut Machine) {
 /// Reads an effect's parameters and adds it to the machine.
 fn place(m: &mut Machine, t: &Table<'_>, effect: &'static Effect, target: Target) {
     let keys = m.keys(effect, target);
-    let slots = keys
-        .iter()
-        .map(|(key, p)| {
-            if p.kind.is_whole() {
-                let range = (p.low, p.high);
-                return slot(m, t, key, p.unit, range, p.default);
-            }
-            slot(m, t, key, p.unit, (p.low, p.high), p.default)
-        })
-        .collect();
+    let slots = keys.iter().map(|(key, p)| slot(m, t, key, p.unit, (p.low, p.high), p.default)).collect();
     m.put(effect, t.path().to_string(), target, slots);
 }
 
