@@ -211,7 +211,7 @@ impl ImpactWatch {
             let law = touch.and_then(|_| match part {
                 // All sprockets have the drive's single law, so that it need not be looked up.
                 Part::Bushes if open.placed => Some(&model.sprockets[open.impact.body as usize].body.law),
-                _ => scratch.law(model, part, lane),
+                Part::Bushes | Part::Guides(_) | Part::Rails(_) | Part::Contours(_) => scratch.law(model, part, lane),
             });
             let top = match law {
                 Some(law) => open.meter.look(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),

@@ -165,3 +165,113 @@ fn modules_use_only_what_stands_above_them() {
         }
     }
 }
+
+/// Matches on our own enums that end in `_ =>`, and why: file, what is matched, reason.
+const CATCH_ALLS: &[(&str, &str, &str)] = &[
+    ("src/breakpoint/columns.rs", "(quantity.scope, quantity.what)", "pairs: all but one"),
+    ("src/breakpoint/extremes.rs", "(left, right)", "pairs: all but two"),
+    ("src/elements/end_contact.rs", "(&self.shape, contour)", "pairs: the rest do not meet"),
+    ("src/integrate/explicit/ends/query.rs", "(self, contour)", "pairs: the rest do not meet"),
+    ("src/machine/forces.rs", "(p.effect.physics, p.target)", "pairs: the rest is placed nowhere"),
+    ("src/recording/table/file.rs", "(self, values)", "pairs: of two kinds is a mistake of ours, which panics"),
+];
+
+/// Enums that may be matched so: each function is about the few quantities of break expressions that its scope has.
+const MANY: [&str; 1] = ["What"];
+
+/// A new variant of an enum has to be thought of wherever the enum is matched: no arm of a match may stand for whatever else there is.
+#[test]
+fn matches_on_our_own_enums_name_every_variant() {
+    let files: Vec<(String, String)> = rust_files()
+        .iter()
+        .filter(|p| p.starts_with(root().join("src")))
+        .map(|path| {
+            let text = std::fs::read_to_string(path).expect("readable");
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            (path.strip_prefix(root()).unwrap_or(path).display().to_string(), plain(code))
+        })
+        .collect();
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let enums: Vec<String> = files.iter().flat_map(|(_, t)| t.split("enum ").skip(1).map(name)).collect();
+    assert!(enums.len() > 80, "{} enums", enums.len());
+    let mut unused: Vec<_> = CATCH_ALLS.iter().collect();
+    let mut found = Vec::new();
+    for (file, text) in &files {
+        for (at, _) in text.match_indices("match ") {
+            let Some((head, body)) = match_at(&text[at + "match ".len()..]) else { continue };
+            let patterns = patterns(body);
+            let is_catch_all = |p: &str| p == "_" || p.starts_with("_ if ");
+            let is_ours = |p: &str| {
+                p.split("::").any(|before| {
+                    let word = before.rsplit(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default();
+                    p.contains(&format!("{word}::"))
+                        && !MANY.contains(&word)
+                        && (word == "Self" || enums.iter().any(|e| e == word))
+                })
+            };
+            if !patterns.iter().any(|p| is_catch_all(p)) || !patterns.iter().any(|p| is_ours(p)) {
+                continue;
+            }
+            let head = head.trim();
+            match unused.iter().position(|(f, h, _)| f == file && *h == head) {
+                Some(known) => drop(unused.remove(known)),
+                None => found.push(format!("{file}: match {head}")),
+            }
+        }
+    }
+    assert!(found.is_empty(), "an arm `_` beside variants of our own enums; write them out:\n{}", found.join("\n"));
+    assert!(unused.is_empty(), "no such match any more: {unused:?}");
+}
+
+/// Rust code without what stands in comments and quotes.
+fn plain(code: &str) -> String {
+    let (mut out, mut quoted) = (String::new(), false);
+    for line in code.lines() {
+        let line = line.replace("'\"'", "' '").replace("'{'", "' '").replace("'}'", "' '").replace("\\\"", "");
+        for (i, c) in line.char_indices() {
+            if !quoted && line[i..].starts_with("//") {
+                break;
+            }
+            quoted ^= c == '"';
+            out.push(if quoted { 'x' } else { c });
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// What is matched, and the arms, of the text behind a `match`.
+fn match_at(text: &str) -> Option<(&str, &str)> {
+    let mut depth = 0;
+    let open = text.char_indices().find_map(|(i, c)| {
+        depth += i32::from("([".contains(c)) - i32::from(")]".contains(c));
+        (depth == 0 && "{;".contains(c)).then_some((i, c))
+    });
+    let (open, '{') = open? else { return None };
+    let mut depth = 0;
+    let close = text[open..].char_indices().find_map(|(i, c)| {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        (depth == 0).then_some(open + i)
+    })?;
+    Some((&text[..open], &text[open + 1..close]))
+}
+
+/// Patterns of a match's arms.
+fn patterns(body: &str) -> Vec<&str> {
+    let (mut found, mut start, mut depth, mut in_pattern) = (Vec::new(), 0, 0, true);
+    for (i, c) in body.char_indices() {
+        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        if in_pattern && depth == 0 && body[i..].starts_with("=>") {
+            found.push(body[start..i].trim());
+            in_pattern = false;
+        }
+        // An arm ends with a comma, or with the brace of its block unless its expression goes on.
+        let goes_on = || {
+            body[i + 1..].trim_start().starts_with(['.', '?', ',']) || body[i + 1..].trim_start().starts_with("else")
+        };
+        if !in_pattern && depth == 0 && (c == ',' || (c == '}' && !goes_on())) {
+            (start, in_pattern) = (i + 1, true);
+        }
+    }
+    found
+}

@@ -68,7 +68,7 @@ impl Ledger {
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
         let with_stiffness = |part: Part| match one_law(model, part) {
             Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
-            _ => (part, None),
+            Some(ContactLaw::HertzLine(_) | ContactLaw::Power { .. }) | None => (part, None),
         };
         Ledger {
             mass: moving(&c.mass),

@@ -531,7 +531,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
         match summary.ending {
             Ending::Interrupted => " (interrupted)",
             Ending::Hit => " (stopped at a breakpoint)",
-            _ => "",
+            Ending::Done | Ending::Broke(_) => "",
         },
         simulated * 1e3,
         summary.steps,

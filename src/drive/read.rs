@@ -146,7 +146,7 @@ fn read_contacts(t: &Table<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec,
     let guide = read_contact(&t.table("guide"), width_m);
     let ring = match chain {
         ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
-        _ => tooth,
+        ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,
     };
     t.finish();
     (tooth, guide, ring)

@@ -196,22 +196,22 @@ impl Sizes {
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {
             Target::Body(b) => b,
-            _ => 0,
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 0,
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
         let inertia = m.bodies.get(body).map_or(1.0, |b| m.values[b.inertia]);
         let (stiffness, tension) = match target {
             Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
-            _ => (1.0, 1.0),
+            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => (1.0, 1.0),
         };
         let input = match target {
             Target::Input(i) => known(&self.input, i),
-            _ => 1.0,
+            Target::Body(_) | Target::Spring(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 1.0,
         };
         let signal = match target {
             Target::Sensor(s) => known(&self.signal, s),
-            _ => 1.0,
+            Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => 1.0,
         };
         match scale {
             Scale::One => 1.0,
@@ -282,7 +282,7 @@ pub fn all(
             let mut leave = |why: &str| reasons.push((path.clone(), why.to_string()));
             let channel = match target {
                 Target::Sensor(s) => data.channels.iter().find(|c| c.sensor == s),
-                _ => None,
+                Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => None,
             };
             if matches!(target, Target::Sensor(_)) && channel.is_none() {
                 continue;
@@ -426,7 +426,7 @@ pub fn begun<'a>(
     let sized = |share: f64| {
         let size = |(value, row): (&f64, &&Parameter)| match row.kind {
             Kind::Amplitude | Kind::PerMark => share * value,
-            _ => *value,
+            Kind::Shape | Kind::Phase | Kind::Whole | Kind::Index | Kind::Start | Kind::Given => *value,
         };
         let values = seed.values.iter().zip(&h.rows).map(size).collect();
         with(problem, point, h, &Seed { values, ..seed.clone() })
@@ -497,7 +497,7 @@ pub fn with<'a>(problem: &Problem<'a>, point: &Point, h: &Hypothesis, seed: &See
         let body = next.machine.bodies.len() - 1;
         let of_near = |l: &Local| match l {
             Local::Speed { body, scale } if *body == near => Some(*scale),
-            _ => None,
+            Local::Travel | Local::Angle { .. } | Local::Speed { .. } | Local::Slot { .. } => None,
         };
         let speed = next.locals.iter().find_map(of_near).unwrap_or(1.0);
         let rate = h.rows.iter().zip(values).find(|(r, _)| r.key == "frequency_hz").map_or(1.0, |(_, w)| *w);

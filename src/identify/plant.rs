@@ -8,6 +8,7 @@
 //! pitches.
 
 use crate::drive::Drive;
+use crate::drive::sensors::SensorReads;
 use crate::effects::{Effect, On, Physics};
 use crate::machine::simulate::{RunError, Samples, Start, Task, between, clock, cubic, through_sensor};
 use crate::machine::{Machine, Motion, Reads};
@@ -123,8 +124,17 @@ impl Plant {
             .sensors
             .iter()
             .map(|s| match s.reads {
-                crate::drive::sensors::SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
-                _ => None,
+                SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
+                SensorReads::Speed(_)
+                | SensorReads::Acceleration(_)
+                | SensorReads::Torque(_)
+                | SensorReads::Span(_)
+                | SensorReads::Link(_)
+                | SensorReads::Guide(_)
+                | SensorReads::Slider(_)
+                | SensorReads::Tip(_)
+                | SensorReads::Pressure(_)
+                | SensorReads::Flow(_) => None,
             })
             .collect();
         // The number of bins is an integer for every two pitches, because waves are also folded on these.
@@ -221,7 +231,7 @@ impl Plant {
 pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     let driver = m.bodies.iter().find_map(|b| match b.motion {
         Motion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
-        _ => None,
+        Motion::Free | Motion::Measured(_) => None,
     });
     let Some((speed, teeth)) = driver else { return 0.0 };
     speed * f64::from(teeth) / f64::from(m.bodies[body].teeth.unwrap_or(1))

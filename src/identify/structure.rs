@@ -115,7 +115,12 @@ pub fn locked(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
             let on = places(&ON_SPROCKETS[..1]).filter(|(_, t)| matches!(t, Target::Body(b) if divides(*b)));
             on.map(|(path, _)| path).collect()
         }
-        _ => Vec::new(),
+        Target::Body(_)
+        | Target::Spring(_)
+        | Target::Input(_)
+        | Target::Sensor(_)
+        | Target::Chain
+        | Target::Guide(_) => Vec::new(),
     }
 }
 

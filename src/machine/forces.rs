@@ -122,7 +122,7 @@ impl<'a> Ready<'a> {
                         let (length, slope) = law(p, self.chain_at(s, q));
                         (leader, (length, slope * self.leader_teeth / (2.0 * PI)))
                     }
-                    _ => continue,
+                    OnSpring::Force { .. } | OnSpring::Loss { .. } => continue,
                 };
                 stretch += length;
                 rate += slope * v[body];

@@ -104,7 +104,7 @@ impl Machine {
         self.placed.iter().fold(declared, |all, p| match p.target {
             Target::Body(b) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
             Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
-            _ => all,
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => all,
         })
     }
 
@@ -122,7 +122,8 @@ impl Machine {
             Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
             Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
             Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
-            _ => Vec::new(),
+            Some(On::Body | On::Prescribed | On::Span | On::Input | On::Sensor | On::AngleSensor | On::Pickup)
+            | None => Vec::new(),
         }
     }
 }

@@ -380,7 +380,9 @@ impl Reader {
                     ensure!(inside, "an impact of a link or body that there is not");
                     Entry::Impact(impact)
                 }
-                _ => return Ok(Flow::On),
+                Topic::Header | Topic::Frame | Topic::Keyframe | Topic::Event | Topic::Impact | Topic::Other => {
+                    return Ok(Flow::On);
+                }
             };
             match entry {
                 Entry::Frame(_) => {}
@@ -388,7 +390,7 @@ impl Reader {
                     rhythm.heads += 1;
                     ensure!(rhythm.heads <= MOST_HEADS, "more than {MOST_HEADS} frames");
                 }
-                _ => {
+                Entry::Keyframe(_) | Entry::Event(_) | Entry::Impact(_) => {
                     rhythm.kept += 1;
                     ensure!(rhythm.kept <= MOST_MESSAGES, "more than {MOST_MESSAGES} messages");
                 }

@@ -149,7 +149,7 @@ impl RerunSink {
                 *last_block = Instant::now();
                 true
             }
-            _ => false,
+            End::File { .. } | End::Viewer { .. } => false,
         }
     }
 

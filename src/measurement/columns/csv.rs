@@ -376,7 +376,7 @@ impl Column {
                 };
                 Some((t_ns - first_ns) as f64 * 1e-9)
             }
-            _ => None,
+            (Ok(_), Kind::Instant(_)) | (Err(_), Kind::Number) => None,
         }
     }
 }

@@ -97,35 +97,57 @@ impl Table {
     pub fn f64(&mut self, column: usize) -> &mut Vec<f64> {
         match &mut self.columns[column].values {
             Values::F64(values) => values,
-            _ => panic!("{} column {column} is not f64", self.entity),
+            Values::Vec3(_)
+            | Values::Quaternion(_)
+            | Values::U16(_)
+            | Values::U64(_)
+            | Values::Bool(_)
+            | Values::Text(_) => panic!("{} column {column} is not f64", self.entity),
         }
     }
 
     pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
         match &mut self.columns[column].values {
             Values::Vec3(values) | Values::Quaternion(values) => values,
-            _ => panic!("{} column {column} is not f32", self.entity),
+            Values::F64(_) | Values::U16(_) | Values::U64(_) | Values::Bool(_) | Values::Text(_) => {
+                panic!("{} column {column} is not f32", self.entity)
+            }
         }
     }
 
     pub fn u16(&mut self, column: usize) -> &mut Vec<u16> {
         match &mut self.columns[column].values {
             Values::U16(values) => values,
-            _ => panic!("{} column {column} is not u16", self.entity),
+            Values::F64(_)
+            | Values::Vec3(_)
+            | Values::Quaternion(_)
+            | Values::U64(_)
+            | Values::Bool(_)
+            | Values::Text(_) => panic!("{} column {column} is not u16", self.entity),
         }
     }
 
     pub fn u64(&mut self, column: usize) -> &mut Vec<u64> {
         match &mut self.columns[column].values {
             Values::U64(values) => values,
-            _ => panic!("{} column {column} is not u64", self.entity),
+            Values::F64(_)
+            | Values::Vec3(_)
+            | Values::Quaternion(_)
+            | Values::U16(_)
+            | Values::Bool(_)
+            | Values::Text(_) => panic!("{} column {column} is not u64", self.entity),
         }
     }
 
     pub fn text(&mut self, column: usize) -> &mut Vec<String> {
         match &mut self.columns[column].values {
             Values::Text(values) => values,
-            _ => panic!("{} column {column} is not text", self.entity),
+            Values::F64(_)
+            | Values::Vec3(_)
+            | Values::Quaternion(_)
+            | Values::U16(_)
+            | Values::U64(_)
+            | Values::Bool(_) => panic!("{} column {column} is not text", self.entity),
         }
     }
 
