@@ -34,6 +34,8 @@ pub struct Ledger {
     lost_j: f64,
     next: Option<u64>,
     summed: u64,
+    /// What was lost and stored where the ledger was opened, which is the same in all steps of a run [J].
+    origin_j: Option<[f64; 2]>,
     /// Result of the last evaluation.
     now: (Energy, f64),
 }
@@ -80,6 +82,7 @@ impl Ledger {
             lost_j: 0.0,
             next: None,
             summed: 0,
+            origin_j: None,
             now: (Energy::default(), 0.0),
         }
     }
@@ -138,8 +141,9 @@ impl Ledger {
         (e.kinetic_j, e.elastic_joint_j) = (kinetic_j, elastic_j);
         e.work_in_j = work_in_j - origin.work_in_j;
         e.work_out_j = work_out_j - origin.work_out_j;
-        e.lost_pin_damping_j = lost_j - origin.lost_j();
-        e.error_j = e.work_in_j - e.work_out_j - e.lost_pin_damping_j - (stored_j - origin.stored_j());
+        let [lost_then_j, stored_then_j] = *self.origin_j.get_or_insert_with(|| [origin.lost_j(), origin.stored_j()]);
+        e.lost_pin_damping_j = lost_j - lost_then_j;
+        e.error_j = e.work_in_j - e.work_out_j - e.lost_pin_damping_j - (stored_j - stored_then_j);
         Some(&self.now)
     }
 
