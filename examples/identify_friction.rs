@@ -26,7 +26,7 @@ pub fn report(path: &Path) -> Result<String, Box<dyn Error>> {
     let drive = std::fs::read_to_string(folder.join(&measurement.drive))?;
     let machine = Machine::parse(&measurement.drive, &drive, &[])?;
     // At most 100 MB of measured values.
-    let data = load(&measurement, &machine, folder, &mut Memory::of_program(100_000_000))?;
+    let data = load(&measurement, &machine, folder, &mut Memory::for_program(100_000_000))?;
     // Another thread may set `stop`; the budget may limit runs or seconds; `progress` is told every stage.
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let context = Context {

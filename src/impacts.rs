@@ -219,7 +219,9 @@ impl ImpactWatch {
             let law = touch.and_then(|_| match part {
                 // All sprockets have the drive's single law, so that it need not be looked up.
                 ContactGroup::Bushes if open.has_partner => Some(&model.sprockets[open.impact.body as usize].body.law),
-                _ => scratch.law(model, part, lane),
+                ContactGroup::Bushes | ContactGroup::Guides(_) | ContactGroup::Rails(_) | ContactGroup::Contours(_) => {
+                    scratch.law(model, part, lane)
+                }
             });
             let top = match law {
                 Some(law) => open.meter.peak_since(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),

@@ -595,7 +595,7 @@ fn build_end_bodies(
     for (k, s) in sprockets.iter().enumerate() {
         let spec = match drive.chain {
             ChainSpec::Abutment(_) => &drive.ring_contact,
-            _ => &drive.tooth_contact,
+            ChainSpec::Bush(_) | ChainSpec::Silent(_) => &drive.tooth_contact,
         };
         let body = |set: usize, shape: EndShape| EndBody {
             name: format!("sprockets.{}", s.name),

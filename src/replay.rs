@@ -298,97 +298,13 @@ fn keyframe_difference(theirs: &Keyframe, ours: &Keyframe, who: &str) -> String 
 
 /// The first value that differs between a recorded frame and the recomputed one.
 pub fn frame_difference(theirs: &Frame, ours: &Frame) -> String {
-    let mut found = None;
-    each_column(theirs, |name, a| {
-        if found.is_some() {
-            return;
+    for ((name, a), (_, b)) in theirs.columns().into_iter().zip(ours.columns()) {
+        if a.len() != b.len() {
+            return format!("{name}: {} rows recorded, the run gives {}", a.len(), b.len());
         }
-        each_column(ours, |other, b| {
-            if other != name || found.is_some() {
-                return;
-            }
-            if a.len() != b.len() {
-                found = Some(format!("{name}: {} rows recorded, the run gives {}", a.len(), b.len()));
-            } else if let Some(i) = (0..a.len()).find(|i| a[*i].to_bits() != b[*i].to_bits()) {
-                found = Some(format!("{name}[{i}]: recorded {:e}, the run gives {:e}", a[i], b[i]));
-            }
-        });
-    });
-    found.unwrap_or_else(|| {
-        format!("state hash: recorded {:016x}, the run gives {:016x}", theirs.state_hash, ours.state_hash)
-    })
-}
-
-/// Calls `f` for every column of a frame, under the name of its channel.
-pub fn each_column(frame: &Frame, mut f: impl FnMut(&'static str, &[f64])) {
-    let Frame { step, t_s, state_hash: _, crank_angle_rad, links, joints, contacts, rotors, energy, sensors } = frame;
-    f("sensors", sensors);
-    f("step", &[*step as f64]);
-    f("t_s", &[*t_s]);
-    f("crank_angle_rad", &[*crank_angle_rad]);
-    f("links.x_m", &links.x_m);
-    f("links.y_m", &links.y_m);
-    f("links.angle_rad", &links.angle_rad);
-    f("links.vx_m_s", &links.vx_m_s);
-    f("links.vy_m_s", &links.vy_m_s);
-    f("links.omega_rad_s", &links.omega_rad_s);
-    f("links.ax_m_s2", &links.ax_m_s2);
-    f("links.ay_m_s2", &links.ay_m_s2);
-    f("links.alpha_rad_s2", &links.alpha_rad_s2);
-    f("joints.force_x_n", &joints.force_x_n);
-    f("joints.force_y_n", &joints.force_y_n);
-    f("joints.friction_torque_nm", &joints.friction_torque_nm);
-    let c = contacts;
-    let whole = |column: &[u32]| -> Vec<f64> { column.iter().map(|v| f64::from(*v)).collect() };
-    for (name, column) in [
-        ("contacts.link", &c.link),
-        ("contacts.feature", &c.feature),
-        ("contacts.body", &c.body),
-        ("contacts.tooth", &c.tooth),
-        ("contacts.segment", &c.segment),
-    ] {
-        f(name, &whole(column));
+        if let Some(i) = a.first_difference(&b) {
+            return format!("{name}[{i}]: recorded {}, the run gives {}", a.show(i), b.show(i));
+        }
     }
-    for (name, column) in [
-        ("contacts.point_body_x_m", &c.point_body_x_m),
-        ("contacts.point_body_y_m", &c.point_body_y_m),
-        ("contacts.point_link_x_m", &c.point_link_x_m),
-        ("contacts.point_link_y_m", &c.point_link_y_m),
-        ("contacts.normal_x", &c.normal_x),
-        ("contacts.normal_y", &c.normal_y),
-        ("contacts.penetration_m", &c.penetration_m),
-        ("contacts.approach_speed_m_s", &c.approach_speed_m_s),
-        ("contacts.normal_speed_m_s", &c.normal_speed_m_s),
-        ("contacts.tangential_speed_m_s", &c.tangential_speed_m_s),
-        ("contacts.normal_force_n", &c.normal_force_n),
-        ("contacts.tangential_force_n", &c.tangential_force_n),
-        ("contacts.age_s", &c.age_s),
-        ("contacts.instant_force_n", &c.instant_force_n),
-    ] {
-        f(name, column);
-    }
-    f("contacts.stick", &c.stick.iter().map(|s| f64::from(u8::from(*s))).collect::<Vec<_>>());
-    f("rotors.angle_rad", &rotors.angle_rad);
-    f("rotors.speed_rad_s", &rotors.speed_rad_s);
-    f("rotors.chain_torque_nm", &rotors.chain_torque_nm);
-    f("rotors.outer_torque_nm", &rotors.outer_torque_nm);
-    let e = energy;
-    for (name, value) in [
-        ("energy.kinetic_j", e.kinetic_j),
-        ("energy.elastic_joint_j", e.elastic_joint_j),
-        ("energy.elastic_contact_j", e.elastic_contact_j),
-        ("energy.work_in_j", e.work_in_j),
-        ("energy.work_out_j", e.work_out_j),
-        ("energy.lost_pin_damping_j", e.lost_pin_damping_j),
-        ("energy.lost_pin_friction_j", e.lost_pin_friction_j),
-        ("energy.lost_contact_damping_j", e.lost_contact_damping_j),
-        ("energy.lost_contact_friction_j", e.lost_contact_friction_j),
-        ("energy.lost_guide_damping_j", e.lost_guide_damping_j),
-        ("energy.lost_guide_friction_j", e.lost_guide_friction_j),
-        ("energy.elastic_spring_j", e.elastic_spring_j),
-        ("energy.lost_spring_damping_j", e.lost_spring_damping_j),
-        ("energy.error_j", e.error_j),
-    ] {
-        f(name, &[value]);
-    }
+    format!("state hash: recorded {:016x}, the run gives {:016x}", theirs.state_hash, ours.state_hash)
 }

@@ -398,19 +398,68 @@ fn drives_with_links_take_the_effects_that_say_so() {
     for e in EFFECTS {
         let target = match e.links.unwrap_or(e.on) {
             On::Guide => "tight",
-            On::Sprocket => "driver",
+            On::Sprocket | On::Prescribed => "driver",
             On::Chain => "odd",
+            On::Body => "driven",
             _ => "chain",
         };
-        let whole_chain = e.links == Some(On::Joints);
-        let keys = e.parameters.iter().filter(|p| p.key != "arm_um" && !(whole_chain && p.key == "phase_deg"));
+        let keys = e.parameters.iter().filter(|p| !p.lumped_only);
         let sets: Vec<String> =
             keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))).collect();
         let result = pitchline::drive::Drive::parse("bush-20-40", pitchline::drive::BUNDLED[0].1, &sets);
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 10);
+    assert_eq!(taken, 18);
+}
+
+/// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
+/// bounds, whether the file declares the effect or a search places it.
+#[test]
+fn readers_and_fits_have_the_ranges_of_the_catalogue() {
+    use pitchline::drive::{BUNDLED, Drive, sensors::is_signal};
+    use pitchline::effects::{EFFECTS, Kind, On, Parameter};
+    use pitchline::machine::Machine;
+    let text = format!("{}\n[sensors.encoder.driven]\n", BUNDLED[0].1);
+    let plain = Machine::of_links(&Drive::parse("bush-20-40", &text, &[]).expect("a drive"));
+    let mut tried = 0;
+    for e in EFFECTS.into_iter().filter(|e| e.links.is_some() || is_signal(e)) {
+        let target = match e.links {
+            Some(On::Guide) => "tight",
+            Some(On::Sprocket | On::Prescribed) => "driver",
+            Some(On::Chain) => "odd",
+            Some(On::Body) | None => "driven",
+            Some(_) => "chain",
+        };
+        let rows: Vec<_> = e.parameters.iter().filter(|p| !p.lumped_only).collect();
+        // The range of an index ends with the chain before the row's does.
+        for p in rows.iter().filter(|p| p.kind != Kind::Index) {
+            let keys = |value: f64| {
+                let of = |o: &&Parameter| if o.key == p.key { value } else { o.default.unwrap_or(o.low.max(1.0)) };
+                rows.iter().map(|o| format!("{} = {}\n", o.key, of(o))).collect::<String>()
+            };
+            let path = e.path(target, p.key);
+            let parse = |value: f64| {
+                let file = format!("{text}\n[effects.{}.{target}]\n{}", e.name, keys(value));
+                Drive::parse("bush-20-40", &file, &[])
+            };
+            let beyond = 1.0 + 1e-3 * (p.high - p.low);
+            assert!(parse(p.low - beyond).is_err() && parse(p.high + beyond).is_err(), "{path} beyond its range");
+            for end in [p.low, p.high] {
+                let m = Machine::of_links(&parse(end).unwrap_or_else(|e| panic!("{path} = {end}: {e}")));
+                let slot = &m.slots[m.slot(&path).expect("a slot")];
+                assert_eq!((slot.low, slot.high), (p.low, p.high), "{path}");
+                tried += 1;
+            }
+        }
+        let (name, at) = plain.targets(e).into_iter().next().expect("a target");
+        let values: Vec<f64> = plain.keys(e, at).iter().map(|(_, p)| p.low * p.unit).collect();
+        let (placed, slots) = plain.with_effect(e, &name, at, &values);
+        for ((_, p), slot) in plain.keys(e, at).iter().zip(slots) {
+            assert_eq!((placed.slots[slot].low, placed.slots[slot].high), (p.low, p.high), "{}.{}", e.name, p.key);
+        }
+    }
+    assert!(tried >= 40, "{tried} ends of ranges");
 }
 
 /// Runout is a rigid displacement of the toothing: each gap sees the bush as if the bush were displaced in the opposite

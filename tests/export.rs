@@ -7,8 +7,8 @@ mod readers;
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
-use pitchline::recording::channels::CHANNELS;
-use pitchline::recording::frame::{Event, Feature, Frame, Header, Impact, Segment};
+use pitchline::recording::columns::{self, ColumnValues, Rows};
+use pitchline::recording::frame::{self, Event, Feature, Frame, Header, Impact, Segment, channels};
 use pitchline::recording::mcap::{self, Recording};
 use pitchline::recording::table::{Format, Moment, ROWS_PER_GROUP, TABLES, TableWriter};
 use std::fs::File;
@@ -80,49 +80,10 @@ fn per_frame(
 
 /// Expected content of a table, written independently.
 fn expected(table: &str, recording: &Recording) -> Sheet {
+    if let Some(table) = frame::TABLES.iter().find(|t| t.message.name == table) {
+        return expected_rows(table, recording);
+    }
     match table {
-        "links" => per_frame(
-            recording,
-            &[
-                "link",
-                "x_m",
-                "y_m",
-                "angle_rad",
-                "vx_m_s",
-                "vy_m_s",
-                "omega_rad_s",
-                "ax_m_s2",
-                "ay_m_s2",
-                "alpha_rad_s2",
-            ],
-            |f| f.links.x_m.len(),
-            |f, i| {
-                let l = &f.links;
-                let poses = [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
-                let floats = poses.into_iter().chain([&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2]);
-                std::iter::once(whole(i as u64)).chain(floats.map(|c| float(c[i]))).collect()
-            },
-        ),
-        "joints" => per_frame(
-            recording,
-            &["joint", "force_x_n", "force_y_n", "friction_torque_nm"],
-            |f| f.joints.force_x_n.len(),
-            |f, i| {
-                let j = &f.joints;
-                vec![whole(i as u64), float(j.force_x_n[i]), float(j.force_y_n[i]), float(j.friction_torque_nm[i])]
-            },
-        ),
-        "contacts" => expected_contacts(recording),
-        "rotors" => per_frame(
-            recording,
-            &["rotor", "rotor_path", "angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"],
-            |f| f.rotors.angle_rad.len(),
-            |f, i| {
-                let (r, path) = (&f.rotors, &recording.header.coordinates[i]);
-                let floats = [&r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
-                [whole(i as u64), words(path)].into_iter().chain(floats.map(|c| float(c[i]))).collect()
-            },
-        ),
         "sensors" => per_frame(
             recording,
             &["sensor", "sensor_path", "unit", "reading"],
@@ -184,63 +145,61 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
     }
 }
 
-fn expected_contacts(recording: &Recording) -> Sheet {
-    #[rustfmt::skip]
-    let names = [
-        "link", "feature", "feature_name", "body", "body_path", "tooth", "segment", "segment_name",
-        "point_body_x_m", "point_body_y_m", "point_link_x_m", "point_link_y_m", "normal_x", "normal_y",
-        "penetration_m", "approach_speed_m_s", "normal_speed_m_s", "tangential_speed_m_s", "normal_force_n",
-        "tangential_force_n", "stick", "age_s", "instant_force_n",
-    ];
-    let cells = |f: &Frame, i: usize| {
-        let c = &f.contacts;
-        let mut row = vec![
-            whole(c.link[i]),
-            whole(c.feature[i]),
-            words(Feature::name(c.feature[i])),
-            whole(c.body[i]),
-            words(&recording.header.bodies[c.body[i] as usize].path),
-            whole(c.tooth[i]),
-            whole(c.segment[i]),
-            words(Segment::name(c.segment[i])),
-        ];
-        let floats = [
-            &c.point_body_x_m,
-            &c.point_body_y_m,
-            &c.point_link_x_m,
-            &c.point_link_y_m,
-            &c.normal_x,
-            &c.normal_y,
-            &c.penetration_m,
-            &c.approach_speed_m_s,
-            &c.normal_speed_m_s,
-            &c.tangential_speed_m_s,
-            &c.normal_force_n,
-            &c.tangential_force_n,
-        ];
-        row.extend(floats.map(|column| float(column[i])));
-        row.extend([Cell::Truth(c.stick[i]), float(c.age_s[i]), float(c.instant_force_n[i])]);
-        row
+/// A table of frames: the columns of its message, before them what has a row, and beside some numbers what they stand for.
+fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
+    let header = &recording.header;
+    let mut names = match table.rows {
+        Rows::Link => vec!["link"],
+        Rows::Joint => vec!["joint"],
+        Rows::Contact => vec![],
+        Rows::Rotor => vec!["rotor", "rotor_path"],
     };
-    per_frame(recording, &names, |f| f.contacts.link.len(), cells)
+    for column in table.message.columns {
+        names.push(column.name);
+        names.extend(match column.name {
+            "feature" => Some("feature_name"),
+            "body" => Some("body_path"),
+            "segment" => Some("segment_name"),
+            _ => None,
+        });
+    }
+    let mut rows = Vec::new();
+    for (index, f) in recording.frames.iter().enumerate() {
+        f.each_table(|of, values| {
+            for i in (0..values[0].len()).filter(|_| of == table) {
+                let mut row = vec![whole(index as u64), whole(f.step), float(f.t_s), float(f.crank_angle_rad)];
+                row.extend(match table.rows {
+                    Rows::Link | Rows::Joint => vec![whole(i as u64)],
+                    Rows::Contact => vec![],
+                    Rows::Rotor => vec![whole(i as u64), words(&header.coordinates[i])],
+                });
+                for (column, values) in table.message.columns.iter().zip(values) {
+                    match (column.name, values) {
+                        (_, ColumnValues::F64(v)) => row.push(float(v[i])),
+                        (_, ColumnValues::Bool(v)) => row.push(Cell::Truth(v[i])),
+                        ("feature", ColumnValues::U32(v)) => row.extend([whole(v[i]), words(Feature::name(v[i]))]),
+                        ("segment", ColumnValues::U32(v)) => row.extend([whole(v[i]), words(Segment::name(v[i]))]),
+                        ("body", ColumnValues::U32(v)) => {
+                            row.extend([whole(v[i]), words(&header.bodies[v[i] as usize].path)]);
+                        }
+                        (_, ColumnValues::U32(v)) => row.push(whole(v[i])),
+                        (_, ColumnValues::U64(v)) => row.push(whole(v[i])),
+                        (_, ColumnValues::Text(v)) => row.push(words(&v[i])),
+                    }
+                }
+                rows.push(row);
+            }
+        });
+    }
+    (STAMP.into_iter().chain(names).collect(), rows)
 }
 
 fn expected_energy(recording: &Recording) -> Sheet {
-    #[rustfmt::skip]
-    let names = [
-        "state_hash", "kinetic_j", "elastic_joint_j", "elastic_contact_j", "work_in_j", "work_out_j",
-        "lost_pin_damping_j", "lost_pin_friction_j", "lost_contact_damping_j", "lost_contact_friction_j",
-        "lost_guide_damping_j", "lost_guide_friction_j", "elastic_spring_j", "lost_spring_damping_j", "error_j",
-    ];
+    let names = frame::Energy::MESSAGE.columns.iter().map(|account| account.name);
+    let names: Vec<_> = std::iter::once("state_hash").chain(names).collect();
     let cells = |f: &Frame, _| {
-        let e = &f.energy;
-        #[rustfmt::skip]
-        let floats = [
-            e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j, e.lost_pin_damping_j,
-            e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j, e.lost_guide_damping_j,
-            e.lost_guide_friction_j, e.elastic_spring_j, e.lost_spring_damping_j, e.error_j,
-        ];
-        std::iter::once(whole(f.state_hash)).chain(floats.map(float)).collect()
+        let values = f.energy.accounts().map(|(_, value_j)| float(value_j));
+        std::iter::once(whole(f.state_hash)).chain(values).collect()
     };
     per_frame(recording, &names, |_| 1, cells)
 }
@@ -347,13 +306,16 @@ fn units_and_meanings_travel_with_the_file() {
             assert!(note["unit"].as_str().is_some_and(|u| !u.is_empty()), "{} {}", table.name, column.name);
             assert!(note["meaning"].as_str().is_some_and(|m| m.ends_with('.')), "{} {}", table.name, column.name);
             let full = format!("{}.{}", table.name, column.name);
-            if let Some((_, unit, meaning)) = CHANNELS.iter().find(|(name, _, _)| *name == full) {
-                assert_eq!((note["unit"].as_str(), note["meaning"].as_str()), (Some(*unit), Some(*meaning)));
+            if let Some(channel) = channels().find(|c| c.channel == full) {
+                assert_eq!(
+                    (note["unit"].as_str(), note["meaning"].as_str()),
+                    (Some(channel.unit), Some(channel.meaning))
+                );
                 from_channels += 1;
             }
         }
     }
-    assert_eq!(from_channels, CHANNELS.len(), "every channel is a column");
+    assert_eq!(from_channels, channels().count(), "every channel is a column");
 }
 
 /// Numbers and texts that are easily lost: signed zero, the smallest and largest, infinities; quotes, commas, new

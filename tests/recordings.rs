@@ -10,6 +10,7 @@ use pitchline::assemble::Assembly;
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera};
+use pitchline::recording::columns::ColumnValues;
 use pitchline::recording::frame::{Frame, Header, LinkInfo};
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::simulate::{RunLength, run};
@@ -170,50 +171,21 @@ fn foxglove_schemas_are_those_of_foxglove() {
 
 /// All numbers of a frame in the order of its schema.
 fn values(f: &Frame) -> Vec<f64> {
-    let mut v = vec![f.step as f64, f.t_s, f.crank_angle_rad];
-    let l = &f.links;
-    for column in [&l.x_m, &l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s] {
-        v.extend(column);
-    }
-    for column in [&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2] {
-        v.extend(column);
-    }
-    for column in [&f.joints.force_x_n, &f.joints.force_y_n, &f.joints.friction_torque_nm] {
-        v.extend(column);
-    }
-    let c = &f.contacts;
-    for column in [&c.link, &c.feature, &c.body, &c.tooth, &c.segment] {
-        v.extend(column.iter().map(|x| f64::from(*x)));
-    }
-    let floats = [
-        &c.point_body_x_m,
-        &c.point_body_y_m,
-        &c.point_link_x_m,
-        &c.point_link_y_m,
-        &c.normal_x,
-        &c.normal_y,
-        &c.penetration_m,
-        &c.approach_speed_m_s,
-        &c.normal_speed_m_s,
-        &c.tangential_speed_m_s,
-        &c.normal_force_n,
-        &c.tangential_force_n,
-    ];
-    for column in floats {
-        v.extend(column);
-    }
-    v.extend(c.stick.iter().map(|s| f64::from(u8::from(*s))));
-    v.extend(&c.age_s);
-    v.extend(&c.instant_force_n);
-    let r = &f.rotors;
-    for column in [&r.angle_rad, &r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm] {
-        v.extend(column);
-    }
-    let e = &f.energy;
-    v.extend([e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.work_in_j, e.work_out_j]);
-    v.extend([e.lost_pin_damping_j, e.lost_pin_friction_j, e.lost_contact_damping_j, e.lost_contact_friction_j]);
-    v.extend([e.lost_guide_damping_j, e.lost_guide_friction_j, e.error_j, e.elastic_spring_j, e.lost_spring_damping_j]);
-    v
+    let numbers = |values: &ColumnValues<'_>| -> Vec<f64> {
+        match *values {
+            ColumnValues::F64(v) => v.to_vec(),
+            ColumnValues::U32(v) => v.iter().map(|x| f64::from(*x)).collect(),
+            ColumnValues::U64(v) => v.iter().map(|x| *x as f64).collect(),
+            ColumnValues::Bool(v) => v.iter().map(|x| f64::from(u8::from(*x))).collect(),
+            ColumnValues::Text(_) => Vec::new(),
+        }
+    };
+    let mut all = vec![f.step as f64, f.t_s, f.crank_angle_rad];
+    f.each_table(|_, columns| all.extend(columns.iter().flat_map(numbers)));
+    let mut energy: Vec<_> = f.energy.accounts().collect();
+    energy.sort_by_key(|(account, _)| account.tag);
+    all.extend(energy.iter().map(|(_, value_j)| value_j));
+    all
 }
 
 #[cfg(feature = "rerun")]

@@ -1,21 +1,111 @@
-//! The schema of recordings: `assets/pitchline.desc` is the output of a protobuf compiler for `assets/pitchline.proto`.
+//! The schema of recordings for readers of other programs: `assets/pitchline.proto` and the list of columns in
+//! `docs/recording-format.md` hold what `src/recording/frame.rs` lists, and `assets/pitchline.desc` is the output of a protobuf
+//! compiler for the proto file. With PITCHLINE_WRITE_SCHEMA set, the tests write all three.
 
+use pitchline::recording::columns::{Column, Holds, MessageInfo};
+use pitchline::recording::frame::{Frame, TABLES, channels, messages};
+use prost::Message;
+use std::path::PathBuf;
+
+fn path(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(path(name)).expect("a text")
+}
+
+/// Whether files are to be written instead of compared.
+fn writes() -> bool {
+    std::env::var_os("PITCHLINE_WRITE_SCHEMA").is_some()
+}
+
+/// Replaces the paragraph in which `start` stands, until `end`, in a file, or compares it.
+fn hold(file: &str, start: &str, end: &str, wanted: &str) {
+    let text = read(file);
+    let from = text.find(start).unwrap_or_else(|| panic!("{file} has no `{start}`"));
+    let from = text[..from].rfind("\n\n").map_or(0, |before| before + 2);
+    let until = from + text[from..].find(end).expect("an end") + end.len();
+    if writes() {
+        std::fs::write(path(file), format!("{}{wanted}{}", &text[..from], &text[until..])).expect("writable");
+    } else {
+        assert!(text[from..until] == *wanted, "{file}: {ADVICE}\n{wanted}");
+    }
+}
+
+const ADVICE: &str = "run PITCHLINE_WRITE_SCHEMA=1 cargo test --release --test schema, and look at the change; wanted:";
+
+/// Unit behind a sentence; numbers without unit have none.
+fn with_unit(column: &Column) -> String {
+    match column.unit {
+        "1" => column.meaning.to_string(),
+        unit => format!("{} [{unit}].", column.meaning.trim_end_matches('.')),
+    }
+}
+
+fn proto(message: &MessageInfo) -> String {
+    let mut columns: Vec<&Column> = message.columns.iter().collect();
+    columns.sort_by_key(|c| c.tag);
+    let repeated = TABLES.iter().any(|t| t.message == *message);
+    let mut text = format!("// {}\nmessage {} {{\n", message.about, message.struct_name);
+    for column in columns {
+        let Column { tag, name, schema_type, .. } = column;
+        let label = if repeated { "repeated " } else { "" };
+        text += &format!("  // {}\n  {label}{schema_type} {name} = {tag};\n", with_unit(column));
+    }
+    text + "}\n"
+}
+
+/// One test, because each part reads what the one before writes.
 #[test]
-fn descriptor_is_the_compiled_proto_file() {
-    let root = env!("CARGO_MANIFEST_DIR");
-    let descriptor = protox::Compiler::new([format!("{root}/assets")])
+fn schema_and_documentation_hold_the_columns_of_frames() {
+    for message in messages() {
+        let start = format!("message {} {{\n", message.struct_name);
+        hold("assets/pitchline.proto", &start, "}\n", &proto(&message));
+    }
+    for table in TABLES {
+        let field = format!("  {} {} = {};\n", table.message.struct_name, table.message.name, table.tag);
+        assert!(read("assets/pitchline.proto").contains(&field), "message Frame lacks{field}");
+    }
+    let descriptor = protox::Compiler::new([path("assets")])
         .expect("includes")
         .include_source_info(false)
         .open_file("pitchline.proto")
         .expect("the proto file compiles")
         .encode_file_descriptor_set();
-    let path = format!("{root}/assets/pitchline.desc");
-    if std::env::var_os("PITCHLINE_WRITE_SCHEMA").is_some() {
-        std::fs::write(&path, &descriptor).expect("writable");
+    if writes() {
+        std::fs::write(path("assets/pitchline.desc"), &descriptor).expect("writable");
     }
-    let committed = std::fs::read(&path).expect("assets/pitchline.desc");
-    assert!(
-        committed == descriptor,
-        "run PITCHLINE_WRITE_SCHEMA=1 cargo test --release --test schema, and look at the change"
-    );
+    assert!(std::fs::read(path("assets/pitchline.desc")).expect("a descriptor") == descriptor, "{ADVICE} a descriptor");
+    let mut table = "| column | unit | holds | meaning |\n|---|---|---|---|\n".to_string();
+    for Column { channel, unit, holds, meaning, .. } in channels() {
+        let holds = match holds {
+            Holds::Node => "at the node",
+            Holds::Step => "over the step",
+        };
+        table += &format!("| `{channel}` | {unit} | {holds} | {meaning} |\n");
+    }
+    hold("docs/recording-format.md", "| column | unit |", "\n\n", &(table + "\n"));
+}
+
+/// Tags and kinds that the loops over columns rely on.
+#[test]
+fn columns_of_frames_are_in_the_order_of_their_tags() {
+    for table in TABLES {
+        let tags = table.message.columns.iter().map(|c| c.tag);
+        assert!(tags.eq(1..=table.message.columns.len() as u32), "{} has tags out of order", table.message.name);
+    }
+    for message in messages() {
+        for column in message.columns {
+            let Column { channel, unit, meaning, .. } = column;
+            assert!(meaning.ends_with('.') && !unit.is_empty(), "{channel} has no unit or meaning");
+        }
+    }
+    let mut named = Vec::new();
+    Frame::default().each_table(|table, values| {
+        assert_eq!(table.message.columns.len(), values.len());
+        named.push(table.message.name);
+    });
+    assert!(named.iter().eq(TABLES.iter().map(|t| &t.message.name)));
+    assert!(Frame::default().encode_to_vec().len() > TABLES.len());
 }

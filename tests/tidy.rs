@@ -139,6 +139,7 @@ fn modules_use_only_what_stands_above_them() {
         "units",
         "diag",
         "geometry",
+        "recording::columns",
         "recording::frame",
         "state",
         "contact",
@@ -193,151 +194,112 @@ fn modules_use_only_what_stands_above_them() {
     }
 }
 
-/// A Rust file without its tests and its comments.
-fn code(path: &Path) -> String {
-    let text = std::fs::read_to_string(path).expect("readable");
-    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
-    code.lines().map(|l| l.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
-}
-
-fn is_word(c: char) -> bool {
-    c.is_alphanumeric() || c == '_'
-}
-
-/// Public functions that tests alone use, and why they are in src/.
-const FOR_TESTS: [(&str, &str); 5] = [
-    ("chain_only", "a Model without a drive, for closed forms of rings and spans"),
-    ("ends_near", "looks into what a step computes, which is private"),
-    ("fix_link", "holds a link of such a Model"),
-    ("mode_near", "modes from the matrices of the static solution, which are private"),
-    ("quasi_static_forces_n", "closed form of the ring's forces, from the path's private parts"),
+/// Matches on our own enums that end in `_ =>`, and why: file, what is matched, reason.
+const CATCH_ALLS: &[(&str, &str, &str)] = &[
+    ("src/breakpoint/columns.rs", "(quantity.scope, quantity.what)", "pairs: all but one"),
+    ("src/breakpoint/extremes.rs", "(left, right)", "pairs: all but two"),
+    ("src/elements/end_contact.rs", "(&self.shape, contour)", "pairs: the rest do not meet"),
+    ("src/integrate/explicit/ends/query.rs", "(self, contour)", "pairs: the rest do not meet"),
+    ("src/machine/forces.rs", "(p.effect.physics, p.target)", "pairs: the rest is placed nowhere"),
+    ("src/recording/table/file.rs", "(self, values)", "pairs: of two kinds is a mistake of ours, which panics"),
 ];
 
+/// Enums that may be matched so: each function is about the few quantities of break expressions that its scope has.
+const MANY: [&str; 1] = ["What"];
+
+/// A new variant of an enum has to be thought of wherever the enum is matched: no arm of a match may stand for whatever else there is.
 #[test]
-fn public_functions_are_used_by_the_program() {
-    let (mut defined, mut seen): (Vec<String>, std::collections::BTreeMap<String, i64>) = Default::default();
-    let mut files = rust_files();
-    files.extend(std::fs::read_dir(root().join("fuzz/fuzz_targets")).expect("fuzzers").flatten().map(|e| e.path()));
-    for path in files.iter().filter(|p| !p.starts_with(root().join("tests"))) {
-        let text = code(path);
-        let words: Vec<&str> = text.split(|c| !is_word(c)).filter(|w| !w.is_empty()).collect();
-        for (k, word) in words.iter().enumerate() {
-            // A definition is no use.
-            let is_defined = k > 0 && words[k - 1] == "fn";
-            *seen.entry((*word).to_string()).or_default() += i64::from(!is_defined);
-            let is_public =
-                k > 1 && (words[k - 2] == "pub" || k > 2 && words[k - 3] == "pub" && words[k - 2] == "const");
-            if is_defined && is_public && path.starts_with(root().join("src")) {
-                defined.push((*word).to_string());
+fn matches_on_our_own_enums_name_every_variant() {
+    let files: Vec<(String, String)> = rust_files()
+        .iter()
+        .filter(|p| p.starts_with(root().join("src")))
+        .map(|path| {
+            let text = std::fs::read_to_string(path).expect("readable");
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            (path.strip_prefix(root()).unwrap_or(path).display().to_string(), plain(code))
+        })
+        .collect();
+    let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let enums: Vec<String> = files.iter().flat_map(|(_, t)| t.split("enum ").skip(1).map(name)).collect();
+    assert!(enums.len() > 80, "{} enums", enums.len());
+    let mut unused: Vec<_> = CATCH_ALLS.iter().collect();
+    let mut found = Vec::new();
+    for (file, text) in &files {
+        for (at, _) in text.match_indices("match ") {
+            let Some((head, body)) = match_at(&text[at + "match ".len()..]) else { continue };
+            let patterns = patterns(body);
+            let is_catch_all = |p: &str| p == "_" || p.starts_with("_ if ");
+            let is_ours = |p: &str| {
+                p.split("::").any(|before| {
+                    let word = before.rsplit(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default();
+                    p.contains(&format!("{word}::"))
+                        && !MANY.contains(&word)
+                        && (word == "Self" || enums.iter().any(|e| e == word))
+                })
+            };
+            if !patterns.iter().any(|p| is_catch_all(p)) || !patterns.iter().any(|p| is_ours(p)) {
+                continue;
+            }
+            let head = head.trim();
+            match unused.iter().position(|(f, h, _)| f == file && *h == head) {
+                Some(known) => drop(unused.remove(known)),
+                None => found.push(format!("{file}: match {head}")),
             }
         }
     }
-    let mut unused: Vec<&str> = defined.iter().map(String::as_str).filter(|name| seen[*name] == 0).collect();
-    unused.sort_unstable();
-    let expected: Vec<&str> = FOR_TESTS.iter().map(|(name, _)| *name).collect();
-    assert_eq!(unused, expected, "left: unused in src/, benches/, examples/ and fuzz/; right: the list of exceptions");
-    assert!(defined.len() > 500, "{} public functions", defined.len());
+    assert!(found.is_empty(), "an arm `_` beside variants of our own enums; write them out:\n{}", found.join("\n"));
+    assert!(unused.is_empty(), "no such match any more: {unused:?}");
 }
 
-/// A function should fit a screen.
-const LONGEST_FUNCTION: usize = 70;
-
-/// Functions that do not, with their lengths. A function leaves this list when it fits; none may join it or grow.
-#[rustfmt::skip]
-const LONG_FUNCTIONS: [(&str, &str, usize); 41] = [
-    ("src/analysis/explain.rs", "free_body", 91),
-    ("src/cli/check.rs", "run", 85),
-    ("src/cli/compare.rs", "run", 90),
-    ("src/cli/zoom.rs", "run", 78),
-    ("src/drive/read.rs", "drive", 92),
-    ("src/drive/read.rs", "read_sprockets", 82),
-    ("src/drive/sensors.rs", "sensors", 75),
-    ("src/elements/flank_lanes.rs", "deepest", 112),
-    ("src/geometry/silent_sprocket.rs", "shaped", 73),
-    ("src/geometry/sprocket.rs", "new", 88),
-    ("src/identify/candidates.rs", "all", 143),
-    ("src/identify/diagnosis.rs", "channel", 72),
-    ("src/identify/fit.rs", "fit", 93),
-    ("src/identify/screen.rs", "promise", 83),
-    ("src/identify/screen.rs", "promise_of_links", 95),
-    ("src/identify/search.rs", "grow", 107),
-    ("src/identify/search.rs", "search", 99),
-    ("src/integrate/explicit/abutments.rs", "lobes", 74),
-    ("src/integrate/explicit/ends.rs", "contacts_of", 75),
-    ("src/integrate/explicit/guides.rs", "contacts", 71),
-    ("src/integrate/explicit/links.rs", "apply_contacts", 104),
-    ("src/integrate/explicit/scratch.rs", "with_isa", 92),
-    ("src/integrate/explicit/teeth.rs", "contacts", 119),
-    ("src/integrate/explicit/windows.rs", "refresh", 76),
-    ("src/integrate/step_bound.rs", "step_bound", 96),
-    ("src/lumping.rs", "lumped_text", 79),
-    ("src/machine/links.rs", "of_links", 92),
-    ("src/machine/pulses.rs", "pulses", 74),
-    ("src/machine/simulate.rs", "sampled", 110),
-    ("src/measurement/pulses.rs", "pulse_segments", 114),
-    ("src/measurement/segments.rs", "sampled_segment", 77),
-    ("src/model.rs", "build", 97),
-    ("src/model.rs", "join", 73),
-    ("src/model/place.rs", "place", 124),
-    ("src/recording/capture.rs", "header_of", 99),
-    ("src/replay.rs", "each_column", 72),
-    ("src/replay.rs", "verify", 86),
-    ("src/simulate.rs", "run_job", 122),
-    ("src/state.rs", "for_each_column", 101),
-    ("src/statics.rs", "solve", 92),
-    ("src/statics.rs", "system", 78),
-];
-
-/// Names and lengths of the functions of a file: from `fn` to the brace at the same depth.
-fn functions(path: &Path) -> Vec<(String, usize)> {
-    let text = std::fs::read_to_string(path).expect("readable");
-    let lines: Vec<&str> = text.split("#[cfg(test)]").next().unwrap_or_default().lines().collect();
-    let mut found = Vec::new();
-    for (start, line) in lines.iter().enumerate() {
-        let inner = line.trim_start();
-        let (indent, mut words) = (line.len() - inner.len(), inner.split(' '));
-        let of_function = |w: &&str| !(w.starts_with("pub") || ["const", "async", "unsafe"].contains(w));
-        if words.find(of_function) != Some("fn") {
-            continue;
+/// Rust code without what stands in comments and quotes.
+fn plain(code: &str) -> String {
+    let (mut out, mut quoted) = (String::new(), false);
+    for line in code.lines() {
+        let line = line.replace("'\"'", "' '").replace("'{'", "' '").replace("'}'", "' '").replace("\\\"", "");
+        for (i, c) in line.char_indices() {
+            if !quoted && line[i..].starts_with("//") {
+                break;
+            }
+            quoted ^= c == '"';
+            out.push(if quoted { 'x' } else { c });
         }
-        let name: String = words.next().unwrap_or_default().chars().take_while(|c| is_word(*c)).collect();
-        let closes = |l: &&str| l.len() - l.trim_start().len() == indent && l.trim_start().starts_with('}');
-        let is_whole = line.trim_end().ends_with(['}', ';']);
-        let length = if is_whole { 1 } else { 1 + lines[start..].iter().position(closes).unwrap_or(0) };
-        found.push((name, length));
+        out.push('\n');
+    }
+    out
+}
+
+/// What is matched, and the arms, of the text behind a `match`.
+fn match_at(text: &str) -> Option<(&str, &str)> {
+    let mut depth = 0;
+    let open = text.char_indices().find_map(|(i, c)| {
+        depth += i32::from("([".contains(c)) - i32::from(")]".contains(c));
+        (depth == 0 && "{;".contains(c)).then_some((i, c))
+    });
+    let (open, '{') = open? else { return None };
+    let mut depth = 0;
+    let close = text[open..].char_indices().find_map(|(i, c)| {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        (depth == 0).then_some(open + i)
+    })?;
+    Some((&text[..open], &text[open + 1..close]))
+}
+
+/// Patterns of a match's arms.
+fn patterns(body: &str) -> Vec<&str> {
+    let (mut found, mut start, mut depth, mut in_pattern) = (Vec::new(), 0, 0, true);
+    for (i, c) in body.char_indices() {
+        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        if in_pattern && depth == 0 && body[i..].starts_with("=>") {
+            found.push(body[start..i].trim());
+            in_pattern = false;
+        }
+        // An arm ends with a comma, or with the brace of its block unless its expression goes on.
+        let goes_on = || {
+            body[i + 1..].trim_start().starts_with(['.', '?', ',']) || body[i + 1..].trim_start().starts_with("else")
+        };
+        if !in_pattern && depth == 0 && (c == ',' || (c == '}' && !goes_on())) {
+            (start, in_pattern) = (i + 1, true);
+        }
     }
     found
-}
-
-#[test]
-fn functions_fit_a_screen_or_are_on_a_list_that_shrinks() {
-    let mut long: Vec<(String, String, usize)> = Vec::new();
-    for path in rust_files().iter().filter(|p| p.starts_with(root().join("src"))) {
-        let shown = path.strip_prefix(root()).unwrap_or(path).to_string_lossy().into_owned();
-        for (name, length) in functions(path).into_iter().filter(|(_, length)| *length > LONGEST_FUNCTION) {
-            // Of several of one name in a file, the longest.
-            match long.iter_mut().find(|(p, n, _)| *p == shown && *n == name) {
-                Some((_, _, old)) => *old = length.max(*old),
-                None => long.push((shown.clone(), name, length)),
-            }
-        }
-    }
-    long.sort();
-    let mut wrong = Vec::new();
-    for (path, name, length) in &long {
-        match LONG_FUNCTIONS.iter().find(|(p, n, _)| p == path && n == name) {
-            None => wrong.push(format!("{path}: {name} has {length} lines, more than {LONGEST_FUNCTION}")),
-            Some((_, _, known)) if length > known => {
-                wrong.push(format!("{path}: {name} has grown from {known} to {length} lines"));
-            }
-            Some(_) => {}
-        }
-    }
-    for (path, name, _) in LONG_FUNCTIONS {
-        if !long.iter().any(|(p, n, _)| p == path && n == name) {
-            wrong.push(format!("{path}: {name} fits a screen now, or is gone: take it off the list"));
-        }
-    }
-    let now: Vec<String> = long.iter().map(|(path, name, n)| format!("    (\"{path}\", \"{name}\", {n}),")).collect();
-    assert!(wrong.is_empty(), "{}\nall that are long now:\n{}", wrong.join("\n"), now.join("\n"));
 }

@@ -4,6 +4,7 @@
 //! steps, the second recording is interpolated to the times of the first (poses by cubic Hermite polynomials from
 //! positions and velocities, everything else linearly), and differences below [`INTERPOLATED_M`] are ignored.
 
+use crate::recording::columns::ColumnValues;
 use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::{Cursor, Reader};
 use crate::replay::frame_difference;
@@ -148,6 +149,19 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
     let mut f = low.clone();
     (f.t_s, f.step) = (t_s, step);
     f.crank_angle_rad += u * (high.crank_angle_rad - low.crank_angle_rad);
+    let linear = |a: &mut f64, b: &f64| *a += u * (b - *a);
+    let mut tables = Vec::new();
+    high.each_table(|_, columns| tables.push(columns.to_vec()));
+    let mut tables = tables.into_iter();
+    f.each_table_mut(|table, columns| {
+        for (to, from) in columns.iter_mut().zip(tables.next().unwrap_or_default()) {
+            if let (true, ColumnValues::F64(from)) = (table.rows.are_fixed(), from) {
+                let mut from = from.iter();
+                to.each_f64(|a| from.next().into_iter().for_each(|b| linear(a, b)));
+            }
+        }
+    });
+    f.sensors.iter_mut().zip(&high.sensors).for_each(|(a, b)| linear(a, b));
     let (a, b) = (&low.links, &high.links);
     for i in 0..a.x_m.len().min(b.x_m.len()) {
         f.links.x_m[i] = hermite(a.x_m[i], a.vx_m_s[i], b.x_m[i], b.vx_m_s[i]);
@@ -155,19 +169,6 @@ fn interpolated(low: &Frame, high: &Frame, t_s: f64, step: u64) -> Frame {
         let turned = a.angle_rad[i] + wrap_angle(b.angle_rad[i] - a.angle_rad[i]);
         f.links.angle_rad[i] = wrap_angle(hermite(a.angle_rad[i], a.omega_rad_s[i], turned, b.omega_rad_s[i]));
     }
-    let linear = |to: &mut [f64], b: &[f64]| to.iter_mut().zip(b).for_each(|(a, b)| *a += u * (b - *a));
-    linear(&mut f.links.vx_m_s, &b.vx_m_s);
-    linear(&mut f.links.vy_m_s, &b.vy_m_s);
-    linear(&mut f.links.omega_rad_s, &b.omega_rad_s);
-    linear(&mut f.links.ax_m_s2, &b.ax_m_s2);
-    linear(&mut f.links.ay_m_s2, &b.ay_m_s2);
-    linear(&mut f.links.alpha_rad_s2, &b.alpha_rad_s2);
-    linear(&mut f.joints.force_x_n, &high.joints.force_x_n);
-    linear(&mut f.joints.force_y_n, &high.joints.force_y_n);
-    linear(&mut f.sensors, &high.sensors);
-    linear(&mut f.rotors.angle_rad, &high.rotors.angle_rad);
-    linear(&mut f.rotors.speed_rad_s, &high.rotors.speed_rad_s);
-    linear(&mut f.rotors.chain_torque_nm, &high.rotors.chain_torque_nm);
     f
 }
 

@@ -179,13 +179,11 @@ fn is_bush(i: &Impact) -> bool {
 
 /// Joint that carries a bush.
 fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
-    match i.feature {
-        f if f == Feature::FrontBush as u32 => Some(i.link),
-        f if f == Feature::RearBush as u32 => {
-            header.links.iter().position(|l| l.ahead == i.link).map(|joint| joint as u32)
-        }
-        _ => None,
+    if i.feature == Feature::FrontBush as u32 {
+        return Some(i.link);
     }
+    let behind = || header.links.iter().position(|l| l.ahead == i.link).map(|joint| joint as u32);
+    (i.feature == Feature::RearBush as u32).then(behind).flatten()
 }
 
 fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {

@@ -33,6 +33,8 @@ pub struct Ledger {
     lost_j: f64,
     next: Option<u64>,
     summed: u64,
+    /// What was lost and stored where the ledger was opened, which is the same in all steps of a run [J].
+    origin_j: Option<[f64; 2]>,
     /// Result of the last evaluation.
     now: (Energy, f64),
 }
@@ -67,7 +69,7 @@ impl Ledger {
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
         let with_stiffness = |part: ContactGroup| match one_law(model, part) {
             Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
-            _ => (part, None),
+            Some(ContactLaw::HertzLine(_) | ContactLaw::Power { .. }) | None => (part, None),
         };
         Ledger {
             mass: moving(&c.mass),
@@ -81,6 +83,7 @@ impl Ledger {
             lost_j: 0.0,
             next: None,
             summed: 0,
+            origin_j: None,
             now: (Energy::default(), 0.0),
         }
     }
@@ -119,8 +122,9 @@ impl Ledger {
         (e.kinetic_j, e.elastic_joint_j) = (kinetic_j, elastic_j);
         e.work_in_j = work_in_j - origin.work_in_j;
         e.work_out_j = work_out_j - origin.work_out_j;
-        e.lost_pin_damping_j = lost_j - origin.lost_j();
-        e.error_j = e.work_in_j - e.work_out_j - e.lost_pin_damping_j - (stored_j - origin.stored_j());
+        let [lost_then_j, stored_then_j] = *self.origin_j.get_or_insert_with(|| [origin.lost_j(), origin.stored_j()]);
+        e.lost_pin_damping_j = lost_j - lost_then_j;
+        e.error_j = e.work_in_j - e.work_out_j - e.lost_pin_damping_j - (stored_j - stored_then_j);
         Some(&self.now)
     }
 

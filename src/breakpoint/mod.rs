@@ -456,7 +456,7 @@ fn energy_number(what: What, e: &Energy) -> f64 {
         What::Error => e.error_j / e.work_in_j.abs(),
         What::ErrorJ => e.error_j,
         What::Kinetic => e.kinetic_j,
-        What::Elastic => e.elastic_joint_j + e.elastic_contact_j + e.elastic_spring_j,
+        What::Elastic => e.elastic_j(),
         What::WorkIn => e.work_in_j,
         What::WorkOut => e.work_out_j,
         _ => e.lost_j(),

@@ -235,7 +235,9 @@ impl Parser<'_> {
         let member = match operator {
             Operator::Equal => true,
             Operator::Unequal => false,
-            _ => return Err(self.error(place, "names are equal (`==`) or not (`!=`)".into(), None)),
+            Operator::Above | Operator::AtLeast | Operator::Below | Operator::AtMost => {
+                return Err(self.error(place, "names are equal (`==`) or not (`!=`)".into(), None));
+            }
         };
         let Number::Quantity { quantity, .. } = number else {
             return Err(self.error(place, "a name has no absolute value".into(), None));

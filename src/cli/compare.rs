@@ -72,7 +72,7 @@ fn drives(args: &CompareArgs, names: &[String], speed_rpm: Option<f64>) -> Resul
                     (OuterSpec::Load { .. }, _, Some(nm)) => {
                         sets.push(format!("loads.constant.{}.torque_nm={nm}", s.name));
                     }
-                    _ => {}
+                    (OuterSpec::Speed { .. }, None, _) | (OuterSpec::Load { .. }, _, None) => {}
                 }
             }
             drive = load_drive(name, &sets)?;
@@ -179,7 +179,10 @@ pub(super) fn failure(e: &CompareError) -> Failure {
         CompareError::Step { .. } | CompareError::Assembly { error: AssemblyError::RunIn(_), .. } => {
             Failure::World(e.to_string())
         }
-        _ => Failure::Input(e.to_string()),
+        CompareError::Assembly { .. }
+        | CompareError::Drive(_)
+        | CompareError::NothingSeen { .. }
+        | CompareError::Interrupted => Failure::Input(e.to_string()),
     }
 }
 

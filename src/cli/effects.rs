@@ -2,7 +2,7 @@
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::diag::nearest;
-use crate::effects::{EFFECTS, Effect, Kind, Physics, family, named};
+use crate::effects::{EFFECTS, Effect, Kind, Physics, named};
 use crate::machine::SENSOR_KINDS;
 use crate::measurement::units::UNITS;
 
@@ -82,7 +82,7 @@ fn whole(e: &Effect) -> String {
         e.name,
         e.title,
         e.part.label(),
-        family(named(e.name).unwrap_or(EFFECTS[0])),
+        e.family(),
         put_on(e),
         fidelities(e),
         e.equation,

@@ -104,7 +104,7 @@ fn read(reader: &mut Reader) -> Result<(Vec<Impact>, Vec<FrameHead>), Failure> {
         match entry {
             Entry::Impact(impact) => impacts.push(impact),
             Entry::Head(head) => heads.push(head),
-            _ => {}
+            Entry::Frame(_) | Entry::Keyframe(_) | Entry::Event(_) => {}
         }
         Ok(Flow::On)
     })?;

@@ -9,6 +9,7 @@ use crate::impacts::ImpactWatch;
 use crate::integrate::explicit::Scratch;
 use crate::model::Model;
 use crate::recording::capture::Camera;
+use crate::recording::columns::ColumnKind;
 use crate::recording::frame::{Energy, Header, Parent};
 use crate::recording::{Output, Sink, ViewOptions, capture, create, extensions};
 use crate::replay::{Replay, drive_of, resting};
@@ -485,15 +486,11 @@ fn json(
             "stored_change_j": summary.stored_last_j - summary.stored_first_j,
             "error_j": e.error_j,
             "error_fraction": error_fraction,
-            "dissipated_by": {
-                "pin_damping_j": e.lost_pin_damping_j,
-                "pin_friction_j": e.lost_pin_friction_j,
-                "contact_damping_j": e.lost_contact_damping_j,
-                "contact_friction_j": e.lost_contact_friction_j,
-                "guide_damping_j": e.lost_guide_damping_j,
-                "guide_friction_j": e.lost_guide_friction_j,
-                "spring_damping_j": e.lost_spring_damping_j,
-            },
+            "dissipated_by": e
+                .accounts()
+                .filter(|(account, _)| account.kind == ColumnKind::Lost)
+                .map(|(account, value)| (account.name.trim_start_matches("lost_").into(), value.into()))
+                .collect::<serde_json::Map<_, _>>(),
         },
         "assembly": report,
     })
@@ -524,7 +521,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
         match summary.ending {
             Ending::Interrupted => " (interrupted)",
             Ending::Hit => " (stopped at a breakpoint)",
-            _ => "",
+            Ending::Done | Ending::Broke(_) => "",
         },
         simulated * 1e3,
         summary.steps,

@@ -4,6 +4,7 @@
 //! Links, bodies and columns are concatenated and indices shifted accordingly. All runs have the same step and the same
 //! frames, and their drivers the same speed, so that equal times mean equal crank angles.
 
+use crate::recording::columns::{Column, ColumnKind, ValuesMut};
 use crate::recording::frame::{Event, Frame, Header, Impact};
 use crate::recording::view_geometry::scene_bounds;
 
@@ -15,9 +16,8 @@ const ROOM_M: f64 = 30e-3;
 pub struct RunNumbering {
     name: String,
     first_link: u32,
-    /// New index of each body, and of each coordinate.
+    /// New index of each body.
     bodies: Vec<u32>,
-    coordinates: Vec<usize>,
     /// Downward shift [m].
     down_m: f64,
 }
@@ -57,8 +57,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             outline.name = format!("{short} {}", o.name);
             outline
         }));
-        let first = merged.coordinates.len();
-        let coordinates: Vec<usize> = (first..first + header.coordinates.len()).collect();
+        let first = merged.coordinates.len() as u32;
         merged.coordinates.extend(header.coordinates.iter().map(|path| format!("{short}.{path}")));
         let mut numbers = Vec::new();
         for body in &header.bodies {
@@ -66,12 +65,12 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             let mut placed = body.clone();
             placed.path = format!("{short}.{}", body.path);
             placed.y_m -= down_m;
-            placed.coordinate = body.coordinate.map(|q| coordinates[q as usize] as u32);
+            placed.coordinate = body.coordinate.map(|q| first + q);
             bodies[*next] = Some(placed);
             numbers.push(*next as u32);
             *next += 1;
         }
-        parts.push(RunNumbering { name: short.clone(), first_link, bodies: numbers, coordinates, down_m });
+        parts.push(RunNumbering { name: short.clone(), first_link, bodies: numbers, down_m });
         merged.drive_text += &format!("# ---- {}\n{}\n", header.drive_name, header.drive_text);
         merged.overrides.extend(header.overrides.iter().map(|o| format!("{short}: {o}")));
         merged.assembly.extend(header.assembly.iter().map(|a| format!("{short}: {a}")));
@@ -84,102 +83,49 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
 pub fn frames(parts: &[RunNumbering], frames: &[&Frame]) -> Frame {
     let mut merged = Frame { step: frames[0].step, t_s: frames[0].t_s, ..Frame::default() };
     merged.crank_angle_rad = frames[0].crank_angle_rad;
-    let total: usize = frames.iter().map(|f| f.rotors.angle_rad.len()).sum();
-    let r = &mut merged.rotors;
-    for column in [&mut r.angle_rad, &mut r.speed_rad_s, &mut r.chain_torque_nm, &mut r.outer_torque_nm] {
-        column.resize(total, 0.0);
-    }
     for (part, frame) in parts.iter().zip(frames) {
         merged.state_hash = merged.state_hash.rotate_left(1) ^ frame.state_hash;
-        let l = &frame.links;
-        merged.links.x_m.extend_from_slice(&l.x_m);
-        merged.links.y_m.extend(l.y_m.iter().map(|y| y - part.down_m));
-        merged.links.angle_rad.extend_from_slice(&l.angle_rad);
-        merged.links.vx_m_s.extend_from_slice(&l.vx_m_s);
-        merged.links.vy_m_s.extend_from_slice(&l.vy_m_s);
-        merged.links.omega_rad_s.extend_from_slice(&l.omega_rad_s);
-        merged.links.ax_m_s2.extend_from_slice(&l.ax_m_s2);
-        merged.links.ay_m_s2.extend_from_slice(&l.ay_m_s2);
-        merged.links.alpha_rad_s2.extend_from_slice(&l.alpha_rad_s2);
-        merged.joints.force_x_n.extend_from_slice(&frame.joints.force_x_n);
-        merged.joints.force_y_n.extend_from_slice(&frame.joints.force_y_n);
-        merged.joints.friction_torque_nm.extend_from_slice(&frame.joints.friction_torque_nm);
-        for k in 0..frame.rotors.angle_rad.len() {
-            let to = part.coordinates[k];
-            merged.rotors.angle_rad[to] = frame.rotors.angle_rad[k];
-            merged.rotors.speed_rad_s[to] = frame.rotors.speed_rad_s[k];
-            merged.rotors.chain_torque_nm[to] = frame.rotors.chain_torque_nm[k];
-            merged.rotors.outer_torque_nm[to] = frame.rotors.outer_torque_nm[k];
-        }
-        add_contacts(&mut merged, part, frame);
-        add_energy(&mut merged, frame);
+        let mut placed = (*frame).clone();
+        placed.each_table_mut(|table, columns| part.place(table.message.columns, columns));
+        merged.append_rows(&placed);
+        merged.energy.each_with(&frame.energy, |_, sum, value| sum + value);
     }
     merged
 }
 
-fn add_contacts(merged: &mut Frame, part: &RunNumbering, frame: &Frame) {
-    let (to, from) = (&mut merged.contacts, &frame.contacts);
-    to.link.extend(from.link.iter().map(|l| l + part.first_link));
-    to.body.extend(from.body.iter().map(|b| part.bodies[*b as usize]));
-    to.feature.extend_from_slice(&from.feature);
-    to.tooth.extend_from_slice(&from.tooth);
-    to.segment.extend_from_slice(&from.segment);
-    to.stick.extend_from_slice(&from.stick);
-    for (to, from) in [(&mut to.point_body_y_m, &from.point_body_y_m), (&mut to.point_link_y_m, &from.point_link_y_m)] {
-        to.extend(from.iter().map(|y| y - part.down_m));
+impl RunNumbering {
+    /// Gives columns or fields of one run their numbers and places in the merged recording.
+    fn place(&self, columns: &[Column], values: &mut [ValuesMut<'_>]) {
+        for (column, values) in columns.iter().zip(values) {
+            match column.kind {
+                ColumnKind::Link => values.each_u32(|link| *link += self.first_link),
+                ColumnKind::Body => {
+                    values.each_u32(|body| *body = self.bodies.get(*body as usize).copied().unwrap_or(*body))
+                }
+                ColumnKind::Height => values.each_f64(|y_m| *y_m -= self.down_m),
+                ColumnKind::Value | ColumnKind::Feature | ColumnKind::Segment => {}
+                ColumnKind::Kinetic
+                | ColumnKind::Elastic
+                | ColumnKind::WorkIn
+                | ColumnKind::WorkOut
+                | ColumnKind::Lost
+                | ColumnKind::Error => {}
+            }
+        }
     }
-    for (to, from) in [
-        (&mut to.point_body_x_m, &from.point_body_x_m),
-        (&mut to.point_link_x_m, &from.point_link_x_m),
-        (&mut to.normal_x, &from.normal_x),
-        (&mut to.normal_y, &from.normal_y),
-        (&mut to.penetration_m, &from.penetration_m),
-        (&mut to.approach_speed_m_s, &from.approach_speed_m_s),
-        (&mut to.normal_speed_m_s, &from.normal_speed_m_s),
-        (&mut to.tangential_speed_m_s, &from.tangential_speed_m_s),
-        (&mut to.normal_force_n, &from.normal_force_n),
-        (&mut to.tangential_force_n, &from.tangential_force_n),
-        (&mut to.age_s, &from.age_s),
-        (&mut to.instant_force_n, &from.instant_force_n),
-    ] {
-        to.extend_from_slice(from);
-    }
-}
-
-fn add_energy(merged: &mut Frame, frame: &Frame) {
-    let (to, from) = (&mut merged.energy, &frame.energy);
-    to.kinetic_j += from.kinetic_j;
-    to.elastic_joint_j += from.elastic_joint_j;
-    to.elastic_contact_j += from.elastic_contact_j;
-    to.work_in_j += from.work_in_j;
-    to.work_out_j += from.work_out_j;
-    to.lost_pin_damping_j += from.lost_pin_damping_j;
-    to.lost_pin_friction_j += from.lost_pin_friction_j;
-    to.lost_contact_damping_j += from.lost_contact_damping_j;
-    to.lost_contact_friction_j += from.lost_contact_friction_j;
-    to.lost_guide_damping_j += from.lost_guide_damping_j;
-    to.lost_guide_friction_j += from.lost_guide_friction_j;
-    to.elastic_spring_j += from.elastic_spring_j;
-    to.lost_spring_damping_j += from.lost_spring_damping_j;
-    to.error_j += from.error_j;
 }
 
 /// Converts an event of one run to the merged recording.
 pub fn event(part: &RunNumbering, event: &Event) -> Event {
-    Event {
-        link: event.link + part.first_link,
-        body: part.bodies.get(event.body as usize).copied().unwrap_or(event.body),
-        text: format!("{}: {}", part.name, event.text),
-        ..event.clone()
-    }
+    let mut placed = event.clone();
+    part.place(Event::MESSAGE.columns, &mut placed.values_mut());
+    placed.text = format!("{}: {}", part.name, event.text);
+    placed
 }
 
 /// Converts an impact of one run to the merged recording.
 pub fn impact(part: &RunNumbering, impact: &Impact) -> Impact {
-    Impact {
-        link: impact.link + part.first_link,
-        body: part.bodies.get(impact.body as usize).copied().unwrap_or(impact.body),
-        y_m: impact.y_m - part.down_m,
-        ..*impact
-    }
+    let mut placed = *impact;
+    part.place(Impact::MESSAGE.columns, &mut placed.values_mut());
+    placed
 }

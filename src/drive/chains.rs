@@ -45,8 +45,10 @@ impl Drive {
             s.chain = 0;
             s.outer = match s.outer {
                 OuterSpec::Speed { .. } => s.outer,
-                _ if own.start + k == leader => OuterSpec::Speed { speed_rad_s: self.shaft_speed_rad_s(leader) },
-                outer => outer,
+                OuterSpec::Load { .. } if own.start + k == leader => {
+                    OuterSpec::Speed { speed_rad_s: self.shaft_speed_rad_s(leader) }
+                }
+                OuterSpec::Load { .. } => s.outer,
             };
         }
         if let PreloadSpec::Sprocket { moves, .. } = &mut alone.preload {

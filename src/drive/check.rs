@@ -4,6 +4,7 @@ use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
 use crate::diag::{Diag, Report};
+use crate::effects::{gap_error, guide_compliance, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error};
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Rail;
@@ -97,11 +98,11 @@ impl Drive {
         let links: usize = (0..self.chains()).map(|c| self.links_of(c)).sum();
         let help = format!("links and joints are numbered 0 to {} through all chains", links - 1);
         for e in self.effects.pitch_errors.iter().filter(|e| e.link >= links) {
-            let path = format!("effects.pitch_error.{}.link", e.name);
+            let path = pitch_error::ROW.path(&e.name, "link");
             mistakes.add(&path, format!("the chains have no link {}", e.link), &help);
         }
         for e in self.effects.tight_joints.iter().filter(|e| e.joint >= links) {
-            let path = format!("effects.tight_joint.{}.joint", e.name);
+            let path = tight_joint::ROW.path(&e.name, "joint");
             mistakes.add(&path, format!("the chains have no joint {}", e.joint), &help);
         }
         for s in &self.sensors {
@@ -283,16 +284,16 @@ impl Drive {
             let s = &self.sprockets[e.sprocket];
             if e.gap >= s.teeth || matches!(self.chain, ChainSpec::Silent(_)) {
                 mistakes.add(
-                    &format!("effects.gap_error.{}.gap", s.name),
+                    &gap_error::ROW.path(&s.name, "gap"),
                     format!("sprocket `{}` has no gap {} that seats a bush", s.name, e.gap),
                     &format!("bush and abutment chains: 0 to {}", s.teeth - 1),
                 );
             }
         }
         for w in self.effects.gap_waves.iter().filter(|_| matches!(self.chain, ChainSpec::Silent(_))) {
-            let name = if w.order.is_some() { "tooth_pitch_error" } else { "sprocket_runout" };
+            let effect = if w.order.is_some() { &tooth_pitch_error::ROW } else { &sprocket_runout::ROW };
             mistakes.add(
-                &format!("effects.{name}.{}", self.sprockets[w.sprocket].name),
+                &format!("effects.{}.{}", effect.name, self.sprockets[w.sprocket].name),
                 "gaps of a silent chain's sprocket do not move so far".into(),
                 "bush and abutment chains take it",
             );
@@ -307,14 +308,14 @@ impl Drive {
         }
         for e in self.effects.tight_joints.iter().filter(|e| e.joint >= self.links) {
             mistakes.add(
-                &format!("effects.tight_joint.{}.joint", e.name),
+                &tight_joint::ROW.path(&e.name, "joint"),
                 format!("the chain has no joint {}", e.joint),
                 &format!("joints are numbered 0 to {}", self.links - 1),
             );
         }
         for e in self.effects.pitch_errors.iter().filter(|e| e.link >= self.links) {
             mistakes.add(
-                &format!("effects.pitch_error.{}.link", e.name),
+                &pitch_error::ROW.path(&e.name, "link"),
                 format!("the chain has no link {}", e.link),
                 &format!("links are numbered 0 to {}", self.links - 1),
             );
@@ -389,7 +390,7 @@ impl Drive {
         let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
         if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {
             mistakes.add(
-                "effects.guide_compliance",
+                &format!("effects.{}", guide_compliance::ROW.name),
                 "a yielding guide needs the linear contact law".into(),
                 "take `[contact.guide.linear]`",
             );

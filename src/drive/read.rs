@@ -9,6 +9,10 @@ use super::{
     TightJoint,
 };
 use super::{mechanism, sensors};
+use crate::effects::{
+    Effect, alternate_pitch, gap_error, guide_compliance, guide_friction, pin_friction, pitch_error, sprocket_runout,
+    tight_joint, tooth_pitch_error, wear_elongation,
+};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -152,7 +156,7 @@ fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> (ContactSpec, ContactS
     let guide = read_contact(&t.table("guide"), width_m);
     let ring = match chain {
         ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
-        _ => tooth,
+        ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,
     };
     t.finish();
     (tooth, guide, ring)
@@ -167,7 +171,9 @@ fn read_effects(
     let mut effects = Effects::default();
     read_gap_effects(t, sprockets, &mut effects);
     read_link_effects(t, &mut effects);
-    read_joint_effects(t, &mut effects);
+    effects.elongation_m = of_all_joints(t, &wear_elongation::ROW);
+    effects.alternate_m = of_all_joints(t, &alternate_pitch::ROW);
+    effects.pin_friction = of_all_joints(t, &pin_friction::ROW);
     read_guide_effects(t, guides, &mut effects);
     let signals = sensors::signals(t, sensors);
     t.finish();
@@ -182,85 +188,89 @@ fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effec
             0
         })
     };
-    let table = t.table("gap_error");
+    let table = t.table(gap_error::ROW.name);
     for (name, t) in table.tables_or_set() {
-        let gap = t.required_integer("gap", 0..=1000) as u32;
-        let outward_m = t.required("outward_um", UM, -500.0..=500.0);
-        effects.gap_errors.push(GapError { sprocket: of(&t, &name), gap, outward_m });
+        let [gap, outward_m] = numbers(&t, &gap_error::ROW);
+        effects.gap_errors.push(GapError { sprocket: of(&t, &name), gap: gap as u32, outward_m });
         t.finish();
     }
     table.finish();
-    for key in ["sprocket_runout", "tooth_pitch_error"] {
-        let table = t.table(key);
-        for (name, t) in table.tables_or_set() {
-            let amplitude_m = t.required("amplitude_um", UM, -500.0..=500.0);
-            let phase_rad = t.number("phase_deg", DEG, -3600.0..=3600.0).unwrap_or(0.0);
-            let order = (key == "tooth_pitch_error").then(|| t.integer("order", 2..=5).map_or(2, |order| order as u32));
-            effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order });
-            t.finish();
-        }
-        table.finish();
+    let table = t.table(sprocket_runout::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [amplitude_m, phase_rad] = numbers(&t, &sprocket_runout::ROW);
+        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order: None });
+        t.finish();
     }
+    table.finish();
+    let table = t.table(tooth_pitch_error::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [amplitude_m, phase_rad, order] = numbers(&t, &tooth_pitch_error::ROW);
+        let order = Some(order as u32);
+        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order });
+        t.finish();
+    }
+    table.finish();
+}
+
+/// The parameters of an effect that drives with links have, in SI, in the order of its row: names, units, ranges and defaults
+/// are the row's.
+fn numbers<const N: usize>(t: &TomlTable<'_>, effect: &Effect) -> [f64; N] {
+    let values = effect.parameters.iter().filter(|p| !p.lumped_only).map(|p| match (p.kind.is_whole(), p.default) {
+        (false, Some(default)) => t.number(p.key, p.unit, p.range()).unwrap_or(default * p.unit),
+        (false, None) => t.required(p.key, p.unit, p.range()),
+        (true, Some(default)) => t.integer(p.key, p.low as i64..=p.high as i64).map_or(default, |n| n as f64),
+        (true, None) => t.required_integer(p.key, p.low as i64..=p.high as i64) as f64,
+    });
+    let values: Vec<f64> = values.collect();
+    <[f64; N]>::try_from(values).unwrap_or_else(|v| panic!("{} has {} parameters, not {N}", effect.name, v.len()))
+}
+
+/// The parameter of an effect on all joints, `[effects.NAME.chain]`; off where the file does not set it.
+fn of_all_joints(t: &TomlTable<'_>, effect: &Effect) -> f64 {
+    let (table, mut value) = (t.table(effect.name), 0.0);
+    let all = table.table("chain");
+    for p in effect.parameters.iter().filter(|p| !p.lumped_only) {
+        value = all.number(p.key, p.unit, p.range()).unwrap_or(p.off * p.unit);
+    }
+    all.finish();
+    table.finish();
+    value
 }
 
 /// Effects on single links and joints; their names are free.
 fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
-    let table = t.table("pitch_error");
+    let table = t.table(pitch_error::ROW.name);
     for (name, t) in table.tables_or_set() {
-        let link = t.required_integer("link", 0..=100_000) as usize;
-        let length_m = t.required("length_um", UM, -500.0..=500.0);
-        effects.pitch_errors.push(PitchError { name, link, length_m });
+        let [link, length_m] = numbers(&t, &pitch_error::ROW);
+        effects.pitch_errors.push(PitchError { name, link: link as usize, length_m });
         t.finish();
     }
     table.finish();
-    let table = t.table("tight_joint");
+    let table = t.table(tight_joint::ROW.name);
     for (name, t) in table.tables_or_set() {
-        let joint = t.required_integer("joint", 0..=100_000) as usize;
-        let torque_nm = t.required("torque_nm", 1.0, 0.0..=1000.0);
-        effects.tight_joints.push(TightJoint { name, joint, torque_nm });
+        let [joint, torque_nm] = numbers(&t, &tight_joint::ROW);
+        effects.tight_joints.push(TightJoint { name, joint: joint as usize, torque_nm });
         t.finish();
     }
     table.finish();
-}
-
-/// Effects on all joints: `[effects.NAME.chain]`.
-fn read_joint_effects(t: &TomlTable<'_>, effects: &mut Effects) {
-    let wear = t.table("wear_elongation");
-    let all = wear.table("chain");
-    effects.elongation_m = all.number("length_um", UM, -200.0..=200.0).unwrap_or(0.0);
-    all.finish();
-    wear.finish();
-    let alternate = t.table("alternate_pitch");
-    let all = alternate.table("chain");
-    effects.alternate_m = all.number("difference_um", UM, -500.0..=500.0).unwrap_or(0.0);
-    all.finish();
-    alternate.finish();
-    let pins = t.table("pin_friction");
-    let all = pins.table("chain");
-    effects.pin_friction = all.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0);
-    all.finish();
-    pins.finish();
 }
 
 /// Effects on guides, by their names.
 fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Effects) {
-    let (friction, compliance) = (t.table("guide_friction"), t.table("guide_compliance"));
-    for (table, key, unit, range) in
-        [(&friction, "friction", 1.0, -1.0..=2.0), (&compliance, "compliance_um_per_kn", 1e-9, 0.0..=1e6)]
-    {
+    for effect in [&guide_friction::ROW, &guide_compliance::ROW] {
+        let table = t.table(effect.name);
         for (name, own) in table.tables_or_set() {
-            let value = own.required(key, unit, range.clone());
+            let [value] = numbers(&own, effect);
             if guides.iter().all(|g| g.name != name) {
                 let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
                 own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
             }
-            let (mu, c) = if key == "friction" { (value, 0.0) } else { (0.0, value) };
+            let (mu, c) = if *effect == guide_friction::ROW { (value, 0.0) } else { (0.0, value) };
             effects.guides.push(GuideEffect { guide: name, friction: mu, compliance_m_per_n: c });
             own.finish();
         }
+        table.finish();
     }
-    friction.finish();
-    compliance.finish();
 }
 
 /// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.

@@ -217,8 +217,8 @@ pub(super) fn signals(t: &TomlTable<'_>, sensors: &[SensorSpec]) -> Vec<SignalSp
         let of_kind = t.table(effect.name);
         for (name, own) in of_kind.tables_or_set() {
             let values = effect.parameters.iter().map(|p| match p.default {
-                Some(d) => own.number(p.key, p.unit, p.low..=p.high).unwrap_or(d * p.unit),
-                None => own.required(p.key, p.unit, p.low..=p.high),
+                Some(d) => own.number(p.key, p.unit, p.range()).unwrap_or(d * p.unit),
+                None => own.required(p.key, p.unit, p.range()),
             });
             let values: Vec<f64> = values.collect();
             let fits = |s: &SensorSpec| {

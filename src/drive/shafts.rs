@@ -12,7 +12,7 @@ use super::mechanism::SliderSpec;
 use super::reader::TomlTable;
 use super::{ArmSpec, Drive, OuterSpec, ShaftSpec, SprocketDrive};
 use crate::diag::Report;
-use crate::effects::{BodyLaw, EFFECTS, Effect, Kind, LOADS, MotionLaw, On, Physics, named};
+use crate::effects::{BodyLaw, EFFECTS, Effect, Kind, LOADS, MotionLaw, On, Physics};
 use crate::elements::driver_motion::Harmonic;
 use crate::units::{DEG, RPM};
 
@@ -224,9 +224,8 @@ impl MovingNames<'_> {
 
 /// Loads by laws and by orders: `[loads]` without `[loads.constant]`.
 pub(super) fn read_loads(loads: &TomlTable<'_>, names: &MovingNames<'_>, train: &mut ShaftTrain) {
-    for (kind, row) in LOADS.into_iter().filter(|(kind, _)| *kind != "constant") {
+    for (kind, effect) in LOADS.into_iter().filter(|(kind, _)| *kind != "constant") {
         let table = loads.table(kind);
-        let Some(effect) = named(row) else { continue };
         for (name, t) in table.tables_or_set() {
             let on = t.text("body").unwrap_or(name);
             read_load(&t, effect, &on, names, train);

@@ -1,6 +1,6 @@
 //! Inner and outer links of different pitch: over each pair of links the chain length varies by half of the difference.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -15,11 +15,13 @@ pub const ROW: Effect = Effect {
     channels: "tension, speeds, contact forces",
     parameters: &[
         Parameter::new("difference_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
-        Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
+        Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0).lumped_only(),
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
     links: Some(On::Joints),
+    highest_order: HighestOrder::Teeth,
+    kin: Kin { look: Some(Look::Chain), ..Kin::NONE },
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -1,6 +1,6 @@
 //! Play: the span or coupling carries no force within a gap.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -17,6 +17,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SpanForce(force),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

@@ -1,6 +1,6 @@
 //! A load independent of speed and direction, such as a weight or an offset of the drive.
 
-use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "constant_torque",
@@ -18,6 +18,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::BodyForce(force),
     links: Some(On::Body),
+    highest_order: HighestOrder::None,
+    kin: Kin { look: Some(Look::Friction), ..Kin::NONE },
 };
 
 fn force(p: &[f64], _at: BodyAt) -> f64 {

@@ -1,6 +1,6 @@
 //! Dry friction of a bearing or slide.
 
-use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
+use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, soft_sign};
 
 pub const ROW: Effect = Effect {
     name: "coulomb_friction",
@@ -22,6 +22,8 @@ pub const ROW: Effect = Effect {
     dissipative: true,
     physics: Physics::BodyForce(force),
     links: Some(On::Body),
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("friction"), look: Some(Look::Friction), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

@@ -1,6 +1,6 @@
 //! An eccentric encoder scale: its angle error repeats once, or n times, per revolution.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, Trace};
 use crate::units::DEG;
 
 pub const ROW: Effect = Effect {
@@ -21,6 +21,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { look: Some(Look::Marks), ..Kin::NONE },
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! A body split in two: a part of its inertia, with the sensors, sits behind a spring.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "flexible_coupling",
@@ -23,4 +23,6 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SecondBody { sensors_move: true },
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("second inertia"), ..Kin::NONE },
 };

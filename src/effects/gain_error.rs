@@ -1,6 +1,6 @@
 //! A channel with a wrong gain.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, Trace, Twin};
 
 pub const ROW: Effect = Effect {
     name: "gain_error",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { twin: Some(Twin::SensorGain), ..Kin::NONE },
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! One tooth gap that lies further out than the others of its sprocket, or is worn deeper.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -20,6 +20,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SpanLength(length),
     links: Some(On::Sprocket),
+    highest_order: HighestOrder::Teeth,
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

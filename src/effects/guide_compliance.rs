@@ -1,6 +1,6 @@
 //! A compliant guide: its contact acts in series with its mounting.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "guide_compliance",
@@ -18,4 +18,6 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Guide),
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };

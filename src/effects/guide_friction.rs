@@ -1,6 +1,6 @@
 //! Friction of the chain on a guide in addition to the declared friction.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "guide_friction",
@@ -16,4 +16,6 @@ pub const ROW: Effect = Effect {
     dissipative: true,
     physics: Physics::LinksOnly,
     links: Some(On::Guide),
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };

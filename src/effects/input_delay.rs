@@ -1,6 +1,6 @@
 //! A drive that responds with a pure delay.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "input_delay",
@@ -19,6 +19,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Input(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("lag of the drive"), look: Some(Look::Lag), ..Kin::NONE },
 };
 
 fn pass(p: &[f64], u: &mut [f64], step_s: f64, _held: bool) {

@@ -1,6 +1,6 @@
 //! A drive that exerts a force at zero signal.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "input_offset",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Input(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn pass(p: &[f64], u: &mut [f64], _step_s: f64, _held: bool) {

@@ -1,6 +1,6 @@
 //! A sensor that follows with a first-order lag, such as an analogue filter.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "low_pass",
@@ -19,6 +19,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("lag of the sensor"), look: Some(Look::Lag), ..Kin::NONE },
 };
 
 /// Initial output of a lag minus its input, SI.

@@ -1,6 +1,6 @@
 //! Marks of different strength: each pulse is delayed by its own time, the same at every speed.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "mark_strength",
@@ -18,6 +18,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Marks(place),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("marks of the pickup"), look: Some(Look::Marks), ..Kin::NONE },
 };
 
 fn place(p: &[f64], mark: usize) -> (f64, f64) {

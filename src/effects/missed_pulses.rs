@@ -1,6 +1,6 @@
 //! Pulses that the recorder missed or counted twice: intervals of twice or half the length of their neighbours.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics};
 
 pub const ROW: Effect = Effect {
     name: "missed_pulses",
@@ -16,4 +16,6 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Intake,
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };

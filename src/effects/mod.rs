@@ -181,6 +181,8 @@ pub struct Parameter {
     /// Starting values as multiples of the scale.
     pub starts: &'static [f64],
     pub kind: Kind,
+    /// Whether drives with links lack it.
+    pub lumped_only: bool,
 }
 
 /// How a parameter is searched.
@@ -231,6 +233,7 @@ impl Parameter {
             scale: Scale::One,
             starts: &[1.0],
             kind,
+            lumped_only: false,
         }
     }
 
@@ -248,6 +251,16 @@ impl Parameter {
     pub const fn default(mut self, value: f64) -> Parameter {
         self.default = Some(value);
         self
+    }
+
+    pub const fn lumped_only(mut self) -> Parameter {
+        self.lumped_only = true;
+        self
+    }
+
+    /// What a file may say, in the key's unit.
+    pub fn range(&self) -> std::ops::RangeInclusive<f64> {
+        self.low..=self.high
     }
 
     pub const fn off(mut self, value: f64) -> Parameter {
@@ -362,6 +375,68 @@ pub struct Effect {
     pub physics: Physics,
     /// Kind of target in drives with link bodies, if they support it.
     pub links: Option<On>,
+    pub highest_order: HighestOrder,
+    pub kin: Kin,
+}
+
+/// Highest order of a body's turns at which a law varies with an angle: a step must follow it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HighestOrder {
+    /// It does not depend on an angle, or only as its signal does.
+    None,
+    Once,
+    /// The value of the parameter with this index.
+    Parameter(usize),
+    /// As often as teeth pass.
+    Teeth,
+}
+
+/// How an effect relates to others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kin {
+    /// Of effects with the same cause and different laws; None: its own.
+    pub family: Option<&'static str>,
+    /// What records show of it, which is hard to tell from others of the same look.
+    pub look: Option<Look>,
+    /// The number of the drive that does the same.
+    pub twin: Option<Twin>,
+}
+
+impl Kin {
+    pub const NONE: Kin = Kin { family: None, look: None, twin: None };
+}
+
+/// Effects that records confuse; an experiment tells them apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    Friction,
+    /// Repeats with every turn of a shaft.
+    OncePerTurn,
+    /// Of a pulse pickup or an encoder.
+    Marks,
+    /// Repeats with the chain.
+    Chain,
+    Lag,
+}
+
+/// A number of the declared drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Twin {
+    SpanStiffness,
+    SpanDamping,
+    SensorGain,
+}
+
+impl Effect {
+    /// Family of effects with the same cause and different laws; friction is one family.
+    pub fn family(&self) -> &'static str {
+        self.kin.family.unwrap_or(self.name)
+    }
+
+    /// Path of a parameter in a drive file.
+    pub fn path(&self, target: &str, key: &str) -> String {
+        format!("effects.{}.{target}.{key}", self.name)
+    }
 }
 
 impl std::fmt::Debug for Effect {
@@ -426,32 +501,25 @@ pub const EFFECTS: [&Effect; 45] = [
 ];
 
 /// Declared loads are effects under another name: table of `[loads]`, row of the catalogue.
-pub const LOADS: [(&str, &str); 6] = [
-    ("constant", "constant_torque"),
-    ("viscous", "viscous_friction"),
-    ("quadratic", "quadratic_drag"),
-    ("friction", "coulomb_friction"),
-    ("stribeck", "stribeck_friction"),
-    ("harmonic", "torque_ripple"),
+pub const LOADS: [(&str, &Effect); 6] = [
+    ("constant", &constant_torque::ROW),
+    ("viscous", &viscous_friction::ROW),
+    ("quadratic", &quadratic_drag::ROW),
+    ("friction", &coulomb_friction::ROW),
+    ("stribeck", &stribeck_friction::ROW),
+    ("harmonic", &torque_ripple::ROW),
 ];
-
-/// Family of effects with the same cause and different laws; friction is one family.
-pub fn family(effect: &'static Effect) -> &'static str {
-    match effect.name {
-        "coulomb_friction" | "stribeck_friction" => "friction",
-        "viscous_friction" | "quadratic_drag" => "speed-dependent loss",
-        "low_pass" | "latency" => "lag of the sensor",
-        "input_lag" | "input_delay" => "lag of the drive",
-        "torsional_resonance" | "flexible_coupling" => "second inertia",
-        "input_gain_curve" | "input_saturation" => "non-linear gain of the drive",
-        "mark_spacing" | "mark_strength" => "marks of the pickup",
-        other => other,
-    }
-}
 
 /// The row with this `name`.
 pub fn named(name: &str) -> Option<&'static Effect> {
     EFFECTS.iter().find(|e| e.name == name).copied()
+}
+
+/// The parameter that a path in a drive file names, `effects.NAME.TARGET.KEY`.
+pub fn parameter_at(path: &str) -> Option<&'static Parameter> {
+    let (name, rest) = path.strip_prefix("effects.")?.split_once('.')?;
+    let (_, key) = rest.rsplit_once('.')?;
+    named(name)?.parameters.iter().find(|p| p.key == key)
 }
 
 /// Smooth sign for friction: v / sqrt(v^2 + width^2), an odd function from -1 to 1. Its maximum slope equals that of

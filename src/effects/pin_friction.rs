@@ -1,6 +1,6 @@
 //! Friction of the pins in their bushes as the chain articulates onto and off a sprocket.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -15,11 +15,16 @@ pub const ROW: Effect = Effect {
     channels: "torques; mean loss goes with tension",
     parameters: &[
         Parameter::new("friction", 1.0, 0.0, 2.0, Kind::Amplitude).default(0.0).starts(Scale::One, &[0.1]),
-        Parameter::new("arm_um", UM, 0.0, 50000.0, Kind::Amplitude).default(0.0).starts(Scale::Micrometre10, &[10.0]),
+        Parameter::new("arm_um", UM, 0.0, 50000.0, Kind::Amplitude)
+            .lumped_only()
+            .default(0.0)
+            .starts(Scale::Micrometre10, &[10.0]),
     ],
     dissipative: true,
     physics: Physics::SpanLoss(torque),
     links: Some(On::Joints),
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn torque(p: &[f64], tension: f64, v: f64) -> f64 {

@@ -1,6 +1,6 @@
 //! One link that is longer or shorter than the others; the span that contains it changes by the same length.
 
-use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{ChainAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -20,6 +20,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::ChainLength(length),
     links: Some(On::Chain),
+    highest_order: HighestOrder::Teeth,
+    kin: Kin { look: Some(Look::Chain), ..Kin::NONE },
 };
 
 fn length(p: &[f64], at: ChainAt) -> (f64, f64) {

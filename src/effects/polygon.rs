@@ -1,6 +1,6 @@
 //! Chordal action that the declared model lacks: the pitch line rises and falls once per tooth.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -20,6 +20,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SpanLength(length),
     links: None,
+    highest_order: HighestOrder::Teeth,
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn length(p: &[f64], teeth: u32, angle: f64) -> (f64, f64) {

@@ -1,6 +1,6 @@
 //! Drag proportional to the square of speed: a fan, a flywheel in air.
 
-use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "quadratic_drag",
@@ -18,6 +18,8 @@ pub const ROW: Effect = Effect {
     dissipative: true,
     physics: Physics::BodyForce(force),
     links: Some(On::Body),
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("speed-dependent loss"), look: Some(Look::Friction), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

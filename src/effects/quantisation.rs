@@ -1,6 +1,6 @@
 //! A channel with finite resolution.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Trace};
 
 pub const ROW: Effect = Effect {
     name: "quantisation",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

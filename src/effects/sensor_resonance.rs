@@ -1,6 +1,6 @@
 //! A sensor with a resonance: its own mass on its mounting.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "sensor_resonance",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { look: Some(Look::Lag), ..Kin::NONE },
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

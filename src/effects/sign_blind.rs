@@ -1,6 +1,6 @@
 //! A sensor that does not show the direction of motion, such as a pulse counter.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, Trace};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, Trace};
 
 pub const ROW: Effect = Effect {
     name: "sign_blind",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Signal(pass),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn pass(p: &[f64], trace: &mut Trace) {

@@ -1,6 +1,6 @@
 //! A span that cannot push: below zero tension it goes slack.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
 
 pub const ROW: Effect = Effect {
     name: "slack_span",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SpanForce(force),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

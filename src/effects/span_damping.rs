@@ -1,6 +1,6 @@
 //! Damping of a span or coupling in addition to the declared one.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, SpanAt, Twin};
 
 pub const ROW: Effect = Effect {
     name: "span_damping",
@@ -18,6 +18,8 @@ pub const ROW: Effect = Effect {
     dissipative: true,
     physics: Physics::SpanForce(force),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { twin: Some(Twin::SpanDamping), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

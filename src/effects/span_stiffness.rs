@@ -1,6 +1,6 @@
 //! A span that is stiffer or softer than declared.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale, SpanAt};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, SpanAt, Twin};
 
 pub const ROW: Effect = Effect {
     name: "span_stiffness",
@@ -18,6 +18,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SpanForce(force),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { twin: Some(Twin::SpanStiffness), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: SpanAt) -> f64 {

@@ -1,6 +1,6 @@
 //! A prescribed speed that fluctuates once or n times a revolution, by firing orders or a universal joint.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;
 
 pub const ROW: Effect = Effect {
@@ -21,6 +21,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Motion(factor),
     links: Some(On::Prescribed),
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };
 
 fn factor(p: &[f64], angle: f64) -> f64 {

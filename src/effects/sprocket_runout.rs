@@ -1,7 +1,7 @@
 //! A sprocket with radial runout e (`amplitude`) of its pitch circle: every span at it is longer by e sin(theta +
 //! phase).
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -15,12 +15,14 @@ pub const ROW: Effect = Effect {
     speed_law: "0 (quasi-static)",
     channels: "tension, speeds and torques of all bodies at the chain",
     parameters: &[
-        Parameter::new("amplitude_um", UM, -5000.0, 5000.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
+        Parameter::new("amplitude_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
         Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
     links: Some(On::Sprocket),
+    highest_order: HighestOrder::Once,
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

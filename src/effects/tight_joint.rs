@@ -1,6 +1,6 @@
 //! One joint with additional friction torque; it dissipates energy only where the chain articulates.
 
-use super::{ChainAt, Effect, Kind, On, Parameter, Part, Physics, Scale, soft_sign};
+use super::{ChainAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, soft_sign};
 
 pub const ROW: Effect = Effect {
     name: "tight_joint",
@@ -19,6 +19,8 @@ pub const ROW: Effect = Effect {
     dissipative: true,
     physics: Physics::ChainTorque(torque),
     links: Some(On::Chain),
+    highest_order: HighestOrder::Teeth,
+    kin: Kin { look: Some(Look::Chain), ..Kin::NONE },
 };
 
 fn torque(p: &[f64], at: ChainAt, v: f64) -> f64 {

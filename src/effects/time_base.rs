@@ -1,6 +1,6 @@
 //! A recorder whose clock runs fast or slow.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "time_base",
@@ -16,6 +16,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::Clock(clock),
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { look: Some(Look::Lag), ..Kin::NONE },
 };
 
 fn clock(p: &[f64]) -> f64 {

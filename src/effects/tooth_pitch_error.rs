@@ -1,6 +1,6 @@
 //! Cumulative pitch error of a sprocket: tooth gaps displaced along the pitch circle by e sin(n theta + phase).
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::{DEG, UM};
 
 pub const ROW: Effect = Effect {
@@ -14,13 +14,15 @@ pub const ROW: Effect = Effect {
     speed_law: "0 (quasi-static)",
     channels: "transmission error, tension",
     parameters: &[
-        Parameter::new("amplitude_um", UM, -5000.0, 5000.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
+        Parameter::new("amplitude_um", UM, -500.0, 500.0, Kind::Amplitude).starts(Scale::Micrometre10, &[1.0]),
         Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
         Parameter::new("order", 1.0, 2.0, 5.0, Kind::Whole).default(2.0).starts(Scale::One, &[2.0, 3.0, 4.0]),
     ],
     dissipative: false,
     physics: Physics::SpanLength(length),
     links: Some(On::Sprocket),
+    highest_order: HighestOrder::Parameter(2),
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn length(p: &[f64], _teeth: u32, angle: f64) -> (f64, f64) {

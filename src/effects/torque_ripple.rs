@@ -1,6 +1,6 @@
 //! A torque that repeats every revolution, or n times in it: cam lobes, cogging, an eccentric weight.
 
-use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;
 
 pub const ROW: Effect = Effect {
@@ -21,6 +21,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::BodyForce(force),
     links: Some(On::Body),
+    highest_order: HighestOrder::Parameter(2),
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

@@ -1,6 +1,6 @@
 //! A second inertia on a spring at a body, which the declared model lacks; sensors remain on the declared body.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 
 pub const ROW: Effect = Effect {
     name: "torsional_resonance",
@@ -23,4 +23,6 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::SecondBody { sensors_move: false },
     links: None,
+    highest_order: HighestOrder::None,
+    kin: Kin { family: Some("second inertia"), ..Kin::NONE },
 };

@@ -1,6 +1,6 @@
 //! Inertia that varies over a revolution, or an eccentric mass: a torque proportional to the square of speed.
 
-use super::{BodyAt, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale};
 use crate::units::DEG;
 
 pub const ROW: Effect = Effect {
@@ -22,6 +22,8 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::BodyForce(force),
     links: Some(On::Body),
+    highest_order: HighestOrder::Once,
+    kin: Kin { look: Some(Look::OncePerTurn), ..Kin::NONE },
 };
 
 fn force(p: &[f64], at: BodyAt) -> f64 {

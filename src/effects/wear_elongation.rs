@@ -1,6 +1,6 @@
 //! Uniform elongation of all links by wear of pins and bushes.
 
-use super::{Effect, Kind, On, Parameter, Part, Physics, Scale};
+use super::{Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale};
 use crate::units::UM;
 
 pub const ROW: Effect = Effect {
@@ -17,4 +17,6 @@ pub const ROW: Effect = Effect {
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Joints),
+    highest_order: HighestOrder::None,
+    kin: Kin::NONE,
 };

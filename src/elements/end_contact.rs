@@ -289,7 +289,10 @@ impl EndBody {
     pub fn distance_m(&self, p: Vec2) -> f64 {
         match self.shape {
             EndShape::Face { along, length_m } => (p - along * p.dot(&along).clamp(0.0, length_m)).norm(),
-            _ => p.norm(),
+            EndShape::Circle { .. }
+            | EndShape::Lobes { .. }
+            | EndShape::OuterFlanks { .. }
+            | EndShape::InnerFlanks { .. } => p.norm(),
         }
     }
 
@@ -331,7 +334,10 @@ impl EndBody {
     pub fn distance_bound_m(&self, lever_m: f64) -> f64 {
         match self.shape {
             EndShape::Face { length_m, .. } => length_m + self.reach_m(lever_m),
-            _ => self.reach_m(lever_m),
+            EndShape::Circle { .. }
+            | EndShape::Lobes { .. }
+            | EndShape::OuterFlanks { .. }
+            | EndShape::InnerFlanks { .. } => self.reach_m(lever_m),
         }
     }
 
@@ -347,7 +353,10 @@ impl EndBody {
     pub fn face_direction(&self) -> Option<Vec2> {
         match self.shape {
             EndShape::Face { along, .. } => Some(along),
-            _ => None,
+            EndShape::Circle { .. }
+            | EndShape::Lobes { .. }
+            | EndShape::OuterFlanks { .. }
+            | EndShape::InnerFlanks { .. } => None,
         }
     }
 

@@ -159,7 +159,7 @@ impl RailBody {
                         is_flat,
                     })
                 }
-                _ => None,
+                Piece::Line { .. } | Piece::Arc { .. } | Piece::EdgeSupport { .. } => None,
             }
         };
         let deep = |t: &PlateTouch| t.penetration_m < r;

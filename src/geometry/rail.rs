@@ -99,7 +99,7 @@ impl Rail {
             .iter()
             .filter_map(|p| match *p {
                 Piece::Arc { centre, radius_m, .. } if radius_m >= 0.0 => Some((centre, radius_m)),
-                _ => None,
+                Piece::Line { .. } | Piece::Arc { .. } | Piece::EdgeSupport { .. } => None,
             })
             .collect();
         // An arc that is split into several stretches counts once.

@@ -5,7 +5,7 @@ use super::plant::{has_place, nominal_speed};
 use super::problem::{Global, Law, Local, Point, Problem};
 use super::screen::FitStart;
 use crate::drive::sensors::is_signal;
-use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale};
+use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale, Twin, sign_blind};
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
 use crate::measurement::CandidateSpec;
@@ -200,22 +200,22 @@ impl Sizes {
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {
             Target::Body(b) => b,
-            _ => 0,
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 0,
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
         let inertia = m.bodies.get(body).map_or(1.0, |b| m.values[b.inertia]);
         let (stiffness, tension) = match target {
             Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
-            _ => (1.0, 1.0),
+            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => (1.0, 1.0),
         };
         let input = match target {
             Target::Input(i) => known(&self.input, i),
-            _ => 1.0,
+            Target::Body(_) | Target::Spring(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 1.0,
         };
         let signal = match target {
             Target::Sensor(s) => known(&self.signal, s),
-            _ => 1.0,
+            Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => 1.0,
         };
         match scale {
             Scale::One => 1.0,
@@ -286,7 +286,7 @@ pub fn all(
             let mut leave = |why: &str| reasons.push((path.clone(), why.to_string()));
             let channel = match target {
                 Target::Sensor(s) => data.channels.iter().find(|c| c.sensor == s),
-                _ => None,
+                Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => None,
             };
             if matches!(target, Target::Sensor(_)) && channel.is_none() {
                 continue;
@@ -298,12 +298,12 @@ pub fn all(
                     && (p.slots.iter().any(|s| fitted.contains(s)) || p.path == path)
             });
             // The same parameter under another name, which is already free.
-            let twin = match (effect.name, target) {
-                ("span_stiffness", Target::Spring(s)) => Some(m.springs[s].stiffness),
-                ("span_damping", Target::Spring(s)) => Some(m.springs[s].damping),
-                ("gain_error", Target::Sensor(s)) => Some(m.sensors[s].gain),
-                _ => None,
-            };
+            let twin = effect.kin.twin.and_then(|twin| match (twin, target) {
+                (Twin::SpanStiffness, Target::Spring(s)) => Some(m.springs[s].stiffness),
+                (Twin::SpanDamping, Target::Spring(s)) => Some(m.springs[s].damping),
+                (Twin::SensorGain, Target::Sensor(s)) => Some(m.sensors[s].gain),
+                (Twin::SpanStiffness | Twin::SpanDamping | Twin::SensorGain, _) => None,
+            });
             if twin.is_some_and(|slot| fitted.contains(&slot)) {
                 leave("its number is fitted already");
                 continue;
@@ -335,7 +335,7 @@ pub fn all(
                     continue;
                 }
             }
-            if effect.name == "sign_blind"
+            if *effect == sign_blind::ROW
                 && let Some(c) = channel
                 && data.facts.iter().any(|f| f.channel == c.name && f.below_zero)
             {
@@ -430,7 +430,7 @@ pub fn with_stable_start<'a>(
     let sized = |share: f64| {
         let size = |(value, row): (&f64, &&Parameter)| match row.kind {
             Kind::Amplitude | Kind::PerMark => share * value,
-            _ => *value,
+            Kind::Shape | Kind::Phase | Kind::Whole | Kind::Index | Kind::Start | Kind::Given => *value,
         };
         let values = fit_start.values.iter().zip(&h.rows).map(size).collect();
         with_hypothesis(problem, point, h, &FitStart { values, ..fit_start.clone() })
@@ -506,7 +506,7 @@ pub fn with_hypothesis<'a>(
         let body = next.machine.bodies.len() - 1;
         let of_near = |l: &Local| match l {
             Local::Speed { body, scale } if *body == near => Some(*scale),
-            _ => None,
+            Local::Travel | Local::Angle { .. } | Local::Speed { .. } | Local::Slot { .. } => None,
         };
         let speed = next.locals.iter().find_map(of_near).unwrap_or(1.0);
         let rate = h.rows.iter().zip(values).find(|(r, _)| r.key == "frequency_hz").map_or(1.0, |(_, w)| *w);

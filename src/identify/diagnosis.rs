@@ -147,7 +147,15 @@ fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -
             // unknown there.
             let (on, marks) = problem.channels.iter().find_map(|c| match problem.machine.sensors[*c].reads {
                 Reads::Pulses { body, marks } => Some((body, marks)),
-                _ => None,
+                Reads::Angle(_)
+                | Reads::Speed(_)
+                | Reads::Acceleration(_)
+                | Reads::Tension(_)
+                | Reads::Reaction(_)
+                | Reads::Span(_)
+                | Reads::Link(_)
+                | Reads::Guide(_)
+                | Reads::Part(_) => None,
             })?;
             let turn = TAU / marks.max(1) as f64;
             let moves = bodies

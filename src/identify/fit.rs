@@ -287,7 +287,7 @@ fn linearised(
             let l = column - 1 - concerned.len();
             let bounds = match problem.locals[l] {
                 Local::Slot { law, .. } => law.bounds(),
-                _ => (f64::MIN, f64::MAX),
+                Local::Travel | Local::Angle { .. } | Local::Speed { .. } => (f64::MIN, f64::MAX),
             };
             let x = nudged(locals[l], problem.local_difference(l, locals[l]), bounds);
             width = x - locals[l];

@@ -8,6 +8,7 @@
 //! pitches.
 
 use crate::drive::Drive;
+use crate::drive::sensors::SensorReads;
 use crate::effects::{Effect, On, Physics};
 use crate::elements::driver_motion::Harmonic;
 use crate::machine::simulate::{InitialState, RunError, Samples, Task, between, clock, cubic, through_sensor};
@@ -132,8 +133,17 @@ impl Plant {
             .sensors
             .iter()
             .map(|s| match s.reads {
-                crate::drive::sensors::SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
-                _ => None,
+                SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
+                SensorReads::Speed(_)
+                | SensorReads::Acceleration(_)
+                | SensorReads::Torque(_)
+                | SensorReads::Span(_)
+                | SensorReads::Link(_)
+                | SensorReads::Guide(_)
+                | SensorReads::Slider(_)
+                | SensorReads::Tip(_)
+                | SensorReads::Pressure(_)
+                | SensorReads::Flow(_) => None,
             })
             .collect();
         // The number of bins is an integer for every two pitches, because waves are also folded on these.
@@ -230,7 +240,7 @@ impl Plant {
 pub(super) fn nominal_speed(m: &Machine, values: &[f64], body: usize) -> f64 {
     let driver = m.bodies.iter().find_map(|b| match b.motion {
         BodyMotion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
-        _ => None,
+        BodyMotion::Free | BodyMotion::Measured(_) => None,
     });
     let Some((speed, teeth)) = driver else { return 0.0 };
     let turns_as = m.linked.as_ref().map_or(Some(body), |linked| linked.turns_as[body]);

@@ -337,7 +337,7 @@ impl<'a> Problem<'a> {
     pub fn local_difference(&self, local: usize, x: f64) -> f64 {
         match self.locals[local] {
             Local::Travel => 2e-3,
-            _ => DIFFERENCE * x.abs().max(1.0),
+            Local::Angle { .. } | Local::Speed { .. } | Local::Slot { .. } => DIFFERENCE * x.abs().max(1.0),
         }
     }
 
@@ -505,7 +505,14 @@ fn channel_scale(machine: &Machine, data: &Data, body: usize, speed: bool) -> f6
         let fits = match machine.sensors[channel.sensor].reads {
             Reads::Speed(b) => b == body && speed,
             Reads::Angle(b) => b == body && !speed,
-            _ => false,
+            Reads::Acceleration(_)
+            | Reads::Pulses { .. }
+            | Reads::Tension(_)
+            | Reads::Reaction(_)
+            | Reads::Span(_)
+            | Reads::Link(_)
+            | Reads::Guide(_)
+            | Reads::Part(_) => false,
         };
         if fits {
             let gain = machine.values[machine.sensors[channel.sensor].gain];

@@ -11,7 +11,6 @@ use super::steady::{self, Size};
 use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
 use super::{candidates::Hypothesis, stats};
-use crate::effects::family;
 use crate::measurement::Measurement;
 use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
@@ -374,13 +373,13 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let kind = |path: &str| {
         let mut words = path.split('.').skip(1);
         let effect = words.next().and_then(crate::effects::named);
-        (effect.map(family), words.collect::<Vec<_>>().join("."))
+        (effect.map(crate::effects::Effect::family), words.collect::<Vec<_>>().join("."))
     };
     let only_its_law_is_open = rivals.iter().all(|r| kind(&r.path) == kind(&h.path()));
     let evidence = found.evidence.get(which);
     NamedEffect {
         name: h.effect.name.to_string(),
-        family: family(h.effect).to_string(),
+        family: h.effect.family().to_string(),
         path,
         parameters,
         standard_error,

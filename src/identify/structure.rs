@@ -3,7 +3,7 @@
 
 use super::candidates::Hypothesis;
 use super::screen::{LinearisedBase, ScreeningResult};
-use crate::effects::Effect;
+use crate::effects::{Effect, Look, gap_error, named, pitch_error, sprocket_runout, tight_joint};
 use crate::machine::{Machine, Target, gcd};
 use serde::Serialize;
 
@@ -96,25 +96,31 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
 /// Paths of effects all of whose orders are also orders of this effect, because the tooth count divides the link count:
 /// a tooth or runout always meets the same links, and one link the same tooth.
 pub fn locked_orders(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
-    const ON_SPROCKETS: [&str; 2] = ["sprocket_runout", "gap_error"];
-    const ON_LINKS: [&str; 2] = ["pitch_error", "tight_joint"];
+    const ON_SPROCKETS: [&Effect; 2] = [&sprocket_runout::ROW, &gap_error::ROW];
+    const ON_LINKS: [&Effect; 2] = [&pitch_error::ROW, &tight_joint::ROW];
     let Some(links) = m.chain.as_ref().map(|c| c.links) else { return Vec::new() };
     let divides = |b: usize| m.bodies[b].teeth.is_some_and(|z| z > 0 && links.is_multiple_of(z));
-    let places = |names: [&'static str; 2]| {
-        names.into_iter().filter_map(crate::effects::named).flat_map(|e| {
-            m.targets(e).into_iter().map(move |(name, target)| (format!("effects.{}.{name}", e.name), target))
-        })
+    let places = |effects: &[&'static Effect]| {
+        let of = |e: &&'static Effect| m.targets(e).into_iter().map(|(name, at)| (*e, name, at)).collect::<Vec<_>>();
+        let all: Vec<_> = effects.iter().flat_map(of).collect();
+        all.into_iter().map(|(e, name, at)| (format!("effects.{}.{name}", e.name), at))
     };
     match target {
-        Target::Body(b) if ON_SPROCKETS.contains(&effect.name) && divides(b) => {
+        Target::Body(b) if ON_SPROCKETS.contains(&effect) && divides(b) => {
             // Both would mean the same: only the first is returned.
-            places(ON_LINKS).map(|(path, _)| path).take(1).collect()
+            places(&ON_LINKS).map(|(path, _)| path).take(1).collect()
         }
-        Target::Chain if ON_LINKS.contains(&effect.name) => {
-            let on = places(ON_SPROCKETS).filter(|(_, t)| matches!(t, Target::Body(b) if divides(*b)));
-            on.map(|(path, _)| path).filter(|p| p.starts_with("effects.sprocket_runout")).collect()
+        Target::Chain if ON_LINKS.contains(&effect) => {
+            // Runout stands for both.
+            let on = places(&ON_SPROCKETS[..1]).filter(|(_, t)| matches!(t, Target::Body(b) if divides(*b)));
+            on.map(|(path, _)| path).collect()
         }
-        _ => Vec::new(),
+        Target::Body(_)
+        | Target::Spring(_)
+        | Target::Input(_)
+        | Target::Sensor(_)
+        | Target::Chain
+        | Target::Guide(_) => Vec::new(),
     }
 }
 
@@ -202,28 +208,32 @@ pub fn indistinguishable_pairs(
 pub fn experiment(a: &str, b: &str) -> String {
     let name = |path: &str| path.split('.').nth(1).unwrap_or(path).split(' ').next().unwrap_or(path).to_string();
     let (a, b) = (name(a), name(b));
-    let is = |x: &str, names: &[&str]| names.contains(&x);
-    let both = |p: &[&str], q: &[&str]| (is(&a, p) && is(&b, q)) || (is(&a, q) && is(&b, p));
-    let friction = ["coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag", "constant_torque"];
-    let once = ["sprocket_runout", "tooth_pitch_error", "gap_error", "torque_ripple", "unbalance", "polygon"];
-    let marks = ["mark_spacing", "mark_strength", "encoder_error"];
-    let chain = ["pitch_error", "tight_joint", "alternate_pitch"];
-    let lag = ["low_pass", "latency", "input_lag", "input_delay", "sensor_resonance", "time_base"];
-    if is(&a, &friction) && is(&b, &friction) {
-        "a record with slow reversals and one at a much higher steady speed: the laws differ most at both ends".into()
-    } else if both(&once, &marks) {
-        "a second sensor on the same shaft, or a record at twice the speed: an error of marks keeps its share of the interval, a torque does not".into()
-    } else if is(&a, &marks) && is(&b, &marks) {
-        "a record at twice the speed: spacing keeps its share of the interval, strength its time".into()
-    } else if both(&once, &chain) || (is(&a, &chain) && is(&b, &chain)) {
-        "the chain hung on again, shifted by one link, or a chain with a link count that the teeth do not divide".into()
-    } else if is(&a, &once) && is(&b, &once) {
-        "the same records at a second speed: unbalance grows with its square, runout and torque stay".into()
-    } else if is(&a, &lag) && is(&b, &lag) {
-        "a sweep of the input up to the highest frequency that the samples show, and a sensor of known response beside this one".into()
-    } else {
-        format!(
-            "a record in which `{a}` and `{b}` act differently: another speed, load or direction, or a sensor nearer to one of them"
-        )
-    }
+    let look = |name: &str| named(name).and_then(|effect| effect.kin.look);
+    use Look::{Chain, Friction, Lag, Marks, OncePerTurn};
+    let text = match (look(&a), look(&b)) {
+        (Some(Friction), Some(Friction)) => {
+            "a record with slow reversals and one at a much higher steady speed: the laws differ most at both ends"
+        }
+        (Some(OncePerTurn), Some(Marks)) | (Some(Marks), Some(OncePerTurn)) => {
+            "a second sensor on the same shaft, or a record at twice the speed: an error of marks keeps its share of the interval, a torque does not"
+        }
+        (Some(Marks), Some(Marks)) => {
+            "a record at twice the speed: spacing keeps its share of the interval, strength its time"
+        }
+        (Some(OncePerTurn | Chain), Some(Chain)) | (Some(Chain), Some(OncePerTurn)) => {
+            "the chain hung on again, shifted by one link, or a chain with a link count that the teeth do not divide"
+        }
+        (Some(OncePerTurn), Some(OncePerTurn)) => {
+            "the same records at a second speed: unbalance grows with its square, runout and torque stay"
+        }
+        (Some(Lag), Some(Lag)) => {
+            "a sweep of the input up to the highest frequency that the samples show, and a sensor of known response beside this one"
+        }
+        (Some(Friction | OncePerTurn | Marks | Chain | Lag) | None, _) => {
+            return format!(
+                "a record in which `{a}` and `{b}` act differently: another speed, load or direction, or a sensor nearer to one of them"
+            );
+        }
+    };
+    text.to_string()
 }

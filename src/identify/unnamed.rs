@@ -8,7 +8,10 @@ use super::judge::mean_error;
 use super::model::{FittedModel, placed_path, refit_with};
 use super::screen::{LinearisedBase, screen};
 use super::search::Context;
-use crate::effects::{BodyAt, BodyLaw, Effect, Kind, On, Parameter, Part, Physics, Scale};
+use crate::effects::{
+    BodyAt, BodyLaw, Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, coulomb_friction,
+    quadratic_drag, viscous_friction,
+};
 use crate::machine::{BodyMotion, Target};
 use crate::measurement::segments::Data;
 use serde::Serialize;
@@ -65,6 +68,8 @@ fn effect(index: usize) -> &'static Effect {
                 dissipative: false,
                 physics: Physics::BodyForce(*law),
                 links: None,
+                highest_order: HighestOrder::None,
+                kin: Kin::NONE,
             })
             .collect()
     });
@@ -141,7 +146,7 @@ pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
     let sizes = super::candidates::Sizes::new(&model.problem, &model.fit.point);
     let at = BodyAt { q: 0.0, v: sizes.speed(body) };
     let force = law(&numbers, at);
-    let own_form = OWN_FORM.iter().find(|(name, _)| *name == h.effect.name).map(|(_, form)| *form);
+    let own_form = OWN_FORM.iter().find(|(effect, _)| *effect == h.effect).map(|(_, form)| *form);
     let by_speed = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0) && Some(LIBRARY[*t].0) != own_form);
     by_speed
         .map(|t| {
@@ -156,8 +161,8 @@ pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
 const IN_SPEED: [&str; 4] = ["v", "v |v|", "v^3", "sign(v)"];
 
 /// Effects whose law is one of these terms.
-const OWN_FORM: [(&str, &str); 3] =
-    [("viscous_friction", "v"), ("quadratic_drag", "v |v|"), ("coulomb_friction", "sign(v)")];
+const OWN_FORM: [(&Effect, &str); 3] =
+    [(&viscous_friction::ROW, "v"), (&quadratic_drag::ROW, "v |v|"), (&coulomb_friction::ROW, "sign(v)")];
 
 /// Share of a model's remaining error that a small force of every term on every free body would remove.
 pub fn forces(model: &FittedModel, threads: usize) -> Vec<StateLine> {

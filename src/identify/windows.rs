@@ -137,7 +137,15 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &RecordSegment, t_s: 
                 let speeds = filled(c, values[sensor.gain]);
                 known[b] = Some(summed(&mut |i| speeds[i]));
             }
-            _ => {}
+            Reads::Speed(_)
+            | Reads::Acceleration(_)
+            | Reads::Pulses { .. }
+            | Reads::Tension(_)
+            | Reads::Reaction(_)
+            | Reads::Span(_)
+            | Reads::Link(_)
+            | Reads::Guide(_)
+            | Reads::Part(_) => {}
         }
     }
     for (input, series) in m.inputs.iter().zip(&s.task.inputs) {

@@ -1,7 +1,7 @@
 //! Prepares a lumped machine for simulation and computes the forces on its bodies and its fastest rates.
 
 use super::{Body, BodyMotion, Machine, PlacedEffect, Target};
-use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, Kind, MotionLaw, Physics, SpanAt};
+use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, HighestOrder, Kind, MotionLaw, Physics, SpanAt};
 use std::f64::consts::PI;
 
 /// A machine with its parameter values, prepared for simulation.
@@ -122,7 +122,7 @@ impl<'a> PreparedMachine<'a> {
                         let (length, slope) = law(p, self.chain_at(s, q));
                         (leader, (length, slope * self.leader_teeth / (2.0 * PI)))
                     }
-                    _ => continue,
+                    SpringEffect::Force { .. } | SpringEffect::Loss { .. } => continue,
                 };
                 stretch += length;
                 rate += slope * v[body];
@@ -171,18 +171,11 @@ impl<'a> PreparedMachine<'a> {
             rows.into_iter().any(|(r, s)| r.kind == Kind::Amplitude && self.values[*s] != r.off * r.unit)
         };
         for p in self.m.placed.iter().filter(|p| on(p)) {
-            let order = match p.effect.physics {
-                Physics::SpanLength(_) if p.effect.name == "sprocket_runout" => 1.0,
-                Physics::SpanLength(_) if p.effect.name == "tooth_pitch_error" => {
-                    p.slots.get(2).map_or(1.0, |s| self.values[*s])
-                }
-                Physics::SpanLength(_) | Physics::ChainLength(_) | Physics::ChainTorque(_) => {
-                    self.m.bodies.iter().filter_map(|b| b.teeth).max().map_or(1.0, f64::from)
-                }
-                Physics::BodyForce(_) if matches!(p.effect.name, "torque_ripple" | "unbalance") => {
-                    p.slots.get(2).map_or(1.0, |s| self.values[*s])
-                }
-                _ => continue,
+            let order = match p.effect.highest_order {
+                HighestOrder::None => continue,
+                HighestOrder::Once => 1.0,
+                HighestOrder::Parameter(parameter) => p.slots.get(parameter).map_or(1.0, |s| self.values[*s]),
+                HighestOrder::Teeth => self.m.bodies.iter().filter_map(|b| b.teeth).max().map_or(1.0, f64::from),
             };
             highest = Some(highest.map_or(order, |h: f64| h.max(order)));
         }

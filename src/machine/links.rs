@@ -7,13 +7,13 @@ use super::{
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
-use crate::effects::{Effect, Kind, On, Parameter};
+use crate::effects::{Effect, Kind, On, Parameter, parameter_at};
 use crate::units::RPM;
 
 /// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
 /// start of a record is found as the record's travel, so that effects on links have no phase of their own.
 pub(super) fn accepts(effect: &Effect, p: &Parameter) -> bool {
-    is_signal(effect) || (p.kind != Kind::Phase && !(effect.links == Some(On::Joints) && p.key == "arm_um"))
+    is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
 }
 
 /// Whether an effect on a body differs round its turn.
@@ -48,7 +48,8 @@ impl Machine {
                 known
             }
             None => {
-                m.slots.push(Slot { path, unit, low: f64::MIN, high: f64::MAX });
+                let (low, high) = parameter_at(&path).map_or((f64::MIN, f64::MAX), |p| (p.low, p.high));
+                m.slots.push(Slot { path, unit, low, high });
                 m.values.push(value);
                 m.slots.len() - 1
             }
@@ -133,7 +134,12 @@ impl Machine {
             // Friction and drag are the same all round.
             Target::Body(b) if differs_round_turn(p.effect) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
             Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
-            _ => all,
+            Target::Body(_)
+            | Target::Spring(_)
+            | Target::Input(_)
+            | Target::Sensor(_)
+            | Target::Chain
+            | Target::Guide(_) => all,
         })
     }
 
@@ -151,7 +157,7 @@ impl Machine {
             Some(On::Body) => self.bodies_by(&|b| b.motion == BodyMotion::Free),
             Some(On::Prescribed) => self.bodies_by(&|b| b.motion != BodyMotion::Free),
             Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
-            _ => Vec::new(),
+            Some(On::Span | On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
         }
     }
 
@@ -194,7 +200,8 @@ fn numbers_of_the_file(m: &mut Machine, text: &str) {
     fn add_numbers(prefix: &str, value: &toml::Value, m: &mut Machine) {
         let mut leaf = |number: f64| {
             let path = prefix.to_string();
-            m.slots.push(Slot { path, unit: 1.0, low: f64::MIN, high: f64::MAX });
+            let (low, high) = parameter_at(&path).map_or((f64::MIN, f64::MAX), |p| (p.low, p.high));
+            m.slots.push(Slot { path, unit: 1.0, low, high });
             m.values.push(number);
         };
         match value {

@@ -57,7 +57,14 @@ impl Machine {
             On::Sensor => sensors(&|r| !matches!(r, Reads::Pulses { .. })),
             On::AngleSensor => sensors(&|r| match r {
                 Reads::Angle(b) | Reads::Speed(b) => !self.bodies[*b].slides,
-                _ => false,
+                Reads::Acceleration(_)
+                | Reads::Pulses { .. }
+                | Reads::Tension(_)
+                | Reads::Reaction(_)
+                | Reads::Span(_)
+                | Reads::Link(_)
+                | Reads::Guide(_)
+                | Reads::Part(_) => false,
             }),
             On::Pickup => sensors(&|r| matches!(r, Reads::Pulses { .. })),
         }
@@ -67,19 +74,14 @@ impl Machine {
     pub fn keys(&self, effect: &'static Effect, target: Target) -> Vec<(String, &'static Parameter)> {
         let slides = match target {
             Target::Body(b) => self.bodies.get(b).is_some_and(|b| b.slides),
-            _ => false,
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => false,
         };
         let mut keys = Vec::new();
         for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::accepts(effect, p)) {
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
-                let marks = match target {
-                    Target::Sensor(s) => match self.sensors.get(s).map(|s| s.reads) {
-                        Some(Reads::Pulses { marks, .. }) => marks,
-                        _ => 1,
-                    },
-                    _ => 1,
-                };
+                let reads = if let Target::Sensor(s) = target { self.sensors.get(s).map(|s| s.reads) } else { None };
+                let marks = if let Some(Reads::Pulses { marks, .. }) = reads { marks } else { 1 };
                 for mark in 1..marks.min(super::read::MAX_MARKS) {
                     keys.push((key.replace('#', &mark.to_string()), p));
                 }

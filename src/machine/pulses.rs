@@ -27,7 +27,19 @@ pub(super) fn pulses(
         .filter(|p| p.target == Target::Sensor(*sensor))
         .filter_map(|p| match p.effect.physics {
             Physics::Marks(law) => Some((law, p.slots.iter().map(|s| ready.values[*s]).collect())),
-            _ => None,
+            Physics::BodyForce(_)
+            | Physics::SpanLength(_)
+            | Physics::ChainLength(_)
+            | Physics::ChainTorque(_)
+            | Physics::SpanForce(_)
+            | Physics::SpanLoss(_)
+            | Physics::SecondBody { .. }
+            | Physics::Motion(_)
+            | Physics::Input(_)
+            | Physics::Signal(_)
+            | Physics::Clock(_)
+            | Physics::Intake
+            | Physics::LinksOnly => None,
         })
         .collect();
     // Position and delay of every mark.

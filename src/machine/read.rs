@@ -2,7 +2,7 @@
 
 use super::{Body, BodyMotion, ChainLoop, End, Input, InputKind, Machine, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::TomlTable;
-use crate::effects::{EFFECTS, Effect, LOADS, On, named};
+use crate::effects::{EFFECTS, Effect, LOADS, On};
 use crate::units::{MM, RPM};
 
 /// Maximum number of marks whose spacing is fitted individually.
@@ -18,7 +18,7 @@ pub(super) fn machine(root: &TomlTable<'_>) -> Machine {
     chain(root, &mut m);
     sensors(root, &mut m);
     loads(root, &mut m);
-    effects(root, &mut m);
+    read_effects(root, &mut m);
     if m.bodies.is_empty() {
         root.error("a machine needs a body".into(), Some("add `[rotors.NAME]` or `[sliders.NAME]`".into()));
     }
@@ -247,9 +247,8 @@ fn sensors(root: &TomlTable<'_>, m: &mut Machine) {
 
 fn loads(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("loads");
-    for (kind, row) in LOADS {
+    for (kind, effect) in LOADS {
         let of_kind = table.table(kind);
-        let Some(effect) = named(row) else { continue };
         for (name, t) in of_kind.tables_or_set() {
             let on = t.text("body").unwrap_or_else(|| name.clone());
             let body = body_named(m, &t, &on);
@@ -261,7 +260,7 @@ fn loads(root: &TomlTable<'_>, m: &mut Machine) {
     table.finish();
 }
 
-fn effects(root: &TomlTable<'_>, m: &mut Machine) {
+fn read_effects(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("effects");
     for effect in EFFECTS {
         let of_kind = table.table(effect.name);
@@ -280,16 +279,7 @@ fn effects(root: &TomlTable<'_>, m: &mut Machine) {
 /// Reads an effect's parameters and adds it to the machine.
 fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Target) {
     let keys = m.keys(effect, target);
-    let slots = keys
-        .iter()
-        .map(|(key, p)| {
-            if p.kind.is_whole() {
-                let range = (p.low, p.high);
-                return slot(m, t, key, p.unit, range, p.default);
-            }
-            slot(m, t, key, p.unit, (p.low, p.high), p.default)
-        })
-        .collect();
+    let slots = keys.iter().map(|(key, p)| slot(m, t, key, p.unit, (p.low, p.high), p.default)).collect();
     m.attach_effect(effect, t.path().to_string(), target, slots);
 }
 

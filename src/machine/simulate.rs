@@ -94,7 +94,15 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialSta
         Samples::Pulses { interval_s, .. } => {
             let marks = m.sensors.iter().find_map(|s| match s.reads {
                 Reads::Pulses { marks, .. } => Some(marks),
-                _ => None,
+                Reads::Angle(_)
+                | Reads::Speed(_)
+                | Reads::Acceleration(_)
+                | Reads::Tension(_)
+                | Reads::Reaction(_)
+                | Reads::Span(_)
+                | Reads::Link(_)
+                | Reads::Guide(_)
+                | Reads::Part(_) => None,
             });
             interval_s / pulses::step_s(&ready, start, *interval_s, marks.unwrap_or(1))
         }
@@ -328,7 +336,15 @@ pub fn through_sensor(
 ) -> Vec<f64> {
     let derivative = match m.sensors[sensor].reads {
         Reads::Angle(_) => 0,
-        _ => 1,
+        Reads::Speed(_)
+        | Reads::Acceleration(_)
+        | Reads::Pulses { .. }
+        | Reads::Tension(_)
+        | Reads::Reaction(_)
+        | Reads::Span(_)
+        | Reads::Link(_)
+        | Reads::Guide(_)
+        | Reads::Part(_) => 1,
     };
     for p in m.placed.iter().filter(|p| p.target == Target::Sensor(sensor)) {
         if let Physics::Signal(law) = p.effect.physics {

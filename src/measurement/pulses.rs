@@ -172,10 +172,10 @@ pub(super) fn pulse_segments(
             *speed = gap / libm::exp(mean.min(first + 1.0));
         }
         let n = part.len();
-        let judge_from = match (record.usage, record.judge_share) {
-            (Use::Judge | Use::Transfer, _) => 0,
-            _ if k >= n_parts - judged => 0,
-            _ => n,
+        let judge_from = match record.usage {
+            Use::Judge | Use::Transfer => 0,
+            Use::Fit if k >= n_parts - judged => 0,
+            Use::Fit => n,
         };
         data.segments.push(RecordSegment {
             record: index,

@@ -385,7 +385,7 @@ fn sampled_segment(
         }
         let factor = match input.kind {
             InputKind::Force(_) => 1.0,
-            _ => unit(&spec.unit).map_or(1.0, |(_, f)| f),
+            InputKind::Speed | InputKind::Angle => unit(&spec.unit).map_or(1.0, |(_, f)| f),
         };
         hold |= spec.hold;
         inputs.push(raw.iter().map(|v| v * factor).collect::<Vec<f64>>());
@@ -493,7 +493,14 @@ pub fn first_guess(
                     known[b] = true;
                 }
             }
-            _ => {}
+            Reads::Acceleration(_)
+            | Reads::Pulses { .. }
+            | Reads::Tension(_)
+            | Reads::Reaction(_)
+            | Reads::Span(_)
+            | Reads::Link(_)
+            | Reads::Guide(_)
+            | Reads::Part(_) => {}
         }
     }
     // Bodies on the same springs move along with bodies whose motion is known.

@@ -261,7 +261,11 @@ fn silent_key(e: &SilentSprocketError) -> &'static str {
             SilentLinkError::Projection { .. } => "chain.silent.inside_projection_mm",
             SilentLinkError::ToeRadius { .. } => "chain.silent.toe_radius_mm",
             SilentLinkError::CrotchLarge { .. } | SilentLinkError::CrotchDeep { .. } => "chain.silent.crotch_radius_mm",
-            _ => "chain.silent",
+            SilentLinkError::Dimension { .. }
+            | SilentLinkError::FlankPitch { .. }
+            | SilentLinkError::PinHole { .. }
+            | SilentLinkError::Kink { .. }
+            | SilentLinkError::Profile(_) => "chain.silent",
         },
         SilentSprocketError::Teeth { .. } | SilentSprocketError::Dimension { .. } => "teeth",
     }

@@ -510,38 +510,10 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
 
 /// The ledger since `origin`; stored energies stay absolute.
 fn since(now: &Energy, origin: &Energy) -> Energy {
-    let mut e = Energy {
-        work_in_j: now.work_in_j - origin.work_in_j,
-        work_out_j: now.work_out_j - origin.work_out_j,
-        lost_pin_damping_j: now.lost_pin_damping_j - origin.lost_pin_damping_j,
-        lost_pin_friction_j: now.lost_pin_friction_j - origin.lost_pin_friction_j,
-        lost_contact_damping_j: now.lost_contact_damping_j - origin.lost_contact_damping_j,
-        lost_contact_friction_j: now.lost_contact_friction_j - origin.lost_contact_friction_j,
-        lost_guide_damping_j: now.lost_guide_damping_j - origin.lost_guide_damping_j,
-        lost_guide_friction_j: now.lost_guide_friction_j - origin.lost_guide_friction_j,
-        lost_spring_damping_j: now.lost_spring_damping_j - origin.lost_spring_damping_j,
-        ..*now
-    };
+    let mut e = *now;
+    e.each_with(origin, |account, now, before| if account.kind.is_stored() { now } else { now - before });
     e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
     e
-}
-
-impl Energy {
-    /// Kinetic and elastic [J].
-    pub fn stored_j(&self) -> f64 {
-        self.kinetic_j + self.elastic_joint_j + self.elastic_contact_j + self.elastic_spring_j
-    }
-
-    /// All losses [J].
-    pub fn lost_j(&self) -> f64 {
-        self.lost_pin_damping_j
-            + self.lost_pin_friction_j
-            + self.lost_contact_damping_j
-            + self.lost_contact_friction_j
-            + self.lost_guide_damping_j
-            + self.lost_guide_friction_j
-            + self.lost_spring_damping_j
-    }
 }
 
 /// The header of a run.
@@ -628,13 +600,8 @@ pub fn header_of(
             })
             .collect(),
         bodies,
-        channels: super::channels::CHANNELS
-            .iter()
-            .map(|(name, unit, meaning)| Channel {
-                name: (*name).into(),
-                unit: (*unit).into(),
-                meaning: (*meaning).into(),
-            })
+        channels: super::frame::channels()
+            .map(|c| Channel { name: c.channel.into(), unit: c.unit.into(), meaning: c.meaning.into() })
             .collect(),
         chain_speed_m_s: model.chain_speed_m_s(),
         static_tension_n,

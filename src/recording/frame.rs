@@ -2,7 +2,13 @@
 //!
 //! Both are protobuf messages (`assets/pitchline.proto` is their stable schema; a test holds the two together). All values
 //! are SI and f64; columns run in chain order, so that `links.x_m[i]` belongs to link `i`. A Frame is complete: nobody who
-//! reads it has to ask the model.
+//! reads it has to ask the model. A column, an account of the ledger, or a field of an impact is one row below (see
+//! [`super::columns`]); where it is computed, `capture.rs` fills it.
+
+use super::columns::schema::{double, string, uint32, uint64};
+use super::columns::{
+    Column, ColumnKind, ColumnValues, Holds, MessageInfo, Rows, TableInfo, ValuesMut, columns_of, record, tables,
+};
 
 /// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
 /// accelerations were missing.
@@ -96,26 +102,6 @@ pub struct Parent {
     /// True: values of the drive were changed there; a branch of its own.
     #[prost(bool, tag = "5")]
     pub changed: bool,
-}
-
-/// One link: its row and rigid-body data.
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub struct LinkInfo {
-    /// Index into [`Header::link_outlines`].
-    #[prost(uint32, tag = "1")]
-    pub outline: u32,
-    /// Pin-to-pin distance, unloaded [m].
-    #[prost(double, tag = "2")]
-    pub pitch_m: f64,
-    /// Mass [kg].
-    #[prost(double, tag = "3")]
-    pub mass_kg: f64,
-    /// Moment of inertia about the centre of mass [kg m2].
-    #[prost(double, tag = "4")]
-    pub inertia_kg_m2: f64,
-    /// Index of the link ahead, which its front joint joins it to: chains are closed, each in itself.
-    #[prost(uint32, tag = "5")]
-    pub ahead: u32,
 }
 
 /// A contour of arcs and lines in its body's own frame, and the circles that are drawn with it.
@@ -228,215 +214,198 @@ pub struct Channel {
     pub meaning: String,
 }
 
-/// Everything at one node of the simulation. Poses, speeds and penetrations are those there; forces, torques and accelerations are means over
-/// the step about it.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Frame {
-    /// Step number; `t_s` = step x `Header::step_s`.
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
-    /// Simulated time since the start of the recording [s].
-    #[prost(double, tag = "2")]
-    pub t_s: f64,
-    /// XXH3-64 of the whole State.
-    #[prost(fixed64, tag = "3")]
-    pub state_hash: u64,
-    /// Angle turned by the driver since step 0 [rad].
-    #[prost(double, tag = "4")]
-    pub crank_angle_rad: f64,
-    /// Pose and motion of every link.
-    #[prost(message, required, tag = "5")]
-    pub links: Links,
-    /// Force and torque in every joint.
-    #[prost(message, required, tag = "6")]
-    pub joints: Joints,
-    /// Everything that touches.
-    #[prost(message, required, tag = "7")]
-    pub contacts: Contacts,
-    /// What turns: sprockets or shafts, then arms.
-    #[prost(message, required, tag = "8")]
-    pub rotors: Rotors,
-    /// The energy ledger.
-    #[prost(message, required, tag = "9")]
-    pub energy: Energy,
-    /// What every sensor stands at, in SI, before its gain and its errors.
-    #[prost(double, repeated, tag = "10")]
-    pub sensors: Vec<f64>,
+tables! {
+    /// Pose, velocity and acceleration of every link at its centre of mass.
+    5 links: Links, a row per Link {
+        1 x_m: double, "m", Node, Value, "Centre of mass, x.";
+        2 y_m: double, "m", Node, Height, "Centre of mass, y.";
+        3 angle_rad: double, "rad", Node, Value, "Heading of the link, rear pin to front pin, in [-pi, pi].";
+        4 vx_m_s: double, "m/s", Node, Value, "Velocity of the centre of mass, x.";
+        5 vy_m_s: double, "m/s", Node, Value, "Velocity of the centre of mass, y.";
+        6 omega_rad_s: double, "rad/s", Node, Value, "Angular velocity, counterclockwise positive.";
+        7 ax_m_s2: double, "m/s2", Step, Value, "Acceleration of the centre of mass, x; mean over the step.";
+        8 ay_m_s2: double, "m/s2", Step, Value, "Acceleration of the centre of mass, y; mean over the step.";
+        9 alpha_rad_s2: double, "rad/s2", Step, Value, "Angular acceleration, counterclockwise positive; mean over the step.";
+    }
+
+    /// Joint `j` joins the front end of link `j` to the rear end of the link ahead (`LinkInfo.ahead`).
+    6 joints: Joints, a row per Joint {
+        1 force_x_n: double, "N", Step, Value, "Force on link `j + 1` at joint `j`, mean over the step; link `j` feels the opposite.";
+        2 force_y_n: double, "N", Step, Value, "As force_x_n, y.";
+        3 friction_torque_nm: double, "N m", Step, Value, "Friction torque on link `j + 1`; mean over the step.";
+    }
+
+    /// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
+    7 contacts: Contacts, a row per Contact {
+        1 link: uint32, "1", Node, Link, "Index of the link.";
+        2 feature: uint32, "1", Node, Feature, "What of the link touches: 0 rear bush, 1 front bush, 2 rear plate end, 3 front plate end, 4 rear abutment, 5 front abutment, 6 trailing flank, 7 leading flank, 8 rear inner flank, 9 front inner flank.";
+        3 body: uint32, "1", Node, Body, "Index into `Header::bodies`.";
+        4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.";
+        5 segment: uint32, "1", Node, Segment, "Element of the body: 0 seat, 1 and 2 flank on the clockwise and counterclockwise side of the gap, 3 tip corner, 4 tip land, 5 guide face, 6 and 7 its lead-in and lead-out, 8 ring.";
+        6 point_body_x_m: double, "m", Node, Value, "Foot of the contact on the body's contour.";
+        7 point_body_y_m: double, "m", Node, Height, "Foot of the contact on the body's contour, y.";
+        8 point_link_x_m: double, "m", Node, Value, "Deepest point of the link's contour.";
+        9 point_link_y_m: double, "m", Node, Height, "Deepest point of the link's contour, y.";
+        10 normal_x: double, "1", Node, Value, "Unit normal out of the body, towards the link.";
+        11 normal_y: double, "1", Node, Value, "Unit normal out of the body, y.";
+        12 penetration_m: double, "m", Node, Value, "Depth of overlap along the normal at the instant; negative where the contact pushes within the step only.";
+        13 approach_speed_m_s: double, "m/s", Node, Value, "Closing speed along the normal when the contact was first touched; foreseen while the penetration is negative.";
+        14 normal_speed_m_s: double, "m/s", Node, Value, "Rate of penetration at the instant.";
+        15 tangential_speed_m_s: double, "m/s", Step, Value, "Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) that friction works with.";
+        16 normal_force_n: double, "N", Step, Value, "Force on the link along the normal, never negative; mean over the step.";
+        17 tangential_force_n: double, "N", Step, Value, "Friction force on the link along the tangent; mean over the step.";
+        18 stick: bool, "1", Step, Value, "True while the friction is below its limit.";
+        19 age_s: double, "s", Node, Value, "Time since first touch.";
+        20 instant_force_n: double, "N", Node, Value, "What the contact law gives at the instant, never negative.";
+    }
+
+    /// One row per coordinate that turns, in the order of `Header::coordinates`: sprockets and shafts, then arms.
+    8 rotors: Rotors, a row per Rotor {
+        1 angle_rad: double, "rad", Node, Value, "Angle turned since step 0 plus the angle at assembly.";
+        2 speed_rad_s: double, "rad/s", Node, Value, "Angular velocity, counterclockwise positive.";
+        3 chain_torque_nm: double, "N m", Step, Value, "Torque of the chain on the sprocket or arm; mean over the step.";
+        4 outer_torque_nm: double, "N m", Step, Value, "Torque of drive, load, spring or damper on it; mean over the step.";
+    }
 }
 
-/// Pose and velocity of every link at its centre of mass.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Links {
-    /// x of the centre of mass [m].
-    #[prost(double, repeated, tag = "1")]
-    pub x_m: Vec<f64>,
-    /// y of the centre of mass [m].
-    #[prost(double, repeated, tag = "2")]
-    pub y_m: Vec<f64>,
-    /// Heading of the link, rear pin to front pin [rad], in [-pi, pi].
-    #[prost(double, repeated, tag = "3")]
-    pub angle_rad: Vec<f64>,
-    /// x of the velocity of the centre of mass [m/s].
-    #[prost(double, repeated, tag = "4")]
-    pub vx_m_s: Vec<f64>,
-    /// y of the velocity of the centre of mass [m/s].
-    #[prost(double, repeated, tag = "5")]
-    pub vy_m_s: Vec<f64>,
-    /// Angular velocity, counterclockwise positive [rad/s].
-    #[prost(double, repeated, tag = "6")]
-    pub omega_rad_s: Vec<f64>,
-    /// Acceleration of the centre of mass, mean over the step [m/s2].
-    #[prost(double, repeated, tag = "7")]
-    pub ax_m_s2: Vec<f64>,
-    /// y of the acceleration of the centre of mass, mean over the step [m/s2].
-    #[prost(double, repeated, tag = "8")]
-    pub ay_m_s2: Vec<f64>,
-    /// Angular acceleration, mean over the step [rad/s2].
-    #[prost(double, repeated, tag = "9")]
-    pub alpha_rad_s2: Vec<f64>,
+record! {
+    /// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
+    #[derive(Copy)]
+    energy: Energy {
+        1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links, free sprockets and arms.";
+        2 elastic_joint_j: double, "J", Node, Elastic, "Stored in the pin joints.";
+        3 elastic_contact_j: double, "J", Node, Elastic, "Stored in contacts with sprockets and guides, and of parts that touch each other.";
+        4 work_in_j: double, "J", Node, WorkIn, "Work of the drives, and of reservoirs of oil.";
+        5 work_out_j: double, "J", Node, WorkOut, "Work done on the loads.";
+        6 lost_pin_damping_j: double, "J", Node, Lost, "Lost to damping in the joints.";
+        7 lost_pin_friction_j: double, "J", Node, Lost, "Lost to friction in the joints.";
+        8 lost_contact_damping_j: double, "J", Node, Lost, "Lost to damping at the teeth, and of parts that touch each other.";
+        9 lost_contact_friction_j: double, "J", Node, Lost, "Lost to friction at the teeth, and of parts that touch each other.";
+        10 lost_guide_damping_j: double, "J", Node, Lost, "Lost to damping at guides.";
+        11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
+        13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms and sliders, and in oil.";
+        14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in the dampers of arms and sliders, and in passages of oil.";
+        12 error_j: double, "J", Node, Error, "work in - work out - lost - change of stored energy.";
+    }
 }
 
-/// Joint `j` joins the front end of link `j` to the rear end of link `j + 1`; the last closes the loop.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Joints {
-    /// Force on link `j + 1` at joint `j` [N]; link `j` feels the opposite.
-    #[prost(double, repeated, tag = "1")]
-    pub force_x_n: Vec<f64>,
-    /// y of the force on link `j + 1` at joint `j` [N].
-    #[prost(double, repeated, tag = "2")]
-    pub force_y_n: Vec<f64>,
-    /// Friction torque on link `j + 1` [N m].
-    #[prost(double, repeated, tag = "3")]
-    pub friction_torque_nm: Vec<f64>,
+record! {
+    /// Something that happened between frames.
+    events: Event {
+        1 step: uint64, "1", Node, Value, "Step number; t_s = step x step_s, rounded.";
+        2 t_s: double, "s", Node, Value, "Simulated time since the start of the recording.";
+        3 kind: string, "1", Node, Value, "What happened, e.g. first_touch.";
+        5 link: uint32, "1", Node, Link, "Index of the link.";
+        6 body: uint32, "1", Node, Body, "Index of the body, as in `bodies`.";
+        7 value: double, "as the text says", Node, Value, "Quantity the event is about, e.g. the approach speed.";
+        4 text: string, "1", Node, Value, "One sentence, with numbers and units.";
+    }
 }
 
-/// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Contacts {
-    /// Index of the link.
-    #[prost(uint32, repeated, tag = "1")]
-    pub link: Vec<u32>,
-    /// What of the link touches: see [`Feature`].
-    #[prost(uint32, repeated, tag = "2")]
-    pub feature: Vec<u32>,
-    /// Index into `Header::bodies`.
-    #[prost(uint32, repeated, tag = "3")]
-    pub body: Vec<u32>,
-    /// Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.
-    #[prost(uint32, repeated, tag = "4")]
-    pub tooth: Vec<u32>,
-    /// Element of the body: see [`Segment`].
-    #[prost(uint32, repeated, tag = "5")]
-    pub segment: Vec<u32>,
-    /// Foot of the contact on the body's contour [m].
-    #[prost(double, repeated, tag = "6")]
-    pub point_body_x_m: Vec<f64>,
-    /// y of the foot on the body's contour [m].
-    #[prost(double, repeated, tag = "7")]
-    pub point_body_y_m: Vec<f64>,
-    /// Deepest point of the link's contour [m].
-    #[prost(double, repeated, tag = "8")]
-    pub point_link_x_m: Vec<f64>,
-    /// y of the deepest point of the link's contour [m].
-    #[prost(double, repeated, tag = "9")]
-    pub point_link_y_m: Vec<f64>,
-    /// Unit normal out of the body, towards the link.
-    #[prost(double, repeated, tag = "10")]
-    pub normal_x: Vec<f64>,
-    /// y of the unit normal.
-    #[prost(double, repeated, tag = "11")]
-    pub normal_y: Vec<f64>,
-    /// Depth of overlap along the normal at the instant; negative where the contact pushes within the step only [m].
-    #[prost(double, repeated, tag = "12")]
-    pub penetration_m: Vec<f64>,
-    /// Closing speed along the normal when the contact was first touched [m/s].
-    #[prost(double, repeated, tag = "13")]
-    pub approach_speed_m_s: Vec<f64>,
-    /// Rate of penetration [m/s].
-    #[prost(double, repeated, tag = "14")]
-    pub normal_speed_m_s: Vec<f64>,
-    /// Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) that friction works with [m/s].
-    #[prost(double, repeated, tag = "15")]
-    pub tangential_speed_m_s: Vec<f64>,
-    /// Force on the link along the normal [N], never negative; mean over the step.
-    #[prost(double, repeated, tag = "16")]
-    pub normal_force_n: Vec<f64>,
-    /// Friction force on the link along the tangent [N]; mean over the step.
-    #[prost(double, repeated, tag = "17")]
-    pub tangential_force_n: Vec<f64>,
-    /// True while the friction is below its limit.
-    #[prost(bool, repeated, tag = "18")]
-    pub stick: Vec<bool>,
-    /// Time since first touch [s].
-    #[prost(double, repeated, tag = "19")]
-    pub age_s: Vec<f64>,
-    /// What the contact law gives at the instant [N], never negative.
-    #[prost(double, repeated, tag = "20")]
-    pub instant_force_n: Vec<f64>,
+record! {
+    /// A part of a link meets a body after it was free of it for two tooth periods.
+    #[derive(Copy)]
+    impacts: Impact {
+        6 step: uint64, "1", Node, Value, "Step of the first touch.";
+        7 t_s: double, "s", Node, Value, "Its simulated time.";
+        1 link: uint32, "1", Node, Link, "Index of the link.";
+        2 feature: uint32, "1", Node, Feature, "What of the link touches, as in `contacts`.";
+        3 body: uint32, "1", Node, Body, "Index of the body, as in `bodies`.";
+        4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket; 0 on a guide.";
+        5 segment: uint32, "1", Node, Segment, "Element of the body, as in `contacts`.";
+        8 approach_speed_m_s: double, "m/s", Node, Value, "Closing speed along the normal at first touch.";
+        9 peak_force_n: double, "N", Step, Value, "Largest normal force within two tooth periods.";
+        10 peak_after_s: double, "s", Step, Value, "Its time after the first touch.";
+        11 impulse_n_s: double, "N s", Step, Value, "Integral of the normal force from the first touch until, after its peak, it has fallen to half of it.";
+        12 rise_time_s: double, "s", Step, Value, "From a tenth to nine tenths of the peak.";
+        13 second_period_mean_n: double, "N", Step, Value, "Mean normal force over the second tooth period.";
+        14 x_m: double, "m", Node, Value, "Place of the first touch on the body, x.";
+        15 y_m: double, "m", Node, Height, "Place of the first touch on the body, y.";
+        16 watched_s: double, "s", Node, Value, "How long it was watched: less than two tooth periods where the recording ends.";
+    }
 }
 
-/// One row per sprocket, in the order of `Header::bodies`.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Rotors {
-    /// Angle turned since step 0 plus the angle at assembly [rad].
-    #[prost(double, repeated, tag = "1")]
-    pub angle_rad: Vec<f64>,
-    /// Angular velocity, counterclockwise positive [rad/s].
-    #[prost(double, repeated, tag = "2")]
-    pub speed_rad_s: Vec<f64>,
-    /// Torque of the chain on the sprocket [N m].
-    #[prost(double, repeated, tag = "3")]
-    pub chain_torque_nm: Vec<f64>,
-    /// Torque of the drive or load on the sprocket [N m].
-    #[prost(double, repeated, tag = "4")]
-    pub outer_torque_nm: Vec<f64>,
+record! {
+    /// One link: its row and rigid-body data.
+    #[derive(Copy)]
+    link_info: LinkInfo {
+        1 outline: uint32, "1", Node, Value, "Index of the link's outline in `Header::link_outlines`.";
+        2 pitch_m: double, "m", Node, Value, "Pin-to-pin distance, unloaded.";
+        3 mass_kg: double, "kg", Node, Value, "Mass.";
+        4 inertia_kg_m2: double, "kg m2", Node, Value, "Moment of inertia about the centre of mass.";
+        5 ahead: uint32, "1", Node, Link, "Index of the link ahead, which its front joint joins it to: chains are closed, each in itself.";
+    }
 }
 
-/// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub struct Energy {
-    /// Kinetic energy of links, free sprockets, arms and sliders [J].
-    #[prost(double, tag = "1")]
-    pub kinetic_j: f64,
-    /// Stored in the pin joints.
-    #[prost(double, tag = "2")]
-    pub elastic_joint_j: f64,
-    /// Stored in contacts with sprockets and guides, and of parts that touch each other.
-    #[prost(double, tag = "3")]
-    pub elastic_contact_j: f64,
-    /// Work of the drives, and of reservoirs of oil.
-    #[prost(double, tag = "4")]
-    pub work_in_j: f64,
-    /// Work done on the loads.
-    #[prost(double, tag = "5")]
-    pub work_out_j: f64,
-    /// Lost to damping in the joints [J].
-    #[prost(double, tag = "6")]
-    pub lost_pin_damping_j: f64,
-    /// Lost to friction in the joints [J].
-    #[prost(double, tag = "7")]
-    pub lost_pin_friction_j: f64,
-    /// Lost to damping of contacts with sprockets [J].
-    #[prost(double, tag = "8")]
-    pub lost_contact_damping_j: f64,
-    /// Lost to friction on sprockets [J].
-    #[prost(double, tag = "9")]
-    pub lost_contact_friction_j: f64,
-    /// Lost to damping of contacts with guides and rails [J].
-    #[prost(double, tag = "10")]
-    pub lost_guide_damping_j: f64,
-    /// Lost to friction on guides and rails [J].
-    #[prost(double, tag = "11")]
-    pub lost_guide_friction_j: f64,
-    /// work in - work out - lost - change of stored energy.
-    #[prost(double, tag = "12")]
-    pub error_j: f64,
-    /// Stored in the springs of arms and sliders and in oil; lost in their dampers and in passages of oil.
-    #[prost(double, tag = "13")]
-    pub elastic_spring_j: f64,
-    /// Lost in dampers of arms and sliders and in passages of oil [J].
-    #[prost(double, tag = "14")]
-    pub lost_spring_damping_j: f64,
+/// All messages whose columns stand above.
+pub fn messages() -> impl Iterator<Item = MessageInfo> {
+    let records = [Energy::MESSAGE, Event::MESSAGE, Impact::MESSAGE, LinkInfo::MESSAGE];
+    TABLES.iter().map(|table| table.message).chain(records)
+}
+
+/// All columns of a frame's tables, then the accounts of the ledger.
+pub fn channels() -> impl Iterator<Item = &'static Column> {
+    TABLES.iter().map(|table| table.message).chain([Energy::MESSAGE]).flat_map(|message| message.columns)
+}
+
+impl Frame {
+    /// All values by the names of their channels, but the hash of the State.
+    pub fn columns(&self) -> Vec<(&'static str, ColumnValues<'_>)> {
+        let one = std::slice::from_ref;
+        let mut columns = vec![
+            ("sensors", ColumnValues::F64(&self.sensors)),
+            ("step", ColumnValues::U64(std::slice::from_ref(&self.step))),
+            ("t_s", ColumnValues::F64(one(&self.t_s))),
+            ("crank_angle_rad", ColumnValues::F64(one(&self.crank_angle_rad))),
+        ];
+        self.each_table(|table, values| {
+            columns.extend(table.message.columns.iter().map(|c| c.channel).zip(values.iter().copied()));
+        });
+        columns.extend(Energy::MESSAGE.columns.iter().map(|c| c.channel).zip(self.energy.values()));
+        columns
+    }
+}
+
+impl Energy {
+    /// Accounts of the ledger and what stands in them [J].
+    pub fn accounts(&self) -> impl Iterator<Item = (&'static Column, f64)> {
+        let value = |values: ColumnValues<'_>| match values {
+            ColumnValues::F64([value]) => *value,
+            ColumnValues::F64(_)
+            | ColumnValues::U32(_)
+            | ColumnValues::U64(_)
+            | ColumnValues::Bool(_)
+            | ColumnValues::Text(_) => 0.0,
+        };
+        Energy::MESSAGE.columns.iter().zip(self.values().map(value))
+    }
+
+    /// Applies `f` to every account and the same one of `other`.
+    pub fn each_with(&mut self, other: &Energy, f: impl Fn(&'static Column, f64, f64) -> f64) {
+        for (into, (account, value)) in self.values_mut().iter_mut().zip(other.accounts()) {
+            into.each_f64(|own| *own = f(account, *own, value));
+        }
+    }
+
+    /// Sum of all accounts of some kinds [J].
+    fn sum_of(&self, is_meant: impl Fn(ColumnKind) -> bool) -> f64 {
+        self.accounts().filter(|(account, _)| is_meant(account.kind)).map(|(_, value)| value).sum()
+    }
+
+    /// Kinetic and elastic [J].
+    pub fn stored_j(&self) -> f64 {
+        self.sum_of(ColumnKind::is_stored)
+    }
+
+    /// In springs, contacts and oil [J].
+    pub fn elastic_j(&self) -> f64 {
+        self.sum_of(|kind| kind == ColumnKind::Elastic)
+    }
+
+    /// All losses [J].
+    pub fn lost_j(&self) -> f64 {
+        self.sum_of(|kind| kind == ColumnKind::Lost)
+    }
 }
 
 /// A snapshot of the State from which a run goes on to the bit.
@@ -459,88 +428,9 @@ pub struct StateColumn {
     /// Name of the column, as in docs/recording-format.md.
     #[prost(string, tag = "1")]
     pub name: String,
-    /// Values of the column, bit for bit.
+    /// ColumnValues of the column, bit for bit.
     #[prost(double, repeated, tag = "2")]
     pub values: Vec<f64>,
-}
-
-/// Something that happened between frames.
-#[derive(Clone, PartialEq, prost::Message)]
-pub struct Event {
-    /// Step at which it happened.
-    #[prost(uint64, tag = "1")]
-    pub step: u64,
-    /// Time of that step [s].
-    #[prost(double, tag = "2")]
-    pub t_s: f64,
-    /// `first_touch`, ...
-    #[prost(string, tag = "3")]
-    pub kind: String,
-    /// One sentence, with numbers and units.
-    #[prost(string, tag = "4")]
-    pub text: String,
-    /// Index of the link; 0 where there is none.
-    #[prost(uint32, tag = "5")]
-    pub link: u32,
-    /// Index into `Header::bodies`; 0 where there is none.
-    #[prost(uint32, tag = "6")]
-    pub body: u32,
-    /// Quantity the event is about, e.g. the approach speed [m/s].
-    #[prost(double, tag = "7")]
-    pub value: f64,
-}
-
-/// A part of a link meets a body after it was free of it for two tooth periods; see [`crate::impacts`] for the definitions.
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub struct Impact {
-    /// Index of the link.
-    #[prost(uint32, tag = "1")]
-    pub link: u32,
-    /// What of the link touches: see [`Feature`].
-    #[prost(uint32, tag = "2")]
-    pub feature: u32,
-    /// Index into [`Header::bodies`].
-    #[prost(uint32, tag = "3")]
-    pub body: u32,
-    /// Tooth gap of a sprocket, as in [`Contacts`].
-    #[prost(uint32, tag = "4")]
-    pub tooth: u32,
-    /// Element of the body: see [`Segment`].
-    #[prost(uint32, tag = "5")]
-    pub segment: u32,
-    /// Step of the first touch, and its time [s].
-    #[prost(uint64, tag = "6")]
-    pub step: u64,
-    /// Time of the first touch [s].
-    #[prost(double, tag = "7")]
-    pub t_s: f64,
-    /// Closing speed along the normal there [m/s].
-    #[prost(double, tag = "8")]
-    pub approach_speed_m_s: f64,
-    /// Largest normal force within the first two tooth periods [N], and its time after the first touch [s].
-    #[prost(double, tag = "9")]
-    pub peak_force_n: f64,
-    /// Time of the peak after the first touch [s].
-    #[prost(double, tag = "10")]
-    pub peak_after_s: f64,
-    /// Integral of the normal force from the first touch until, after its peak, it has fallen to half of it [N s].
-    #[prost(double, tag = "11")]
-    pub impulse_n_s: f64,
-    /// From a tenth to nine tenths of the peak [s].
-    #[prost(double, tag = "12")]
-    pub rise_time_s: f64,
-    /// Mean normal force over the second tooth period [N].
-    #[prost(double, tag = "13")]
-    pub second_period_mean_n: f64,
-    /// Place of the first touch on the body [m].
-    #[prost(double, tag = "14")]
-    pub x_m: f64,
-    /// y of the place of the first touch [m].
-    #[prost(double, tag = "15")]
-    pub y_m: f64,
-    /// How long it was watched [s]: less than two tooth periods where the recording ends.
-    #[prost(double, tag = "16")]
-    pub watched_s: f64,
 }
 
 /// What of a link touches something (`Contacts::feature`).

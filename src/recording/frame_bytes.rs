@@ -1,210 +1,125 @@
 //! Encodes a [`Frame`] as its derived `prost::Message` does, but one column at a time. The derived code checks the
 //! buffer before every value, which takes twice the instructions.
 
-use super::frame::{Contacts, Frame, Joints, Links};
+use super::columns::{Column, ColumnValues};
+use super::frame::Frame;
 use prost::encoding::{
-    WireType, double, encode_key, encode_varint, encoded_len_varint, fixed64, key_len, message, uint64,
+    WireType, double, encode_key, encode_varint, encoded_len_varint, fixed64, key_len, message, string, uint64,
 };
 
-/// A packed column.
-enum PackedColumn<'a> {
-    Doubles(&'a [f64]),
-    Numbers(&'a [u32]),
-    Flags(&'a [bool]),
-}
-
-use PackedColumn::{Doubles, Flags, Numbers};
-
-impl PackedColumn<'_> {
-    /// Bytes of its values.
-    fn len(&self) -> usize {
-        match self {
-            Doubles(values) => 8 * values.len(),
-            Numbers(values) => values.iter().map(|v| encoded_len_varint(u64::from(*v))).sum(),
-            Flags(values) => values.len(),
-        }
-    }
-
-    /// Encoded size with tag and length; an empty column is omitted.
-    fn len_with_head(&self, tag: u32) -> usize {
-        match self.len() {
-            0 => 0,
-            len => key_len(tag) + encoded_len_varint(len as u64) + len,
-        }
-    }
-
-    fn put(&self, tag: u32, out: &mut Vec<u8>) {
-        let len = self.len();
-        if len == 0 {
-            return;
-        }
-        encode_key(tag, WireType::LengthDelimited, out);
-        encode_varint(len as u64, out);
-        let start = out.len();
-        match self {
-            Doubles(values) => {
-                out.resize(start + len, 0);
-                for (to, from) in out[start..].as_chunks_mut::<8>().0.iter_mut().zip(*values) {
-                    *to = from.to_le_bytes();
-                }
-            }
-            // Usually all values are below 128 and take one byte each.
-            Numbers(values) if len == values.len() => out.extend(values.iter().map(|v| *v as u8)),
-            Numbers(values) => values.iter().for_each(|v| encode_varint(u64::from(*v), out)),
-            Flags(values) => out.extend(values.iter().map(|v| u8::from(*v))),
-        }
+/// Bytes of a packed column.
+fn len(values: &ColumnValues<'_>) -> usize {
+    let of = |numbers: &mut dyn Iterator<Item = u64>| numbers.map(encoded_len_varint).sum();
+    match values {
+        ColumnValues::F64(values) => 8 * values.len(),
+        ColumnValues::U32(values) => of(&mut values.iter().map(|v| u64::from(*v))),
+        ColumnValues::U64(values) => of(&mut values.iter().copied()),
+        ColumnValues::Bool(values) => values.len(),
+        // Texts are not packed.
+        ColumnValues::Text(_) => 0,
     }
 }
 
-/// Encodes a message of columns, whose tags count from one.
-fn put_columns(tag: u32, columns: &[PackedColumn<'_>], out: &mut Vec<u8>) {
-    let tagged = || (1..).zip(columns);
+/// Encoded size with tag and length; an empty column is omitted.
+fn len_with_head(tag: u32, values: &ColumnValues<'_>) -> usize {
+    match (values, len(values)) {
+        (ColumnValues::Text(texts), _) => string::encoded_len_repeated(tag, texts),
+        (_, 0) => 0,
+        (_, len) => key_len(tag) + encoded_len_varint(len as u64) + len,
+    }
+}
+
+fn put(tag: u32, values: &ColumnValues<'_>, out: &mut Vec<u8>) {
+    if let ColumnValues::Text(texts) = values {
+        string::encode_repeated(tag, texts, out);
+    }
+    let len = len(values);
+    if len == 0 {
+        return;
+    }
     encode_key(tag, WireType::LengthDelimited, out);
-    encode_varint(tagged().map(|(tag, c)| c.len_with_head(tag) as u64).sum(), out);
-    tagged().for_each(|(tag, column)| column.put(tag, out));
+    encode_varint(len as u64, out);
+    let start = out.len();
+    match values {
+        ColumnValues::F64(values) => {
+            out.resize(start + len, 0);
+            for (to, from) in out[start..].as_chunks_mut::<8>().0.iter_mut().zip(*values) {
+                *to = from.to_le_bytes();
+            }
+        }
+        // Usually all values are below 128 and take one byte each.
+        ColumnValues::U32(values) if len == values.len() => out.extend(values.iter().map(|v| *v as u8)),
+        ColumnValues::U32(values) => values.iter().for_each(|v| encode_varint(u64::from(*v), out)),
+        ColumnValues::U64(values) => values.iter().for_each(|v| encode_varint(*v, out)),
+        ColumnValues::Bool(values) => out.extend(values.iter().map(|v| u8::from(*v))),
+        ColumnValues::Text(_) => {}
+    }
+}
+
+/// Encodes a table, whose columns stand in the order of their tags.
+fn put_table(tag: u32, columns: &[Column], values: &[ColumnValues<'_>], out: &mut Vec<u8>) {
+    let tagged = || columns.iter().map(|c| c.tag).zip(values);
+    encode_key(tag, WireType::LengthDelimited, out);
+    encode_varint(tagged().map(|(tag, values)| len_with_head(tag, values) as u64).sum(), out);
+    tagged().for_each(|(tag, values)| put(tag, values, out));
 }
 
 impl Frame {
     /// Appends what `prost::Message::encode_raw` would.
     pub fn put_bytes(&self, out: &mut Vec<u8>) {
-        let Frame { step, t_s, state_hash, crank_angle_rad, links, joints, contacts, rotors, energy, sensors } = self;
-        if *step != 0 {
-            uint64::encode(1, step, out);
+        if self.step != 0 {
+            uint64::encode(1, &self.step, out);
         }
-        if *t_s != 0.0 {
-            double::encode(2, t_s, out);
+        if self.t_s != 0.0 {
+            double::encode(2, &self.t_s, out);
         }
-        if *state_hash != 0 {
-            fixed64::encode(3, state_hash, out);
+        if self.state_hash != 0 {
+            fixed64::encode(3, &self.state_hash, out);
         }
-        if *crank_angle_rad != 0.0 {
-            double::encode(4, crank_angle_rad, out);
+        if self.crank_angle_rad != 0.0 {
+            double::encode(4, &self.crank_angle_rad, out);
         }
-        put_columns(5, &of_links(links), out);
-        put_columns(6, &of_joints(joints), out);
-        put_columns(7, &of_contacts(contacts), out);
-        message::encode(8, rotors, out);
-        message::encode(9, energy, out);
-        Doubles(sensors).put(10, out);
+        self.each_table(|table, values| put_table(table.tag, table.message.columns, values, out));
+        message::encode(9, &self.energy, out);
+        put(10, &ColumnValues::F64(&self.sensors), out);
     }
-}
-
-fn of_links(l: &Links) -> [PackedColumn<'_>; 9] {
-    let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = l;
-    [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2].map(|column| Doubles(column))
-}
-
-fn of_joints(j: &Joints) -> [PackedColumn<'_>; 3] {
-    let Joints { force_x_n, force_y_n, friction_torque_nm } = j;
-    [force_x_n, force_y_n, friction_torque_nm].map(|column| Doubles(column))
-}
-
-fn of_contacts(c: &Contacts) -> [PackedColumn<'_>; 20] {
-    let Contacts {
-        link,
-        feature,
-        body,
-        tooth,
-        segment,
-        point_body_x_m,
-        point_body_y_m,
-        point_link_x_m,
-        point_link_y_m,
-        normal_x,
-        normal_y,
-        penetration_m,
-        approach_speed_m_s,
-        normal_speed_m_s,
-        tangential_speed_m_s,
-        normal_force_n,
-        tangential_force_n,
-        stick,
-        age_s,
-        instant_force_n,
-    } = c;
-    [
-        Numbers(link),
-        Numbers(feature),
-        Numbers(body),
-        Numbers(tooth),
-        Numbers(segment),
-        Doubles(point_body_x_m),
-        Doubles(point_body_y_m),
-        Doubles(point_link_x_m),
-        Doubles(point_link_y_m),
-        Doubles(normal_x),
-        Doubles(normal_y),
-        Doubles(penetration_m),
-        Doubles(approach_speed_m_s),
-        Doubles(normal_speed_m_s),
-        Doubles(tangential_speed_m_s),
-        Doubles(normal_force_n),
-        Doubles(tangential_force_n),
-        Flags(stick),
-        Doubles(age_s),
-        Doubles(instant_force_n),
-    ]
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::frame::{Energy, Rotors};
+    use super::super::columns::ValuesMut;
+    use super::super::frame::Energy;
     use super::*;
     use prost::Message;
 
     #[test]
     fn bytes_are_those_of_the_derived_message() {
         for n in [0_usize, 1, 7, 90, 300] {
-            let column = |k: usize| (0..n).map(|i| (i * 31 + k) as f64 * -0.37 + 5.0).collect::<Vec<_>>();
-            let numbers = |most: u32| (0..n as u32).map(|i| i * 37 % most).collect::<Vec<_>>();
-            let frame = Frame {
+            let mut frame = Frame {
                 step: n as u64 * 1_000_003,
                 t_s: n as f64 * 1e-3,
                 state_hash: (n as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15),
                 crank_angle_rad: n as f64,
-                links: Links {
-                    x_m: column(1),
-                    y_m: column(2),
-                    angle_rad: column(3),
-                    vx_m_s: column(4),
-                    vy_m_s: column(5),
-                    omega_rad_s: column(6),
-                    ax_m_s2: column(28),
-                    ay_m_s2: column(29),
-                    alpha_rad_s2: column(30),
-                },
-                joints: Joints { force_x_n: column(7), force_y_n: column(8), friction_torque_nm: column(9) },
-                contacts: Contacts {
-                    link: numbers(1000),
-                    feature: numbers(5),
-                    body: numbers(4),
-                    tooth: numbers(128),
-                    segment: numbers(129),
-                    point_body_x_m: column(10),
-                    point_body_y_m: column(11),
-                    point_link_x_m: column(12),
-                    point_link_y_m: column(13),
-                    normal_x: column(14),
-                    normal_y: column(15),
-                    penetration_m: column(16),
-                    approach_speed_m_s: column(17),
-                    normal_speed_m_s: column(18),
-                    tangential_speed_m_s: column(19),
-                    normal_force_n: column(20),
-                    tangential_force_n: column(21),
-                    stick: (0..n).map(|i| i % 3 == 0).collect(),
-                    age_s: column(22),
-                    instant_force_n: column(31),
-                },
-                rotors: Rotors {
-                    angle_rad: column(23),
-                    speed_rad_s: column(24),
-                    chain_torque_nm: column(25),
-                    outer_torque_nm: column(26),
-                },
                 energy: Energy { kinetic_j: n as f64, error_j: -0.5, ..Energy::default() },
-                sensors: column(27),
+                sensors: (0..n).map(|i| i as f64 * -0.37 + 5.0).collect(),
+                ..Frame::default()
             };
+            frame.resize_tables(n);
+            let mut k = 0;
+            frame.each_table_mut(|_, columns| {
+                for column in columns {
+                    k += 1;
+                    // Numbers of one byte each, and of one and two.
+                    let most = [4, 128, 129, 1000][k % 4];
+                    match column {
+                        ValuesMut::F64(v) => (0..n).for_each(|i| v[i] = (i * 31 + k) as f64 * -0.37 + 5.0),
+                        ValuesMut::U32(v) => (0..n).for_each(|i| v[i] = i as u32 * 37 % most),
+                        ValuesMut::U64(v) => (0..n).for_each(|i| v[i] = i as u64 * 37 % u64::from(most)),
+                        ValuesMut::Bool(v) => (0..n).for_each(|i| v[i] = i % 3 == 0),
+                        ValuesMut::Text(v) => (0..n).for_each(|i| v[i] = format!("{i}")),
+                    }
+                }
+            });
             let mut bytes = vec![1, 2, 3];
             frame.put_bytes(&mut bytes);
             assert_eq!(bytes[3..], frame.encode_to_vec(), "{n} values a column");

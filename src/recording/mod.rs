@@ -3,7 +3,7 @@
 
 pub mod capture;
 #[doc(hidden)]
-pub mod channels;
+pub mod columns;
 #[cfg(feature = "live")]
 #[doc(hidden)]
 pub mod foxglove_live;

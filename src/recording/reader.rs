@@ -11,6 +11,7 @@
 
 mod chunks;
 
+use super::columns::{ColumnKind, ColumnValues, Rows};
 use super::frame::{Event, FORMAT_VERSION, Frame, Header, Impact, Keyframe};
 use super::header;
 use anyhow::{Context, bail, ensure};
@@ -397,7 +398,9 @@ impl Reader {
                     ensure!(inside, "an impact of a link or body that there is not");
                     Entry::Impact(impact)
                 }
-                _ => return Ok(Flow::On),
+                Topic::Header | Topic::Frame | Topic::Keyframe | Topic::Event | Topic::Impact | Topic::Other => {
+                    return Ok(Flow::On);
+                }
             };
             match entry {
                 Entry::Frame(_) => {}
@@ -405,7 +408,7 @@ impl Reader {
                     rhythm.heads += 1;
                     ensure!(rhythm.heads <= MOST_HEADS, "more than {MOST_HEADS} frames");
                 }
-                _ => {
+                Entry::Keyframe(_) | Entry::Event(_) | Entry::Impact(_) => {
                     rhythm.kept += 1;
                     ensure!(rhythm.kept <= MOST_MESSAGES, "more than {MOST_MESSAGES} messages");
                 }
@@ -531,44 +534,47 @@ fn topic(name: &str) -> Topic {
 /// Checks that columns of one table have equal lengths, those of the header where it states them, and that indices
 /// point into the header; readers rely on it.
 fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4]) -> anyhow::Result<()> {
-    let l = &frame.links;
-    let n = l.x_m.len();
-    let poses = [&l.y_m, &l.angle_rad, &l.vx_m_s, &l.vy_m_s, &l.omega_rad_s];
-    let links = poses.into_iter().chain([&l.ax_m_s2, &l.ay_m_s2, &l.alpha_rad_s2]);
-    ensure!(links.into_iter().all(|c| c.len() == n), "columns of links have different lengths");
-    let j = &frame.joints;
-    let joints = [&j.force_x_n, &j.force_y_n, &j.friction_torque_nm];
-    ensure!(joints.iter().all(|c| c.len() == n), "columns of joints have different lengths");
-    let c = &frame.contacts;
-    let n = c.link.len();
-    let whole = [&c.feature, &c.body, &c.tooth, &c.segment].iter().all(|c| c.len() == n) && c.stick.len() == n;
-    let floats = [
-        &c.point_body_x_m,
-        &c.point_body_y_m,
-        &c.point_link_x_m,
-        &c.point_link_y_m,
-        &c.normal_x,
-        &c.normal_y,
-        &c.penetration_m,
-        &c.approach_speed_m_s,
-        &c.normal_speed_m_s,
-        &c.tangential_speed_m_s,
-        &c.normal_force_n,
-        &c.tangential_force_n,
-        &c.age_s,
-        &c.instant_force_n,
-    ];
-    ensure!(whole && floats.iter().all(|c| c.len() == n), "columns of contacts have different lengths");
-    ensure!(frame.links.x_m.len() == n_links, "a frame of {} links in a recording of {n_links}", frame.links.x_m.len());
-    let inside = c.link.iter().all(|l| (*l as usize) < n_links) && c.body.iter().all(|b| (*b as usize) < n_bodies);
-    ensure!(inside, "a contact of a link or body that there is not");
+    let frame_links = frame.links.x_m.len();
+    ensure!(frame_links == n_links, "a frame of {frame_links} links in a recording of {n_links}");
     ensure!(frame.sensors.len() <= n_sensors, "more readings than sensors");
-    let r = &frame.rotors;
-    let n = r.angle_rad.len();
-    ensure!(n <= n_coordinates, "more rotors than the header states");
-    let rotors = [&r.speed_rad_s, &r.chain_torque_nm, &r.outer_torque_nm];
-    ensure!(rotors.iter().all(|c| c.len() == n), "columns of rotors have different lengths");
-    Ok(())
+    let mut checked = Ok(());
+    frame.each_table(|table, columns| {
+        let name = table.message.name;
+        let first = columns.first().map_or(0, ColumnValues::len);
+        let (n, most) = match table.rows {
+            Rows::Link | Rows::Joint => (n_links, n_links),
+            Rows::Contact => (first, usize::MAX),
+            Rows::Rotor => (first, n_coordinates),
+        };
+        let check = || {
+            ensure!(n <= most, "more {name} than the header states");
+            for (column, values) in table.message.columns.iter().zip(columns) {
+                let (given, column_name) = (values.len(), column.name);
+                ensure!(
+                    given == n,
+                    "columns of {name} have different lengths: {column_name} has {given} values of {n}"
+                );
+                let most = match column.kind {
+                    ColumnKind::Link => n_links,
+                    ColumnKind::Body => n_bodies,
+                    ColumnKind::Value | ColumnKind::Height | ColumnKind::Feature | ColumnKind::Segment => usize::MAX,
+                    ColumnKind::Kinetic
+                    | ColumnKind::Elastic
+                    | ColumnKind::WorkIn
+                    | ColumnKind::WorkOut
+                    | ColumnKind::Lost
+                    | ColumnKind::Error => usize::MAX,
+                };
+                let inside = values.are_below(most);
+                ensure!(inside, "a contact of a link or body that there is not");
+            }
+            Ok(())
+        };
+        if checked.is_ok() {
+            checked = check();
+        }
+    });
+    checked
 }
 
 /// Checks that a frame's step, time and log time agree: t = step x h.

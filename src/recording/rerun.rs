@@ -33,9 +33,10 @@ use writer::Writer;
 const APPLICATION: &str = "pitchline";
 
 /// Rows per message: numbers, pictures and curves. A killed run loses at most that many. Every message costs time
-/// (hashing and validation in the crate) and 10 kB of memory for the footer; rows cost their size.
-const NUMBER_ROWS: usize = 512;
-const PICTURE_ROWS: usize = 256;
+/// (hashing and validation in the crate) and 10 kB of memory for the footer; rows cost their size. Measured on a second of the bush
+/// drive with archive and view, of 1.05 CPU s for the archive alone: 64 rows of numbers 2.2 s, 128 1.9 s, 512 1.6 s, 1024 1.45 s.
+const NUMBER_ROWS: usize = 1024;
+const PICTURE_ROWS: usize = 512;
 const CURVE_ROWS: usize = 2048;
 
 /// Destination of the rows.
@@ -149,7 +150,7 @@ impl RerunSink {
                 *last_block = Instant::now();
                 true
             }
-            _ => false,
+            RowDestination::File { .. } | RowDestination::Viewer { .. } => false,
         }
     }
 

@@ -29,7 +29,7 @@ impl FlankCache {
         let (tooth, seats, outer) = match &body.shape {
             EndShape::OuterFlanks { tooth, seats } => (Some(tooth), Some(seats), true),
             EndShape::InnerFlanks { tooth, seats } => (Some(tooth), Some(seats), false),
-            _ => (None, None, true),
+            EndShape::Circle { .. } | EndShape::Lobes { .. } | EndShape::Face { .. } => (None, None, true),
         };
         let limit = take(levers, at).map(|lever| tooth.map_or(0.0, |tooth| tooth.reach_m(lever.abs())));
         FlankCache {
@@ -47,7 +47,7 @@ pub(super) fn touches(query: &Query<'_>, cache: &mut FlankCache, found: &mut End
     let (tooth, seats, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, seats } => (tooth, seats, true),
         EndShape::InnerFlanks { tooth, seats } => (tooth, seats, false),
-        _ => return QueryResult::Apart(None),
+        EndShape::Circle { .. } | EndShape::Lobes { .. } | EndShape::Face { .. } => return QueryResult::Apart(None),
     };
     let (jx, jy) = query.joints();
     let mut near = [0; LANES];
@@ -89,7 +89,7 @@ pub(super) fn gaps(query: &Query<'_>, cache: &FlankCache) -> Clearances {
     let (tooth, outer) = match &query.body.shape {
         EndShape::OuterFlanks { tooth, .. } => (tooth, true),
         EndShape::InnerFlanks { tooth, .. } => (tooth, false),
-        _ => return Clearances::default(),
+        EndShape::Circle { .. } | EndShape::Lobes { .. } | EndShape::Face { .. } => return Clearances::default(),
     };
     let (jx, jy) = query.joints();
     let (axis_x, axis_y) = cache.tooth_gaps.axes(query.rotor);

@@ -383,7 +383,7 @@ impl CsvColumn {
                 };
                 Some((t_ns - first_ns) as f64 * 1e-9)
             }
-            _ => None,
+            (Ok(_), ColumnType::Instant(_)) | (Err(_), ColumnType::Number) => None,
         }
     }
 }

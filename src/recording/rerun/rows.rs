@@ -2,126 +2,45 @@
 
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm};
 use super::table::{ComponentValues, EntityTable};
-use crate::recording::frame::{Contacts, Frame, Header, Links, Rotors};
+use crate::recording::columns::ColumnKind;
+use crate::recording::frame::{Contacts, Frame, Header, Links};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
 /// Every number of every frame, in f64.
 pub struct Numbers {
     frame: EntityTable,
-    links: EntityTable,
-    joints: EntityTable,
-    rotors: EntityTable,
-    contacts: EntityTable,
+    /// In the order of [`TABLES`].
+    tables: Vec<EntityTable>,
 }
 
 impl Numbers {
     pub fn new() -> Numbers {
-        let f64s = |names: &[&'static str]| {
-            names.iter().map(|name| (*name, ComponentValues::F64(Vec::new()))).collect::<Vec<_>>()
-        };
-        let mut contacts: Vec<_> =
-            ["link", "body", "tooth", "segment", "feature"].map(|name| (name, ComponentValues::U16(Vec::new()))).into();
-        contacts.push(("stick", ComponentValues::Bool(Vec::new())));
-        contacts.extend(f64s(&[
-            "penetration_m",
-            "normal_force_n",
-            "tangential_force_n",
-            "approach_speed_m_s",
-            "normal_speed_m_s",
-            "tangential_speed_m_s",
-            "age_s",
-            "normal_x",
-            "normal_y",
-            "point_body_x_m",
-            "point_body_y_m",
-            "point_link_x_m",
-            "point_link_y_m",
-            "instant_force_n",
-        ]));
-        let poses = ["x_m", "y_m", "angle_rad", "vx_m_s", "vy_m_s", "omega_rad_s"];
-        let links = f64s(&[&poses[..], &["ax_m_s2", "ay_m_s2", "alpha_rad_s2"]].concat());
-        let joints = f64s(&["force_x_n", "force_y_n", "friction_torque_nm"]);
-        let rotors = f64s(&["angle_rad", "speed_rad_s", "chain_torque_nm", "outer_torque_nm"]);
-        Numbers {
-            frame: EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]),
-            links: EntityTable::numbers("state/links", "link", links),
-            joints: EntityTable::numbers("state/joints", "joint", joints),
-            rotors: EntityTable::numbers("state/rotors", "rotor", rotors),
-            contacts: EntityTable::numbers("state/contacts", "contact", contacts),
-        }
+        let empty = Frame::default();
+        let mut tables = Vec::new();
+        empty.each_table(|table, columns| {
+            let names = table.message.columns.iter().map(|column| column.name);
+            let columns = names.zip(columns.iter().map(ComponentValues::like)).collect();
+            tables.push(EntityTable::numbers(&format!("state/{}", table.message.name), table.rows.name(), columns));
+        });
+        let frame =
+            EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]);
+        Numbers { frame, tables }
     }
 
     pub fn push(&mut self, frame: &Frame) {
-        let Frame { links, joints, contacts, rotors, .. } = frame;
         self.frame.u64(0).push(frame.state_hash);
         self.frame.end_row(1);
-        let Links { x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s, ax_m_s2, ay_m_s2, alpha_rad_s2 } = links;
-        let poses = [x_m, y_m, angle_rad, vx_m_s, vy_m_s, omega_rad_s];
-        push_row(&mut self.links, 0, &[&poses[..], &[ax_m_s2, ay_m_s2, alpha_rad_s2]].concat());
-        push_row(&mut self.joints, 0, &[&joints.force_x_n, &joints.force_y_n, &joints.friction_torque_nm]);
-        let Rotors { angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm } = rotors;
-        push_row(&mut self.rotors, 0, &[angle_rad, speed_rad_s, chain_torque_nm, outer_torque_nm]);
-        push_contacts(&mut self.contacts, contacts);
+        let mut tables = self.tables.iter_mut();
+        frame.each_table(|_, columns| {
+            if let Some(table) = tables.next() {
+                table.push_row(columns);
+            }
+        });
     }
 
-    pub fn tables(&mut self) -> [&mut EntityTable; 5] {
-        [&mut self.frame, &mut self.links, &mut self.joints, &mut self.rotors, &mut self.contacts]
+    pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
+        std::iter::once(&mut self.frame).chain(&mut self.tables)
     }
-}
-
-/// Adds a row to the f64 columns, starting with column `first`.
-fn push_row(table: &mut EntityTable, first: usize, columns: &[&Vec<f64>]) {
-    for (k, values) in columns.iter().enumerate() {
-        table.f64(first + k).extend_from_slice(values);
-    }
-    table.end_row(columns[0].len());
-}
-
-fn push_contacts(table: &mut EntityTable, contacts: &Contacts) {
-    let Contacts {
-        link,
-        feature,
-        body,
-        tooth,
-        segment,
-        point_body_x_m,
-        point_body_y_m,
-        point_link_x_m,
-        point_link_y_m,
-        normal_x,
-        normal_y,
-        penetration_m,
-        approach_speed_m_s,
-        normal_speed_m_s,
-        tangential_speed_m_s,
-        normal_force_n,
-        tangential_force_n,
-        stick,
-        age_s,
-        instant_force_n,
-    } = contacts;
-    for (k, values) in [link, body, tooth, segment, feature].into_iter().enumerate() {
-        // No chain has more links or teeth than fit.
-        table.u16(k).extend(values.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
-    }
-    table.bool(5).extend_from_slice(stick);
-    let columns = [
-        penetration_m,
-        normal_force_n,
-        tangential_force_n,
-        approach_speed_m_s,
-        normal_speed_m_s,
-        tangential_speed_m_s,
-        age_s,
-        normal_x,
-        normal_y,
-        point_body_x_m,
-        point_body_y_m,
-        point_link_x_m,
-        point_link_y_m,
-        instant_force_n,
-    ];
-    push_row(table, 6, &columns);
 }
 
 /// A few numbers per frame that a viewer draws over time, several curves per entity.
@@ -181,20 +100,12 @@ impl Curves {
         push_curves(&mut self.tension, [high.sqrt(), low.sqrt()]);
         const RPM_PER_RAD_S: f64 = 30.0 / std::f64::consts::PI;
         push_curves(&mut self.speed, frame.rotors.speed_rad_s.iter().map(|w| RPM_PER_RAD_S * w));
-        let e = &frame.energy;
-        let stored = [e.kinetic_j, e.elastic_joint_j, e.elastic_contact_j, e.elastic_spring_j];
-        push_curves(&mut self.energy, stored.into_iter().chain([e.work_in_j, e.work_out_j]));
-        let lost = [
-            e.lost_pin_damping_j,
-            e.lost_pin_friction_j,
-            e.lost_contact_damping_j,
-            e.lost_contact_friction_j,
-            e.lost_guide_damping_j,
-            e.lost_guide_friction_j,
-            e.lost_spring_damping_j,
-        ];
-        push_curves(&mut self.lost, lost);
-        push_curves(&mut self.error, [e.error_j]);
+        let of = |is_meant: fn(ColumnKind) -> bool| {
+            frame.energy.accounts().filter(move |(account, _)| is_meant(account.kind)).map(|(_, value_j)| value_j)
+        };
+        push_curves(&mut self.energy, of(is_energy_or_work));
+        push_curves(&mut self.lost, of(is_lost));
+        push_curves(&mut self.error, [frame.energy.error_j]);
         if let Some(sensors) = &mut self.sensors {
             push_curves(sensors, frame.sensors.iter().copied());
         }
@@ -212,6 +123,16 @@ impl Curves {
         ];
         always.into_iter().chain(&mut self.sensors)
     }
+}
+
+/// Accounts of the ledger under `plots/energy`.
+pub fn is_energy_or_work(kind: ColumnKind) -> bool {
+    kind.is_stored() || matches!(kind, ColumnKind::WorkIn | ColumnKind::WorkOut)
+}
+
+/// Accounts of the ledger under `plots/energy_lost`.
+pub fn is_lost(kind: ColumnKind) -> bool {
+    kind == ColumnKind::Lost
 }
 
 fn push_curves(table: &mut EntityTable, values: impl IntoIterator<Item = f64>) {

@@ -2,7 +2,9 @@
 //! them. Drawn in millimetres, because the viewer's camera and near plane suit numbers of that size; x to the right, y
 //! up, seen from +z. Objects lie in thin layers along z, so that an oblique camera still shows them in place.
 
-use crate::recording::frame::{BodyInfo, Header, Outline};
+use super::rows::{is_energy_or_work, is_lost};
+use crate::recording::columns::ColumnKind;
+use crate::recording::frame::{BodyInfo, Energy, Header, Outline};
 use crate::recording::view_geometry::{circle, polyline};
 use anyhow::Result;
 use rerun::external::re_sdk_types::components::PointShading;
@@ -275,18 +277,12 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     }
     stream.log_static("plots/contacts", &named(vec!["contacts".to_owned()]))?;
     stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
-    let energies = ["kinetic", "elastic, joints", "elastic, contacts", "elastic, springs", "work in", "work out"];
-    stream.log_static("plots/energy", &named(energies.map(|name| format!("{name} [J]")).to_vec()))?;
-    let losses = [
-        "pin damping",
-        "pin friction",
-        "contact damping",
-        "contact friction",
-        "guide damping",
-        "guide friction",
-        "spring damping",
-    ];
-    stream.log_static("plots/energy_lost", &named(losses.map(|name| format!("{name} [J]")).to_vec()))?;
+    let accounts = |is_meant: fn(ColumnKind) -> bool| {
+        let columns = Energy::MESSAGE.columns.iter().filter(|account| is_meant(account.kind));
+        named(columns.map(|account| format!("{} [{}]", account.words(), account.unit)).collect())
+    };
+    stream.log_static("plots/energy", &accounts(is_energy_or_work))?;
+    stream.log_static("plots/energy_lost", &accounts(is_lost))?;
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 //! many values as there are contacts. The arrays are built here, because the crate's archetype builders copy value by
 //! value.
 
+use crate::recording::columns;
 use anyhow::Result;
 use rerun::external::arrow::array::{
     ArrayRef, BooleanArray, FixedSizeListArray, Float32Array, Float64Array, StringArray, UInt16Array, UInt64Array,
@@ -83,6 +84,14 @@ impl EntityTable {
         )
     }
 
+    /// Adds a row: values of every column, in the order of the table.
+    pub fn push_row(&mut self, columns: &[columns::ColumnValues<'_>]) {
+        for (to, from) in self.columns.iter_mut().zip(columns) {
+            to.values.extend(from);
+        }
+        self.end_row(columns.first().map_or(0, columns::ColumnValues::len));
+    }
+
     /// Ends a row in which every column has received `n` values.
     pub fn end_row(&mut self, n: usize) {
         self.lengths.push(n);
@@ -91,42 +100,61 @@ impl EntityTable {
     pub fn f64(&mut self, column: usize) -> &mut Vec<f64> {
         match &mut self.columns[column].values {
             ComponentValues::F64(values) => values,
-            _ => panic!("{} column {column} is not f64", self.entity),
+            ComponentValues::Vec3(_)
+            | ComponentValues::Quaternion(_)
+            | ComponentValues::U16(_)
+            | ComponentValues::U64(_)
+            | ComponentValues::Bool(_)
+            | ComponentValues::Text(_) => panic!("{} column {column} is not f64", self.entity),
         }
     }
 
     pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
         match &mut self.columns[column].values {
             ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => values,
-            _ => panic!("{} column {column} is not f32", self.entity),
+            ComponentValues::F64(_)
+            | ComponentValues::U16(_)
+            | ComponentValues::U64(_)
+            | ComponentValues::Bool(_)
+            | ComponentValues::Text(_) => {
+                panic!("{} column {column} is not f32", self.entity)
+            }
         }
     }
 
     pub fn u16(&mut self, column: usize) -> &mut Vec<u16> {
         match &mut self.columns[column].values {
             ComponentValues::U16(values) => values,
-            _ => panic!("{} column {column} is not u16", self.entity),
+            ComponentValues::F64(_)
+            | ComponentValues::Vec3(_)
+            | ComponentValues::Quaternion(_)
+            | ComponentValues::U64(_)
+            | ComponentValues::Bool(_)
+            | ComponentValues::Text(_) => panic!("{} column {column} is not u16", self.entity),
         }
     }
 
     pub fn u64(&mut self, column: usize) -> &mut Vec<u64> {
         match &mut self.columns[column].values {
             ComponentValues::U64(values) => values,
-            _ => panic!("{} column {column} is not u64", self.entity),
-        }
-    }
-
-    pub fn bool(&mut self, column: usize) -> &mut Vec<bool> {
-        match &mut self.columns[column].values {
-            ComponentValues::Bool(values) => values,
-            _ => panic!("{} column {column} is not bool", self.entity),
+            ComponentValues::F64(_)
+            | ComponentValues::Vec3(_)
+            | ComponentValues::Quaternion(_)
+            | ComponentValues::U16(_)
+            | ComponentValues::Bool(_)
+            | ComponentValues::Text(_) => panic!("{} column {column} is not u64", self.entity),
         }
     }
 
     pub fn text(&mut self, column: usize) -> &mut Vec<String> {
         match &mut self.columns[column].values {
             ComponentValues::Text(values) => values,
-            _ => panic!("{} column {column} is not text", self.entity),
+            ComponentValues::F64(_)
+            | ComponentValues::Vec3(_)
+            | ComponentValues::Quaternion(_)
+            | ComponentValues::U16(_)
+            | ComponentValues::U64(_)
+            | ComponentValues::Bool(_) => panic!("{} column {column} is not text", self.entity),
         }
     }
 
@@ -162,6 +190,31 @@ pub fn send<'a>(
 }
 
 impl ComponentValues {
+    /// An empty column for such values.
+    pub fn like(values: &columns::ColumnValues<'_>) -> ComponentValues {
+        match values {
+            columns::ColumnValues::F64(_) => ComponentValues::F64(Vec::new()),
+            columns::ColumnValues::U32(_) => ComponentValues::U16(Vec::new()),
+            columns::ColumnValues::U64(_) => ComponentValues::U64(Vec::new()),
+            columns::ColumnValues::Bool(_) => ComponentValues::Bool(Vec::new()),
+            columns::ColumnValues::Text(_) => ComponentValues::Text(Vec::new()),
+        }
+    }
+
+    fn extend(&mut self, values: &columns::ColumnValues<'_>) {
+        match (self, values) {
+            (ComponentValues::F64(to), columns::ColumnValues::F64(from)) => to.extend_from_slice(from),
+            // No chain has more links or teeth than fit.
+            (ComponentValues::U16(to), columns::ColumnValues::U32(from)) => {
+                to.extend(from.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
+            }
+            (ComponentValues::U64(to), columns::ColumnValues::U64(from)) => to.extend_from_slice(from),
+            (ComponentValues::Bool(to), columns::ColumnValues::Bool(from)) => to.extend_from_slice(from),
+            (ComponentValues::Text(to), columns::ColumnValues::Text(from)) => to.extend_from_slice(from),
+            (_, from) => panic!("a column of another kind than {from:?}"),
+        }
+    }
+
     fn take(&mut self) -> ArrayRef {
         match self {
             ComponentValues::F64(values) => Arc::new(Float64Array::from(taken(values))),

@@ -3,8 +3,8 @@
 //! Rows are collected in groups of at most [`ROWS_PER_GROUP`], as columns in memory, and then written. Memory does not
 //! grow with the recording, except for some kilobytes of Parquet's own index per group.
 
-use super::Values::{self, Bool, Count, EveryF64, EveryU32, EveryU64, F64, Text, U32};
-use super::{ColumnInfo, Moment, Rows, Source, Table};
+use super::Values::{self, Bool, Count, EveryF64, EveryU32, EveryU64, F64, Text, U32, U64};
+use super::{Block, ColumnInfo, Moment, Source, Table};
 use crate::output::OutputFile;
 use crate::recording::Output;
 use crate::recording::frame::{Event, Header, Impact};
@@ -47,7 +47,7 @@ impl Store {
         match values {
             F64(_) | EveryF64(_) => Store::F64(Vec::new()),
             U32(_) | EveryU32(_) | Count => Store::U32(Vec::new()),
-            EveryU64(_) => Store::U64(Vec::new()),
+            U64(_) | EveryU64(_) => Store::U64(Vec::new()),
             Bool(_) => Store::Bool(Vec::new()),
             Text(_) => Store::Text(Vec::new(), Vec::new()),
         }
@@ -58,6 +58,7 @@ impl Store {
         let given = match values {
             F64(v) => v.len(),
             U32(v) => v.len(),
+            U64(v) => v.len(),
             Bool(v) => v.len(),
             Text(v) => v.len(),
             EveryF64(_) | EveryU32(_) | EveryU64(_) | Count => n,
@@ -71,6 +72,7 @@ impl Store {
             (Store::U32(to), U32(v)) => to.extend_from_slice(v),
             (Store::U32(to), EveryU32(v)) => to.resize(to.len() + n, *v),
             (Store::U32(to), Count) => to.extend(0..n as u32),
+            (Store::U64(to), U64(v)) => to.extend_from_slice(v),
             (Store::U64(to), EveryU64(v)) => to.resize(to.len() + n, *v),
             (Store::Bool(to), Bool(v)) => to.extend_from_slice(v),
             (Store::Text(bytes, ends), Text(v)) => {
@@ -296,15 +298,15 @@ impl TableWriter {
             TableWriter { table, output, path: path.to_path_buf(), sheet: None, stores, waiting: 0, rows: 0, bytes: 0 };
         writer.sheet = Some(Sheet::create(file, format, &table, header).map_err(|e| cannot_write(path, e))?);
         match table.source {
-            Source::Frame(_) | Source::Event(_) | Source::Impact(_) => {}
-            Source::Body(rows) => {
+            Source::Table(_) | Source::Frame(_) | Source::Event | Source::Impact => {}
+            Source::Body => {
                 for (i, body) in header.bodies.iter().enumerate() {
-                    writer.push(&rows(i as u32, body))?;
+                    writer.push(&super::body(i as u32, body))?;
                 }
             }
-            Source::Link(rows) => {
+            Source::Link => {
                 for (i, link) in header.links.iter().enumerate() {
-                    writer.push(&rows(header, i as u32, link))?;
+                    writer.push(&super::link_info(header, i as u32, link))?;
                 }
             }
         }
@@ -313,20 +315,24 @@ impl TableWriter {
 
     /// Adds the frame's rows, if this table has any.
     pub fn frame(&mut self, at: &Moment<'_>) -> anyhow::Result<()> {
-        if let Source::Frame(rows) = self.table.source { self.push(&rows(at)) } else { Ok(()) }
+        match self.table.source {
+            Source::Table(table) => self.push(&super::table(at, table)),
+            Source::Frame(rows) => self.push(&rows(at)),
+            Source::Event | Source::Impact | Source::Body | Source::Link => Ok(()),
+        }
     }
 
     /// Adds the event's row, if this table has any.
     pub fn event(&mut self, header: &Header, event: &Event) -> anyhow::Result<()> {
-        if let Source::Event(rows) = self.table.source { self.push(&rows(header, event)) } else { Ok(()) }
+        if matches!(self.table.source, Source::Event) { self.push(&super::event(header, event)) } else { Ok(()) }
     }
 
     /// Adds the impact's row, if this table has any.
     pub fn impact(&mut self, header: &Header, impact: &Impact) -> anyhow::Result<()> {
-        if let Source::Impact(rows) = self.table.source { self.push(&rows(header, impact)) } else { Ok(()) }
+        if matches!(self.table.source, Source::Impact) { self.push(&super::impact(header, impact)) } else { Ok(()) }
     }
 
-    fn push(&mut self, rows: &Rows<'_>) -> anyhow::Result<()> {
+    fn push(&mut self, rows: &Block<'_>) -> anyhow::Result<()> {
         if self.waiting + rows.n > ROWS_PER_GROUP {
             self.write_group()?;
         }
