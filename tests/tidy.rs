@@ -53,7 +53,8 @@ fn defined_type(line: &str) -> Option<&str> {
     let is_definition = matches!(kind, "struct" | "enum" | "trait" | "union");
     let is_alias = kind == "type" && !line.starts_with(' ');
     let name = words.next().filter(|_| is_definition || is_alias)?;
-    name.split(|c: char| !c.is_alphanumeric() && c != '_').next()
+    // In a macro the name is a variable.
+    name.split(|c: char| !c.is_alphanumeric() && c != '_').next().filter(|name| !name.is_empty())
 }
 
 #[test]

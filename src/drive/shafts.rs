@@ -254,30 +254,27 @@ pub(super) fn read_loads(loads: &TomlTable<'_>, names: &MovingNames<'_>, train: 
 /// Effects on shafts, arms and sliders: `[effects.NAME.BODY]`.
 pub(super) fn read_effects(effects: &TomlTable<'_>, names: &MovingNames<'_>, train: &mut ShaftTrain) {
     for effect in EFFECTS {
-        match (effect.links, effect.physics) {
-            (Some(On::Body), Physics::BodyForce(_)) => {
-                let table = effects.table(effect.name);
-                for (name, t) in table.tables_or_set() {
-                    read_load(&t, effect, name.trim_end_matches('+'), names, train);
-                }
-                table.finish();
+        if effect.links == Some(On::Body) {
+            let table = effects.table(effect.name);
+            for (name, t) in table.tables_or_set() {
+                read_load(&t, effect, name.trim_end_matches('+'), names, train);
             }
-            (Some(On::Prescribed), Physics::Motion(law)) => {
-                let table = effects.table(effect.name);
-                for (name, t) in table.tables_or_set() {
-                    let on = names.required(&t, name.trim_end_matches('+'));
-                    if !names.is_prescribed(on) {
-                        t.error(
-                            format!("no speed is prescribed for `{name}`"),
-                            Some("put it on the sprocket or shaft with a speed".into()),
-                        );
-                    }
-                    train.motion.fluctuations.push((law, values(&t, effect, false)));
-                    t.finish();
+            table.finish();
+        }
+        if let (Some(On::Prescribed), Physics::Motion(law)) = (effect.links, effect.physics) {
+            let table = effects.table(effect.name);
+            for (name, t) in table.tables_or_set() {
+                let on = names.required(&t, name.trim_end_matches('+'));
+                if !names.is_prescribed(on) {
+                    t.error(
+                        format!("no speed is prescribed for `{name}`"),
+                        Some("put it on the sprocket or shaft with a speed".into()),
+                    );
                 }
-                table.finish();
+                train.motion.fluctuations.push((law, values(&t, effect, false)));
+                t.finish();
             }
-            _ => {}
+            table.finish();
         }
     }
 }

@@ -460,7 +460,9 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
         let before = r.omega[k];
         let after = match coordinate.motion {
             CoordinateMotion::Prescribed { speed_rad_s } if model.driver_motion.is_none() => speed_rad_s,
-            _ => before + h * scratch.coordinate_alpha[k],
+            CoordinateMotion::Prescribed { .. } | CoordinateMotion::Free { .. } => {
+                before + h * scratch.coordinate_alpha[k]
+            }
         };
         // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
         let mean = 0.5 * (before + after);

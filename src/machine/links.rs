@@ -182,7 +182,7 @@ fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
             for (from, to) in [(c.between[0], c.between[1]), (c.between[1], c.between[0])] {
                 let known = |m: Moving| match m {
                     Moving::Shaft(k) => bare.iter().position(|b| *b == k),
-                    _ => None,
+                    Moving::Sprocket(_) | Moving::Arm(_) | Moving::Slider(_) => None,
                 };
                 if let Some(own) = known(to) {
                     of_bare[own] = of_bare[own].or(on_shaft(from)).or(known(from).and_then(|k| of_bare[k]));
