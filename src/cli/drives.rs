@@ -26,6 +26,6 @@ pub fn run(args: &DrivesArgs) -> Result<Outcome, Failure> {
             titles.iter().map(|(name, title)| serde_json::json!({ "name": name, "title": title })).collect();
         return print_json(&serde_json::json!({ "drives": list }));
     }
-    let text: String = titles.iter().map(|(name, title)| format!("{name:<16} {title}\n")).collect();
+    let text: String = titles.iter().map(|(name, title)| format!("{name:<21} {title}\n")).collect();
     print_out(&text)
 }

@@ -2,6 +2,7 @@
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::diag::nearest;
+use crate::drive::sensors::is_signal;
 use crate::effects::{EFFECTS, Effect, Kind, Physics, named};
 use crate::machine::SENSOR_KINDS;
 use crate::measurement::units::UNITS;
@@ -27,6 +28,8 @@ fn fidelities(e: &Effect) -> &'static str {
     match (matches!(e.physics, Physics::LinksOnly), e.links) {
         (true, _) => "links",
         (false, Some(_)) => "lumped, links",
+        // Sensors are the same in both.
+        (false, None) if is_signal(e) => "lumped, links",
         (false, None) => "lumped",
     }
 }

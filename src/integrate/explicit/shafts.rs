@@ -61,6 +61,7 @@ pub(super) fn driver_speed(model: &Model, state: &State, scratch: &Scratch, k: u
 }
 
 /// Adds what coordinates and couplings hold, lose and take at the node to the accounts: sums up to the step before, and half of this step's.
+#[inline(always)]
 pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &mut Energy) {
     let r = &state.coordinates;
     let h = model.step_s;
