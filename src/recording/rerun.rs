@@ -189,7 +189,11 @@ impl RerunSink {
             RowDestination::File { .. } => PlayState::Paused,
             RowDestination::Viewer { .. } => PlayState::Following,
         };
-        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play, !self.header.sensors.is_empty())?;
+        let sensors: Vec<_> = scene::sensors_by_unit(&self.header)
+            .into_iter()
+            .map(|(unit, _)| (format!("sensors [{unit}]"), format!("/{}", scene::sensors_entity(&unit))))
+            .collect();
+        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play, &sensors)?;
         self.has_layout = true;
         Ok(())
     }

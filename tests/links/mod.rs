@@ -27,7 +27,7 @@ pub struct Case {
 /// The guide is pressed into the chain, so that its effects are measurable.
 const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-500"];
 
-pub const CASES: [Case; 9] = [
+pub const CASES: [Case; 11] = [
     Case { name: "clean", both: &[], truth: &[], path: "" },
     Case {
         name: "runout of the driver",
@@ -70,6 +70,18 @@ pub const CASES: [Case; 9] = [
         both: &[],
         truth: &["effects.pin_friction.chain.friction=0.06"],
         path: "effects.pin_friction.chain",
+    },
+    Case {
+        name: "drag of the driven shaft",
+        both: &[],
+        truth: &["effects.viscous_friction.driven.torque_nm_s_per_rad=0.02"],
+        path: "effects.viscous_friction.driven",
+    },
+    Case {
+        name: "friction of the driven shaft",
+        both: &[],
+        truth: &["effects.coulomb_friction.driven.torque_nm=2"],
+        path: "effects.coulomb_friction.driven",
     },
     Case {
         name: "encoder marks",

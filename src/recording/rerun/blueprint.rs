@@ -31,15 +31,15 @@ pub struct ViewRect {
     pub height: f64,
 }
 
-/// Adds the layout to the recording and activates it. `play` is the initial state of playback; `sensors` tells whether
-/// the drive has sensors.
+/// Adds the layout to the recording and activates it. `play` is the initial state of playback; `sensors`: title and entity of the curves of the
+/// sensors of each unit.
 pub fn send(
     stream: &RecordingStream,
     recording: &str,
     drive: &ViewRect,
     close_ups: &[ViewRect],
     play: PlayState,
-    sensors: bool,
+    sensors: &[(String, String)],
 ) -> Result<()> {
     let (layout, storage) = RecordingStreamBuilder::new(super::APPLICATION)
         .recording_id(format!("{recording}-layout"))
@@ -65,7 +65,7 @@ fn log_layout(
     drive: &ViewRect,
     close_ups: &[ViewRect],
     play: PlayState,
-    sensors: bool,
+    sensors: &[(String, String)],
 ) -> Result<()> {
     // Panes are about twice as wide as high, or square without neighbours.
     let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
@@ -93,8 +93,8 @@ fn log_layout(
     let events = layout.view("TextLog", "events", "/events")?;
     let first = tabs(layout, "forces", &[force, count])?;
     let mut second = vec![tension, speed, lost, energy, error];
-    if sensors {
-        second.insert(0, layout.curves("sensors", "/plots/sensors")?);
+    for (place, (title, entity)) in sensors.iter().enumerate() {
+        second.insert(place, layout.curves(title, entity)?);
     }
     let second = tabs(layout, "tensions", &second)?;
     let third = tabs(layout, "tables", &[table, readme, drive_file])?;

@@ -1,6 +1,6 @@
 //! Distributes the data of a frame over numbers, curves and pictures.
 
-use super::scene::{ForceScale, body_entity, outline_entity, position_mm};
+use super::scene::{ForceScale, body_entity, outline_entity, position_mm, sensors_by_unit, sensors_entity};
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::ColumnKind;
 use crate::recording::frame::{Contacts, Frame, Header, Links};
@@ -52,8 +52,8 @@ pub struct Curves {
     energy: EntityTable,
     lost: EntityTable,
     error: EntityTable,
-    /// If the drive has sensors.
-    sensors: Option<EntityTable>,
+    /// Sensors of each unit.
+    sensors: Vec<(Vec<usize>, EntityTable)>,
     /// Curve of each body: a sprocket's own, or the common one of all guides.
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
@@ -75,7 +75,10 @@ impl Curves {
             energy: curves("plots/energy"),
             lost: curves("plots/energy_lost"),
             error: curves("plots/energy_error"),
-            sensors: (!header.sensors.is_empty()).then(|| curves("plots/sensors")),
+            sensors: sensors_by_unit(header)
+                .into_iter()
+                .map(|(unit, sensors)| (sensors, curves(&sensors_entity(&unit))))
+                .collect(),
             curve_of_body: curve_of_body.collect(),
             largest_n: vec![0.0; n_rotors + 1],
         }
@@ -106,8 +109,8 @@ impl Curves {
         push_curves(&mut self.energy, of(is_energy_or_work));
         push_curves(&mut self.lost, of(is_lost));
         push_curves(&mut self.error, [frame.energy.error_j]);
-        if let Some(sensors) = &mut self.sensors {
-            push_curves(sensors, frame.sensors.iter().copied());
+        for (sensors, table) in &mut self.sensors {
+            push_curves(table, sensors.iter().filter_map(|k| frame.sensors.get(*k).copied()));
         }
     }
 
@@ -121,7 +124,7 @@ impl Curves {
             &mut self.lost,
             &mut self.error,
         ];
-        always.into_iter().chain(&mut self.sensors)
+        always.into_iter().chain(self.sensors.iter_mut().map(|(_, table)| table))
     }
 }
 

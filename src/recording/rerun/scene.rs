@@ -262,6 +262,24 @@ fn blend(share: f64, colours: &[[u8; 3]]) -> [u8; 3] {
     [0, 1, 2].map(|c| (f64::from(colours[k][c]) * (1.0 - part) + f64::from(colours[k + 1][c]) * part) as u8)
 }
 
+/// Indices of the sensors of each unit: curves of one unit share an axis.
+pub fn sensors_by_unit(header: &Header) -> Vec<(String, Vec<usize>)> {
+    let mut all: Vec<(String, Vec<usize>)> = Vec::new();
+    for (k, sensor) in header.sensors.iter().enumerate() {
+        match all.iter_mut().find(|(unit, _)| *unit == sensor.unit) {
+            Some((_, own)) => own.push(k),
+            None => all.push((sensor.unit.clone(), vec![k])),
+        }
+    }
+    all
+}
+
+/// The entity with the curves of the sensors of a unit.
+pub fn sensors_entity(unit: &str) -> String {
+    let word: String = unit.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    format!("plots/sensors/{word}")
+}
+
 /// Names of the curves, in the order in which the sink writes them.
 fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
@@ -271,9 +289,9 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
     let turning = header.coordinates.iter().map(|path| path.rsplit('.').next().unwrap_or(path));
     stream.log_static("plots/speed", &named(turning.map(|name| format!("{name} [1/min]")).collect()))?;
-    if !header.sensors.is_empty() {
-        let sensors = header.sensors.iter().map(|s| format!("{} [{}]", s.path.trim_start_matches("sensors."), s.unit));
-        stream.log_static("plots/sensors", &named(sensors.collect()))?;
+    for (unit, sensors) in sensors_by_unit(header) {
+        let name = |k: &usize| format!("{} [{unit}]", header.sensors[*k].path.trim_start_matches("sensors."));
+        stream.log_static(sensors_entity(&unit), &named(sensors.iter().map(name).collect()))?;
     }
     stream.log_static("plots/contacts", &named(vec!["contacts".to_owned()]))?;
     stream.log_static("plots/energy_error", &named(vec!["energy error [J]".to_owned()]))?;
