@@ -6,6 +6,7 @@
 
 mod chains;
 mod check;
+mod effects;
 pub mod mechanism;
 mod read;
 #[doc(hidden)]

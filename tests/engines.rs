@@ -79,7 +79,8 @@ fn engines_keep_their_ledger_and_their_ratio() {
         // measured 8.9e-5, 1e-5, 3e-5, 4e-6
         assert!(seen.energy_error.abs() < 1e-4, "{name}: {:e}", seen.energy_error);
         for s in &assembly.model.sprockets[1..] {
-            assert!((seen.ratios[s.coordinate] - 0.5).abs() < 1e-2, "{name}: {} {}", s.name, seen.ratios[s.coordinate]);
+            // measured 3e-5
+            assert!((seen.ratios[s.coordinate] - 0.5).abs() < 3e-4, "{name}: {} {}", s.name, seen.ratios[s.coordinate]);
         }
     }
 }

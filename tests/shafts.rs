@@ -230,7 +230,8 @@ fn a_shaft_behind_a_sprocket_carries_its_load_through_its_coupling() {
     let apart = state.coordinates.angle[driven] - state.coordinates.angle[pump];
     println!("J alpha {unbalanced:.1e} N m, twist {apart:.4} rad, energy {:.1e}", energy.error_j / energy.work_in_j);
     assert!(unbalanced < 1e-9);
-    assert!((apart * 900.0 / 8.0 - 1.0).abs() < 0.5, "they turn together: {apart}");
+    // measured 1e-3 off, at one instant of a spring that swings with the teeth
+    assert!((apart * 900.0 / 8.0 - 1.0).abs() < 0.05, "they turn together: {apart}");
     assert!(energy.error_j.abs() < 1e-4 * energy.work_in_j);
 }
 

@@ -122,7 +122,7 @@ pub enum Subject {
     Contact {
         /// Index of the link.
         link: u32,
-        /// What of the link touches: see [`Feature`](crate::recording::frame::Feature).
+        /// The part of the link that touches: see [`Feature`](crate::recording::frame::Feature).
         feature: u32,
         /// Index into `Header::bodies`.
         body: u32,

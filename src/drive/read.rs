@@ -4,15 +4,10 @@
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
-    ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, Effects, FaceForm, GapError, GapWave, GuideEffect, GuideSpec,
-    JointSpec, OuterSpec, PitchError, PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
-    TightJoint,
+    ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec, PreloadSpec,
+    RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
 };
-use super::{mechanism, sensors};
-use crate::effects::{
-    Effect, alternate_pitch, gap_error, guide_compliance, guide_friction, pin_friction, pitch_error, sprocket_runout,
-    tight_joint, tooth_pitch_error, wear_elongation,
-};
+use super::{effects, mechanism, sensors};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -82,7 +77,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
     let turning = shafts::turning_names(&sprockets, &shafts, &arms);
     let sensors = sensors::sensors(root, (&names, &turning), driver.as_deref(), &guide_names, &parts);
-    let (effects, signals) = read_effects(&effect_table, &names, &guides, &sensors);
+    let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
     let places = Places::empty();
@@ -160,117 +155,6 @@ fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> (ContactSpec, ContactS
     };
     t.finish();
     (tooth, guide, ring)
-}
-
-fn read_effects(
-    t: &TomlTable<'_>,
-    sprockets: &[String],
-    guides: &[GuideSpec],
-    sensors: &[sensors::SensorSpec],
-) -> (Effects, Vec<sensors::SignalSpec>) {
-    let mut effects = Effects::default();
-    read_gap_effects(t, sprockets, &mut effects);
-    read_link_effects(t, &mut effects);
-    effects.elongation_m = of_all_joints(t, &wear_elongation::ROW);
-    effects.alternate_m = of_all_joints(t, &alternate_pitch::ROW);
-    effects.pin_friction = of_all_joints(t, &pin_friction::ROW);
-    read_guide_effects(t, guides, &mut effects);
-    let signals = sensors::signals(t, sensors);
-    t.finish();
-    (effects, signals)
-}
-
-/// Effects on sprockets, by their names.
-fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effects) {
-    let of = |t: &TomlTable<'_>, name: &str| {
-        sprockets.iter().position(|s| s == name).unwrap_or_else(|| {
-            t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))));
-            0
-        })
-    };
-    let table = t.table(gap_error::ROW.name);
-    for (name, t) in table.tables_or_set() {
-        let [gap, outward_m] = numbers(&t, &gap_error::ROW);
-        effects.gap_errors.push(GapError { sprocket: of(&t, &name), gap: gap as u32, outward_m });
-        t.finish();
-    }
-    table.finish();
-    let table = t.table(sprocket_runout::ROW.name);
-    for (name, t) in table.tables_or_set() {
-        let [amplitude_m, phase_rad] = numbers(&t, &sprocket_runout::ROW);
-        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order: None });
-        t.finish();
-    }
-    table.finish();
-    let table = t.table(tooth_pitch_error::ROW.name);
-    for (name, t) in table.tables_or_set() {
-        let [amplitude_m, phase_rad, order] = numbers(&t, &tooth_pitch_error::ROW);
-        let order = Some(order as u32);
-        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order });
-        t.finish();
-    }
-    table.finish();
-}
-
-/// The parameters of an effect that drives with links have, in SI, in the order of its row: names, units, ranges and defaults
-/// are the row's.
-fn numbers<const N: usize>(t: &TomlTable<'_>, effect: &Effect) -> [f64; N] {
-    let values = effect.parameters.iter().filter(|p| !p.lumped_only).map(|p| match (p.kind.is_whole(), p.default) {
-        (false, Some(default)) => t.number(p.key, p.unit, p.range()).unwrap_or(default * p.unit),
-        (false, None) => t.required(p.key, p.unit, p.range()),
-        (true, Some(default)) => t.integer(p.key, p.low as i64..=p.high as i64).map_or(default, |n| n as f64),
-        (true, None) => t.required_integer(p.key, p.low as i64..=p.high as i64) as f64,
-    });
-    let values: Vec<f64> = values.collect();
-    <[f64; N]>::try_from(values).unwrap_or_else(|v| panic!("{} has {} parameters, not {N}", effect.name, v.len()))
-}
-
-/// The parameter of an effect on all joints, `[effects.NAME.chain]`; off where the file does not set it.
-fn of_all_joints(t: &TomlTable<'_>, effect: &Effect) -> f64 {
-    let (table, mut value) = (t.table(effect.name), 0.0);
-    let all = table.table("chain");
-    for p in effect.parameters.iter().filter(|p| !p.lumped_only) {
-        value = all.number(p.key, p.unit, p.range()).unwrap_or(p.off * p.unit);
-    }
-    all.finish();
-    table.finish();
-    value
-}
-
-/// Effects on single links and joints; their names are free.
-fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
-    let table = t.table(pitch_error::ROW.name);
-    for (name, t) in table.tables_or_set() {
-        let [link, length_m] = numbers(&t, &pitch_error::ROW);
-        effects.pitch_errors.push(PitchError { name, link: link as usize, length_m });
-        t.finish();
-    }
-    table.finish();
-    let table = t.table(tight_joint::ROW.name);
-    for (name, t) in table.tables_or_set() {
-        let [joint, torque_nm] = numbers(&t, &tight_joint::ROW);
-        effects.tight_joints.push(TightJoint { name, joint: joint as usize, torque_nm });
-        t.finish();
-    }
-    table.finish();
-}
-
-/// Effects on guides, by their names.
-fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Effects) {
-    for effect in [&guide_friction::ROW, &guide_compliance::ROW] {
-        let table = t.table(effect.name);
-        for (name, own) in table.tables_or_set() {
-            let [value] = numbers(&own, effect);
-            if guides.iter().all(|g| g.name != name) {
-                let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
-                own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
-            }
-            let (mu, c) = if *effect == guide_friction::ROW { (value, 0.0) } else { (0.0, value) };
-            effects.guides.push(GuideEffect { guide: name, friction: mu, compliance_m_per_n: c });
-            own.finish();
-        }
-        table.finish();
-    }
 }
 
 /// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.
@@ -503,43 +387,7 @@ fn read_sprockets(
     let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
     let mut all = Vec::new();
     for (name, t) in table.tables() {
-        let has_speed = speeds.has(&name);
-        let load = constant_loads.table(&name);
-        let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
-        let shaft = t.text("shaft").map(|name| {
-            if inertia.is_some() || has_speed || load.is_present() {
-                t.error_at("shaft", format!("`{name}` has the inertia, the speed and the load"), None);
-            }
-            shafts.iter().position(|s| s.name == name).unwrap_or_else(|| {
-                let known: Vec<&str> = shafts.iter().map(|s| s.name.as_str()).collect();
-                t.error_at(
-                    "shaft",
-                    format!("no shaft is called `{name}`"),
-                    Some(format!("shafts: {}", known.join(", "))),
-                );
-                usize::MAX
-            })
-        });
-        let on_shaft = shaft.and_then(|k| shafts.get(k));
-        let outer = if let Some(shaft) = on_shaft {
-            shaft.outer
-        } else if has_speed {
-            if load.is_present() {
-                load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
-            }
-            motion = speeds.read(&name);
-            OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
-        } else {
-            if inertia.is_none() {
-                t.error(
-                    format!("`{name}` has neither a speed nor an inertia"),
-                    Some(format!("add `inertia_kg_m2` here, or a table `[speeds.constant.{name}]` with `speed_rpm`")),
-                );
-            }
-            let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
-            OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
-        };
-        load.finish();
+        let (outer, shaft) = read_outer((&name, &t), &shafts, (&speeds, constant_loads), &mut motion);
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
             form: bushed
@@ -560,7 +408,7 @@ fn read_sprockets(
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
             outer,
             chain: 0,
-            shaft: shaft.filter(|k| *k < shafts.len()),
+            shaft,
             name,
         });
         t.finish();
@@ -570,6 +418,49 @@ fn read_sprockets(
     let routes: Vec<&TomlTable<'_>> =
         if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
     (order_by_routes(root, &routes, all), shafts, motion)
+}
+
+/// What turns a sprocket: its shaft, a prescribed speed, or a load on its own inertia; and the index of its shaft.
+fn read_outer(
+    (name, t): (&str, &TomlTable<'_>),
+    shafts: &[ShaftSpec],
+    (speeds, loads): (&Speeds<'_>, &TomlTable<'_>),
+    motion: &mut MotionSpec,
+) -> (OuterSpec, Option<usize>) {
+    let (has_speed, load) = (speeds.has(name), loads.table(name));
+    let inertia = t.number("inertia_kg_m2", 1.0, 1e-9..=1e6);
+    let shaft = t.text("shaft").and_then(|shaft| {
+        if inertia.is_some() || has_speed || load.is_present() {
+            t.error_at("shaft", format!("`{shaft}` has the inertia, the speed and the load"), None);
+        }
+        let known = shafts.iter().position(|s| s.name == shaft);
+        if known.is_none() {
+            let names: Vec<&str> = shafts.iter().map(|s| s.name.as_str()).collect();
+            let help = format!("shafts: {}", names.join(", "));
+            t.error_at("shaft", format!("no shaft is called `{shaft}`"), Some(help));
+        }
+        known
+    });
+    let outer = if let Some(shaft) = shaft {
+        shafts[shaft].outer
+    } else if has_speed {
+        if load.is_present() {
+            load.error(format!("`{name}` has a prescribed speed and a load"), Some("take one of them away".into()));
+        }
+        *motion = speeds.read(name);
+        OuterSpec::Speed { speed_rad_s: motion.speeds[0].1 }
+    } else {
+        if inertia.is_none() {
+            t.error(
+                format!("`{name}` has neither a speed nor an inertia"),
+                Some(format!("add `inertia_kg_m2` here, or a table `[speeds.constant.{name}]` with `speed_rpm`")),
+            );
+        }
+        let torque_nm = load.number("torque_nm", 1.0, -1e6..=1e6).unwrap_or(0.0);
+        OuterSpec::Load { inertia_kg_m2: inertia.unwrap_or(f64::NAN), torque_nm }
+    };
+    load.finish();
+    (outer, shaft)
 }
 
 /// Shafts that several sprockets sit on: `[shafts.NAME]`.

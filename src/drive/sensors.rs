@@ -1,5 +1,6 @@
 //! Sensors of a drive with links, and what they get wrong.
 
+use super::effects::parameters;
 use super::reader::TomlTable;
 use crate::effects::{EFFECTS, Effect, Kind, On, Physics};
 
@@ -21,7 +22,7 @@ pub struct SensorSpec {
 /// What it reads; sprockets and guides by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorReads {
-    /// Of a sprocket; behind all of them come shafts without sprockets, then arms [rad, rad/s, rad/s2].
+    /// Angle, speed or acceleration of what turns [rad, rad/s, rad/s2]: the index counts sprockets, then shafts without sprockets, then arms.
     Angle(usize),
     /// Speed of this sprocket [rad/s].
     Speed(usize),
@@ -100,6 +101,35 @@ fn of_mechanism(t: &TomlTable<'_>, kind: &str, name: &str, parts: &MechanismName
     }
 }
 
+/// What reads the force on a guide, or of the tip of a slider.
+fn force(t: &TomlTable<'_>, name: &str, guides: &[&str], parts: &MechanismNames<'_>) -> SensorReads {
+    if t.has("tip") {
+        let on = t.text("tip").unwrap_or_default();
+        return SensorReads::Tip(index(t, "slider", &on, &parts.sliders));
+    }
+    let on = t.text("guide").unwrap_or_else(|| name.to_string());
+    SensorReads::Guide(index(t, "guide", &on, guides))
+}
+
+/// What reads the turning of a sprocket, a shaft or an arm, or the torque of the driver.
+fn of_turning((t, kind, name): (&TomlTable<'_>, &str, &str), turning: &[String], driver: Option<&str>) -> SensorReads {
+    let on = t.text("body").unwrap_or_else(|| name.to_string());
+    let known: Vec<&str> = turning.iter().map(String::as_str).collect();
+    let k = index(t, "sprocket, shaft or arm", &on, &known);
+    if kind == "torque" && driver != Some(on.as_str()) {
+        t.error(
+            format!("`{on}` moves freely: nothing holds it from outside"),
+            Some("a torque sensor sits on the sprocket with the prescribed speed".into()),
+        );
+    }
+    match kind {
+        "encoder" => SensorReads::Angle(k),
+        "tachometer" => SensorReads::Speed(k),
+        "accelerometer" => SensorReads::Acceleration(k),
+        _ => SensorReads::Torque(k),
+    }
+}
+
 /// Reads `[sensors.KIND.NAME]`. `turning`: sprockets, then what else turns.
 pub(super) fn sensors(
     root: &TomlTable<'_>,
@@ -135,31 +165,8 @@ pub(super) fn sensors(
             let reads = match kind {
                 "strain_gauge" => tension(&t, sprockets),
                 "displacement" | "pressure" | "flow" => of_mechanism(&t, kind, &name, parts),
-                "force" if t.has("tip") => {
-                    let on = t.text("tip").unwrap_or_default();
-                    SensorReads::Tip(index(&t, "slider", &on, &parts.sliders))
-                }
-                "force" => {
-                    let on = t.text("guide").unwrap_or_else(|| name.clone());
-                    SensorReads::Guide(index(&t, "guide", &on, guides))
-                }
-                _ => {
-                    let on = t.text("body").unwrap_or_else(|| name.clone());
-                    let known: Vec<&str> = turning.iter().map(String::as_str).collect();
-                    let k = index(&t, "sprocket, shaft or arm", &on, &known);
-                    if kind == "torque" && driver != Some(on.as_str()) {
-                        t.error(
-                            format!("`{on}` moves freely: nothing holds it from outside"),
-                            Some("a torque sensor sits on the sprocket with the prescribed speed".into()),
-                        );
-                    }
-                    match kind {
-                        "encoder" => SensorReads::Angle(k),
-                        "tachometer" => SensorReads::Speed(k),
-                        "accelerometer" => SensorReads::Acceleration(k),
-                        _ => SensorReads::Torque(k),
-                    }
-                }
+                "force" => force(&t, &name, guides, parts),
+                _ => of_turning((&t, kind, &name), turning, driver),
             };
             if all.iter().any(|s| s.name == name) {
                 t.error(
@@ -216,11 +223,7 @@ pub(super) fn signals(t: &TomlTable<'_>, sensors: &[SensorSpec]) -> Vec<SignalSp
     for effect in EFFECTS.into_iter().filter(|e| is_signal(e)) {
         let of_kind = t.table(effect.name);
         for (name, own) in of_kind.tables_or_set() {
-            let values = effect.parameters.iter().map(|p| match p.default {
-                Some(d) => own.number(p.key, p.unit, p.range()).unwrap_or(d * p.unit),
-                None => own.required(p.key, p.unit, p.range()),
-            });
-            let values: Vec<f64> = values.collect();
+            let values = parameters(&own, effect, false);
             let fits = |s: &SensorSpec| {
                 let turns = matches!(s.reads, SensorReads::Angle(_) | SensorReads::Speed(_));
                 s.name == name.trim_end_matches('+') && (turns || effect.on == On::Sensor)

@@ -8,11 +8,12 @@
 //! [couplings.NAME]        between, stiffness_nm_per_rad, damping_nm_s_per_rad
 //! ```
 
+use super::effects::parameters;
 use super::mechanism::SliderSpec;
 use super::reader::TomlTable;
 use super::{ArmSpec, Drive, OuterSpec, ShaftSpec, SprocketDrive};
 use crate::diag::Report;
-use crate::effects::{BodyLaw, EFFECTS, Effect, Kind, LOADS, MotionLaw, On, Physics};
+use crate::effects::{EFFECTS, Effect, LOADS, MotionLaw, On, Physics};
 use crate::elements::driver_motion::Harmonic;
 use crate::units::{DEG, RPM};
 
@@ -54,14 +55,10 @@ pub struct LoadSpec {
     pub path: String,
     /// What it acts on.
     pub on: Moving,
-    /// Law of the catalogue.
-    pub law: BodyLaw,
-    /// SI.
+    /// Row of the catalogue.
+    pub effect: &'static Effect,
+    /// Values of the row's parameters, SI.
     pub values: Vec<f64>,
-    /// It takes energy out only.
-    pub is_dissipative: bool,
-    /// It depends on the angle, so that it changes within a turn.
-    pub differs_round_turn: bool,
 }
 
 /// A load by orders of the driver's turn, amplitudes as torques [N m].
@@ -181,7 +178,7 @@ fn harmonics(t: &TomlTable<'_>, key: &str, unit: f64, range: std::ops::RangeIncl
     rows.map(|((order, amplitude), phase_rad)| Harmonic { order, amplitude, phase_rad }).collect()
 }
 
-/// MovingNames of all that moves.
+/// Names of all that moves.
 pub(super) struct MovingNames<'a> {
     pub(super) sprockets: &'a [SprocketDrive],
     pub(super) shafts: &'a [ShaftSpec],
@@ -271,7 +268,7 @@ pub(super) fn read_effects(effects: &TomlTable<'_>, names: &MovingNames<'_>, tra
                         Some("put it on the sprocket or shaft with a speed".into()),
                     );
                 }
-                train.motion.fluctuations.push((law, values(&t, effect, false)));
+                train.motion.fluctuations.push((law, parameters(&t, effect, false)));
                 t.finish();
             }
             table.finish();
@@ -288,25 +285,9 @@ fn read_load(t: &TomlTable<'_>, effect: &'static Effect, name: &str, names: &Mov
         );
     }
     let slides = matches!(on, Moving::Slider(_));
-    let values = values(t, effect, slides);
-    if let Physics::BodyForce(law) = effect.physics {
-        let (path, is_dissipative) = (t.path().to_string(), effect.dissipative);
-        let differs_round_turn = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
-        train.loads.push(LoadSpec { path, on, law, values, is_dissipative, differs_round_turn });
-    }
+    let values = parameters(t, effect, slides);
+    train.loads.push(LoadSpec { path: t.path().to_string(), on, effect, values });
     t.finish();
-}
-
-/// The parameters of an effect, SI.
-fn values(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
-    let value = |p: &crate::effects::Parameter| {
-        let key = if slides { p.sliding_key } else { p.key };
-        match p.default {
-            Some(default) => t.number(key, p.unit, p.low..=p.high).unwrap_or(default * p.unit),
-            None => t.required(key, p.unit, p.low..=p.high),
-        }
-    };
-    effect.parameters.iter().map(value).collect()
 }
 
 /// `[couplings.NAME]`.
@@ -347,17 +328,21 @@ impl MovingNames<'_> {
     }
 }
 
-/// MovingNames of what sensors of turning read: sprockets, shafts without sprockets, arms.
+/// Names of what sensors of turning read: sprockets, shafts without sprockets, arms.
 pub(super) fn turning_names(sprockets: &[SprocketDrive], shafts: &[ShaftSpec], arms: &[ArmSpec]) -> Vec<String> {
-    let bare = (0..shafts.len()).filter(|k| sprockets.iter().all(|s| s.shaft != Some(*k)));
-    let names = sprockets.iter().map(|s| &s.name).chain(bare.map(|k| &shafts[k].name));
-    names.chain(arms.iter().map(|a| &a.name)).cloned().collect()
+    let bare = bare_shafts(sprockets, shafts).into_iter().map(|k| &shafts[k].name);
+    sprockets.iter().map(|s| &s.name).chain(bare).chain(arms.iter().map(|a| &a.name)).cloned().collect()
+}
+
+/// Indices of the shafts that no sprocket sits on.
+fn bare_shafts(sprockets: &[SprocketDrive], shafts: &[ShaftSpec]) -> Vec<usize> {
+    (0..shafts.len()).filter(|k| sprockets.iter().all(|s| s.shaft != Some(*k))).collect()
 }
 
 impl Drive {
     /// Indices of the shafts that no sprocket sits on.
     pub fn bare_shafts(&self) -> Vec<usize> {
-        (0..self.shafts.len()).filter(|k| self.sprockets.iter().all(|s| s.shaft != Some(*k))).collect()
+        bare_shafts(&self.sprockets, &self.shafts)
     }
 
     /// Checks of shafts without sprockets, couplings and loads.
@@ -377,7 +362,9 @@ impl Drive {
                 add(format!("shafts.{name}"), format!("no sprocket sits on shaft `{name}`"), help);
             }
         }
-        if let Some(k) = self.apart() {
+        let coupled = |k: usize| self.train.couplings.iter().any(|c| c.between.contains(&Moving::Shaft(k)));
+        let apart = |k: &usize| coupled(*k) && self.sprocket_turning(Moving::Shaft(*k)).is_none();
+        if let Some(k) = self.bare_shafts().into_iter().find(apart) {
             let name = &self.shafts[k].name;
             let help = "lead the couplings to a shaft that carries a sprocket";
             add(format!("shafts.{name}"), format!("nothing turns shaft `{name}`"), help);
@@ -385,23 +372,27 @@ impl Drive {
         if found.is_empty() { Ok(()) } else { Err(self.places.report(found)) }
     }
 
-    /// A coupled shaft that no couplings join with a sprocket.
-    fn apart(&self) -> Option<usize> {
-        let carries = |m: Moving| match m {
-            Moving::Shaft(k) => self.sprockets.iter().any(|s| s.shaft == Some(k)),
-            Moving::Sprocket(_) | Moving::Arm(_) | Moving::Slider(_) => true,
+    /// The sprocket that a part turns as fast as: itself, one on the shaft, or one behind couplings; None: it does not turn on.
+    pub fn sprocket_turning(&self, part: Moving) -> Option<usize> {
+        let on = |m: Moving| match m {
+            Moving::Sprocket(k) => Some(k),
+            Moving::Shaft(k) => self.sprockets.iter().position(|s| s.shaft == Some(k)),
+            Moving::Arm(_) | Moving::Slider(_) => None,
         };
-        let mut turned: Vec<Moving> = Vec::new();
-        for _ in 0..=self.train.couplings.len() {
-            for c in &self.train.couplings {
-                for (from, to) in [(c.between[0], c.between[1]), (c.between[1], c.between[0])] {
-                    if carries(from) || turned.contains(&from) {
-                        turned.push(to);
-                    }
+        let mut reached = vec![part];
+        let mut next = 0;
+        while let Some(m) = reached.get(next).copied() {
+            if on(m).is_some() {
+                return on(m);
+            }
+            for [a, b] in self.train.couplings.iter().map(|c| c.between) {
+                let other = if a == m { b } else { a };
+                if (a == m || b == m) && !reached.contains(&other) {
+                    reached.push(other);
                 }
             }
+            next += 1;
         }
-        let coupled = |k: usize| self.train.couplings.iter().any(|c| c.between.contains(&Moving::Shaft(k)));
-        self.bare_shafts().into_iter().find(|k| coupled(*k) && !turned.contains(&Moving::Shaft(*k)))
+        None
     }
 }

@@ -394,7 +394,7 @@ pub enum HighestOrder {
 /// How an effect relates to others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kin {
-    /// Of effects with the same cause and different laws; None: its own.
+    /// Family of the effects that have the same cause and different laws; None: it is a family of its own.
     pub family: Option<&'static str>,
     /// What records show of it, which is hard to tell from others of the same look.
     pub look: Option<Look>,
@@ -412,7 +412,7 @@ pub enum Look {
     Friction,
     /// Repeats with every turn of a shaft.
     OncePerTurn,
-    /// Of a pulse pickup or an encoder.
+    /// The marks of a pulse pickup or an encoder.
     Marks,
     /// Repeats with the chain.
     Chain,
@@ -436,6 +436,13 @@ impl Effect {
     /// Path of a parameter in a drive file.
     pub fn path(&self, target: &str, key: &str) -> String {
         format!("effects.{}.{target}.{key}", self.name)
+    }
+}
+
+impl Effect {
+    /// Whether it differs round the turn of the body that it acts on; friction and drag are the same all round.
+    pub fn differs_round_turn(&self) -> bool {
+        self.links == Some(On::Sprocket) || self.parameters.iter().any(|p| p.kind == Kind::Phase)
     }
 }
 

@@ -18,7 +18,7 @@ pub struct Load {
     pub path: String,
     pub coordinate: usize,
     pub law: BodyLaw,
-    /// Of the law's parameters, SI.
+    /// Values of the law's parameters, SI.
     pub values: Vec<f64>,
     pub is_dissipative: bool,
 }

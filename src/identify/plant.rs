@@ -12,7 +12,7 @@ use crate::drive::sensors::SensorReads;
 use crate::effects::{Effect, On, Physics};
 use crate::elements::driver_motion::Harmonic;
 use crate::machine::simulate::{InitialState, RunError, Samples, Task, between, clock, cubic, through_sensor};
-use crate::machine::{BodyMotion, Machine, Reads, differs_round_turn};
+use crate::machine::{BodyMotion, Machine, Reads};
 use crate::measurement::segments::Data;
 use crate::sensing::Tracer;
 use std::collections::HashMap;
@@ -338,5 +338,5 @@ fn toml_literal(x: f64) -> String {
 
 /// Whether an effect is at a place on the loop, which a record's travel determines.
 pub fn has_place(effect: &Effect) -> bool {
-    effect.links == Some(On::Chain) || differs_round_turn(effect)
+    effect.links == Some(On::Chain) || effect.differs_round_turn()
 }

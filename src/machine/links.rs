@@ -16,11 +16,6 @@ pub(super) fn accepts(effect: &Effect, p: &Parameter) -> bool {
     is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
 }
 
-/// Whether an effect on a body differs round its turn.
-pub fn differs_round_turn(effect: &Effect) -> bool {
-    effect.links == Some(On::Sprocket) || effect.parameters.iter().any(|p| p.kind == Kind::Phase)
-}
-
 /// Greatest common divisor.
 pub fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
@@ -132,7 +127,7 @@ impl Machine {
         let declared = self.linked.as_ref().map_or(2, |l| l.repeats);
         self.placed.iter().fold(declared, |all, p| match p.target {
             // Friction and drag are the same all round.
-            Target::Body(b) if differs_round_turn(p.effect) => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
+            Target::Body(b) if p.effect.differs_round_turn() => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
             Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
             Target::Body(_)
             | Target::Spring(_)
@@ -169,30 +164,8 @@ impl Machine {
 
 /// For every body of the machine: the sprocket that it turns as fast as.
 fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
-    let mut all: Vec<Option<usize>> = (0..drive.sprockets.len()).map(Some).collect();
-    let on_shaft = |m: Moving| match m {
-        Moving::Sprocket(k) => Some(k),
-        Moving::Shaft(k) => drive.sprockets.iter().position(|s| s.shaft == Some(k)),
-        Moving::Arm(_) | Moving::Slider(_) => None,
-    };
-    let bare = drive.bare_shafts();
-    let mut of_bare: Vec<Option<usize>> = vec![None; bare.len()];
-    for _ in 0..=bare.len() {
-        for c in &drive.train.couplings {
-            for (from, to) in [(c.between[0], c.between[1]), (c.between[1], c.between[0])] {
-                let known = |m: Moving| match m {
-                    Moving::Shaft(k) => bare.iter().position(|b| *b == k),
-                    Moving::Sprocket(_) | Moving::Arm(_) | Moving::Slider(_) => None,
-                };
-                if let Some(own) = known(to) {
-                    of_bare[own] = of_bare[own].or(on_shaft(from)).or(known(from).and_then(|k| of_bare[k]));
-                }
-            }
-        }
-    }
-    all.extend(of_bare);
-    all.extend(drive.arms.iter().map(|_| None));
-    all
+    let bare = drive.bare_shafts().into_iter().map(|k| drive.sprocket_turning(Moving::Shaft(k)));
+    (0..drive.sprockets.len()).map(Some).chain(bare).chain(drive.arms.iter().map(|_| None)).collect()
 }
 
 /// Adds every number of the file by its path, in the unit of its key.
@@ -252,12 +225,8 @@ fn repeats(drive: &Drive) -> u32 {
     if !train.motion.fluctuations.is_empty() {
         all = lcm(all, teeth(drive.driver()));
     }
-    let turning = train.loads.iter().filter(|l| l.differs_round_turn).map(|l| match l.on {
-        Moving::Sprocket(k) => Some(k),
-        Moving::Shaft(k) => drive.sprockets.iter().position(|s| s.shaft == Some(k)),
-        Moving::Arm(_) | Moving::Slider(_) => None,
-    });
-    for k in turning.flatten() {
+    let uneven = train.loads.iter().filter(|l| l.effect.differs_round_turn());
+    for k in uneven.filter_map(|l| drive.sprocket_turning(l.on)) {
         all = lcm(all, teeth(k));
     }
     for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {

@@ -16,7 +16,7 @@ mod read;
 #[doc(hidden)]
 pub mod simulate;
 
-pub use links::{differs_round_turn, gcd};
+pub use links::gcd;
 pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;

@@ -3,6 +3,7 @@
 use super::Model;
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
+use crate::effects::Physics;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
@@ -44,13 +45,10 @@ impl Model {
         }
         self.spread_nominal_speeds();
         for l in &drive.train.loads {
-            self.loads.push(Load {
-                path: l.path.clone(),
-                coordinate: coordinate(l.on, self),
-                law: l.law,
-                values: l.values.clone(),
-                is_dissipative: l.is_dissipative,
-            });
+            let Physics::BodyForce(law) = l.effect.physics else { continue };
+            let (coordinate, is_dissipative) = (coordinate(l.on, self), l.effect.dissipative);
+            let (path, values) = (l.path.clone(), l.values.clone());
+            self.loads.push(Load { path, coordinate, law, values, is_dissipative });
         }
         for l in &drive.train.order_loads {
             let coordinate = coordinate(l.on, self);

@@ -54,17 +54,17 @@ pub enum ColumnKind {
     Feature,
     /// A [`super::frame::Segment`].
     Segment,
-    /// Of the ledger: energy of motion.
+    /// An account of the ledger: energy of motion.
     Kinetic,
-    /// Of the ledger: energy stored in springs, contacts and oil.
+    /// An account of the ledger: energy stored in springs, contacts and oil.
     Elastic,
-    /// Of the ledger: work done on the drive, counted from the first frame.
+    /// An account of the ledger: work done on the drive, counted from the first frame.
     WorkIn,
-    /// Of the ledger: work that the drive does on what it drives.
+    /// An account of the ledger: work that the drive does on what it drives.
     WorkOut,
-    /// Of the ledger: energy that became heat.
+    /// An account of the ledger: energy that became heat.
     Lost,
-    /// Of the ledger: what does not add up.
+    /// An account of the ledger: what does not add up.
     Error,
 }
 

@@ -238,10 +238,10 @@ tables! {
     /// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
     7 contacts: Contacts, a row per Contact {
         1 link: uint32, "1", Node, Link, "Index of the link.";
-        2 feature: uint32, "1", Node, Feature, "What of the link touches: 0 rear bush, 1 front bush, 2 rear plate end, 3 front plate end, 4 rear abutment, 5 front abutment, 6 trailing flank, 7 leading flank, 8 rear inner flank, 9 front inner flank.";
+        2 feature: uint32, "1", Node, Feature, "The part of the link that touches: 0 rear bush, 1 front bush, 2 rear plate end, 3 front plate end, 4 rear abutment, 5 front abutment, 6 trailing flank, 7 leading flank, 8 rear inner flank, 9 front inner flank, 10 plate edge.";
         3 body: uint32, "1", Node, Body, "Index into `Header::bodies`.";
         4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.";
-        5 segment: uint32, "1", Node, Segment, "Element of the body: 0 seat, 1 and 2 flank on the clockwise and counterclockwise side of the gap, 3 tip corner, 4 tip land, 5 guide face, 6 and 7 its lead-in and lead-out, 8 ring.";
+        5 segment: uint32, "1", Node, Segment, "Element of the body: 0 seat, 1 and 2 flank on the clockwise and counterclockwise side of the gap, 3 tip corner, 4 tip land, 5 guide face, 6 and 7 its lead-in and lead-out, 8 ring, 9 arc and 10 end of a rail.";
         6 point_body_x_m: double, "m", Node, Value, "Foot of the contact on the body's contour.";
         7 point_body_y_m: double, "m", Node, Height, "Foot of the contact on the body's contour, y.";
         8 point_link_x_m: double, "m", Node, Value, "Deepest point of the link's contour.";
@@ -259,12 +259,12 @@ tables! {
         20 instant_force_n: double, "N", Node, Value, "What the contact law gives at the instant, never negative.";
     }
 
-    /// One row per coordinate that turns, in the order of `Header::coordinates`: sprockets and shafts, then arms.
+    /// One row per coordinate that turns, in the order of `Header::coordinates`: sprockets and shafts, then arms, then shafts without sprockets.
     8 rotors: Rotors, a row per Rotor {
         1 angle_rad: double, "rad", Node, Value, "Angle turned since step 0 plus the angle at assembly.";
         2 speed_rad_s: double, "rad/s", Node, Value, "Angular velocity, counterclockwise positive.";
         3 chain_torque_nm: double, "N m", Step, Value, "Torque of the chain on the sprocket or arm; mean over the step.";
-        4 outer_torque_nm: double, "N m", Step, Value, "Torque of drive, load, spring or damper on it; mean over the step.";
+        4 outer_torque_nm: double, "N m", Step, Value, "Torque of drive, loads, spring, damper, couplings and touching parts on it; mean over the step.";
     }
 }
 
@@ -272,7 +272,7 @@ record! {
     /// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
     #[derive(Copy)]
     energy: Energy {
-        1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links, free sprockets and arms.";
+        1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links and of all that moves freely: sprockets, shafts, arms, sliders.";
         2 elastic_joint_j: double, "J", Node, Elastic, "Stored in the pin joints.";
         3 elastic_contact_j: double, "J", Node, Elastic, "Stored in contacts with sprockets and guides, and of parts that touch each other.";
         4 work_in_j: double, "J", Node, WorkIn, "Work of the drives, and of reservoirs of oil.";
@@ -283,8 +283,8 @@ record! {
         9 lost_contact_friction_j: double, "J", Node, Lost, "Lost to friction at the teeth, and of parts that touch each other.";
         10 lost_guide_damping_j: double, "J", Node, Lost, "Lost to damping at guides.";
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
-        13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms and sliders, and in oil.";
-        14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in the dampers of arms and sliders, and in passages of oil.";
+        13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms and sliders, in couplings and in oil.";
+        14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders and couplings, by friction and drag of loads, and in passages of oil.";
         12 error_j: double, "J", Node, Error, "work in - work out - lost - change of stored energy.";
     }
 }
@@ -309,7 +309,7 @@ record! {
         6 step: uint64, "1", Node, Value, "Step of the first touch.";
         7 t_s: double, "s", Node, Value, "Its simulated time.";
         1 link: uint32, "1", Node, Link, "Index of the link.";
-        2 feature: uint32, "1", Node, Feature, "What of the link touches, as in `contacts`.";
+        2 feature: uint32, "1", Node, Feature, "The part of the link that touches, as in `contacts`.";
         3 body: uint32, "1", Node, Body, "Index of the body, as in `bodies`.";
         4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket; 0 on a guide.";
         5 segment: uint32, "1", Node, Segment, "Element of the body, as in `contacts`.";

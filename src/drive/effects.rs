@@ -1,0 +1,130 @@
+//! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
+
+use super::reader::TomlTable;
+use super::{Effects, GapError, GapWave, GuideEffect, GuideSpec, PitchError, TightJoint, sensors};
+use crate::effects::{
+    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, pin_friction, pitch_error,
+    sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+};
+
+/// Effects on sprockets, links, joints, guides and signals.
+pub(super) fn read_effects(
+    t: &TomlTable<'_>,
+    sprockets: &[String],
+    guides: &[GuideSpec],
+    sensors: &[sensors::SensorSpec],
+) -> (Effects, Vec<sensors::SignalSpec>) {
+    let mut effects = Effects::default();
+    read_gap_effects(t, sprockets, &mut effects);
+    read_link_effects(t, &mut effects);
+    effects.elongation_m = of_all_joints(t, &wear_elongation::ROW);
+    effects.alternate_m = of_all_joints(t, &alternate_pitch::ROW);
+    effects.pin_friction = of_all_joints(t, &pin_friction::ROW);
+    read_guide_effects(t, guides, &mut effects);
+    let signals = sensors::signals(t, sensors);
+    t.finish();
+    (effects, signals)
+}
+
+/// Effects on sprockets, by their names.
+fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effects) {
+    let of = |t: &TomlTable<'_>, name: &str| {
+        sprockets.iter().position(|s| s == name).unwrap_or_else(|| {
+            t.error(format!("no sprocket is called `{name}`"), Some(format!("sprockets: {}", sprockets.join(", "))));
+            0
+        })
+    };
+    let table = t.table(gap_error::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [gap, outward_m] = numbers(&t, &gap_error::ROW);
+        effects.gap_errors.push(GapError { sprocket: of(&t, &name), gap: gap as u32, outward_m });
+        t.finish();
+    }
+    table.finish();
+    let table = t.table(sprocket_runout::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [amplitude_m, phase_rad] = numbers(&t, &sprocket_runout::ROW);
+        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order: None });
+        t.finish();
+    }
+    table.finish();
+    let table = t.table(tooth_pitch_error::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [amplitude_m, phase_rad, order] = numbers(&t, &tooth_pitch_error::ROW);
+        let order = Some(order as u32);
+        effects.gap_waves.push(GapWave { sprocket: of(&t, &name), amplitude_m, phase_rad, order });
+        t.finish();
+    }
+    table.finish();
+}
+
+/// The parameters of an effect that drives with links have, in SI, in the order of its row: names, units, ranges and defaults
+/// are the row's. `slides`: it acts on a body that slides, whose keys are other ones.
+pub(super) fn parameters(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
+    let value = |p: &Parameter| {
+        let key = if slides { p.sliding_key } else { p.key };
+        // Orders may be halves.
+        let is_integer = p.kind.is_whole() && p.low == libm::trunc(p.low);
+        match (is_integer, p.default) {
+            (false, Some(default)) => t.number(key, p.unit, p.range()).unwrap_or(default * p.unit),
+            (false, None) => t.required(key, p.unit, p.range()),
+            (true, Some(default)) => t.integer(key, p.low as i64..=p.high as i64).map_or(default, |n| n as f64),
+            (true, None) => t.required_integer(key, p.low as i64..=p.high as i64) as f64,
+        }
+    };
+    effect.parameters.iter().filter(|p| !p.lumped_only).map(value).collect()
+}
+
+/// As [`parameters`], of an effect that has so many.
+fn numbers<const N: usize>(t: &TomlTable<'_>, effect: &Effect) -> [f64; N] {
+    let values = parameters(t, effect, false);
+    <[f64; N]>::try_from(values).unwrap_or_else(|v| panic!("{} has {} parameters, not {N}", effect.name, v.len()))
+}
+
+/// The parameter of an effect on all joints, `[effects.NAME.chain]`; off where the file does not set it.
+fn of_all_joints(t: &TomlTable<'_>, effect: &Effect) -> f64 {
+    let (table, mut value) = (t.table(effect.name), 0.0);
+    let all = table.table("chain");
+    for p in effect.parameters.iter().filter(|p| !p.lumped_only) {
+        value = all.number(p.key, p.unit, p.range()).unwrap_or(p.off * p.unit);
+    }
+    all.finish();
+    table.finish();
+    value
+}
+
+/// Effects on single links and joints; their names are free.
+fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
+    let table = t.table(pitch_error::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [link, length_m] = numbers(&t, &pitch_error::ROW);
+        effects.pitch_errors.push(PitchError { name, link: link as usize, length_m });
+        t.finish();
+    }
+    table.finish();
+    let table = t.table(tight_joint::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [joint, torque_nm] = numbers(&t, &tight_joint::ROW);
+        effects.tight_joints.push(TightJoint { name, joint: joint as usize, torque_nm });
+        t.finish();
+    }
+    table.finish();
+}
+
+/// Effects on guides, by their names.
+fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Effects) {
+    for effect in [&guide_friction::ROW, &guide_compliance::ROW] {
+        let table = t.table(effect.name);
+        for (name, own) in table.tables_or_set() {
+            let [value] = numbers(&own, effect);
+            if guides.iter().all(|g| g.name != name) {
+                let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
+                own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
+            }
+            let (mu, c) = if *effect == guide_friction::ROW { (value, 0.0) } else { (0.0, value) };
+            effects.guides.push(GuideEffect { guide: name, friction: mu, compliance_m_per_n: c });
+            own.finish();
+        }
+        table.finish();
+    }
+}
