@@ -250,7 +250,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
             PreloadSpec::Sprocket { moves, .. } => other
                 .sprockets
                 .get(first + moves)
-                .map_or(0.0, |s| (s.body.centre - placed.pulleys[moves].centre).dot(&placed.direction)),
+                .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
             PreloadSpec::Arm(_) => 0.0,
         };
         models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
@@ -292,7 +292,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     }
     let axis = |preload: &PreloadSpec| match *preload {
         PreloadSpec::Sprocket { moves, .. } => {
-            let (centre, sprocket) = (model.sprockets[moves].body.centre, drive.sprockets[moves].name.clone());
+            let (centre, sprocket) = (model.sprockets[moves].frame.origin, drive.sprockets[moves].name.clone());
             Some(MovedAxis { sprocket, x_m: centre.x, y_m: centre.y })
         }
         PreloadSpec::Arm(_) => None,
@@ -348,10 +348,11 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
         Err(AssemblyError::Input(drive.places.report(vec![drive.places.error(&path, title, Some(help.into()))])))
     };
     for rail in &model.rails {
-        let angle = rail.coordinate.map_or(0.0, |q| at.configuration.coordinates[q]);
+        let angle = rail.frame.angle_at(&at.configuration.coordinates);
+        let origin = rail.frame.origin_at(&at.configuration.coordinates);
         for link in model.chain.loops[rail.chain].clone() {
             let (p, heading) = at.configuration.links[link];
-            let (centre, along) = (rotated(p - rail.body.origin, -angle), unit(heading - angle));
+            let (centre, along) = (rotated(p - origin, -angle), unit(heading - angle));
             let lever_m = model.chain.lever[link];
             if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
                 continue;
@@ -633,7 +634,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
             let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
             let l = &state.links;
             let bush = Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
-            let in_frame = crate::geometry::rotated(bush - sprocket.body.centre, -angle);
+            let in_frame = crate::geometry::rotated(bush - sprocket.frame.origin_at(&state.coordinates.angle), -angle);
             if in_frame.norm() > teeth.tip_radius_m + sprocket.body.bush_radius_m {
                 continue;
             }

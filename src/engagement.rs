@@ -190,7 +190,7 @@ impl EngagementWatch {
     /// Records the step that has just been evaluated.
     pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let t = state.step as f64 * model.step_s;
-        let centre = model.sprockets[self.sprocket].body.centre;
+        let centre = model.sprockets[self.sprocket].frame.origin_at(&state.coordinates.angle);
         let pitch = 2.0 * model.chain.lever[0];
         let half = 0.5 * model.step_s;
         let (mut speed, mut weights, mut tension) = (0.0, 0.0, 0.0);

@@ -17,6 +17,7 @@ pub use place::{PlacedDrive, place};
 use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
+use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
@@ -126,6 +127,8 @@ pub struct SprocketModel {
     pub chain: usize,
     /// The same as contacts need it: elements by tooth gap, friction, law.
     pub body: ToothedBody,
+    /// Its frame: the origin is the axis.
+    pub frame: BodyFrame,
     /// What it turns by: index into [`Model::coordinates`].
     pub coordinate: usize,
     /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
@@ -168,8 +171,8 @@ pub struct RailModel {
     pub rail: Rail,
     /// The contour as contacts need it.
     pub body: RailBody,
-    /// What the arm turns by that carries it; None: fixed.
-    pub coordinate: Option<usize>,
+    /// Its frame: turns with the arm that carries it, about the arm's pivot.
+    pub frame: BodyFrame,
     /// Largest distance of its points from the origin of its frame [m].
     pub reach_m: f64,
     /// Corners of a box about it, in its frame.
@@ -287,9 +290,10 @@ impl Model {
                     geometry: geometry.clone(),
                     chain: 0,
                     body: match geometry {
-                        Toothing::Iso(s) => ToothedBody::new(s, pulley.centre, bush_radius_m, law, friction, stick),
-                        Toothing::Silent(_) => ToothedBody::without_seats(pulley.centre, law, friction, stick),
+                        Toothing::Iso(s) => ToothedBody::new(s, bush_radius_m, law, friction, stick),
+                        Toothing::Silent(_) => ToothedBody::without_seats(law, friction, stick),
                     },
+                    frame: BodyFrame::turning(pulley.centre, coordinate),
                     coordinate,
                     nominal_speed_rad_s: nominal,
                 }
@@ -433,7 +437,8 @@ impl Model {
                 }
                 let reach_m = &mut joined.coordinates[coordinate].reach_m;
                 *reach_m = reach_m.max(own.reach_m);
-                joined.sprockets.push(SprocketModel { chain, coordinate, ..s.clone() });
+                let frame = BodyFrame::turning(s.frame.origin, coordinate);
+                joined.sprockets.push(SprocketModel { chain, frame, coordinate, ..s.clone() });
             }
         }
         // What turns stands before what slides: behind the sprockets' coordinates come those of all arms, then those of all sliders.
@@ -456,7 +461,10 @@ impl Model {
             joined.arms.extend(model.arms.into_iter().map(|a| ArmModel { coordinate: moved(a.coordinate), ..a }));
             joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
             let rails = model.rails.into_iter();
-            joined.rails.extend(rails.map(|r| RailModel { chain, coordinate: r.coordinate.map(moved), ..r }));
+            joined.rails.extend(rails.map(|r| {
+                let frame = BodyFrame { turn: r.frame.turn.map(moved), ..r.frame };
+                RailModel { chain, frame, ..r }
+            }));
             joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.renumbered(moved), ..t }));
             joined.line_end_m.extend(model.line_end_m);
             joined.chain_speeds_m_s.extend(model.chain_speeds_m_s);
@@ -488,13 +496,11 @@ impl Model {
         Some((self.routes.get(chain)?, sprocket - first))
     }
 
-    /// About what point a body of frames turns, and by which coordinate; None: it stands still.
-    pub fn axis_of(&self, body: usize) -> Option<(Vec2, usize)> {
-        let of_rail = || {
-            let rail = self.rails.get(body.checked_sub(self.first_rail())?)?;
-            Some((rail.body.origin, rail.coordinate?))
-        };
-        self.sprockets.get(body).map(|s| (s.body.centre, s.coordinate)).or_else(of_rail)
+    /// The frame of a body of frames that moves; None: it stands still.
+    pub fn moving_frame(&self, body: usize) -> Option<&BodyFrame> {
+        let of_rail = || self.rails.get(body.checked_sub(self.first_rail())?).map(|r| &r.frame);
+        let frame = self.sprockets.get(body).map(|s| &s.frame).or_else(of_rail)?;
+        (frame.turn.is_some() || !frame.shifts.is_empty()).then_some(frame)
     }
 
     /// Path in the drive file of a body of frames.
@@ -572,8 +578,8 @@ fn build_rails(drive: &Drive, placed: &PlacedDrive, arms: &[ArmModel]) -> Vec<Ra
         RailModel {
             name: spec.name.clone(),
             chain: 0,
-            body: RailBody::new(rail, origin, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
-            coordinate: arm.map(|a| a.coordinate),
+            body: RailBody::new(rail, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
+            frame: BodyFrame { origin, turn: arm.map(|a| a.coordinate), shifts: Vec::new() },
             reach_m: rail.reach_m(),
             low,
             high,
@@ -603,7 +609,7 @@ fn build_end_bodies(
             coordinate: Some(s.coordinate),
             body: k,
             set,
-            origin: s.body.centre,
+            origin: s.frame.origin,
             shape,
             law: spec.law,
             friction: spec.friction,
@@ -738,7 +744,7 @@ fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideM
     for (i, a) in sprockets.iter().enumerate() {
         for b in &sprockets[i + 1..] {
             let needed = 2.0 * drive.chain.plate_end_radius_m().min(0.3 * drive.chain.pitch_m()) * 1e3;
-            if let Ok(gap) = query::distance(&at(a.body.centre), &ball(a), &at(b.body.centre), &ball(b))
+            if let Ok(gap) = query::distance(&at(a.frame.origin), &ball(a), &at(b.frame.origin), &ball(b))
                 && gap.distance < needed
             {
                 diags.push(drive.places.error(
@@ -767,7 +773,7 @@ fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideM
         let placed = profile.moved(g.geometry.angle_rad(), g.geometry.origin);
         let contour = Polyline::new(placed.polyline(10e-6).into_iter().map(mm).collect(), None);
         for s in sprockets {
-            if let Ok(gap) = query::distance(&Pose::IDENTITY, &contour, &at(s.body.centre), &ball(s))
+            if let Ok(gap) = query::distance(&Pose::IDENTITY, &contour, &at(s.frame.origin), &ball(s))
                 && gap.distance <= 0.0
             {
                 diags.push(drive.places.error(

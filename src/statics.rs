@@ -7,6 +7,7 @@
 
 use crate::contact;
 use crate::elements::contact_law::{Elastic, PairRadii};
+use crate::elements::body_frame::BodyFrame;
 use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
 use crate::elements::end_contact::{EndTouch, FAR_M};
@@ -352,14 +353,15 @@ impl<'a> StaticProblem<'a> {
             add_coupling(coupling, q, free, &mut s);
         }
         for sprocket in &model.sprockets {
-            let column = free.iter().position(|k| *k == sprocket.coordinate);
+            let columns = FrameColumns::new(&sprocket.frame, free);
             let Some(teeth) = sprocket.geometry.iso() else { continue };
             let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
+            let origin = sprocket.frame.origin_at(&q.coordinates);
             for j in model.chain.loops[sprocket.chain].clone() {
                 let (link, front) = model.chain.bush_carrier(j);
                 let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
                 let (p, heading) = q.links[link];
-                let offset = p + unit(heading) * lever - sprocket.body.centre;
+                let offset = p + unit(heading) * lever - origin;
                 if offset.norm() > reach {
                     continue;
                 }
@@ -375,15 +377,8 @@ impl<'a> StaticProblem<'a> {
                     } else {
                         -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
                     };
-                    add_contact(
-                        &mut s,
-                        link,
-                        unit(heading) * lever,
-                        normal,
-                        elastic,
-                        bend,
-                        column.map(|c| (c, offset)),
-                    );
+                    let (arm, turn) = (unit(heading) * lever, columns.turn.map(|c| (c, offset)));
+                    columns.add(&mut s, link, |s| add_contact(s, link, arm, normal, elastic, bend, turn));
                 }
             }
         }
@@ -398,6 +393,50 @@ impl<'a> StaticProblem<'a> {
         }
         add_end_contacts(model, q, (free, finder), &mut s);
         s
+    }
+}
+
+/// The free coordinates of a body's frame, as columns of a [`System`].
+struct FrameColumns {
+    turn: Option<usize>,
+    /// With the direction in which each shifts the body.
+    shifts: Vec<(usize, Vec2)>,
+}
+
+impl FrameColumns {
+    fn new(frame: &BodyFrame, free: &[usize]) -> FrameColumns {
+        let column = |k: usize| free.iter().position(|f| *f == k);
+        FrameColumns {
+            turn: frame.turn.and_then(column),
+            shifts: frame.shifts.iter().filter_map(|s| Some((column(s.coordinate)?, s.direction))).collect(),
+        }
+    }
+
+    /// Adds a contact of `link` with the body, by a function that knows the link and the body's turning. A contact depends on the difference of
+    /// link and body alone, so shifting the body is shifting the link the other way.
+    fn add(&self, s: &mut System, link: usize, contact: impl FnOnce(&mut System)) {
+        if self.shifts.is_empty() {
+            contact(s);
+            return;
+        }
+        let turned = |s: &System| self.turn.map_or(Vector3::zeros(), |c| s.columns[c][link]);
+        let (gradient, diagonal, column) = (s.gradient[link], s.diagonal[link], turned(s));
+        contact(s);
+        let (gradient, diagonal) = (s.gradient[link] - gradient, s.diagonal[link] - diagonal);
+        let column = turned(s) - column;
+        let along = |d: &Vec2| Vector3::new(d.x, d.y, 0.0);
+        for (c, d) in &self.shifts {
+            s.rotor_gradient[*c] -= along(d).dot(&gradient);
+            s.columns[*c][link] -= diagonal * along(d);
+            for (other, e) in &self.shifts {
+                s.rotors[(*c, *other)] += along(d).dot(&(diagonal * along(e)));
+            }
+            if let Some(turn) = self.turn {
+                let mixed = along(d).dot(&column);
+                s.rotors[(*c, turn)] -= mixed;
+                s.rotors[(turn, *c)] -= mixed;
+            }
+        }
     }
 }
 
@@ -596,11 +635,11 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
 /// Where the three parts of every plate touch a rail: link, part, touch in the world's directions from the rail's origin, penetration
 /// above zero.
 pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(usize, PlatePart, EndTouch)> {
-    let angle = rail.coordinate.map_or(0.0, |k| q.coordinates[k]);
+    let (angle, origin) = (rail.frame.angle_at(&q.coordinates), rail.frame.origin_at(&q.coordinates));
     let mut all = Vec::new();
     for link in model.chain.loops[rail.chain].clone() {
         let (p, heading) = &q.links[link];
-        let centre = rotated(p - rail.body.origin, -angle);
+        let centre = rotated(p - origin, -angle);
         let lever_m = model.chain.lever[link];
         if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
             continue;
@@ -611,7 +650,7 @@ pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(
                 continue;
             };
             let normal = rotated(t.normal, angle);
-            let on_axis = p - rail.body.origin + unit(*heading) * t.along_m;
+            let on_axis = p - origin + unit(*heading) * t.along_m;
             let touch = EndTouch {
                 penetration_m: t.penetration_m,
                 point: on_axis - normal * rail.body.plate_radius_m,
@@ -628,12 +667,13 @@ pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(
 }
 
 fn add_rail(model: &Model, q: &Configuration, rail: &RailModel, free: &[usize], s: &mut System) {
-    let column = rail.coordinate.and_then(|r| free.iter().position(|k| *k == r));
+    let (columns, origin) = (FrameColumns::new(&rail.frame, free), rail.frame.origin_at(&q.coordinates));
     for (link, _, touch) in rail_touches(model, q, rail) {
         let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
         let elastic = rail.body.law.elastic(touch.penetration_m, radii);
         if elastic.force_n > 0.0 {
-            add_end_contact(s, link, q.links[link].0 - rail.body.origin, &touch, elastic, column);
+            let centre = q.links[link].0 - origin;
+            columns.add(s, link, |s| add_end_contact(s, link, centre, &touch, elastic, columns.turn));
         }
     }
 }

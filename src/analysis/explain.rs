@@ -257,12 +257,6 @@ fn velocity_at(model: &Model, state: &State, scratch: &Scratch, link: usize) -> 
     (v, l.omega[link] + half * l.alpha[link] + change(&scratch.joint_alpha, &l.joint_alpha))
 }
 
-/// Speed of a coordinate at the node [rad/s].
-fn coordinate_speed(model: &Model, state: &State, k: usize) -> f64 {
-    let predicted = state.coordinates.omega[k] + 0.5 * model.step_s * state.coordinates.alpha[k];
-    if model.coordinates[k].is_free() { predicted } else { state.coordinates.omega[k] }
-}
-
 /// Closing speed and its parts, at the first contact of a lane.
 fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Option<(f64, Vec<ApproachPart>)> {
     let touch = touch_at(model, state, scratch, lane.part, lane.lane)?;
@@ -273,10 +267,9 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
         ContactGroup::Guides(set) | ContactGroup::Contours(set) => (lane.lane, set % 2 == 0),
         ContactGroup::Rails(set) => (lane.lane, set % 3 == 0),
     };
-    let rotor = model.axis_of(touch.body);
-    let spin = rotor.map_or(0.0, |(_, q)| coordinate_speed(model, state, q));
-    let centre = rotor.map_or(Vec2::zeros(), |(centre, _)| centre);
-    let surface = |p: Vec2| perp(p - centre) * spin;
+    let rotor = model.moving_frame(touch.body).map(|f| f.motion(&explicit::coordinate_columns(model, state)));
+    let spin = rotor.map_or(0.0, |m| m.omega);
+    let surface = |p: Vec2| rotor.map_or(Vec2::zeros(), |m| m.velocity + perp(p - m.origin) * spin);
     let mut parts = if lane.part == ContactGroup::Bushes {
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s() >= 0.0;
@@ -326,7 +319,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             let (link, front) = model.chain.bush_carrier(lane);
             let p = joint(link, front);
             let (cos, sin) = (state.coordinates.cos[sprocket.coordinate], state.coordinates.sin[sprocket.coordinate]);
-            let d = p - sprocket.body.centre;
+            let d = p - sprocket.frame.origin_at(&state.coordinates.angle);
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let radius_m = sprocket.body.bush_radius_m;
             let hit = crate::contact::gap_contact(sprocket.geometry.iso()?, in_frame, radius_m);
@@ -346,11 +339,11 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
         }
         ContactGroup::Rails(set) => {
             let rail = model.rails.get(body.checked_sub(model.first_rail())?)?;
-            let (swing, _) = explicit::rails::rail_motion(model, state, body - model.first_rail());
+            let swing = rail.frame.motion(&explicit::coordinate_columns(model, state));
             let into = |v: Vec2| Vec2::new(swing.cos * v.x + swing.sin * v.y, swing.cos * v.y - swing.sin * v.x);
             let (centre, heading) = (Vec2::new(l.x[lane], l.y[lane]), Vec2::new(l.cos[lane], l.sin[lane]));
             let plate = PlatePart::ALL[set % 3];
-            let t = rail.body.touch(plate, into(centre - rail.body.origin), into(heading), model.chain.lever[lane])?;
+            let t = rail.body.touch(plate, into(centre - swing.origin), into(heading), model.chain.lever[lane])?;
             let normal = Vec2::new(
                 swing.cos * t.normal.x - swing.sin * t.normal.y,
                 swing.sin * t.normal.x + swing.cos * t.normal.y,

@@ -121,7 +121,7 @@ fn centre_distances(model: &Model) -> Vec<(String, f64)> {
     for chain in 0..model.chain.loops.len() {
         let own: Vec<&SprocketModel> = model.sprockets.iter().filter(|s| s.chain == chain).collect();
         let pairs = own.iter().zip(own.iter().cycle().skip(1)).take(if own.len() == 2 { 1 } else { own.len() });
-        all.extend(pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.body.centre - b.body.centre).norm())));
+        all.extend(pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.frame.origin - b.frame.origin).norm())));
     }
     all
 }

@@ -335,7 +335,7 @@ fn moved_body(before: &Model, after: &Model) -> Option<String> {
         if a.geometry.teeth() != b.geometry.teeth() {
             return Some(format!("give sprocket `{}` {} teeth", b.name, b.geometry.teeth()));
         }
-        let moved_m = (a.body.centre - b.body.centre).norm();
+        let moved_m = (a.frame.origin - b.frame.origin).norm();
         if moved_m > UNMOVED_M {
             return Some(format!("move sprocket `{}` by {:.3} um", b.name, moved_m * 1e6));
         }

@@ -2,6 +2,7 @@
 //! own share of the energy ledger.
 
 pub mod arc_lanes;
+pub mod body_frame;
 pub mod contact_law;
 pub mod contour_forces;
 pub mod coordinate;
@@ -16,6 +17,7 @@ pub mod link_joint;
 pub mod load;
 pub mod oil;
 pub mod passage;
+pub mod plain_bearing;
 pub mod rail_contact;
 pub mod tooth_contact;
 pub mod touch;

@@ -20,6 +20,7 @@
 //! ```
 //! Forces as in [`super::tooth_contact`], with the rail's inertia in the effective mass where a coordinate carries it.
 
+use super::body_frame::FrameMotion;
 use super::contact_law::ContactLaw;
 use super::tooth_contact::{LANES, LaneBlock, Lanes};
 use crate::geometry::rail::{Piece, Rail};
@@ -28,8 +29,6 @@ use crate::geometry::{Vec2, cross, perp};
 /// A rail as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RailBody {
-    /// Origin of its frame: the pivot of the arm that carries it.
-    pub origin: Vec2,
     pub pieces: Vec<Piece>,
     /// Radius of the plate ends [m].
     pub plate_radius_m: f64,
@@ -80,9 +79,8 @@ pub struct PlateTouch {
 }
 
 impl RailBody {
-    pub fn new(rail: &Rail, origin: Vec2, plate_radius_m: f64, law: ContactLaw, friction: f64, stick: f64) -> RailBody {
+    pub fn new(rail: &Rail, plate_radius_m: f64, law: ContactLaw, friction: f64, stick: f64) -> RailBody {
         RailBody {
-            origin,
             pieces: rail.pieces.clone(),
             plate_radius_m,
             side: usize::from(rail.travel < 0.0),
@@ -194,22 +192,13 @@ pub struct RailContactLanes {
     pub link_radius: LaneBlock,
 }
 
-/// How the rail moves at the node: cosine and sine of its angle, its speed [rad/s] and its acceleration one step back [rad/s2].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RailMotion {
-    pub cos: f64,
-    pub sin: f64,
-    pub omega: f64,
-    pub alpha: f64,
-}
-
 /// Geometry and kinematics of one part of the plates of a block of links. The lanes hold the links' centres from the rail's origin, their
 /// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place.
 #[inline(always)]
 pub fn find_contacts(
     body: &RailBody,
     part: PlatePart,
-    swing: RailMotion,
+    swing: FrameMotion,
     link_alpha: &LaneBlock,
     lanes: &mut Lanes,
 ) -> RailContactLanes {
@@ -253,8 +242,8 @@ struct NearestPieces {
 
 impl NearestPieces {
     #[inline(always)]
-    fn new(plate_radius_m: f64, swing: RailMotion, lanes: &Lanes) -> NearestPieces {
-        let RailMotion { cos: c, sin: s, .. } = swing;
+    fn new(plate_radius_m: f64, swing: FrameMotion, lanes: &Lanes) -> NearestPieces {
+        let FrameMotion { cos: c, sin: s, .. } = swing;
         let zero = [0.0; LANES];
         let (mut x, mut y, mut heading_x, mut heading_y) = (zero, zero, zero, zero);
         for i in 0..LANES {
@@ -364,11 +353,11 @@ impl NearestPieces {
     fn move_lanes_to_contacts(
         &self,
         part: PlatePart,
-        swing: RailMotion,
+        swing: FrameMotion,
         link_alpha: &LaneBlock,
         lanes: &mut Lanes,
     ) -> RailContactLanes {
-        let RailMotion { cos: c, sin: s, omega, alpha } = swing;
+        let FrameMotion { cos: c, sin: s, omega, alpha, .. } = swing;
         let mut found =
             RailContactLanes { here: self.here, piece: self.piece, link_radius: [self.plate_radius_m; LANES] };
         for i in 0..LANES {
@@ -427,6 +416,7 @@ fn length(dx: f64, dy: f64) -> f64 {
 #[allow(clippy::unwrap_used, clippy::expect_used)]
 mod tests {
     use super::*;
+    use crate::elements::body_frame::BodyMobility;
     use crate::elements::tooth_contact::{FrictionInput, forces_on_body};
     use crate::geometry::guide::GuideSide;
     use crate::geometry::rail::Stretch;
@@ -464,7 +454,7 @@ mod tests {
 
     fn body(side: GuideSide) -> RailBody {
         let law = ContactLaw::Linear { stiffness_n_per_m: 1e7, damping_n_s_per_m: 100.0 };
-        RailBody::new(&rail(side), Vec2::zeros(), PLATE_M, law, 0.08, 0.1)
+        RailBody::new(&rail(side), PLATE_M, law, 0.08, 0.1)
     }
 
     /// A link whose nearest point lies `gap_m` over a point of the rail: centre and heading in the rail's frame.
@@ -523,7 +513,7 @@ mod tests {
             for _ in 0..600 {
                 let angle = random.next();
                 let turn = unit(angle);
-                let swing = RailMotion { cos: turn.x, sin: turn.y, omega: 0.0, alpha: 0.0 };
+                let swing = FrameMotion::turning(Vec2::zeros(), (turn.x, turn.y), 0.0, 0.0);
                 let links: [(Vec2, Vec2); LANES] = std::array::from_fn(|_| {
                     let gap_m = 0.3e-3 * random.next();
                     let (centre, heading) = over(&rail, &mut random, gap_m);
@@ -596,10 +586,10 @@ mod tests {
                     (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                     (lanes.omega, lanes.lever) = ([omega; LANES], [LEVER_M; LANES]);
                     (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / 3e-3; LANES], [1.0 / 6e-8; LANES]);
-                    let swing = RailMotion { cos: 1.0, sin: 0.0, omega: swing_omega, alpha: swing_alpha };
+                    let swing = FrameMotion::turning(Vec2::zeros(), (1.0, 0.0), swing_omega, swing_alpha);
                     let found = find_contacts(&body, part, swing, &[alpha; LANES], &mut lanes);
                     let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
-                    forces_on_body(&body.law, sliding, &found.link_radius, 1e-6, (swing_omega, 0.0), &mut lanes);
+                    forces_on_body(&body.law, sliding, &found.link_radius, 1e-6, (swing_omega, BodyMobility::default()), &mut lanes);
                     let rate = (after.penetration_m - before.penetration_m) / (2.0 * STEP_S);
                     let second =
                         (after.penetration_m - 2.0 * now.penetration_m + before.penetration_m) / (STEP_S * STEP_S);
@@ -630,7 +620,7 @@ mod tests {
         let start = Vec2::new(far, 0.0) + rotated(Vec2::new(0.0, 0.2), 0.1) - Vec2::new(0.0, 0.2);
         let rail = Rail::new(GuideSide::Outside, start, 0.1, &stretch).expect("a rail");
         let law = ContactLaw::Linear { stiffness_n_per_m: stiffness, damping_n_s_per_m: 0.0 };
-        let body = RailBody::new(&rail, Vec2::zeros(), PLATE_M, law, 0.0, 0.1);
+        let body = RailBody::new(&rail, PLATE_M, law, 0.0, 0.1);
         let peak = |h: f64| {
             let (mut y, mut v, mut a) = (PLATE_M + 1e-7, -speed, 0.0);
             let (mut angle, mut omega, mut alpha) = (0.0, 0.0, 0.0);
@@ -646,7 +636,7 @@ mod tests {
                 (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / mass; LANES], [1.0 / 6e-8; LANES]);
                 let turn = unit(angle);
                 let speed = omega + 0.5 * h * alpha;
-                let swing = RailMotion { cos: turn.x, sin: turn.y, omega: speed, alpha };
+                let swing = FrameMotion::turning(Vec2::zeros(), (turn.x, turn.y), speed, alpha);
                 let found = find_contacts(&body, PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
                 let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                 forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, 1.0 / inertia), &mut lanes);

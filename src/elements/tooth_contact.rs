@@ -10,6 +10,7 @@
 //! Rates: closing speed v_n = -v_rel . n; tangent t = n turned by +90 degrees; inverse effective masses of the link's end
 //! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
 
+use super::body_frame::BodyMobility;
 use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
 use super::friction;
 use crate::geometry::Vec2;
@@ -60,7 +61,6 @@ pub fn blocks_mut(column: &mut [f64], count: usize) -> &mut [LaneBlock] {
 /// A sprocket as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ToothedBody {
-    pub centre: Vec2,
     pub bush_radius_m: f64,
     pub seat_centre_m: f64,
     pub seat_gap_m: f64,
@@ -88,9 +88,8 @@ pub struct ToothedBody {
 
 impl ToothedBody {
     /// A sprocket that seats no bushes.
-    pub fn without_seats(centre: Vec2, law: ContactLaw, friction: f64, stick_speed_m_s: f64) -> Self {
+    pub fn without_seats(law: ContactLaw, friction: f64, stick_speed_m_s: f64) -> Self {
         ToothedBody {
-            centre,
             bush_radius_m: 0.0,
             seat_centre_m: 0.0,
             seat_gap_m: 0.0,
@@ -115,7 +114,6 @@ impl ToothedBody {
 
     pub fn new(
         s: &Sprocket,
-        centre: Vec2,
         bush_radius_m: f64,
         law: ContactLaw,
         friction: f64,
@@ -125,7 +123,6 @@ impl ToothedBody {
         let (sin_half, cos_half) = sin_cos(0.5 * s.pitch_angle_rad());
         let (seat_sin, seat_cos) = (0..s.spec.teeth).map(|k| sin_cos(f64::from(k) * s.pitch_angle_rad())).unzip();
         ToothedBody {
-            centre,
             bush_radius_m,
             seat_centre_m: s.seat_centre_m,
             seat_gap_m: s.seat_radius_m - bush_radius_m,
@@ -219,13 +216,13 @@ impl Lanes {
     }
 }
 
-/// Whether any of these points is inside the circle of radius `reach_m` about the sprocket's axis.
+/// Whether any of these points is inside the circle of radius `reach_m` about `centre`.
 #[inline(always)]
-pub fn any_inside(body: &ToothedBody, reach_m: f64, x: &LaneBlock, y: &LaneBlock) -> bool {
+pub fn any_inside(centre: Vec2, reach_m: f64, x: &LaneBlock, y: &LaneBlock) -> bool {
     let reach2 = reach_m * reach_m;
     let mut inside = 0_u64;
     for i in 0..LANES {
-        let (dx, dy) = (x[i] - body.centre.x, y[i] - body.centre.y);
+        let (dx, dy) = (x[i] - centre.x, y[i] - centre.y);
         inside |= u64::from(dx * dx + dy * dy < reach2);
     }
     inside != 0
@@ -303,9 +300,9 @@ pub fn segments(body: &ToothedBody, turning: SprocketMotion, lanes: &Lanes) -> L
     out
 }
 
-/// Rates and effective masses of all lanes. YIELDS: the body gives way, by its inverse inertia about the origin.
+/// Rates and effective masses of all lanes. YIELDS: the body gives way.
 #[inline(always)]
-fn rates<const YIELDS: bool>(step: f64, (omega, inverse_inertia): (f64, f64), lanes: &mut Lanes) {
+fn rates<const YIELDS: bool>(step: f64, (omega, mobility): (f64, BodyMobility), lanes: &mut Lanes) {
     let half_step = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
@@ -314,7 +311,7 @@ fn rates<const YIELDS: bool>(step: f64, (omega, inverse_inertia): (f64, f64), la
         let mut w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
         if YIELDS {
             let arm = lanes.x[i] * ny - lanes.y[i] * nx;
-            w_n += inverse_inertia * arm * arm;
+            w_n += mobility.inverse_inertia * arm * arm + mobility.along(nx, ny);
         }
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
@@ -369,18 +366,18 @@ pub(crate) fn contact_update(
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
     let friction = FrictionInput { mu, stick_speed, radius };
-    forces_of::<false>(law, friction, &[radius; LANES], step, (omega, 0.0), lanes);
+    forces_of::<false>(law, friction, &[radius; LANES], step, (omega, BodyMobility::default()), lanes);
 }
 
-/// As [`forces`], of a body with this speed and inverse inertia about the origin of the lanes' coordinates, on parts of links with these
-/// radii of curvature.
+/// As [`forces`], of a body that turns with this speed about the origin of the lanes' coordinates and gives way, on parts of links with
+/// these radii of curvature.
 #[inline(always)]
 pub fn forces_on_body(
     law: &ContactLaw,
     friction: FrictionInput,
     link_radius: &LaneBlock,
     step: f64,
-    body: (f64, f64),
+    body: (f64, BodyMobility),
     lanes: &mut Lanes,
 ) {
     forces_of::<true>(law, friction, link_radius, step, body, lanes);
@@ -400,10 +397,10 @@ fn forces_of<const YIELDS: bool>(
     FrictionInput { mu, stick_speed, radius }: FrictionInput,
     link_radius: &LaneBlock,
     step: f64,
-    (omega, inverse_inertia): (f64, f64),
+    (omega, body): (f64, BodyMobility),
     lanes: &mut Lanes,
 ) {
-    rates::<YIELDS>(step, (omega, inverse_inertia), lanes);
+    rates::<YIELDS>(step, (omega, body), lanes);
     normal_forces(law, link_radius, step, lanes);
     let half = 0.5 * step;
     for i in 0..LANES {
@@ -414,7 +411,7 @@ fn forces_of<const YIELDS: bool>(
         let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
         let mut w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
         if YIELDS {
-            w_t += inverse_inertia * (outward - radius) * (outward - radius);
+            w_t += body.inverse_inertia * (outward - radius) * (outward - radius) + body.along(-ny, nx);
         }
         let mobility = half * w_t;
         let free = slide - mobility * lanes.tangential_force[i];

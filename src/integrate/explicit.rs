@@ -41,6 +41,7 @@ use scratch::{JointColumn, WINDOW_MARGIN_M};
 pub use watch::{ContactGroups, ContactValue, Extreme, RequiredData};
 
 use super::{Isa, StepError, StepErrorKind};
+use crate::elements::body_frame::CoordinateColumns;
 use crate::elements::contour_forces::{BlockStep, PastContacts};
 use crate::elements::coordinate::{CoordinateMotion, turned};
 use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, blocks, blocks_mut, take};
@@ -91,9 +92,13 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
         scratch.constants.read(model);
         links::end_motion(model, state, scratch);
         // Rails on arms come towards the chain with a speed of their own.
-        let of_rails =
-            model.rails.iter().filter_map(|r| r.coordinate.map(|q| state.coordinates.omega[q].abs() * r.reach_m));
-        let fastest_m_s = check_joints(model, state, scratch)? + of_rails.fold(0.0, f64::max);
+        let columns = coordinate_columns(model, state);
+        let of_rails = model.rails.iter().map(|r| {
+            let motion = r.frame.motion(&columns);
+            motion.omega.abs() * r.reach_m + motion.velocity.norm()
+        });
+        let of_axes = model.sprockets.iter().map(|s| s.frame.motion(&columns).velocity.norm());
+        let fastest_m_s = check_joints(model, state, scratch)? + of_rails.chain(of_axes).fold(0.0, f64::max);
         scratch.fastest_m_s = fastest_m_s;
         windows::refresh(model, state, scratch);
         let bearable = (MOVED_SHARE * WINDOW_MARGIN_M / (fastest_m_s * model.step_s).max(1e-300)) as u64;
@@ -369,6 +374,14 @@ fn shift_and_lever(lanes: &mut Lanes, alpha: &LaneBlock, origin_x: f64, origin_y
         lanes.ax[i] -= alpha[i] * lanes.lever[i] * lanes.sin[i];
         lanes.ay[i] += alpha[i] * lanes.lever[i] * lanes.cos[i];
     }
+}
+
+/// The columns of all coordinates, as frames of bodies read them.
+#[inline(always)]
+pub(crate) fn coordinate_columns<'a>(model: &Model, state: &'a State) -> CoordinateColumns<'a> {
+    let q = &state.coordinates;
+    let (at, cos, sin) = (&q.angle[..], &q.cos[..], &q.sin[..]);
+    CoordinateColumns { at, cos, sin, speed: &q.omega, acceleration: &q.alpha, step_s: model.step_s }
 }
 
 #[inline(always)]

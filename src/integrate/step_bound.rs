@@ -76,7 +76,7 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     for rail in &model.rails {
         let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
-        let of_arm = rail.coordinate.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
+        let of_arm = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
         let name = format!("guides.rail.{}", rail.name);
         bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_arm));
         // All plates that can lie on it push the arm at once.

@@ -223,6 +223,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     for (k, sprocket) in model.sprockets.iter().enumerate() {
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
+        let origin = sprocket.frame.origin_at(&state.coordinates.angle);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
@@ -231,7 +232,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 continue;
             }
             let p = node.end(link, front);
-            let d = p - sprocket.body.centre;
+            let d = p - origin;
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
             let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
@@ -245,7 +246,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                 part: ContactGroup::Bushes,
                 lane: j,
             };
-            let on_body = to_world(hit.touch.on_body) + sprocket.body.centre;
+            let on_body = to_world(hit.touch.on_body) + origin;
             let normal = to_world(hit.touch.normal);
             let shape = (hit.tooth, hit.segment, hit.body_radius_m);
             let points = (on_body, p - normal * pair.radius);
@@ -537,8 +538,8 @@ pub fn header_of(
             path: format!("sprockets.{}", s.name),
             rotor: true,
             coordinate: Some(s.coordinate as u32),
-            x_m: s.body.centre.x,
-            y_m: s.body.centre.y,
+            x_m: s.frame.origin.x,
+            y_m: s.frame.origin.y,
             angle_rad: 0.0,
             teeth: s.geometry.teeth(),
             outline: s.geometry.profile().map(|p| outline(&s.name, &p, &sprocket_circles(model, k))),
@@ -557,16 +558,16 @@ pub fn header_of(
     bodies.extend(model.rails.iter().map(|r| BodyInfo {
         path: format!("guides.rail.{}", r.name),
         rotor: false,
-        coordinate: r.coordinate.map(|q| q as u32),
-        x_m: r.body.origin.x,
-        y_m: r.body.origin.y,
+        coordinate: r.frame.turn.map(|q| q as u32),
+        x_m: r.frame.origin.x,
+        y_m: r.frame.origin.y,
         angle_rad: 0.0,
         teeth: 0,
         // The pivot of its arm.
         outline: Some(outline(
             &r.name,
             &r.rail.profile,
-            &r.coordinate.map(|_| (Vec2::zeros(), PIVOT_RADIUS_M)).into_iter().collect::<Vec<_>>(),
+            &r.frame.turn.map(|_| (Vec2::zeros(), PIVOT_RADIUS_M)).into_iter().collect::<Vec<_>>(),
         )),
     }));
     Header {

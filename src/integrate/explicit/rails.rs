@@ -1,9 +1,11 @@
 //! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
 
 use super::watch::ContactBlock;
-use super::{ContactGroup, MemoryBlocks, Scratch, Window, load_links, owned_lanes, take, write_block};
-use crate::elements::rail_contact::{self, PlatePart, RailBody, RailContactLanes, RailMotion};
+use super::{ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take, write_block};
+use crate::elements::body_frame::FrameMotion;
+use crate::elements::rail_contact::{self, PlatePart, RailContactLanes};
 use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
+use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::{FAR_AWAY_M, State};
 use std::time::Instant;
@@ -49,11 +51,12 @@ pub(super) struct PlateLanes {
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let rail = &model.rails[k];
     let (body, count) = (&rail.body, model.chain.padded / LANES);
-    let (swing, inverse_inertia) = rail_motion(model, state, k);
-    let reach_m = (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m) * model.step_s;
+    let swing = rail.frame.motion(&coordinate_columns(model, state));
+    let mobility = rail.frame.mobility(&model.coordinates);
+    let reach_m = (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m + swing.velocity.norm()) * model.step_s;
     let mut own = scratch.plates.take().unwrap_or_default();
     let PlateLanes { lanes, found } = &mut *own;
-    let mut torque = [0.0; LANES];
+    let (mut torque, mut on_links) = ([0.0; LANES], [[0.0; LANES]; 2]);
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
         for block in start / LANES..end / LANES {
@@ -83,12 +86,18 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     sliding,
                     &found.link_radius,
                     h,
-                    (swing.omega, inverse_inertia),
+                    (swing.omega, mobility),
                     lanes,
                 );
                 scratch.end_forces[block].add(lanes);
                 for (sum, own) in torque.iter_mut().zip(lanes.torque) {
                     *sum += own;
+                }
+                if !rail.frame.shifts.is_empty() {
+                    for i in 0..LANES {
+                        on_links[0][i] += lanes.force_x[i];
+                        on_links[1][i] += lanes.force_y[i];
+                    }
                 }
                 if WATCHED {
                     observe(model, scratch, k, (at, shared), set, (lanes, found));
@@ -98,21 +107,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             count_query(scratch, k, Some(lanes), begun);
         }
     }
-    if let Some(q) = rail.coordinate {
-        scratch.chain_torque[q] += torque.iter().sum::<f64>();
-    }
+    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
+    rail.frame.give_back(on_body, torque.iter().sum::<f64>(), &mut scratch.chain_torque);
     scratch.plates = Some(own);
-}
-
-/// How a rail moves at the node, and the inverse inertia that it gives way with.
-#[inline(always)]
-pub(crate) fn rail_motion(model: &Model, state: &State, k: usize) -> (RailMotion, f64) {
-    let Some(q) = model.rails[k].coordinate else {
-        return (RailMotion { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 }, 0.0);
-    };
-    let c = &state.coordinates;
-    let omega = c.omega[q] + 0.5 * model.step_s * c.alpha[q];
-    (RailMotion { cos: c.cos[q], sin: c.sin[q], omega, alpha: c.alpha[q] }, model.coordinates[q].inverse_inertia())
 }
 
 /// Geometry of the three parts of the plates of a block.
@@ -123,13 +120,13 @@ fn find_contacts(
     scratch: &Scratch,
     (k, shared): (usize, bool),
     at: usize,
-    swing: RailMotion,
+    swing: FrameMotion,
     lanes: &mut [Lanes; 3],
     found: &mut [RailContactLanes; 3],
 ) {
     let body = &model.rails[k].body;
     let alpha = take(&scratch.wrapped.alpha, at);
-    load(model, state, scratch, at, body, &mut lanes[0]);
+    load(model, state, scratch, at, &swing, &mut lanes[0]);
     if shared {
         let nearest = &scratch.nearest_rail[body.side][at..at + LANES];
         for i in (0..LANES).filter(|i| nearest[*i] != k) {
@@ -249,18 +246,22 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 
 /// The links `at` .. `at + LANES` as seen from a rail's origin.
 #[inline(always)]
-fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, body: &RailBody, lanes: &mut Lanes) {
+fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, frame: &FrameMotion, lanes: &mut Lanes) {
     let (front, rear) = (&scratch.front, &scratch.rear);
     let (x, y) = (take(&state.links.x, at), take(&state.links.y, at));
     let (front_vx, front_vy) = (take(&front.vx, at), take(&front.vy, at));
     let (rear_vx, rear_vy) = (take(&rear.vx, at), take(&rear.vy, at));
     for i in 0..LANES {
-        lanes.x[i] = x[i] - body.origin.x;
-        lanes.y[i] = y[i] - body.origin.y;
-        lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]);
-        lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]);
+        lanes.x[i] = x[i] - frame.origin.x;
+        lanes.y[i] = y[i] - frame.origin.y;
+        lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]) - frame.velocity.x;
+        lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]) - frame.velocity.y;
     }
     load_links(model, scratch, at, lanes);
+    for i in 0..LANES {
+        lanes.ax[i] -= frame.acceleration.x;
+        lanes.ay[i] -= frame.acceleration.y;
+    }
 }
 
 #[cfg(test)]
@@ -281,8 +282,8 @@ mod tests {
         let stretches = [stretch(0.03, None), stretch(0.03, Some(0.1)), stretch(0.03, None)];
         let rail = Rail::new(GuideSide::Outside, Vec2::zeros(), 0.0, &stretches).expect("a rail");
         let law = ContactLaw::Linear { stiffness_n_per_m: 1e7, damping_n_s_per_m: 0.0 };
-        let body = RailBody::new(&rail, Vec2::zeros(), plate_m, law, 0.0, 0.1);
-        let swing = RailMotion { cos: 1.0, sin: 0.0, omega: 0.0, alpha: 0.0 };
+        let body = RailBody::new(&rail, plate_m, law, 0.0, 0.1);
+        let swing = FrameMotion::turning(Vec2::zeros(), (1.0, 0.0), 0.0, 0.0);
         // Where the chain is on its way: point and outward normal.
         let at = |s: f64| {
             let turn = ((s - 0.03) / 0.1).clamp(0.0, 0.3);

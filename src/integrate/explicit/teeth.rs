@@ -2,7 +2,8 @@
 
 use super::watch::{ContactBlock, ObservedStep};
 use super::{ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
-use crate::elements::tooth_contact::{self, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut};
+use crate::elements::body_frame::{BodyMobility, FrameMotion};
+use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -52,9 +53,12 @@ struct BushResults<'a> {
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let body = &model.sprockets[k].body;
     let (c, count) = (&model.chain, model.chain.padded / LANES);
-    let (r, q) = (&state.coordinates, model.sprockets[k].coordinate);
-    let omega = r.omega[q] + 0.5 * model.step_s * r.alpha[q];
-    let turning = SprocketMotion { cos: r.cos[q], sin: r.sin[q], omega };
+    let frame = &model.sprockets[k].frame;
+    let motion = frame.motion(&super::coordinate_columns(model, state));
+    let FrameMotion { cos, sin, omega, .. } = motion;
+    let turning = SprocketMotion { cos, sin, omega };
+    let mobility = frame.mobility(&model.coordinates);
+    let yields = std::env::var_os("YIELD").is_some() && mobility != BodyMobility::default();
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m
@@ -98,12 +102,12 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         depth: blocks_mut(&mut s.bush_depth, count),
     };
     let lanes: &mut Lanes = s.lanes.get_or_insert_default();
-    let mut partial = [0.0; LANES];
+    let (mut partial, mut on_links) = ([0.0; LANES], [[0.0; LANES]; 2]);
     for Window { start, end, shared } in &s.tooth_windows[k] {
         for at in start / LANES..(end / LANES).min(count) {
             let nearest = &s.nearest_sprocket[at * LANES..];
             let begun = s.counts.is_some().then(|| (Instant::now(), *seats.reseats));
-            if !shared && !tooth_contact::any_inside(body, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
+            if !shared && !tooth_contact::any_inside(motion.origin, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
                 // Outside the tip circle.
                 if memory.clear_block(at) {
                     let nothing = [0.0; LANES];
@@ -113,7 +117,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 }
                 continue;
             }
-            load(&sources, at, body.centre, lanes);
+            load(&sources, at, &motion, lanes);
             lanes.seat_cos = seats.cos[at];
             lanes.seat_sin = seats.sin[at];
             lanes.seat_out = seats.out[at];
@@ -129,9 +133,21 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             let near = tooth_contact::any_within(reach_m, lanes);
             if near {
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
-                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+                if yields {
+                    let sliding = FrictionInput { mu, stick_speed: stick, radius };
+                    let (radii, body_motion) = ([radius; LANES], (omega, mobility));
+                    tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, body_motion, lanes);
+                } else {
+                    tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+                }
                 for (sum, torque) in partial.iter_mut().zip(lanes.torque) {
                     *sum += torque;
+                }
+                if !frame.shifts.is_empty() {
+                    for i in 0..LANES {
+                        on_links[0][i] += lanes.force_x[i];
+                        on_links[1][i] += lanes.force_y[i];
+                    }
                 }
             } else {
                 lanes.release();
@@ -166,7 +182,8 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
         }
     }
-    s.chain_torque[q] += partial.iter().sum::<f64>();
+    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
+    frame.give_back(on_body, partial.iter().sum::<f64>(), &mut s.chain_torque);
 }
 
 /// For observers of every step.
@@ -192,22 +209,26 @@ fn observe(
 /// Joints that stretch further than this are found torn soon [m].
 const JOINT_STRETCH_M: f64 = 0.5e-3;
 
-/// The bushes of the joints of block `at` as seen from `centre`.
+/// The bushes of the joints of block `at` as seen from the axis of a sprocket, which may move.
 #[inline(always)]
-fn load(from: &BushSources<'_>, at: usize, centre: Vec2, lanes: &mut Lanes) {
+fn load(from: &BushSources<'_>, at: usize, axis: &FrameMotion, lanes: &mut Lanes) {
     let owner = &from.on_front[at];
     let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
-    (lanes.vx, lanes.vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
+    let (mut vx, mut vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
     lanes.omega = select_owner(owner, from.omega, at);
     let (cos, sin, lever) = (select_owner(owner, from.cos, at), select_owner(owner, from.sin, at), from.lever[at]);
     let (mut ax, mut ay) = (select_owner(owner, from.ax, at), select_owner(owner, from.ay, at));
     let alpha = select_owner(owner, from.alpha, at);
     for i in 0..LANES {
-        x[i] -= centre.x;
-        y[i] -= centre.y;
-        ax[i] -= alpha[i] * lever[i] * sin[i];
-        ay[i] += alpha[i] * lever[i] * cos[i];
+        x[i] -= axis.origin.x;
+        y[i] -= axis.origin.y;
+        vx[i] -= axis.velocity.x;
+        vy[i] -= axis.velocity.y;
+        ax[i] -= alpha[i] * lever[i] * sin[i] + axis.acceleration.x;
+        ay[i] += alpha[i] * lever[i] * cos[i] - axis.acceleration.y;
     }
+    lanes.vx = vx;
+    lanes.vy = vy;
     lanes.x = x;
     lanes.y = y;
     lanes.ax = ax;

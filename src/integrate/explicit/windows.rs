@@ -4,9 +4,9 @@
 use super::guides::BlockForces;
 use super::teeth::seat_of;
 use super::{LANES, Scratch, WINDOW_MARGIN_M, Window};
-use crate::elements::rail_contact::RailMotion;
+use crate::elements::body_frame::FrameMotion;
 use crate::geometry::Vec2;
-use crate::model::{Model, RailModel};
+use crate::model::Model;
 use crate::state::{ContactMemory, State};
 use std::ops::Range;
 
@@ -35,7 +35,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             + sprocket.body.bush_radius_m
             + sprocket.body.most_shift_m
             + WINDOW_MARGIN_M;
-        let centre = sprocket.body.centre;
+        let centre = sprocket.frame.origin_at(&state.coordinates.angle);
         let offset = |j: usize| (scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
         let near = |j: usize| {
             let (dx, dy) = offset(j);
@@ -78,9 +78,9 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         scratch.guide_windows[k] = aligned_windows(&model.chain.loops[guide.chain], near);
     }
     for (k, rail) in model.rails.iter().enumerate() {
-        let (swing, _) = super::rails::rail_motion(model, state, k);
+        let swing = rail.frame.motion(&super::coordinate_columns(model, state));
         let reach = rail.body.plate_radius_m + longest_lever(model, rail.chain) + WINDOW_MARGIN_M;
-        let near = |i: usize| rail.box_distance_m(in_frame(rail, &swing, state, i)) < reach;
+        let near = |i: usize| rail.box_distance_m(in_frame(&swing, state, i)) < reach;
         scratch.rail_windows[k] = aligned_windows(&model.chain.loops[rail.chain], near);
     }
     find_nearest(model, state, scratch);
@@ -95,8 +95,8 @@ fn longest_lever(model: &Model, chain: usize) -> f64 {
 }
 
 /// The centre of link `i` in the frame of a rail.
-fn in_frame(rail: &RailModel, swing: &RailMotion, state: &State, i: usize) -> Vec2 {
-    let (x, y) = (state.links.x[i] - rail.body.origin.x, state.links.y[i] - rail.body.origin.y);
+fn in_frame(swing: &FrameMotion, state: &State, i: usize) -> Vec2 {
+    let (x, y) = (state.links.x[i] - swing.origin.x, state.links.y[i] - swing.origin.y);
     Vec2::new(swing.cos * x + swing.sin * y, swing.cos * y - swing.sin * x)
 }
 
@@ -122,7 +122,8 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
             let own = model.chain.loop_of(j);
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];
-                let d = (scratch.front.x[j] - s.body.centre.x).hypot(scratch.front.y[j] - s.body.centre.y);
+                let centre = s.frame.origin_at(&state.coordinates.angle);
+                let d = (scratch.front.x[j] - centre.x).hypot(scratch.front.y[j] - centre.y);
                 d - s.geometry.tip_radius_m()
             };
             let of_chain = (0..model.sprockets.len()).filter(|k| model.sprockets[*k].chain == own);
@@ -161,8 +162,8 @@ fn find_nearest_rail(model: &Model, state: &State, scratch: &mut Scratch) {
         for i in model.chain.links() {
             let own = model.chain.loop_of(i);
             let gap = |k: &usize| {
-                let (swing, _) = super::rails::rail_motion(model, state, *k);
-                model.rails[*k].rail.profile.closest(in_frame(&model.rails[*k], &swing, state, i)).distance_m.abs()
+                let swing = model.rails[*k].frame.motion(&super::coordinate_columns(model, state));
+                model.rails[*k].rail.profile.closest(in_frame(&swing, state, i)).distance_m.abs()
             };
             let on_side =
                 (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side && model.rails[*k].chain == own);
