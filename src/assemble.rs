@@ -15,15 +15,15 @@ use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
 use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::route::Route;
-use crate::geometry::{Vec2, rotated, unit};
+use crate::geometry::{Vec2, cross, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, PlacedDrive, place};
 use crate::state::{FAR_AWAY_M, State};
-use crate::statics::{Configuration, Equilibrium, equilibrium, rail_touches, sensitivity_to_driver};
-use crate::units::{sin_cos, wrap_angle};
+use crate::statics::{Configuration, Equilibrium, equilibrium, forces_on, rail_touches, sensitivity_to_driver};
+use crate::units::{RPM, sin_cos, wrap_angle};
 use std::f64::consts::PI;
 
 /// A drive ready to run.
@@ -220,6 +220,7 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
     model.add_oil(drive);
+    model.add_bearings(drive);
     let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
@@ -258,6 +259,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
     model.add_oil(drive);
+    model.add_bearings(drive);
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
 }
@@ -269,8 +271,51 @@ pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
     let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    let loaded = float_journals(drive, &model, loaded)?;
     Ok((model, loaded))
 }
+
+/// Moves journals to where their films bear the chain at the nominal speed, and finds the equilibrium anew until both agree.
+fn float_journals(drive: &Drive, model: &Model, at: Equilibrium) -> Result<Equilibrium, AssemblyError> {
+    if !model.has_films() {
+        return Ok(at);
+    }
+    let mut at = at;
+    for _ in 0..FLOAT_ITERATIONS {
+        let mut moved_m = 0.0_f64;
+        for bearing in &model.bearings {
+            let Some((film, turn)) = &bearing.film else { continue };
+            let forces = forces_on(model, &at.configuration, bearing.ways.to_vec());
+            let load = bearing.to_world([forces[0], forces[1]]);
+            let speed_rad_s = model.coordinates[*turn].nominal_speed_rad_s;
+            let Some(way) = film.locus(load, speed_rad_s) else {
+                let title = format!("its film cannot bear {:.0} N at {:.0} rpm", load.norm(), speed_rad_s / RPM);
+                let help = "make the bearing longer or its clearance smaller, or take a thicker oil".to_string();
+                let diag = drive.places.error(&bearing.path, title, Some(help));
+                return Err(AssemblyError::Input(drive.places.report(vec![diag])));
+            };
+            let ways = [way.dot(&bearing.direction), cross(bearing.direction, way)];
+            for (k, to) in bearing.ways.into_iter().zip(ways) {
+                moved_m = moved_m.max((to - at.configuration.coordinates[k]).abs());
+                at.configuration.coordinates[k] = to;
+            }
+        }
+        at = solve(model, at.configuration, 1.0, "loading the drive on its bearings")?;
+        if moved_m < FLOAT_TOLERANCE_M {
+            return Ok(at);
+        }
+    }
+    Err(AssemblyError::Statics {
+        what: "bearings and chain find no common rest".into(),
+        residual_n: at.residual_n,
+        iterations: FLOAT_ITERATIONS,
+    })
+}
+
+/// Rounds of bearings and chain; each gains two digits and more, because films are stiffer than chains.
+const FLOAT_ITERATIONS: usize = 50;
+/// Way of a journal in the last round [m].
+const FLOAT_TOLERANCE_M: f64 = 1e-12;
 
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
@@ -279,6 +324,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
     let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    let loaded = float_journals(drive, &model, loaded)?;
     check_rails(drive, &model, &loaded)?;
     let mut state = moving_state(&model, &loaded)?;
     let (stillness, tension_drift) = run_in(drive, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
@@ -414,7 +460,8 @@ fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
 fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), AssemblyError> {
     let target = drive.preload.tension_n();
     let tensions_at = |shift: f64| -> Result<Vec<f64>, AssemblyError> {
-        let model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
+        let mut model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
+        model.add_bearings(drive);
         (0..PRELOAD_PHASES)
             .map(|phase| {
                 let rest = rest_configuration(&model, drive, f64::from(phase) / f64::from(PRELOAD_PHASES))?;

@@ -4,6 +4,7 @@
 //! reader asks for are unknown keys, and the nearest known one is offered. `path=value` overrides replace values before they
 //! are read and are checked like them.
 
+pub mod bearings;
 mod chains;
 mod check;
 mod effects;
@@ -106,6 +107,8 @@ pub struct Drive {
     pub chain_names: Vec<String>,
     /// Shafts that carry several sprockets; a sprocket may have none.
     pub shafts: Vec<ShaftSpec>,
+    /// Bearings that let sprockets, shafts and rails give way.
+    pub bearings: Vec<bearings::BearingSpec>,
     /// How the driver turns, loads and couplings.
     pub train: shafts::ShaftTrain,
     /// In the order in which the chain meets them, one chain after the other.

@@ -4,11 +4,13 @@
 //! are inner and carry the bushes. Columns are padded with inert links (no inverse mass, far away from everything) to a
 //! multiple of the lane width, so that loops over them need no remainder.
 
+mod bearings;
 mod chain;
 mod mechanism;
 mod place;
 mod shafts;
 
+pub use bearings::BearingModel;
 pub use chain::ChainModel;
 pub use mechanism::SliderModel;
 use place::route_diag;
@@ -238,6 +240,8 @@ pub struct Model {
     pub loads: Vec<Load>,
     /// Loads by orders of the driver.
     pub order_loads: Vec<OrderLoad>,
+    /// Bearings that let sprockets, shafts and rails give way.
+    pub bearings: Vec<BearingModel>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
     /// How the driver turns; None: at a constant speed, and no load asks for its turn.
@@ -352,6 +356,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             contour: placed.contour.clone(),
@@ -383,6 +388,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             contour: None,

@@ -6,8 +6,8 @@
 //! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
 
 use crate::contact;
-use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::body_frame::BodyFrame;
+use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
 use crate::elements::end_contact::{EndTouch, FAR_M};
@@ -211,6 +211,14 @@ pub fn sensitivity_to_driver(model: &Model, at: &Configuration) -> Option<(Vec<V
         coordinates[*coordinate] = free_rates[k];
     }
     Some((links, coordinates))
+}
+
+/// Force of the chain on coordinates [N m, N], with the others where they are.
+pub fn forces_on(model: &Model, at: &Configuration, coordinates: Vec<usize>) -> Vec<f64> {
+    let of_springs: Vec<f64> =
+        coordinates.iter().map(|k| model.coordinates[*k].spring.force(at.coordinates[*k])).collect();
+    let gradient = StaticProblem::new(model, coordinates, 0.0).system(at).rotor_gradient;
+    gradient.iter().zip(of_springs).map(|(slope, own)| -slope - own).collect()
 }
 
 /// A loaded loop seen from its shafts: what turning every sprocket costs, and moves.

@@ -66,6 +66,9 @@ impl Drive {
         alone.sliders.iter_mut().for_each(|s| s.arm = arm(s.arm));
         alone.guides.retain(|g| own.contains(&g.span));
         alone.guides.iter_mut().for_each(|g| g.span -= own.start);
+        let kept_rails = self.rails.iter().enumerate().filter(|(_, r)| own.contains(&r.span));
+        let kept_rails: Vec<usize> = kept_rails.map(|(k, _)| k).collect();
+        alone.bearings = self.bearings_of(&own, |k| kept_rails.iter().position(|r| *r == k));
         alone.rails.retain(|r| own.contains(&r.span));
         for r in &mut alone.rails {
             (r.span, r.arm) = (r.span - own.start, r.arm.map(arm));

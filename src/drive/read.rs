@@ -1,6 +1,7 @@
 //! Reading a drive file, table by table: which keys there are, their units and ranges. A key that nothing here asks for is
 //! unknown.
 
+use super::bearings::{self, CarriedNames};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
@@ -58,6 +59,8 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let taken: Vec<String> = names.iter().cloned().chain(guides.iter().map(|g| g.name.clone())).collect();
     let rails = read_rails(&guide_table, &spans, &arms, &taken);
     guide_table.finish();
+    let carried = CarriedNames { sprockets: &sprockets, shafts: &shafts, rails: &rails };
+    let bearings = bearings::read_bearings(root, &carried);
     let preload = read_preload(&first.table("preload"), &own(0), 0, &arms);
     let mut more = Vec::new();
     for (index, (_, t)) in chains.iter().enumerate().skip(1) {
@@ -98,6 +101,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         more,
         chain_names,
         shafts,
+        bearings,
         train,
         sprockets,
         guides,

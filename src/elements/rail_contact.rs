@@ -589,7 +589,14 @@ mod tests {
                     let swing = FrameMotion::turning(Vec2::zeros(), (1.0, 0.0), swing_omega, swing_alpha);
                     let found = find_contacts(&body, part, swing, &[alpha; LANES], &mut lanes);
                     let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
-                    forces_on_body(&body.law, sliding, &found.link_radius, 1e-6, (swing_omega, BodyMobility::default()), &mut lanes);
+                    forces_on_body(
+                        &body.law,
+                        sliding,
+                        &found.link_radius,
+                        1e-6,
+                        (swing_omega, BodyMobility::default()),
+                        &mut lanes,
+                    );
                     let rate = (after.penetration_m - before.penetration_m) / (2.0 * STEP_S);
                     let second =
                         (after.penetration_m - 2.0 * now.penetration_m + before.penetration_m) / (STEP_S * STEP_S);

@@ -112,13 +112,7 @@ impl ToothedBody {
         }
     }
 
-    pub fn new(
-        s: &Sprocket,
-        bush_radius_m: f64,
-        law: ContactLaw,
-        friction: f64,
-        stick_speed_m_s: f64,
-    ) -> Self {
+    pub fn new(s: &Sprocket, bush_radius_m: f64, law: ContactLaw, friction: f64, stick_speed_m_s: f64) -> Self {
         let (seat_end_sin, seat_end_cos) = sin_cos(0.5 * s.seat_angle_rad);
         let (sin_half, cos_half) = sin_cos(0.5 * s.pitch_angle_rad());
         let (seat_sin, seat_cos) = (0..s.spec.teeth).map(|k| sin_cos(f64::from(k) * s.pitch_angle_rad())).unzip();

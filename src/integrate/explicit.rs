@@ -21,6 +21,7 @@
 mod abutments;
 mod counts;
 pub(crate) mod ends;
+mod films;
 mod flanks;
 mod guides;
 mod links;
@@ -78,6 +79,9 @@ const MOVED_SHARE: f64 = 0.4;
 /// Stretch of a joint over half a pitch at which the chain counts as torn. assumed: with their play, joints of the bundled drives
 /// stretch by less than a thirtieth of it.
 const TORN_SHARE: f64 = 0.2;
+
+/// Share of a plain bearing's clearance beyond which its film is taken for broken. assumed: surfaces are rougher than what is left.
+const THINNEST_FILM: f64 = 0.999;
 
 /// One whole step.
 pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(), StepError> {
@@ -511,8 +515,16 @@ fn check_joints(model: &Model, state: &State, scratch: &Scratch) -> Result<f64, 
             return Err(StepError { t_s, element: format!("joint {j}"), kind: StepErrorKind::Torn { stretch_m } });
         }
     }
-    match state.first_not_finite() {
-        Some(element) => Err(StepError { t_s, element, kind: StepErrorKind::NotFinite }),
-        None => Ok(libm::sqrt(fastest2)),
+    if let Some(element) = state.first_not_finite() {
+        return Err(StepError { t_s, element, kind: StepErrorKind::NotFinite });
     }
+    for bearing in &model.bearings {
+        let Some((film, _)) = &bearing.film else { continue };
+        let way_m = bearing.to_world(bearing.ways.map(|k| state.coordinates.angle[k])).norm();
+        if way_m > THINNEST_FILM * film.clearance_m {
+            let film_m = film.clearance_m - way_m;
+            return Err(StepError { t_s, element: bearing.path.clone(), kind: StepErrorKind::FilmBroken { film_m } });
+        }
+    }
+    Ok(libm::sqrt(fastest2))
 }

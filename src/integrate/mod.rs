@@ -96,6 +96,8 @@ pub enum StepErrorKind {
     NotFinite,
     /// A joint has come apart by this much [m].
     Torn { stretch_m: f64 },
+    /// Journal and bore of a plain bearing touch: what is left of the film [m].
+    FilmBroken { film_m: f64 },
 }
 
 impl std::fmt::Display for StepError {
@@ -104,6 +106,14 @@ impl std::fmt::Display for StepError {
         match self.kind {
             StepErrorKind::NotFinite => write!(f, "a value is no finite number")?,
             StepErrorKind::Torn { stretch_m } => write!(f, "the joint is stretched by {:.3} mm", stretch_m * 1e3)?,
+            StepErrorKind::FilmBroken { film_m } => {
+                return write!(
+                    f,
+                    "its film is {:.3} um thin, and the model has no contact of journal and bore; make the bearing longer or its \
+                     clearance smaller, take a thicker oil, or lower the load",
+                    film_m * 1e6
+                );
+            }
         }
         write!(
             f,

@@ -15,7 +15,9 @@
 //! without impact, so that their chain has peaks as right at longer steps: 1.28 and 1.45 in the first and third line.
 
 use super::link_row::{self, ContactRow, RowContact, RowLink};
+use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::coordinate::Coordinate;
 use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::touch::TouchShape;
@@ -58,7 +60,14 @@ pub fn step_bound(model: &Model) -> StepBound {
     let has_abutments = matches!(model.contour, Some(LinkContour::Abutments { .. }));
     let mut bounds = Vec::new();
     for s in model.sprockets.iter().filter(|s| s.geometry.iso().is_some()) {
-        bounds.extend(contact_bounds(&format!("sprockets.{}", s.name), &s.body.law, flank_radii(s), bush_mobility));
+        let (name, radii) = (format!("sprockets.{}", s.name), flank_radii(s));
+        let own = axis_mobility(model, &s.frame);
+        bounds.extend(contact_bounds(&name, &s.body.law, radii, bush_mobility + own));
+        if own > 0.0 {
+            // All bushes on its teeth push the axis at once.
+            let teeth = f64::from(s.geometry.teeth());
+            bounds.extend(contact_bounds(&format!("{name} on its bearing"), &s.body.law, radii, teeth * own));
+        }
     }
     if let Some(contour) = &model.contour {
         let arm = contour.longest_arm_m(chain.lever[0]);
@@ -76,7 +85,8 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     for rail in &model.rails {
         let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
-        let of_arm = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
+        let of_turn = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
+        let of_arm = of_turn + axis_mobility(model, &rail.frame);
         let name = format!("guides.rail.{}", rail.name);
         bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_arm));
         // All plates that can lie on it push the arm at once.
@@ -87,6 +97,7 @@ pub fn step_bound(model: &Model) -> StepBound {
         }
     }
     bounds.extend(shaft_bounds(model));
+    bounds.extend(bearing_bounds(model));
     let nowhere = vec![0.0; model.coordinates.len()];
     // At their low stops, where the oil is stiffest.
     let mut lowest = nowhere.clone();
@@ -143,6 +154,23 @@ pub fn step_bound(model: &Model) -> StepBound {
         }
         _ => accurate,
     }
+}
+
+/// Largest inverse mass with which the axis of a frame gives way in any direction [1/kg].
+fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
+    let [xx, _, yy] = frame.mobility(&model.coordinates).inverse_mass;
+    xx + yy
+}
+
+/// Bounds of the springs of bearings. Their dampers and films are taken implicitly.
+fn bearing_bounds(model: &Model) -> Vec<StepBound> {
+    let ways = model.bearings.iter().flat_map(|b| b.ways.map(|k| (&b.path, &model.coordinates[k])));
+    let stiff = ways.filter(|(_, c)| c.spring.stiffness > 0.0);
+    let bound = |(path, c): (&String, &Coordinate)| StepBound {
+        step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
+        cause: path.clone(),
+    };
+    stiff.map(bound).collect()
 }
 
 /// Bounds of couplings and loads.

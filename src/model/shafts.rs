@@ -97,7 +97,7 @@ impl Model {
 
     /// Whether there are forces on coordinates besides those of the chain, of touches and of oil.
     pub fn has_shaft_forces(&self) -> bool {
-        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty())
+        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty()) || self.has_films()
     }
 
     /// Whether something on coordinates loses energy.
@@ -105,6 +105,7 @@ impl Model {
         self.coordinates.iter().any(|c| c.spring.damping > 0.0)
             || self.loads.iter().any(|l| l.is_dissipative)
             || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
+            || self.has_films()
     }
 
     /// Mean of the loads by laws on a coordinate at its nominal speed [N m, N].

@@ -1,7 +1,9 @@
 //! The part of a step that concerns rails: plates on arcs and lines, on arms that give way.
 
 use super::watch::ContactBlock;
-use super::{ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take, write_block};
+use super::{
+    ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take, write_block,
+};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::rail_contact::{self, PlatePart, RailContactLanes};
 use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
@@ -81,14 +83,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let sliding =
                     FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
                 let (law, h) = (&body.law, model.step_s);
-                tooth_contact::forces_on_body(
-                    law,
-                    sliding,
-                    &found.link_radius,
-                    h,
-                    (swing.omega, mobility),
-                    lanes,
-                );
+                tooth_contact::forces_on_body(law, sliding, &found.link_radius, h, (swing.omega, mobility), lanes);
                 scratch.end_forces[block].add(lanes);
                 for (sum, own) in torque.iter_mut().zip(lanes.torque) {
                     *sum += own;

@@ -3,7 +3,9 @@
 use super::watch::{ContactBlock, ObservedStep};
 use super::{ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
 use crate::elements::body_frame::{BodyMobility, FrameMotion};
-use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut};
+use crate::elements::tooth_contact::{
+    self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
+};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -58,7 +60,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let FrameMotion { cos, sin, omega, .. } = motion;
     let turning = SprocketMotion { cos, sin, omega };
     let mobility = frame.mobility(&model.coordinates);
-    let yields = std::env::var_os("YIELD").is_some() && mobility != BodyMobility::default();
+    let yields = mobility != BodyMobility::default();
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m

@@ -6,13 +6,14 @@ use crate::elements::touch::{CoordinateRates, PastTouch};
 use crate::model::Model;
 use crate::state::State;
 
-/// Forces of loads, couplings, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account.
+/// Forces of loads, couplings, films, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     if model.touches.is_empty() && model.oil.is_none() && !model.has_shaft_forces() {
         return;
     }
     scratch.parts_force.fill(0.0);
     super::shafts::forces(model, state, scratch);
+    super::films::forces(model, state, scratch);
     let q = &state.coordinates;
     if let Some(oil) = &model.oil {
         oil.add_forces(&q.angle, &state.oil, &mut scratch.parts_force);

@@ -1,0 +1,83 @@
+//! Bearings: coordinates that shift sprockets, shafts and rails, and the films between journals and bores.
+
+use super::Model;
+use crate::drive::Drive;
+use crate::drive::bearings::{BearingLaw, Carried};
+use crate::elements::body_frame::Shift;
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::plain_bearing::PlainBearing;
+use crate::geometry::{Vec2, perp, unit};
+
+/// A bearing of the model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BearingModel {
+    /// Path in the drive file.
+    pub path: String,
+    /// The coordinates along its direction and across it: indices into [`Model::coordinates`].
+    pub ways: [usize; 2],
+    /// Its direction in the world.
+    pub direction: Vec2,
+    /// The film of a plain bearing, and the coordinate that its journal turns by.
+    pub film: Option<(PlainBearing, usize)>,
+}
+
+impl BearingModel {
+    /// A vector of the world out of values along the bearing's direction and across it.
+    #[inline(always)]
+    pub fn to_world(&self, values: [f64; 2]) -> Vec2 {
+        self.direction * values[0] + perp(self.direction) * values[1]
+    }
+}
+
+impl Model {
+    /// Puts in the bearings of a drive. Comes last: their coordinates stand behind all others.
+    pub fn add_bearings(&mut self, drive: &Drive) {
+        for spec in &drive.bearings {
+            let (direction_rad, stiffness, damping, film) = match &spec.law {
+                BearingLaw::Elastic { direction_rad, stiffness_n_per_m, damping_n_s_per_m } => {
+                    (*direction_rad, *stiffness_n_per_m, *damping_n_s_per_m, None)
+                }
+                BearingLaw::Plain(bearing) => (0.0, [0.0; 2], [0.0; 2], Some(bearing)),
+            };
+            let direction = unit(direction_rad);
+            let first = self.coordinates.len();
+            for (k, side) in ["along", "across"].into_iter().enumerate() {
+                self.coordinates.push(Coordinate {
+                    path: format!("{}.{side}", spec.path),
+                    kind: CoordinateKind::Slides,
+                    motion: CoordinateMotion::Free { inertia: spec.mass_kg, load: 0.0 },
+                    spring: CoordinateSpring { stiffness: stiffness[k], free: 0.0, damping: damping[k] },
+                    nominal_speed_rad_s: 0.0,
+                    reach_m: 1.0,
+                    rest_load: 0.0,
+                    // A film bears nothing while nothing turns: where it stands is found apart.
+                    is_held_at_rest: film.is_some(),
+                });
+            }
+            let shifts =
+                [Shift { coordinate: first, direction }, Shift { coordinate: first + 1, direction: perp(direction) }];
+            let mut turn = 0;
+            for (k, sprocket) in self.sprockets.iter_mut().enumerate() {
+                if drive.is_on_bearing(spec, k) {
+                    sprocket.frame.shifts.extend(shifts);
+                    turn = sprocket.coordinate;
+                }
+            }
+            if let Carried::Rail(k) = spec.on {
+                let name = &drive.rails[k].name;
+                self.rails.iter_mut().filter(|r| r.name == *name).for_each(|r| r.frame.shifts.extend(shifts));
+            }
+            self.bearings.push(BearingModel {
+                path: spec.path.clone(),
+                ways: [first, first + 1],
+                direction,
+                film: film.map(|bearing| (bearing.clone(), turn)),
+            });
+        }
+    }
+
+    /// Whether a bearing has a film.
+    pub fn has_films(&self) -> bool {
+        self.bearings.iter().any(|b| b.film.is_some())
+    }
+}
