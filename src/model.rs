@@ -146,6 +146,8 @@ pub struct GuideModel {
     pub chain: usize,
     /// Exact face, in the frame of the drive.
     pub geometry: StraightGuide,
+    /// Its frame: the origin is where the face begins.
+    pub frame: BodyFrame,
     /// The same as contacts need it.
     pub body: GuideBody,
 }
@@ -504,8 +506,9 @@ impl Model {
 
     /// The frame of a body of frames that moves; None: it stands still.
     pub fn moving_frame(&self, body: usize) -> Option<&BodyFrame> {
+        let of_guide = || self.guides.get(body.checked_sub(self.sprockets.len())?).map(|g| &g.frame);
         let of_rail = || self.rails.get(body.checked_sub(self.first_rail())?).map(|r| &r.frame);
-        let frame = self.sprockets.get(body).map(|s| &s.frame).or_else(of_rail)?;
+        let frame = self.sprockets.get(body).map(|s| &s.frame).or_else(of_guide).or_else(of_rail)?;
         (frame.turn.is_some() || !frame.shifts.is_empty()).then_some(frame)
     }
 
@@ -726,7 +729,8 @@ fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -> Vec<Guide
                 stick_speed_m_s: contact.stick_speed_m_s,
             };
             let body = with_effects(drive, &g.name, body);
-            GuideModel { name: g.name.clone(), chain: 0, geometry, body }
+            let frame = BodyFrame { origin: geometry.origin, ..BodyFrame::default() };
+            GuideModel { name: g.name.clone(), chain: 0, geometry, frame, body }
         })
         .collect()
 }

@@ -15,7 +15,7 @@ use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::elements::touch::Touch;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
-use crate::model::{Model, RailModel};
+use crate::model::{GuideModel, Model, RailModel};
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 use std::ops::Range;
@@ -391,7 +391,7 @@ impl<'a> StaticProblem<'a> {
             }
         }
         for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
-            add_guide(model, q, guide, &mut s);
+            add_guide(model, q, guide, free, &mut s);
         }
         for rail in &model.rails {
             add_rail(model, q, rail, free, &mut s);
@@ -613,14 +613,15 @@ fn add_contact(
     s.columns[column][link] += stiffness * g_r * g + force * (bend_per_m * h_r * h + mixed);
 }
 
-fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel, s: &mut System) {
+fn add_guide(model: &Model, q: &Configuration, guide: &GuideModel, free: &[usize], s: &mut System) {
     let b = &guide.body;
+    let (columns, origin) = (FrameColumns::new(&guide.frame, free), guide.frame.origin_at(&q.coordinates));
     let normal = perp(b.along);
     for link in model.chain.loops[guide.chain].clone() {
         for sign in [1.0, -1.0] {
             let lever = sign * model.chain.lever[link];
             let (p, heading) = q.links[link];
-            let d = p + unit(heading) * lever - b.origin;
+            let d = p + unit(heading) * lever - origin;
             let (along, above) = (d.dot(&b.along), d.dot(&normal));
             if above.abs() > b.plate_radius_m || along < -b.relief_m || along > b.length_m + b.relief_m {
                 continue;
@@ -634,7 +635,8 @@ fn add_guide(model: &Model, q: &Configuration, guide: &crate::model::GuideModel,
             if elastic.force_n > 0.0 {
                 let n = (b.along * from.x + normal * from.y) / distance;
                 let bend = if foot == along { 0.0 } else { -1.0 / distance };
-                add_contact(s, link, unit(heading) * lever, n, elastic, bend, None);
+                let arm = unit(heading) * lever;
+                columns.add(s, link, |s| add_contact(s, link, arm, n, elastic, bend, None));
             }
         }
     }

@@ -170,7 +170,7 @@ fn mistakes_in_bearings_are_found_where_they_stand() {
         )
     };
     let cases = [
-        (plain("nobody", "clearance_um = 35\n"), "no sprocket, shaft or rail is called `nobody`"),
+        (plain("nobody", "clearance_um = 35\n"), "no sprocket, shaft, guide or rail is called `nobody`"),
         (plain("driven", ""), "clearance_um"),
         (plain("driven", "clearance_um = 35\n") + ELASTIC, "has a bearing already"),
         (ELASTIC.replace("mass_kg = 0.5\n", ""), "mass_kg"),

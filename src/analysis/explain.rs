@@ -328,9 +328,10 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             Some(TouchRow { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })
         }
         ContactGroup::Guides(set) => {
-            let b = &model.guides.get(body.checked_sub(model.sprockets.len())?)?.body;
+            let guide = model.guides.get(body.checked_sub(model.sprockets.len())?)?;
+            let (b, origin) = (&guide.body, guide.frame.origin_at(&state.coordinates.angle));
             let p = joint(lane, set % 2 == 0);
-            let (d, up) = (p - b.origin, perp(b.along));
+            let (d, up) = (p - origin, perp(b.along));
             let (along, above) = (d.dot(&b.along), d.dot(&up));
             let from = Vec2::new(along - along.clamp(0.0, b.length_m), above + b.end_radius_m);
             let normal = (b.along * from.x + up * from.y) / from.norm();

@@ -2,12 +2,12 @@
 //!
 //! ```text
 //! [bearings.elastic.NAME]  body, mass_kg, direction_deg, stiffness_n_per_m, stiffness_across_n_per_m, damping_n_s_per_m,
-//!                          damping_across_n_s_per_m                                       sprocket, shaft or fixed rail
+//!                          damping_across_n_s_per_m                                       sprocket, shaft, guide or fixed rail
 //! [bearings.plain.NAME]    body, mass_kg, diameter_mm, length_mm, clearance_um, viscosity_mpa_s      sprocket or shaft
 //! ```
 
 use super::reader::TomlTable;
-use super::{Drive, RailSpec, ShaftSpec, SprocketDrive};
+use super::{Drive, GuideSpec, RailSpec, ShaftSpec, SprocketDrive};
 use crate::elements::plain_bearing::PlainBearing;
 use crate::units::{DEG, MM, UM};
 
@@ -31,6 +31,8 @@ pub enum Carried {
     Sprocket(usize),
     /// All sprockets of the shaft with this index.
     Shaft(usize),
+    /// The straight guide with this index.
+    Guide(usize),
     /// The fixed rail with this index.
     Rail(usize),
 }
@@ -55,6 +57,7 @@ pub enum BearingLaw {
 pub(super) struct CarriedNames<'a> {
     pub(super) sprockets: &'a [SprocketDrive],
     pub(super) shafts: &'a [ShaftSpec],
+    pub(super) guides: &'a [GuideSpec],
     pub(super) rails: &'a [RailSpec],
 }
 
@@ -62,20 +65,22 @@ impl CarriedNames<'_> {
     fn find(&self, name: &str) -> Option<Carried> {
         let shaft = self.shafts.iter().position(|s| s.name == name).map(Carried::Shaft);
         let sprocket = || self.sprockets.iter().position(|s| s.name == name).map(Carried::Sprocket);
+        let guide = || self.guides.iter().position(|g| g.name == name).map(Carried::Guide);
         let rail = || self.rails.iter().position(|r| r.name == name).map(Carried::Rail);
-        shaft.or_else(sprocket).or_else(rail)
+        shaft.or_else(sprocket).or_else(guide).or_else(rail)
     }
 
     fn all(&self) -> String {
         let names = self.sprockets.iter().map(|s| &s.name).chain(self.shafts.iter().map(|s| &s.name));
-        names.chain(self.rails.iter().map(|r| &r.name)).cloned().collect::<Vec<_>>().join(", ")
+        let guides = self.guides.iter().map(|g| &g.name).chain(self.rails.iter().map(|r| &r.name));
+        names.chain(guides).cloned().collect::<Vec<_>>().join(", ")
     }
 
     /// What `name` means; errors of `t` where it cannot be carried.
     fn required(&self, t: &TomlTable<'_>, name: &str) -> Carried {
         let Some(on) = self.find(name) else {
             let help = format!("there are: {}", self.all());
-            t.error(format!("no sprocket, shaft or rail is called `{name}`"), Some(help));
+            t.error(format!("no sprocket, shaft, guide or rail is called `{name}`"), Some(help));
             return Carried::Sprocket(0);
         };
         match on {
@@ -91,6 +96,7 @@ impl CarriedNames<'_> {
                     t.error(format!("no sprocket sits on shaft `{name}`"), Some(help));
                 }
             }
+            Carried::Guide(_) => {}
             Carried::Rail(k) => {
                 if self.rails[k].arm.is_some() {
                     t.error(format!("rail `{name}` turns with an arm"), Some("name a rail without an arm".into()));
@@ -134,7 +140,7 @@ fn read_elastic(t: &TomlTable<'_>) -> BearingLaw {
 }
 
 fn read_plain(t: &TomlTable<'_>, on: Carried) -> BearingLaw {
-    if let Carried::Rail(_) = on {
+    if let Carried::Guide(_) | Carried::Rail(_) = on {
         t.error("a plain bearing carries what turns".into(), Some("hold the rail by `[bearings.elastic.NAME]`".into()));
     }
     let radius_m = t.required("diameter_mm", 0.5 * MM, 0.5..=1e4);
@@ -151,15 +157,17 @@ fn read_plain(t: &TomlTable<'_>, on: Carried) -> BearingLaw {
 }
 
 impl Drive {
-    /// Bearings of one chain of several: of its sprockets, of shafts that carry one of them, of its rails, which `rail` numbers anew.
+    /// Bearings of one chain of several: of its sprockets, of shafts that carry one of them, of its guides and rails, which `guide` and `rail` number anew.
     pub(super) fn bearings_of(
         &self,
         own: &std::ops::Range<usize>,
+        guide: impl Fn(usize) -> Option<usize>,
         rail: impl Fn(usize) -> Option<usize>,
     ) -> Vec<BearingSpec> {
         let on = |carried: Carried| match carried {
             Carried::Sprocket(k) => own.contains(&k).then(|| Carried::Sprocket(k - own.start)),
             Carried::Shaft(k) => self.sprockets[own.clone()].iter().any(|s| s.shaft == Some(k)).then_some(carried),
+            Carried::Guide(k) => guide(k).map(Carried::Guide),
             Carried::Rail(k) => rail(k).map(Carried::Rail),
         };
         self.bearings.iter().filter_map(|b| Some(BearingSpec { on: on(b.on)?, ..b.clone() })).collect()
@@ -170,7 +178,7 @@ impl Drive {
         match bearing.on {
             Carried::Sprocket(k) => k == sprocket,
             Carried::Shaft(k) => self.sprockets[sprocket].shaft == Some(k),
-            Carried::Rail(_) => false,
+            Carried::Guide(_) | Carried::Rail(_) => false,
         }
     }
 }

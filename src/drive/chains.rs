@@ -66,9 +66,14 @@ impl Drive {
         alone.sliders.iter_mut().for_each(|s| s.arm = arm(s.arm));
         alone.guides.retain(|g| own.contains(&g.span));
         alone.guides.iter_mut().for_each(|g| g.span -= own.start);
-        let kept_rails = self.rails.iter().enumerate().filter(|(_, r)| own.contains(&r.span));
-        let kept_rails: Vec<usize> = kept_rails.map(|(k, _)| k).collect();
-        alone.bearings = self.bearings_of(&own, |k| kept_rails.iter().position(|r| *r == k));
+        // A guide or rail of this chain, counted among its own.
+        let own_guide = |k: usize| own.contains(&self.guides[k].span);
+        let own_rail = |k: usize| own.contains(&self.rails[k].span);
+        alone.bearings = self.bearings_of(
+            &own,
+            |k| own_guide(k).then(|| (0..k).filter(|g| own_guide(*g)).count()),
+            |k| own_rail(k).then(|| (0..k).filter(|r| own_rail(*r)).count()),
+        );
         alone.rails.retain(|r| own.contains(&r.span));
         for r in &mut alone.rails {
             (r.span, r.arm) = (r.span - own.start, r.arm.map(arm));

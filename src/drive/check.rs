@@ -1,5 +1,6 @@
 //! Checks of a drive that need more than one value. Every mistake of a file is found in one pass, and points at its place.
 
+use super::bearings::{BearingSpec, Carried};
 use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
@@ -162,6 +163,7 @@ impl Drive {
         let mut mistakes = DriveErrors::new(self);
         self.check_links(&mut mistakes);
         self.check_sides(&mut mistakes);
+        self.check_bearings(&mut mistakes);
         self.check_faults(&mut mistakes);
         self.check_rails(&mut mistakes);
         self.check_guides(&mut mistakes);
@@ -274,6 +276,22 @@ impl Drive {
                 "sprockets",
                 "this chain has teeth or abutments on one side only, and a sprocket is wrapped outside".into(),
                 "wrap all sprockets inside",
+            );
+        }
+    }
+
+    /// Axes on bearings, which only bushes follow.
+    fn check_bearings(&self, mistakes: &mut DriveErrors<'_>) {
+        let on_rail = |b: &BearingSpec| match b.on {
+            Carried::Rail(_) => true,
+            Carried::Guide(_) => !matches!(self.chain, ChainSpec::Abutment(_)),
+            Carried::Sprocket(_) | Carried::Shaft(_) => false,
+        };
+        for b in self.bearings.iter().filter(|b| !on_rail(b) && !matches!(self.chain, ChainSpec::Bush(_))) {
+            mistakes.add(
+                &b.path,
+                "sprockets of silent and abutment chains, and guides of abutments, stand still yet".into(),
+                "take a bush chain, or leave the bearing out",
             );
         }
     }

@@ -59,7 +59,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let taken: Vec<String> = names.iter().cloned().chain(guides.iter().map(|g| g.name.clone())).collect();
     let rails = read_rails(&guide_table, &spans, &arms, &taken);
     guide_table.finish();
-    let carried = CarriedNames { sprockets: &sprockets, shafts: &shafts, rails: &rails };
+    let carried = CarriedNames { sprockets: &sprockets, shafts: &shafts, guides: &guides, rails: &rails };
     let bearings = bearings::read_bearings(root, &carried);
     let preload = read_preload(&first.table("preload"), &own(0), 0, &arms);
     let mut more = Vec::new();

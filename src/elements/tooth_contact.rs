@@ -294,18 +294,26 @@ pub fn segments(body: &ToothedBody, turning: SprocketMotion, lanes: &Lanes) -> L
     out
 }
 
-/// Rates and effective masses of all lanes. YIELDS: the body gives way.
+/// How a body gives way to its contacts: what is not there is compiled apart, and costs nothing.
+const STANDS: u8 = 0;
+const TURNS: u8 = 1;
+const TURNS_AND_SHIFTS: u8 = 2;
+
+/// Rates and effective masses of all lanes. YIELDS: how the body gives way.
 #[inline(always)]
-fn rates<const YIELDS: bool>(step: f64, (omega, mobility): (f64, BodyMobility), lanes: &mut Lanes) {
+fn rates<const YIELDS: u8>(step: f64, (omega, mobility): (f64, BodyMobility), lanes: &mut Lanes) {
     let half_step = 0.5 * step;
     for i in 0..LANES {
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let (vx, vy) = (lanes.vx[i] + omega * lanes.y[i], lanes.vy[i] - omega * lanes.x[i]);
         let lever_n = lanes.lever[i] * (lanes.cos[i] * ny - lanes.sin[i] * nx);
         let mut w_n = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_n * lever_n;
-        if YIELDS {
+        if YIELDS >= TURNS {
             let arm = lanes.x[i] * ny - lanes.y[i] * nx;
-            w_n += mobility.inverse_inertia * arm * arm + mobility.along(nx, ny);
+            w_n += mobility.inverse_inertia * arm * arm;
+        }
+        if YIELDS == TURNS_AND_SHIFTS {
+            w_n += mobility.along(nx, ny);
         }
         let own = w_n * lanes.normal_force[i];
         lanes.mobility[i] = w_n;
@@ -360,7 +368,7 @@ pub(crate) fn contact_update(
 #[inline(always)]
 pub fn forces(law: &ContactLaw, mu: f64, stick_speed: f64, radius: f64, step: f64, omega: f64, lanes: &mut Lanes) {
     let friction = FrictionInput { mu, stick_speed, radius };
-    forces_of::<false>(law, friction, &[radius; LANES], step, (omega, BodyMobility::default()), lanes);
+    forces_of::<STANDS>(law, friction, &[radius; LANES], step, (omega, BodyMobility::default()), lanes);
 }
 
 /// As [`forces`], of a body that turns with this speed about the origin of the lanes' coordinates and gives way, on parts of links with
@@ -374,7 +382,11 @@ pub fn forces_on_body(
     body: (f64, BodyMobility),
     lanes: &mut Lanes,
 ) {
-    forces_of::<true>(law, friction, link_radius, step, body, lanes);
+    if body.1.inverse_mass == [0.0; 3] {
+        forces_of::<TURNS>(law, friction, link_radius, step, body, lanes);
+    } else {
+        forces_of::<TURNS_AND_SHIFTS>(law, friction, link_radius, step, body, lanes);
+    }
 }
 
 /// What friction works with: its coefficient, its stick speed [m/s], and how far the surface lies from the joint's axis [m].
@@ -386,7 +398,7 @@ pub struct FrictionInput {
 }
 
 #[inline(always)]
-fn forces_of<const YIELDS: bool>(
+fn forces_of<const YIELDS: u8>(
     law: &ContactLaw,
     FrictionInput { mu, stick_speed, radius }: FrictionInput,
     link_radius: &LaneBlock,
@@ -404,8 +416,11 @@ fn forces_of<const YIELDS: bool>(
         let slide = vy * nx - vx * ny - lanes.omega[i] * radius - omega * (outward - radius);
         let lever_t = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) - radius;
         let mut w_t = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever_t * lever_t;
-        if YIELDS {
-            w_t += body.inverse_inertia * (outward - radius) * (outward - radius) + body.along(-ny, nx);
+        if YIELDS >= TURNS {
+            w_t += body.inverse_inertia * (outward - radius) * (outward - radius);
+        }
+        if YIELDS == TURNS_AND_SHIFTS {
+            w_t += body.along(-ny, nx);
         }
         let mobility = half * w_t;
         let free = slide - mobility * lanes.tangential_force[i];

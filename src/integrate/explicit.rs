@@ -101,7 +101,8 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
             let motion = r.frame.motion(&columns);
             motion.omega.abs() * r.reach_m + motion.velocity.norm()
         });
-        let of_axes = model.sprockets.iter().map(|s| s.frame.motion(&columns).velocity.norm());
+        let frames = model.sprockets.iter().map(|s| &s.frame).chain(model.guides.iter().map(|g| &g.frame));
+        let of_axes = frames.map(|f| f.motion(&columns).velocity.norm());
         let fastest_m_s = check_joints(model, state, scratch)? + of_rails.chain(of_axes).fold(0.0, f64::max);
         scratch.fastest_m_s = fastest_m_s;
         windows::refresh(model, state, scratch);

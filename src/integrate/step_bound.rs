@@ -81,7 +81,13 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     for g in model.guides.iter().filter(|g| g.body.touches_plates) {
         let radii = PairRadii { bush_m: g.body.plate_radius_m, body_m: f64::INFINITY };
-        bounds.extend(contact_bounds(&format!("guides.fixed.{}", g.name), &g.body.law, radii, end_mobility));
+        let (name, own) = (format!("guides.fixed.{}", g.name), axis_mobility(model, &g.frame));
+        bounds.extend(contact_bounds(&name, &g.body.law, radii, end_mobility + own));
+        if own > 0.0 {
+            // All ends that can lie on it push it at once.
+            let ends = 2.0 * g.body.length_m / (2.0 * chain.lever[0]) + 2.0;
+            bounds.extend(contact_bounds(&format!("{name} on its mount"), &g.body.law, radii, ends * own));
+        }
     }
     for rail in &model.rails {
         let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };

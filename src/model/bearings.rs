@@ -63,10 +63,14 @@ impl Model {
                     turn = sprocket.coordinate;
                 }
             }
-            if let Carried::Rail(k) = spec.on {
-                let name = &drive.rails[k].name;
-                self.rails.iter_mut().filter(|r| r.name == *name).for_each(|r| r.frame.shifts.extend(shifts));
-            }
+            let guides = self.guides.iter_mut().map(|g| (&g.name, &mut g.frame));
+            let bodies = guides.chain(self.rails.iter_mut().map(|r| (&r.name, &mut r.frame)));
+            let held = match spec.on {
+                Carried::Guide(k) => Some(&drive.guides[k].name),
+                Carried::Rail(k) => Some(&drive.rails[k].name),
+                Carried::Sprocket(_) | Carried::Shaft(_) => None,
+            };
+            bodies.filter(|(name, _)| Some(*name) == held).for_each(|(_, frame)| frame.shifts.extend(shifts));
             self.bearings.push(BearingModel {
                 path: spec.path.clone(),
                 ways: [first, first + 1],

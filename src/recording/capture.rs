@@ -256,10 +256,10 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
 }
 
 fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
-    let Node { model, scratch, .. } = *node;
+    let Node { model, state, scratch, .. } = *node;
     for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
-        let up = perp(b.along);
+        let (up, origin) = (perp(b.along), guide.frame.origin_at(&state.coordinates.angle));
         for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
             for front in [false, true] {
                 let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
@@ -267,7 +267,7 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
                     continue;
                 }
                 let p = node.end(link, front);
-                let d = p - b.origin;
+                let d = p - origin;
                 let (along, above) = (d.dot(&b.along), d.dot(&up));
                 let foot = along.clamp(0.0, b.length_m);
                 let from = Vec2::new(along - foot, above + b.end_radius_m);

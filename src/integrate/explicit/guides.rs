@@ -2,12 +2,13 @@
 
 use super::watch::ContactBlock;
 use super::{
-    ContactGroup, MemoryBlocks, Scratch, Window, load_links, move_out_of_reach, owned_lanes, shift_and_lever, take,
-    write_block,
+    ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, move_out_of_reach, owned_lanes,
+    shift_and_lever, take, write_block,
 };
+use crate::elements::body_frame::FrameMotion;
 use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, LANES, LaneBlock, Lanes};
+use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
 use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
@@ -19,6 +20,10 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let body = &model.guides[k].body;
     let count = model.chain.padded / LANES;
     let reach_m = scratch.fastest_m_s * model.step_s;
+    let frame = &model.guides[k].frame;
+    let (motion, mobility) = (frame.motion(&coordinate_columns(model, state)), frame.mobility(&model.coordinates));
+    let moves = !frame.shifts.is_empty();
+    let mut on_links = [[0.0; LANES]; 2];
     let mut own_lanes = scratch.lanes.take().unwrap_or_default();
     let lanes = &mut *own_lanes;
     for w in 0..scratch.guide_windows[k].len() {
@@ -32,6 +37,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
                 let near = shared
+                    || moves
                     || within && {
                         let held = take(&state.guide_ends[set].normal_force, at);
                         let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
@@ -47,14 +53,23 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     }
                     continue;
                 }
-                load_ends(model, scratch, at, sign, body.origin, lanes);
+                load_ends(model, scratch, at, sign, (&motion, moves), lanes);
                 if shared {
                     move_out_of_reach(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
                 guide_contact::penetrations(body, lanes);
                 memory(state, scratch, set, count).load_past(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
-                tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+                if moves {
+                    let (sliding, radii) = (FrictionInput { mu, stick_speed: stick, radius }, [radius; LANES]);
+                    tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, (0.0, mobility), lanes);
+                    for i in 0..LANES {
+                        on_links[0][i] += lanes.force_x[i];
+                        on_links[1][i] += lanes.force_y[i];
+                    }
+                } else {
+                    tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+                }
                 scratch.end_forces[block].add(lanes);
                 if WATCHED {
                     observe(model, scratch, k, (at, shared), set, lanes);
@@ -84,6 +99,8 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
         }
     }
+    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
+    frame.give_back(on_body, 0.0, &mut scratch.chain_torque);
     scratch.lanes = Some(own_lanes);
 }
 
@@ -157,7 +174,14 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.
 #[inline(always)]
-fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec2, lanes: &mut Lanes) {
+fn load_ends(
+    model: &Model,
+    scratch: &Scratch,
+    at: usize,
+    sign: f64,
+    (frame, moves): (&FrameMotion, bool),
+    lanes: &mut Lanes,
+) {
     let ends = if sign > 0.0 { &scratch.front } else { &scratch.rear };
     lanes.x = take(&ends.x, at);
     lanes.y = take(&ends.y, at);
@@ -168,5 +192,13 @@ fn load_ends(model: &Model, scratch: &Scratch, at: usize, sign: f64, origin: Vec
         *lever *= sign;
     }
     let alpha = take(&scratch.wrapped.alpha, at);
-    shift_and_lever(lanes, &alpha, origin.x, origin.y);
+    shift_and_lever(lanes, &alpha, frame.origin.x, frame.origin.y);
+    if moves {
+        for i in 0..LANES {
+            lanes.vx[i] -= frame.velocity.x;
+            lanes.vy[i] -= frame.velocity.y;
+            lanes.ax[i] -= frame.acceleration.x;
+            lanes.ay[i] -= frame.acceleration.y;
+        }
+    }
 }

@@ -121,7 +121,7 @@ fn find_contacts(
 ) {
     let body = &model.rails[k].body;
     let alpha = take(&scratch.wrapped.alpha, at);
-    load(model, state, scratch, at, &swing, &mut lanes[0]);
+    load(model, state, scratch, at, (&swing, !model.rails[k].frame.shifts.is_empty()), &mut lanes[0]);
     if shared {
         let nearest = &scratch.nearest_rail[body.side][at..at + LANES];
         for i in (0..LANES).filter(|i| nearest[*i] != k) {
@@ -241,7 +241,14 @@ fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usi
 
 /// The links `at` .. `at + LANES` as seen from a rail's origin.
 #[inline(always)]
-fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, frame: &FrameMotion, lanes: &mut Lanes) {
+fn load(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    at: usize,
+    (frame, moves): (&FrameMotion, bool),
+    lanes: &mut Lanes,
+) {
     let (front, rear) = (&scratch.front, &scratch.rear);
     let (x, y) = (take(&state.links.x, at), take(&state.links.y, at));
     let (front_vx, front_vy) = (take(&front.vx, at), take(&front.vy, at));
@@ -249,13 +256,17 @@ fn load(model: &Model, state: &State, scratch: &Scratch, at: usize, frame: &Fram
     for i in 0..LANES {
         lanes.x[i] = x[i] - frame.origin.x;
         lanes.y[i] = y[i] - frame.origin.y;
-        lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]) - frame.velocity.x;
-        lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]) - frame.velocity.y;
+        lanes.vx[i] = 0.5 * (front_vx[i] + rear_vx[i]);
+        lanes.vy[i] = 0.5 * (front_vy[i] + rear_vy[i]);
     }
     load_links(model, scratch, at, lanes);
-    for i in 0..LANES {
-        lanes.ax[i] -= frame.acceleration.x;
-        lanes.ay[i] -= frame.acceleration.y;
+    if moves {
+        for i in 0..LANES {
+            lanes.vx[i] -= frame.velocity.x;
+            lanes.vy[i] -= frame.velocity.y;
+            lanes.ax[i] -= frame.acceleration.x;
+            lanes.ay[i] -= frame.acceleration.y;
+        }
     }
 }
 

@@ -61,6 +61,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let turning = SprocketMotion { cos, sin, omega };
     let mobility = frame.mobility(&model.coordinates);
     let yields = mobility != BodyMobility::default();
+    let moves = !frame.shifts.is_empty();
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m
@@ -119,7 +120,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 }
                 continue;
             }
-            load(&sources, at, &motion, lanes);
+            load(&sources, at, (&motion, moves), lanes);
             lanes.seat_cos = seats.cos[at];
             lanes.seat_sin = seats.sin[at];
             lanes.seat_out = seats.out[at];
@@ -145,7 +146,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 for (sum, torque) in partial.iter_mut().zip(lanes.torque) {
                     *sum += torque;
                 }
-                if !frame.shifts.is_empty() {
+                if moves {
                     for i in 0..LANES {
                         on_links[0][i] += lanes.force_x[i];
                         on_links[1][i] += lanes.force_y[i];
@@ -213,7 +214,7 @@ const JOINT_STRETCH_M: f64 = 0.5e-3;
 
 /// The bushes of the joints of block `at` as seen from the axis of a sprocket, which may move.
 #[inline(always)]
-fn load(from: &BushSources<'_>, at: usize, axis: &FrameMotion, lanes: &mut Lanes) {
+fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), lanes: &mut Lanes) {
     let owner = &from.on_front[at];
     let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
     let (mut vx, mut vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
@@ -224,10 +225,16 @@ fn load(from: &BushSources<'_>, at: usize, axis: &FrameMotion, lanes: &mut Lanes
     for i in 0..LANES {
         x[i] -= axis.origin.x;
         y[i] -= axis.origin.y;
-        vx[i] -= axis.velocity.x;
-        vy[i] -= axis.velocity.y;
-        ax[i] -= alpha[i] * lever[i] * sin[i] + axis.acceleration.x;
-        ay[i] += alpha[i] * lever[i] * cos[i] - axis.acceleration.y;
+        ax[i] -= alpha[i] * lever[i] * sin[i];
+        ay[i] += alpha[i] * lever[i] * cos[i];
+    }
+    if moves {
+        for i in 0..LANES {
+            vx[i] -= axis.velocity.x;
+            vy[i] -= axis.velocity.y;
+            ax[i] -= axis.acceleration.x;
+            ay[i] -= axis.acceleration.y;
+        }
     }
     lanes.vx = vx;
     lanes.vy = vy;

@@ -69,8 +69,9 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         let lever = longest_lever(model, guide.chain);
         let reach = b.plate_radius_m + lever + WINDOW_MARGIN_M;
         let beyond = b.relief_m + reach;
+        let origin = guide.frame.origin_at(&state.coordinates.angle);
         let near = |i: usize| {
-            let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+            let (dx, dy) = (state.links.x[i] - origin.x, state.links.y[i] - origin.y);
             let along = dx * b.along.x + dy * b.along.y;
             let above = dy * b.along.x - dx * b.along.y;
             above.abs() < reach && along > -beyond && along < b.length_m + beyond
@@ -138,7 +139,8 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                 let own = model.chain.loop_of(i);
                 let gap = |k: &usize| {
                     let b = &model.guides[*k].body;
-                    let (dx, dy) = (state.links.x[i] - b.origin.x, state.links.y[i] - b.origin.y);
+                    let origin = model.guides[*k].frame.origin_at(&state.coordinates.angle);
+                    let (dx, dy) = (state.links.x[i] - origin.x, state.links.y[i] - origin.y);
                     let along = dx * b.along.x + dy * b.along.y;
                     let above = dy * b.along.x - dx * b.along.y;
                     above.hypot(along - along.clamp(0.0, b.length_m))
