@@ -221,6 +221,7 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     model.add_shafts(drive);
     model.add_oil(drive);
     model.add_bearings(drive);
+    model.add_blades(drive);
     let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
@@ -260,6 +261,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
     model.add_shafts(drive);
     model.add_oil(drive);
     model.add_bearings(drive);
+    model.add_blades(drive);
     model.step_s = choose_step(drive, &step_bound(&model))?;
     Ok(model)
 }
@@ -396,18 +398,19 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
     for rail in &model.rails {
         let angle = rail.frame.angle_at(&at.configuration.coordinates);
         let origin = rail.frame.origin_at(&at.configuration.coordinates);
+        let bent_m = rail.most_bent_m(&at.configuration.coordinates);
         for link in model.chain.loops[rail.chain].clone() {
             let (p, heading) = at.configuration.links[link];
             let (centre, along) = (rotated(p - origin, -angle), unit(heading - angle));
             let lever_m = model.chain.lever[link];
-            if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
+            if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m + bent_m {
                 continue;
             }
             // A plate is not deeper in a rail than contacts let it; whatever is, stands on its other side.
             let looks = (0..=AXIS_EVALUATIONS)
                 .map(|i| centre + along * (lever_m * (2.0 * f64::from(i) / f64::from(AXIS_EVALUATIONS) - 1.0)));
             let nearest_m = looks.map(|q| rail.rail.profile.closest(q).distance_m.abs()).fold(f64::INFINITY, f64::min);
-            if nearest_m < rail.body.plate_radius_m - DEEPEST_AT_REST_M {
+            if nearest_m < rail.body.plate_radius_m - DEEPEST_AT_REST_M - bent_m {
                 let number = model.chain.number_of(link);
                 return refuse(
                     format!("guides.rail.{}", rail.name),
@@ -462,6 +465,7 @@ fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), Assem
     let tensions_at = |shift: f64| -> Result<Vec<f64>, AssemblyError> {
         let mut model = Model::build(drive, placed, shift).map_err(AssemblyError::Input)?;
         model.add_bearings(drive);
+        model.add_blades(drive);
         (0..PRELOAD_PHASES)
             .map(|phase| {
                 let rest = rest_configuration(&model, drive, f64::from(phase) / f64::from(PRELOAD_PHASES))?;

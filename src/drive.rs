@@ -16,6 +16,7 @@ pub mod sensors;
 pub mod shafts;
 
 use crate::diag::Report;
+use crate::elements::blade::Support;
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::AbutmentChain;
@@ -371,6 +372,25 @@ pub struct RailSpec {
     pub heading_rad: f64,
     /// Arcs and lines from there.
     pub stretches: Vec<Stretch>,
+    /// How it bends; None: it is rigid.
+    pub bending: Option<BendingSpec>,
+}
+
+/// How a rail bends. Places are counted along it, from where the chain arrives [m].
+#[derive(Clone, Debug, PartialEq)]
+pub struct BendingSpec {
+    /// EI [N m2].
+    pub stiffness_n_m2: f64,
+    /// Mass over length [kg/m].
+    pub mass_kg_per_m: f64,
+    /// Curvature without load, convex towards the chain positive [1/m]; None: as drawn.
+    pub free_curvature_per_m: Option<f64>,
+    /// What holds it, and where.
+    pub supports: Vec<(f64, Support)>,
+    /// Damping ratio of every mode.
+    pub damping_ratio: f64,
+    /// Number of modes.
+    pub modes: usize,
 }
 
 /// How the loop is tightened.

@@ -5,12 +5,14 @@
 //! multiple of the lane width, so that loops over them need no remainder.
 
 mod bearings;
+mod blades;
 mod chain;
 mod mechanism;
 mod place;
 mod shafts;
 
 pub use bearings::BearingModel;
+pub use blades::BladeModel;
 pub use chain::ChainModel;
 pub use mechanism::SliderModel;
 use place::route_diag;
@@ -177,6 +179,8 @@ pub struct RailModel {
     pub body: RailBody,
     /// Its frame: turns with the arm that carries it, about the arm's pivot.
     pub frame: BodyFrame,
+    /// How it bends; None: it is rigid.
+    pub blade: Option<BladeModel>,
     /// Largest distance of its points from the origin of its frame [m].
     pub reach_m: f64,
     /// Corners of a box about it, in its frame.
@@ -589,6 +593,7 @@ fn build_rails(drive: &Drive, placed: &PlacedDrive, arms: &[ArmModel]) -> Vec<Ra
             chain: 0,
             body: RailBody::new(rail, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
             frame: BodyFrame { origin, turn: arm.map(|a| a.coordinate), shifts: Vec::new() },
+            blade: None,
             reach_m: rail.reach_m(),
             low,
             high,

@@ -6,6 +6,7 @@
 //! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
 
 use crate::contact;
+use crate::elements::blade::BladePoint;
 use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
@@ -15,7 +16,7 @@ use crate::elements::rail_contact::{PlatePart, law_radius_m};
 use crate::elements::touch::Touch;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
-use crate::model::{GuideModel, Model, RailModel};
+use crate::model::{BladeModel, GuideModel, Model, RailModel};
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 use std::ops::Range;
@@ -645,20 +646,28 @@ fn add_guide(model: &Model, q: &Configuration, guide: &GuideModel, free: &[usize
 /// Where the three parts of every plate touch a rail: link, part, touch in the world's directions from the rail's origin, penetration
 /// above zero.
 pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(usize, PlatePart, EndTouch)> {
+    blade_touches(model, q, rail).into_iter().map(|(link, part, touch, _)| (link, part, touch)).collect()
+}
+
+/// A touch with the point of the blade and the contour's normal in the world, where the rail bends.
+type BladeTouch = (usize, PlatePart, EndTouch, Option<(BladePoint, Vec2)>);
+
+/// As [`rail_touches`], with where on a blade they are.
+fn blade_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<BladeTouch> {
+    let (bent, bent_m) = (rail.bent(&q.coordinates), rail.most_bent_m(&q.coordinates));
     let (angle, origin) = (rail.frame.angle_at(&q.coordinates), rail.frame.origin_at(&q.coordinates));
     let mut all = Vec::new();
     for link in model.chain.loops[rail.chain].clone() {
         let (p, heading) = &q.links[link];
         let centre = rotated(p - origin, -angle);
         let lever_m = model.chain.lever[link];
-        if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m {
+        if rail.box_distance_m(centre) > lever_m + rail.body.plate_radius_m + bent_m {
             continue;
         }
         let along = unit(heading - angle);
         for part in PlatePart::ALL {
-            let Some(t) = rail.body.touch(part, centre, along, lever_m).filter(|t| t.penetration_m > 0.0) else {
-                continue;
-            };
+            let found = rail.touch(bent.as_ref(), part, (centre, along), lever_m);
+            let Some((t, on_blade)) = found.filter(|(t, _)| t.penetration_m > 0.0) else { continue };
             let normal = rotated(t.normal, angle);
             let on_axis = p - origin + unit(*heading) * t.along_m;
             let touch = EndTouch {
@@ -670,7 +679,7 @@ pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(
                 tooth: 0,
                 segment: rail.segment(t.piece),
             };
-            all.push((link, part, touch));
+            all.push((link, part, touch, on_blade.map(|(point, own)| (point, rotated(own, angle)))));
         }
     }
     all
@@ -678,12 +687,53 @@ pub fn rail_touches(model: &Model, q: &Configuration, rail: &RailModel) -> Vec<(
 
 fn add_rail(model: &Model, q: &Configuration, rail: &RailModel, free: &[usize], s: &mut System) {
     let (columns, origin) = (FrameColumns::new(&rail.frame, free), rail.frame.origin_at(&q.coordinates));
-    for (link, _, touch) in rail_touches(model, q, rail) {
+    let of_blade = rail.blade.as_ref().map(|b| (b, b.modes().map(|k| free.iter().position(|f| *f == k)).collect()));
+    for (link, _, touch, on_blade) in blade_touches(model, q, rail) {
         let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
         let elastic = rail.body.law.elastic(touch.penetration_m, radii);
         if elastic.force_n > 0.0 {
             let centre = q.links[link].0 - origin;
             columns.add(s, link, |s| add_end_contact(s, link, centre, &touch, elastic, columns.turn));
+            if let (Some((blade, modes)), Some(on)) = (&of_blade, on_blade) {
+                add_modes(s, link, (blade, modes), (&touch, elastic), (on, centre));
+            }
+        }
+    }
+}
+
+/// What a contact gives to the modes of a blade. `centre`: of the link, from the rail's origin.
+fn add_modes(
+    s: &mut System,
+    link: usize,
+    (blade, modes): (&BladeModel, &Vec<Option<usize>>),
+    (touch, elastic): (&EndTouch, Elastic),
+    ((point, own), centre): ((BladePoint, Vec2), Vec2),
+) {
+    let (normal, along) = (touch.normal, perp(touch.normal));
+    let part = own.dot(&normal);
+    let is_flat = touch.link_radius_m.is_infinite();
+    let radius_m = if is_flat { 0.0 } else { touch.link_radius_m };
+    let t = perp(touch.point + normal * radius_m - centre);
+    // d(penetration) and d(place along the contour) per (x, y, heading) of the link.
+    let g = Vector3::new(-normal.x, -normal.y, -normal.dot(&t));
+    let of_place = match is_flat {
+        // On an arc the place of a straight edge follows from its heading.
+        true if touch.body_radius_m.is_finite() => Vector3::new(0.0, 0.0, touch.body_radius_m),
+        true => Vector3::zeros(),
+        false => Vector3::new(along.x, along.y, along.dot(&t)),
+    };
+    let shapes: Vec<(usize, f64, f64)> = modes
+        .iter()
+        .enumerate()
+        .filter_map(|(k, c)| {
+            Some((*c.as_ref()?, part * blade.shape.value_of(k, &point), blade.shape.slope_of(k, &point)))
+        })
+        .collect();
+    for (c, value, slope) in &shapes {
+        s.rotor_gradient[*c] += elastic.force_n * value;
+        s.columns[*c][link] += g * (elastic.stiffness_n_per_m * value) + of_place * (elastic.force_n * slope);
+        for (other, other_value, _) in &shapes {
+            s.rotors[(*c, *other)] += elastic.stiffness_n_per_m * value * other_value;
         }
     }
 }

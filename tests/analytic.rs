@@ -298,7 +298,7 @@ fn polygon_effect_of_twenty_teeth_has_its_closed_form() {
         let highest = (0..state.lanes)
             .map(|i| {
                 Vec2::new(l.x[i] + model.chain.lever[i] * l.cos[i], l.y[i] + model.chain.lever[i] * l.sin[i])
-                    - s.body.centre
+                    - s.frame.origin
             })
             .filter(|p| p.norm() < radius * 1.02)
             .map(|p| p.dot(&normal))

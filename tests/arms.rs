@@ -270,7 +270,7 @@ fn a_straight_rail_is_a_straight_guide() {
         "[guides.rail.tight]\nspan = [\"driven\", \"driver\"]\nside = \"inside\"\n{}",
         rail_like_guide(&with_guide, 0)
     );
-    let x = with_guide.sprockets[1].body.centre.x * 1e3;
+    let x = with_guide.sprockets[1].frame.origin.x * 1e3;
     let with_rail = drive(&format!("{head}{rail}"), &[&format!("sprockets.driven.x_mm={x:.12}")]);
     let (of_rail, resting) = at_rest(&with_rail).unwrap_or_else(|e| panic!("{e}"));
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;

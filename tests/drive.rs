@@ -173,7 +173,7 @@ fn first_touches(overrides: &[String]) -> FirstTouches {
             }
             let l = &state.links;
             let arm = Vec2::new(l.cos[link], l.sin[link]) * (model.chain.lever[link] * if front { 1.0 } else { -1.0 });
-            let d = Vec2::new(l.x[link], l.y[link]) + arm - driver.body.centre;
+            let d = Vec2::new(l.x[link], l.y[link]) + arm - driver.frame.origin;
             let turn = |v: Vec2| Vec2::new(-v.y, v.x);
             // Velocities before the step of first contact.
             let v = Vec2::new(before.vx[link], before.vy[link]) + turn(arm) * before.omega[link] - turn(d) * omega;
@@ -522,7 +522,7 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
                     continue;
                 }
                 let (c, s) = (state.coordinates.cos[k], state.coordinates.sin[k]);
-                let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].body.centre;
+                let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].frame.origin;
                 let d = pitchline::geometry::Vec2::new(c * d.x + s * d.y, c * d.y - s * d.x);
                 let exact =
                     pitchline::contact::gap_contact(model.sprockets[k].geometry.iso().expect("seats"), d, 2.5e-3);
@@ -587,7 +587,7 @@ fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize)
                 let axes = (state.coordinates.cos[k], state.coordinates.sin[k]);
                 for j in 0..model.chain.n_links {
                     let (link, front) = model.chain.bush_carrier(j);
-                    let d = turned(axes, end(link, front) - sprocket.body.centre);
+                    let d = turned(axes, end(link, front) - sprocket.frame.origin);
                     let hit = gap_contact(sprocket.geometry.iso().expect("teeth"), d, sprocket.body.bush_radius_m);
                     // A point nearer to the axis than the root is in no gap.
                     if hit.touch.penetration_m > 0.0 && d.norm() > 0.9 * sprocket.geometry.root_radius_m() {

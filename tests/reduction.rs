@@ -129,7 +129,7 @@ fn a_shaft_carries_the_torques_of_both_chains() {
                 if !(1..3).contains(&body) {
                     continue;
                 }
-                let centre = model.sprockets[body].body.centre;
+                let centre = model.sprockets[body].frame.origin;
                 let (nx, ny, n, t) = (c.normal_x[i], c.normal_y[i], c.normal_force_n[i], c.tangential_force_n[i]);
                 let (x, y) = (c.point_link_x_m[i] - centre.x, c.point_link_y_m[i] - centre.y);
                 of_chain[body - 1] += y * (n * nx - t * ny) - x * (n * ny + t * nx);

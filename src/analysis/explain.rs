@@ -344,7 +344,9 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             let into = |v: Vec2| Vec2::new(swing.cos * v.x + swing.sin * v.y, swing.cos * v.y - swing.sin * v.x);
             let (centre, heading) = (Vec2::new(l.x[lane], l.y[lane]), Vec2::new(l.cos[lane], l.sin[lane]));
             let plate = PlatePart::ALL[set % 3];
-            let t = rail.body.touch(plate, into(centre - swing.origin), into(heading), model.chain.lever[lane])?;
+            let bent = rail.bent(&state.coordinates.angle);
+            let link = (into(centre - swing.origin), into(heading));
+            let (t, _) = rail.touch(bent.as_ref(), plate, link, model.chain.lever[lane])?;
             let normal = Vec2::new(
                 swing.cos * t.normal.x - swing.sin * t.normal.y,
                 swing.sin * t.normal.x + swing.cos * t.normal.y,

@@ -646,7 +646,8 @@ mod tests {
                 let swing = FrameMotion::turning(Vec2::zeros(), (turn.x, turn.y), speed, alpha);
                 let found = find_contacts(&body, PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
                 let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
-                forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, 1.0 / inertia), &mut lanes);
+                let mobility = BodyMobility { inverse_inertia: 1.0 / inertia, inverse_mass: [0.0; 3] };
+                forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, mobility), &mut lanes);
                 (a, alpha) = (lanes.force_y[0] / mass, lanes.torque[0] / inertia);
                 peak = peak.max(lanes.normal_force[0]);
                 (v, omega) = (v + h * a, omega + h * alpha);

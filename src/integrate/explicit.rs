@@ -97,9 +97,9 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
         links::end_motion(model, state, scratch);
         // Rails on arms come towards the chain with a speed of their own.
         let columns = coordinate_columns(model, state);
-        let of_rails = model.rails.iter().map(|r| {
+        let of_rails = model.rails.iter().enumerate().map(|(k, r)| {
             let motion = r.frame.motion(&columns);
-            motion.omega.abs() * r.reach_m + motion.velocity.norm()
+            motion.omega.abs() * r.reach_m + motion.velocity.norm() + rails::bending_m_s(model, state, k)
         });
         let frames = model.sprockets.iter().map(|s| &s.frame).chain(model.guides.iter().map(|g| &g.frame));
         let of_axes = frames.map(|f| f.motion(&columns).velocity.norm());

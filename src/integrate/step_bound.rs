@@ -92,7 +92,8 @@ pub fn step_bound(model: &Model) -> StepBound {
     for rail in &model.rails {
         let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
         let of_turn = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
-        let of_arm = of_turn + axis_mobility(model, &rail.frame);
+        let of_modes: f64 = rail.blade.iter().flat_map(|b| &b.shape.modes).map(|m| 1.0 / m.mass_kg).sum();
+        let of_arm = of_turn + axis_mobility(model, &rail.frame) + of_modes;
         let name = format!("guides.rail.{}", rail.name);
         bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_arm));
         // All plates that can lie on it push the arm at once.
@@ -168,15 +169,16 @@ fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
     xx + yy
 }
 
-/// Bounds of the springs of bearings. Their dampers and films are taken implicitly.
+/// Bounds of the springs of bearings and of the modes of blades. Their dampers and films are taken implicitly.
 fn bearing_bounds(model: &Model) -> Vec<StepBound> {
-    let ways = model.bearings.iter().flat_map(|b| b.ways.map(|k| (&b.path, &model.coordinates[k])));
-    let stiff = ways.filter(|(_, c)| c.spring.stiffness > 0.0);
-    let bound = |(path, c): (&String, &Coordinate)| StepBound {
+    let ways = model.bearings.iter().flat_map(|b| b.ways);
+    let modes = model.rails.iter().flat_map(|r| r.blade.iter().flat_map(|b| b.modes()));
+    let springs = ways.chain(modes).map(|k| &model.coordinates[k]).filter(|c| c.spring.stiffness > 0.0);
+    let bound = |c: &Coordinate| StepBound {
         step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
-        cause: path.clone(),
+        cause: c.path.clone(),
     };
-    stiff.map(bound).collect()
+    springs.map(bound).collect()
 }
 
 /// Bounds of couplings and loads.

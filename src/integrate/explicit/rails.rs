@@ -4,6 +4,7 @@ use super::watch::ContactBlock;
 use super::{
     ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take, write_block,
 };
+use crate::elements::blade::{BladeLanes, BladeMotion, MAX_MODES};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::rail_contact::{self, PlatePart, RailContactLanes};
 use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
@@ -46,6 +47,9 @@ impl RailColumns {
 pub(super) struct PlateLanes {
     lanes: [Lanes; 3],
     found: [RailContactLanes; 3],
+    /// Of a rail that bends.
+    on_blade: [BladeLanes; 3],
+    blade: BladeMotion,
 }
 
 /// Contacts of all plates near rail `k`.
@@ -55,9 +59,19 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let (body, count) = (&rail.body, model.chain.padded / LANES);
     let swing = rail.frame.motion(&coordinate_columns(model, state));
     let mobility = rail.frame.mobility(&model.coordinates);
-    let reach_m = (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m + swing.velocity.norm()) * model.step_s;
+    let reach_m =
+        (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m + swing.velocity.norm() + bending_m_s(model, state, k))
+            * model.step_s;
     let mut own = scratch.plates.take().unwrap_or_default();
-    let PlateLanes { lanes, found } = &mut *own;
+    let PlateLanes { lanes, found, on_blade, blade: bent } = &mut *own;
+    let mut modes = [0.0; MAX_MODES];
+    if let Some(blade) = &rail.blade {
+        let q = &state.coordinates;
+        let half_step = 0.5 * model.step_s;
+        blade.shape.deflection(blade.modes().map(|k| q.angle[k]), &mut bent.way);
+        blade.shape.deflection(blade.modes().map(|k| q.omega[k] + half_step * q.alpha[k]), &mut bent.speed);
+        blade.shape.deflection(blade.modes().map(|k| q.alpha[k]), &mut bent.acceleration);
+    }
     let (mut torque, mut on_links) = ([0.0; LANES], [[0.0; LANES]; 2]);
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
@@ -65,6 +79,11 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             let at = block * LANES;
             let begun = scratch.counts.is_some().then(Instant::now);
             find_contacts(model, state, scratch, (k, shared), at, swing, lanes, found);
+            if let Some(blade) = &rail.blade {
+                for (i, part) in PlatePart::ALL.into_iter().enumerate() {
+                    blade.shape.bend_lanes(body, part, &swing, bent, (&found[i], &mut lanes[i]), &mut on_blade[i]);
+                }
+            }
             let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
             let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
             let held = |set: usize| take(&state.rail_plates[set].age, at).iter().any(|age| *age != 0.0);
@@ -79,12 +98,15 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 memory(state, scratch, set, count).load_past(block, lanes);
             }
             transfer_contacts(lanes, found);
-            for ((lanes, found), set) in lanes.iter_mut().zip(found.iter()).zip(sets) {
+            for (((lanes, found), on_blade), set) in lanes.iter_mut().zip(found.iter()).zip(on_blade.iter()).zip(sets) {
                 let sliding =
                     FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
                 let (law, h) = (&body.law, model.step_s);
                 tooth_contact::forces_on_body(law, sliding, &found.link_radius, h, (swing.omega, mobility), lanes);
                 scratch.end_forces[block].add(lanes);
+                if let Some(blade) = &rail.blade {
+                    blade.shape.give_back(lanes, on_blade, &mut modes);
+                }
                 for (sum, own) in torque.iter_mut().zip(lanes.torque) {
                     *sum += own;
                 }
@@ -103,8 +125,20 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         }
     }
     let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
+    if let Some(blade) = &rail.blade {
+        for (k, force) in blade.modes().zip(modes) {
+            scratch.chain_torque[k] += force;
+        }
+    }
     rail.frame.give_back(on_body, torque.iter().sum::<f64>(), &mut scratch.chain_torque);
     scratch.plates = Some(own);
+}
+
+/// No point of a blade moves faster than this [m/s].
+#[inline(always)]
+pub(super) fn bending_m_s(model: &Model, state: &State, k: usize) -> f64 {
+    let blade = model.rails[k].blade.as_ref();
+    blade.map_or(0.0, |blade| blade.modes().map(|q| state.coordinates.omega[q].abs()).sum())
 }
 
 /// Geometry of the three parts of the plates of a block.
@@ -275,6 +309,7 @@ fn load(
 mod tests {
     use super::*;
     use crate::elements::contact_law::ContactLaw;
+    use crate::elements::rail_contact::RailBody;
     use crate::geometry::guide::GuideSide;
     use crate::geometry::rail::{Rail, Stretch};
     use crate::geometry::{Vec2, rotated};

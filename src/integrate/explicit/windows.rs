@@ -80,7 +80,8 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     for (k, rail) in model.rails.iter().enumerate() {
         let swing = rail.frame.motion(&super::coordinate_columns(model, state));
-        let reach = rail.body.plate_radius_m + longest_lever(model, rail.chain) + WINDOW_MARGIN_M;
+        let bent_m = rail.most_bent_m(&state.coordinates.angle);
+        let reach = rail.body.plate_radius_m + longest_lever(model, rail.chain) + bent_m + WINDOW_MARGIN_M;
         let near = |i: usize| rail.box_distance_m(in_frame(&swing, state, i)) < reach;
         scratch.rail_windows[k] = aligned_windows(&model.chain.loops[rail.chain], near);
     }

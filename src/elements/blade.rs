@@ -1,0 +1,638 @@
+//! Blades: rails that bend. The flexible blade of a tensioner, as its lowest modes of bending about the shape in which it is drawn.
+//!
+//! ```text
+//! w(s, t) = sum phi_k(s) q_k(t)                    along the contour's outward normal at the place s; phi_k: 1 where it is largest
+//! m_k q_k'' = Q_chain - K_k q_k - c_k q_k' + P_k   K_k = m_k w_k^2, c_k = 2 z w_k m_k
+//! P_k = EI integral (1/R - 1/R_free) phi_k'' ds    what bends the free blade into the drawn shape; R > 0 convex towards the chain
+//! Q_chain = -sum (F . N) phi_k(s)                  F on the link, N the contour's normal at s
+//! ```
+//! A point of the contour moves by w N. What touches it sees a gap that is smaller by w, a normal that leans by the slope of w (ends of plates), or
+//! touches where the bending leans as much as the arc falls away (straight edges of plates): both are the derivative of the gap, so that force times way is
+//! what the modes receive. Terms of the order of the slope squared are left out beside one: 0.3 % at a slope of 0.05.
+//!
+//! Modes are those of an Euler-Bernoulli beam along the contour, with pins, clamps and springs, by cubic elements (Hermite): frequencies err by
+//! less than 1e-5 with [`ELEMENTS`] of them. The beam is not tensioned by the chain and does not stretch; supports slide along the contour.
+//! Source: Przemieniecki 1968, sections 5.6 and 11.5 (matrices of the element).
+
+use super::body_frame::FrameMotion;
+use super::rail_contact::{PlatePart, PlateTouch, RailBody, RailContactLanes};
+use super::tooth_contact::{LANES, LaneBlock, Lanes};
+use crate::geometry::rail::Piece;
+use crate::geometry::{Vec2, cross, perp};
+use nalgebra::{DMatrix, DVector};
+
+/// Most modes of a blade.
+pub const MAX_MODES: usize = 8;
+/// Elements of a blade, besides those that supports add.
+const ELEMENTS: usize = 40;
+
+/// A blade as it is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Beam {
+    /// Bending stiffness EI [N m2], mass over length [kg/m].
+    pub stiffness_n_m2: f64,
+    pub mass_kg_per_m: f64,
+    /// Curvature without load, convex towards the chain positive [1/m]; None: as drawn.
+    pub free_curvature_per_m: Option<f64>,
+    /// Places along the contour, in the direction of the profile, and what holds the blade there.
+    pub supports: Vec<(f64, Support)>,
+    /// Damping ratio of every mode.
+    pub damping_ratio: f64,
+    pub modes: usize,
+}
+
+/// What holds a blade at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Support {
+    /// Holds the deflection.
+    Pin,
+    /// Holds deflection and slope.
+    Clamp,
+    /// Presses back [N/m].
+    Spring(f64),
+}
+
+/// One mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BladeMode {
+    pub mass_kg: f64,
+    pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+    /// Where the bending of the drawn shape alone would hold it [m].
+    pub free_m: f64,
+    /// Deflection and slope [1/m] at the nodes, for q = 1 m.
+    value: Vec<f64>,
+    slope: Vec<f64>,
+}
+
+/// Modes of a blade along the contour of a rail.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blade {
+    /// Places of the nodes along the contour [m].
+    nodes: Vec<f64>,
+    pub modes: Vec<BladeMode>,
+    /// Per piece of the rail: where along the contour it begins, or lies.
+    starts: Vec<f64>,
+}
+
+/// A point of the contour.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BladePoint {
+    element: usize,
+    /// Of deflection and slope at both nodes of its element: in deflection, slope and curvature there.
+    value: [f64; 4],
+    slope: [f64; 4],
+    bend: [f64; 4],
+}
+
+/// Deflection of a blade, or one of its derivatives over time, at all nodes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Deflection {
+    value: Vec<f64>,
+    slope: Vec<f64>,
+}
+
+/// Why a blade has no modes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoModes;
+
+impl Blade {
+    /// Modes of a beam along the contour of a rail.
+    pub fn new(body: &RailBody, beam: &Beam) -> Result<Blade, NoModes> {
+        let (starts, length_m) = starts(body);
+        let mut nodes: Vec<f64> = (0..=ELEMENTS).map(|k| length_m * k as f64 / ELEMENTS as f64).collect();
+        nodes.extend(beam.supports.iter().map(|(at, _)| at.clamp(0.0, length_m)));
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup_by(|b, a| *b - *a < 1e-6 * length_m);
+        let mut blade = Blade { nodes, modes: Vec::new(), starts };
+        let (frequencies, shapes, masses) = blade.eigen(beam).ok_or(NoModes)?;
+        let highest = frequencies.last().copied().unwrap_or(0.0);
+        for ((w2, shape), mass_kg) in frequencies.iter().zip(shapes).zip(masses) {
+            // A blade on one pin turns as a whole.
+            let stiffness_n_per_m = if *w2 > 1e-9 * highest { w2 * mass_kg } else { 0.0 };
+            let damping_n_s_per_m = 2.0 * beam.damping_ratio * libm::sqrt(stiffness_n_per_m * mass_kg);
+            let value = shape.iter().step_by(2).copied().collect();
+            let slope = shape.iter().skip(1).step_by(2).copied().collect();
+            blade.modes.push(BladeMode { mass_kg, stiffness_n_per_m, damping_n_s_per_m, free_m: 0.0, value, slope });
+        }
+        for k in 0..blade.modes.len() {
+            let (push_n, stiffness) = (blade.free_push_n(body, beam, k), blade.modes[k].stiffness_n_per_m);
+            blade.modes[k].free_m = if stiffness > 0.0 { push_n / stiffness } else { 0.0 };
+        }
+        Ok(blade)
+    }
+
+    /// P of the file's head.
+    fn free_push_n(&self, body: &RailBody, beam: &Beam, mode: usize) -> f64 {
+        let Some(free) = beam.free_curvature_per_m else { return 0.0 };
+        let slope_at = |s: f64| self.slope_of(mode, &self.point(s));
+        let mut push_n = 0.0;
+        for (piece, start) in body.pieces.iter().zip(&self.starts) {
+            let (length_m, curvature) = match *piece {
+                Piece::Line { length_m, .. } => (length_m, 0.0),
+                Piece::Arc { radius_m, from, to, .. } if radius_m != 0.0 => {
+                    (radius_m.abs() * angle(from, to), 1.0 / radius_m)
+                }
+                Piece::Arc { .. } | Piece::EdgeSupport { .. } => continue,
+            };
+            push_n += beam.stiffness_n_m2 * (curvature - free) * (slope_at(start + length_m) - slope_at(*start));
+        }
+        push_n
+    }
+
+    /// Squares of the lowest angular frequencies, shapes (deflection and slope by node) and masses [kg].
+    fn eigen(&self, beam: &Beam) -> Option<(Vec<f64>, Vec<DVector<f64>>, Vec<f64>)> {
+        let n = 2 * self.nodes.len();
+        let (mut stiffness, mut mass) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
+        for (k, pair) in self.nodes.windows(2).enumerate() {
+            let l = pair[1] - pair[0];
+            let bending = [
+                [12.0, 6.0 * l, -12.0, 6.0 * l],
+                [6.0 * l, 4.0 * l * l, -6.0 * l, 2.0 * l * l],
+                [-12.0, -6.0 * l, 12.0, -6.0 * l],
+                [6.0 * l, 2.0 * l * l, -6.0 * l, 4.0 * l * l],
+            ];
+            let inertia = [
+                [156.0, 22.0 * l, 54.0, -13.0 * l],
+                [22.0 * l, 4.0 * l * l, 13.0 * l, -3.0 * l * l],
+                [54.0, 13.0 * l, 156.0, -22.0 * l],
+                [-13.0 * l, -3.0 * l * l, -22.0 * l, 4.0 * l * l],
+            ];
+            for i in 0..4 {
+                for j in 0..4 {
+                    stiffness[(2 * k + i, 2 * k + j)] += beam.stiffness_n_m2 / (l * l * l) * bending[i][j];
+                    mass[(2 * k + i, 2 * k + j)] += beam.mass_kg_per_m * l / 420.0 * inertia[i][j];
+                }
+            }
+        }
+        let mut held = vec![false; n];
+        for (at, support) in &beam.supports {
+            let off = |k: &usize| (self.nodes[*k] - at).abs();
+            let node = (0..self.nodes.len()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+            match support {
+                Support::Pin => held[2 * node] = true,
+                Support::Clamp => (held[2 * node], held[2 * node + 1]) = (true, true),
+                Support::Spring(n_per_m) => stiffness[(2 * node, 2 * node)] += n_per_m,
+            }
+        }
+        let free: Vec<usize> = (0..n).filter(|i| !held[*i]).collect();
+        let kept = |m: &DMatrix<f64>| DMatrix::from_fn(free.len(), free.len(), |i, j| m[(free[i], free[j])]);
+        let (k, m) = (kept(&stiffness), kept(&mass));
+        // K x = w^2 M x with M = L L': (L^-1 K L^-T) y = w^2 y, x = L^-T y.
+        let lower = m.clone().cholesky()?.unpack();
+        let half = lower.solve_lower_triangular(&k)?;
+        let mut whole = lower.solve_lower_triangular(&half.transpose())?;
+        whole = DMatrix::from_fn(free.len(), free.len(), |i, j| 0.5 * (whole[(i, j)] + whole[(j, i)]));
+        let eigen = whole.symmetric_eigen();
+        let mut order: Vec<usize> = (0..free.len()).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        let (mut squares, mut shapes, mut masses) = (Vec::new(), Vec::new(), Vec::new());
+        for i in order.into_iter().take(beam.modes.min(MAX_MODES)) {
+            let x = lower.tr_solve_lower_triangular(&eigen.eigenvectors.column(i).into_owned())?;
+            let mut shape = DVector::zeros(n);
+            for (to, value) in free.iter().zip(x.iter()) {
+                shape[*to] = *value;
+            }
+            let largest = shape.iter().step_by(2).copied().reduce(|a, b| if b.abs() > a.abs() { b } else { a })?;
+            shape /= largest;
+            squares.push(eigen.eigenvalues[i].max(0.0));
+            shapes.push(shape);
+            // y has the length 1, so the mass is that of the scale.
+            masses.push(1.0 / (largest * largest));
+        }
+        Some((squares, shapes, masses))
+    }
+
+    /// The point at a place along the contour [m].
+    pub fn point(&self, s: f64) -> BladePoint {
+        let last = self.nodes.len() - 2;
+        let element = self.nodes.partition_point(|node| *node <= s).saturating_sub(1).min(last);
+        let (from, to) = (self.nodes[element], self.nodes[element + 1]);
+        let l = to - from;
+        let x = ((s - from) / l).clamp(0.0, 1.0);
+        let (x2, x3) = (x * x, x * x * x);
+        BladePoint {
+            element,
+            value: [1.0 - 3.0 * x2 + 2.0 * x3, l * (x - 2.0 * x2 + x3), 3.0 * x2 - 2.0 * x3, l * (x3 - x2)],
+            slope: [6.0 * (x2 - x) / l, 1.0 - 4.0 * x + 3.0 * x2, 6.0 * (x - x2) / l, 3.0 * x2 - 2.0 * x],
+            bend: [(12.0 * x - 6.0) / (l * l), (6.0 * x - 4.0) / l, (6.0 - 12.0 * x) / (l * l), (6.0 * x - 2.0) / l],
+        }
+    }
+
+    /// Deflection of a mode at a point, for q = 1 m.
+    #[inline(always)]
+    pub fn value_of(&self, mode: usize, at: &BladePoint) -> f64 {
+        let m = &self.modes[mode];
+        weighted(&at.value, &m.value, &m.slope, at.element)
+    }
+
+    /// Slope of a mode at a point [1/m].
+    #[inline(always)]
+    pub fn slope_of(&self, mode: usize, at: &BladePoint) -> f64 {
+        let m = &self.modes[mode];
+        weighted(&at.slope, &m.value, &m.slope, at.element)
+    }
+
+    /// Deflection of all nodes by the coordinates of the modes, or its rate by their speeds.
+    pub fn deflection(&self, q: impl Iterator<Item = f64>, out: &mut Deflection) {
+        let zero = |column: &mut Vec<f64>| {
+            column.clear();
+            column.resize(self.nodes.len(), 0.0);
+        };
+        zero(&mut out.value);
+        zero(&mut out.slope);
+        for (mode, q) in self.modes.iter().zip(q) {
+            for k in 0..self.nodes.len() {
+                out.value[k] += mode.value[k] * q;
+                out.slope[k] += mode.slope[k] * q;
+            }
+        }
+    }
+
+    /// Where along the contour a touch of a piece lies [m], and the contour's normal there. `foot`: the point that touches, and `normal`,
+    /// both in the rail's frame.
+    #[inline(always)]
+    fn place(&self, body: &RailBody, piece: usize, foot: Vec2, normal: Vec2) -> (f64, Vec2) {
+        let start = self.starts[piece];
+        match body.pieces[piece] {
+            Piece::Line { start: from, along, .. } => (start + (foot - from).dot(&along), normal),
+            Piece::Arc { radius_m, from, to, .. } if radius_m == 0.0 => (start, if start == 0.0 { to } else { from }),
+            Piece::Arc { radius_m, from, .. } => (start + radius_m.abs() * angle(from, normal), normal),
+            Piece::EdgeSupport { normal, .. } => (start, normal),
+        }
+    }
+
+    /// How much further along a bent arc a straight edge touches [m], and the point there: where the slope of the arc is that of the bending.
+    #[inline(always)]
+    fn further(&self, bent: &Deflection, (place, point): (f64, BladePoint), radius_m: f64) -> (f64, BladePoint) {
+        if radius_m.is_infinite() || radius_m == 0.0 {
+            return (0.0, point);
+        }
+        let (mut further_m, mut at) = (0.0, point);
+        for _ in 0..NEWTON_STEPS {
+            let flattened = 1.0 - radius_m * bent.bend_at(&at);
+            let flattened = if flattened > MOST_FLATTENED { flattened } else { MOST_FLATTENED };
+            further_m -= (further_m - radius_m * bent.slope_at(&at)) / flattened;
+            at = self.point(place + further_m);
+        }
+        (further_m, at)
+    }
+
+    /// A touch of the drawn contour as it is on the bent one, and its point: `centre`, `along`: of the link, in the rail's frame.
+    pub fn bent_touch(
+        &self,
+        body: &RailBody,
+        bent: &Deflection,
+        (centre, along): (Vec2, Vec2),
+        touch: PlateTouch,
+    ) -> (PlateTouch, BladePoint, Vec2) {
+        let on_axis = centre + along * touch.along_m;
+        let (s, normal) = self.place(body, touch.piece, on_axis, touch.normal);
+        let point = self.point(s);
+        let (w, slope) = (bent.value_at(&point), bent.slope_at(&point));
+        let mut out = touch;
+        let radius_m = if touch.body_radius_m == 0.0 { 0.0 } else { touch.body_radius_m };
+        if touch.is_flat {
+            let (further_m, point) = self.further(bent, (s, point), radius_m);
+            out.penetration_m += bent.value_at(&point) * normal.dot(&touch.normal) - lost_m(further_m, radius_m);
+            out.along_m += further_m * along.dot(&perp(touch.normal));
+            return (out, point, normal);
+        }
+        let leaning = slope * lean(radius_m, body.plate_radius_m - touch.penetration_m);
+        let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
+        out.penetration_m = (touch.penetration_m + w * normal.dot(&touch.normal)) * scale;
+        out.normal = (touch.normal - perp(touch.normal) * leaning) * scale;
+        (out, point, normal)
+    }
+
+    /// As [`Blade::bent_touch`], for a block of lanes that have been moved to their contacts on the drawn contour: puts in what bending changes, the
+    /// blade's own motion and what it gives way.
+    #[inline(always)]
+    pub fn bend_lanes(
+        &self,
+        body: &RailBody,
+        part: PlatePart,
+        motion: &FrameMotion,
+        bent: &BladeMotion,
+        (found, lanes): (&RailContactLanes, &mut Lanes),
+        out: &mut BladeLanes,
+    ) {
+        let (c, s) = (motion.cos, motion.sin);
+        let into = |x: f64, y: f64| Vec2::new(c * x + s * y, c * y - s * x);
+        for i in 0..LANES {
+            if !found.here[i] {
+                continue;
+            }
+            let piece = found.piece[i] as usize;
+            let n = Vec2::new(lanes.normal_x[i], lanes.normal_y[i]);
+            let (place, own) = self.place(body, piece, into(lanes.x[i], lanes.y[i]), into(n.x, n.y));
+            let mut point = self.point(place);
+            let (w, slope) = (bent.way.value_at(&point), bent.way.slope_at(&point));
+            let own = Vec2::new(c * own.x - s * own.y, s * own.x + c * own.y);
+            let along = perp(n);
+            let radius_m = match body.pieces[piece] {
+                Piece::Arc { radius_m, .. } => radius_m,
+                Piece::Line { .. } => f64::INFINITY,
+                Piece::EdgeSupport { .. } => 0.0,
+            };
+            let flat = part == PlatePart::Edge && found.link_radius[i].is_infinite();
+            if flat {
+                let (further_m, moved) = self.further(&bent.way, (place, point), radius_m);
+                let by = further_m * (lanes.cos[i] * along.x + lanes.sin[i] * along.y);
+                lanes.penetration[i] += bent.way.value_at(&moved) * own.dot(&n) - lost_m(further_m, radius_m);
+                lanes.lever[i] += by;
+                lanes.x[i] += by * lanes.cos[i];
+                lanes.y[i] += by * lanes.sin[i];
+                lanes.vx[i] -= lanes.omega[i] * by * lanes.sin[i];
+                lanes.vy[i] += lanes.omega[i] * by * lanes.cos[i];
+                point = moved;
+            } else {
+                let leaning = slope * lean(radius_m, body.plate_radius_m - lanes.penetration[i]);
+                let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
+                let leant = (n - along * leaning) * scale;
+                lanes.penetration[i] = (lanes.penetration[i] + w * own.dot(&n)) * scale;
+                (lanes.normal_x[i], lanes.normal_y[i]) = (leant.x, leant.y);
+                lanes.curvature[i] += bent.way.bend_at(&point);
+            }
+            let slide = (lanes.vx[i] * along.x + lanes.vy[i] * along.y)
+                + motion.omega * (lanes.y[i] * along.x - lanes.x[i] * along.y);
+            let speed = bent.speed.value_at(&point);
+            let push = bent.acceleration.value_at(&point) + 2.0 * bent.speed.slope_at(&point) * slide;
+            lanes.vx[i] -= speed * own.x;
+            lanes.vy[i] -= speed * own.y;
+            lanes.ax[i] -= push * own.x;
+            lanes.ay[i] -= push * own.y;
+            for (k, mode) in self.modes.iter().enumerate() {
+                let phi = self.value_of(k, &point);
+                lanes.inverse_mass[i] += phi * phi / mode.mass_kg;
+            }
+            out.points[i] = point;
+            (out.normal_x[i], out.normal_y[i]) = (own.x, own.y);
+        }
+    }
+
+    /// Adds what a block of contacts gives to the modes.
+    #[inline(always)]
+    pub fn give_back(&self, lanes: &Lanes, own: &BladeLanes, forces: &mut [f64; MAX_MODES]) {
+        for i in 0..LANES {
+            let push = lanes.force_x[i] * own.normal_x[i] + lanes.force_y[i] * own.normal_y[i];
+            if push == 0.0 {
+                continue;
+            }
+            for (k, sum) in forces.iter_mut().enumerate().take(self.modes.len()) {
+                *sum -= push * self.value_of(k, &own.points[i]);
+            }
+        }
+    }
+}
+
+/// Way, speed and acceleration of all nodes of a blade at a node of time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BladeMotion {
+    pub way: Deflection,
+    pub speed: Deflection,
+    pub acceleration: Deflection,
+}
+
+/// Where the lanes of a block touch a blade.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BladeLanes {
+    points: [BladePoint; LANES],
+    /// The contour's normal there.
+    normal_x: LaneBlock,
+    normal_y: LaneBlock,
+}
+
+impl Deflection {
+    #[inline(always)]
+    pub fn value_at(&self, at: &BladePoint) -> f64 {
+        weighted(&at.value, &self.value, &self.slope, at.element)
+    }
+
+    #[inline(always)]
+    pub fn slope_at(&self, at: &BladePoint) -> f64 {
+        weighted(&at.slope, &self.value, &self.slope, at.element)
+    }
+
+    #[inline(always)]
+    fn bend_at(&self, at: &BladePoint) -> f64 {
+        weighted(&at.bend, &self.value, &self.slope, at.element)
+    }
+}
+
+/// Sum over both nodes of an element.
+#[inline(always)]
+fn weighted(weights: &[f64; 4], value: &[f64], slope: &[f64], element: usize) -> f64 {
+    weights[0] * value[element]
+        + weights[1] * slope[element]
+        + weights[2] * value[element + 1]
+        + weights[3] * slope[element + 1]
+}
+
+/// What the arc itself falls away on the way to where a straight edge touches it [m].
+#[inline(always)]
+fn lost_m(further_m: f64, radius_m: f64) -> f64 {
+    if further_m == 0.0 { 0.0 } else { 0.5 * further_m * further_m / radius_m }
+}
+
+/// Of the place of a straight edge on a bent arc: the second leaves less than a nanometre.
+const NEWTON_STEPS: usize = 2;
+
+/// Share of an arc's curvature that bending may leave, before a straight edge touches it at many points at once. assumed: blades of tensioners
+/// keep a half of it and more.
+const MOST_FLATTENED: f64 = 0.2;
+
+/// Slope as a joint at `height_m` over the contour sees it: R / (R + height).
+#[inline(always)]
+fn lean(radius_m: f64, height_m: f64) -> f64 {
+    if radius_m.is_infinite() { 1.0 } else { radius_m / (radius_m + height_m) }
+}
+
+/// Angle between two directions, never negative [rad].
+fn angle(from: Vec2, to: Vec2) -> f64 {
+    crate::units::atan2(cross(from, to).abs(), from.dot(&to))
+}
+
+/// Where along the contour every piece begins, and the contour's length.
+fn starts(body: &RailBody) -> (Vec<f64>, f64) {
+    let mut at = 0.0;
+    let mut starts: Vec<f64> = Vec::new();
+    for piece in &body.pieces {
+        starts.push(at);
+        match *piece {
+            Piece::Line { length_m, .. } => at += length_m,
+            Piece::Arc { radius_m, from, to, .. } => at += radius_m.abs() * angle(from, to),
+            Piece::EdgeSupport { .. } => {}
+        }
+    }
+    // Edge supports stand behind the corner of the end: each lies where its line begins or ends.
+    for (k, piece) in body.pieces.iter().enumerate() {
+        let Piece::EdgeSupport { point, .. } = *piece else { continue };
+        for (j, line) in body.pieces.iter().enumerate() {
+            let Piece::Line { start, along, length_m } = *line else { continue };
+            let foot = (point - start).dot(&along);
+            let is_end = foot.abs() < 1e-9 || (foot - length_m).abs() < 1e-9;
+            if is_end && cross(along, point - start).abs() < 1e-9 {
+                starts[k] = starts[j] + foot;
+            }
+        }
+    }
+    (starts, at)
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use crate::elements::contact_law::ContactLaw;
+    use crate::geometry::guide::GuideSide;
+    use crate::geometry::rail::{Rail, Stretch};
+    use std::f64::consts::PI;
+
+    const LENGTH_M: f64 = 0.09;
+    const EI: f64 = 0.4618;
+    const MASS: f64 = 0.238;
+
+    fn body(radius_m: Option<f64>) -> RailBody {
+        let stretches = [Stretch { length_m: 0.04, radius_m }, Stretch { length_m: LENGTH_M - 0.04, radius_m }];
+        let rail = Rail::new(GuideSide::Inside, Vec2::zeros(), 0.0, &stretches).expect("a rail");
+        let law = ContactLaw::Linear { stiffness_n_per_m: 1e7, damping_n_s_per_m: 0.0 };
+        RailBody::new(&rail, 3.5e-3, law, 0.0, 0.1)
+    }
+
+    fn beam(supports: Vec<(f64, Support)>, modes: usize) -> Beam {
+        Beam {
+            stiffness_n_m2: EI,
+            mass_kg_per_m: MASS,
+            free_curvature_per_m: None,
+            supports,
+            damping_ratio: 0.0,
+            modes,
+        }
+    }
+
+    fn frequencies(blade: &Blade) -> Vec<f64> {
+        let of = |m: &BladeMode| (m.stiffness_n_per_m / m.mass_kg).sqrt() / (2.0 * PI);
+        blade.modes.iter().map(of).collect()
+    }
+
+    /// Deflection at `at` under a force at `at`: sum of phi^2 F / K.
+    fn deflection(blade: &Blade, at: f64, force: f64) -> f64 {
+        let point = blade.point(at);
+        let of = |k: usize| blade.value_of(k, &point).powi(2) * force / blade.modes[k].stiffness_n_per_m;
+        (0..blade.modes.len()).map(of).sum()
+    }
+
+    /// F L^3 / 3 EI within 1 % by three modes, and 3.516 / (2 pi L^2) sqrt(EI/m).
+    #[test]
+    fn a_cantilever_bends_and_rings_as_the_closed_form_says() {
+        let exact_m = 10.0 * LENGTH_M.powi(3) / (3.0 * EI);
+        for (modes, bound) in [(1, 0.031), (3, 0.003), (8, 3e-4)] {
+            let blade = Blade::new(&body(None), &beam(vec![(0.0, Support::Clamp)], modes)).expect("modes");
+            let off = deflection(&blade, LENGTH_M, 10.0) / exact_m - 1.0;
+            println!("{modes} modes: tip off by {off:.2e}");
+            assert!(off.abs() < bound && off < 0.0, "{modes}: {off}");
+            let roots: [f64; 3] = [1.875_104_068_7, 4.694_091_133, 7.854_757_438];
+            for (f, root) in frequencies(&blade).iter().zip(roots) {
+                let exact = (root / LENGTH_M).powi(2) * (EI / MASS).sqrt() / (2.0 * PI);
+                assert!((f / exact - 1.0).abs() < 1e-5, "{f} {exact}");
+            }
+        }
+    }
+
+    /// Pins at both ends, a clamp at the other end, a spring in the middle.
+    #[test]
+    fn supports_hold_what_they_say() {
+        let pinned =
+            Blade::new(&body(None), &beam(vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin)], 4)).expect("modes");
+        for (k, f) in frequencies(&pinned).iter().enumerate() {
+            let exact = PI * (k as f64 + 1.0).powi(2) / (2.0 * LENGTH_M.powi(2)) * (EI / MASS).sqrt();
+            assert!((f / exact - 1.0).abs() < 1e-5, "{k}: {f} {exact}");
+        }
+        // A spring as stiff as the middle of the beam halves what a force there bends.
+        let stiffness = 48.0 * EI / LENGTH_M.powi(3);
+        let supports =
+            vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin), (0.5 * LENGTH_M, Support::Spring(stiffness))];
+        let sprung = Blade::new(&body(None), &beam(supports, 8)).expect("modes");
+        let off = deflection(&sprung, 0.5 * LENGTH_M, 10.0) / (10.0 / (2.0 * stiffness)) - 1.0;
+        assert!(off.abs() < 5e-3, "{off}");
+        // Without supports a blade floats: two modes without stiffness.
+        let floating = Blade::new(&body(None), &beam(Vec::new(), 3)).expect("modes");
+        assert_eq!(floating.modes[1].stiffness_n_per_m, 0.0);
+        assert!(floating.modes[2].stiffness_n_per_m > 0.0);
+    }
+
+    /// A pinned blade of free radius 130 mm, drawn with 190 mm, comes back by the sagittas' difference.
+    #[test]
+    fn a_blade_that_is_let_go_takes_its_free_shape() {
+        let (drawn, free) = (0.19, 0.13);
+        let supports = vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin)];
+        let beam = Beam { free_curvature_per_m: Some(1.0 / free), ..beam(supports, 7) };
+        let blade = Blade::new(&body(Some(drawn)), &beam).expect("modes");
+        let middle = blade.point(0.5 * LENGTH_M);
+        let rises: f64 = (0..7).map(|k| blade.modes[k].free_m * blade.value_of(k, &middle)).sum();
+        let exact = LENGTH_M * LENGTH_M / 8.0 * (1.0 / free - 1.0 / drawn);
+        println!("rises by {:.4} mm, {:.4} mm by both curvatures", rises * 1e3, exact * 1e3);
+        assert!((rises / exact - 1.0).abs() < 5e-3, "{rises} {exact}");
+    }
+
+    /// Normal, place and depth of a bent touch are the gradient of its depth: moving the link, turning it and bending the blade by small
+    /// amounts changes the depth by what they say.
+    #[test]
+    fn a_bent_touch_is_the_gradient_of_its_depth() {
+        let mut worst = 0.0_f64;
+        for radius_m in [None, Some(0.19), Some(-0.4)] {
+            let body = body(radius_m);
+            let supports = vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin)];
+            let blade = Blade::new(&body, &beam(supports, 4)).expect("modes");
+            let at_rest = [4e-4, -2e-4, 1e-4, 5e-5];
+            for step in 0..12 {
+                let (x, turn) = (0.01 + 0.006 * f64::from(step), 0.02 - 0.004 * f64::from(step));
+                let r = radius_m.unwrap_or(f64::INFINITY);
+                let (height, lies) = if r.is_finite() { (x * x / (2.0 * r), x / r) } else { (0.0, 0.0) };
+                for part in PlatePart::ALL {
+                    let depth = |dx: f64, dy: f64, dturn: f64, q: [f64; 4]| {
+                        let centre = Vec2::new(x + dx, -(3.5e-3 - 2e-5) + height + dy);
+                        let along = crate::geometry::unit(lies + turn + dturn);
+                        let touch = body.touch(part, centre, along, 4e-3)?;
+                        let mut bent = Deflection::default();
+                        blade.deflection(q.into_iter(), &mut bent);
+                        Some((blade.bent_touch(&body, &bent, (centre, along), touch), along))
+                    };
+                    let Some(((touch, point, own), along)) = depth(0.0, 0.0, 0.0, at_rest) else { continue };
+                    let by = |dx: f64, dy: f64, dturn: f64, dq: f64| {
+                        let mut q = at_rest;
+                        q[1] += dq;
+                        depth(dx, dy, dturn, q).map(|((t, _, _), _)| (t.penetration_m, t.piece))
+                    };
+                    let slope = |e: f64, d: [f64; 4]| -> Option<f64> {
+                        let (a, b) = (
+                            by(e * d[0], e * d[1], e * d[2], e * d[3])?,
+                            by(-e * d[0], -e * d[1], -e * d[2], -e * d[3])?,
+                        );
+                        (a.1 == b.1).then_some((a.0 - b.0) / (2.0 * e))
+                    };
+                    let arm = along * touch.along_m;
+                    let expected = [
+                        -touch.normal.x,
+                        -touch.normal.y,
+                        -cross(arm, touch.normal),
+                        blade.value_of(1, &point) * own.dot(&touch.normal),
+                    ];
+                    for (k, (expected, e)) in expected.into_iter().zip([1e-7, 1e-7, 1e-6, 1e-7]).enumerate() {
+                        let mut d = [0.0; 4];
+                        d[k] = 1.0;
+                        let Some(found) = slope(e, d) else { continue };
+                        let scale = if k == 2 { 4e-3 } else { 1.0 };
+                        worst = worst.max((found - expected).abs() / scale);
+                        assert!(
+                            (found - expected).abs() < 2e-3 * scale,
+                            "{radius_m:?} {part:?} {step} {k}: {found} {expected}"
+                        );
+                    }
+                }
+            }
+        }
+        println!("gradients off by {worst:.1e}");
+    }
+}
