@@ -297,8 +297,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         }
         PreloadSpec::Arm(_) => None,
     };
-    let preloads = std::iter::once(&drive.preload).chain(drive.more.iter().map(|c| &c.preload));
-    let moved = preloads.filter_map(axis).collect();
+    let moved = (0..drive.chains()).filter_map(|chain| axis(drive.preload_of(chain))).collect();
     let resting = |arm: &ArmModel| {
         let angle_rad = loaded.configuration.coordinates[arm.coordinate];
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
@@ -374,16 +373,21 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
             }
         }
     }
-    let tension_n = at.tensions_n.iter().copied().fold(0.0, f64::max);
-    if let PreloadSpec::Arm(arm) = drive.preload
-        && tension_n < MIN_TENSION_N
-    {
-        let name = &drive.arms[arm].name;
-        return refuse(
-            format!("arms.{name}.spring_torque_nm"),
-            format!("the spring of arm `{name}` does not tighten the chain"),
-            "its torque is counterclockwise positive: turn its sign, or make it larger; or press it with a slider",
-        );
+    let mut first = 0;
+    for chain in 0..drive.chains() {
+        let own = first..first + drive.links_of(chain);
+        first = own.end;
+        let tension_n = at.tensions_n[own].iter().copied().fold(0.0, f64::max);
+        if let PreloadSpec::Arm(arm) = *drive.preload_of(chain)
+            && tension_n < MIN_TENSION_N
+        {
+            let name = &drive.arms[arm].name;
+            return refuse(
+                format!("arms.{name}.spring_torque_nm"),
+                format!("the spring of arm `{name}` does not tighten the chain"),
+                "its torque is counterclockwise positive: turn its sign, or make it larger; or press it with a slider",
+            );
+        }
     }
     Ok(())
 }
@@ -469,8 +473,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     }
     for (chain, own) in model.chain.loops.iter().enumerate() {
         let route = model.routes.get(chain).ok_or_else(no_route)?;
-        let spec = if chain == 0 { &drive.chain } else { &drive.more[chain - 1].chain };
-        let pitch_m = spec.pitch_m();
+        let pitch_m = drive.chain_of(chain).pitch_m();
         let sprockets = drive.sprockets_of(chain);
         let mut laid = lay_chain(route, own.len(), pitch_m, phase);
         let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();

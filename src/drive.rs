@@ -60,6 +60,8 @@ pub struct ChainPart {
     pub tooth_contact: ContactSpec,
     /// Contact with guides and rails.
     pub guide_contact: ContactSpec,
+    /// Contact of abutments with rings.
+    pub ring_contact: ContactSpec,
     /// How this chain is tightened.
     pub preload: PreloadSpec,
 }

@@ -441,7 +441,7 @@ fn add_touch(touch: &Touch, q: &Configuration, free: &[usize], s: &mut System) {
 
 /// Links' own contours.
 fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize], &mut EndFinder), s: &mut System) {
-    if model.contour.is_none() {
+    if model.end_bodies.is_empty() {
         return;
     }
     let poses = LinkPoses::new(model.chain.lanes, |i| {

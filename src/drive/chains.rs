@@ -1,6 +1,6 @@
 //! A drive of several chains: what belongs to each, which drives which, and what turns.
 
-use super::{Drive, OuterSpec, PreloadSpec};
+use super::{ChainSpec, Drive, OuterSpec, PreloadSpec};
 
 impl Drive {
     /// Number of chains.
@@ -12,6 +12,16 @@ impl Drive {
     pub fn sprockets_of(&self, chain: usize) -> std::ops::Range<usize> {
         let first = self.sprockets.iter().position(|s| s.chain == chain).unwrap_or(0);
         first..first + self.sprockets.iter().filter(|s| s.chain == chain).count()
+    }
+
+    /// Type and dimensions of the links of a chain.
+    pub fn chain_of(&self, chain: usize) -> &ChainSpec {
+        if chain == 0 { &self.chain } else { &self.more[chain - 1].chain }
+    }
+
+    /// How a chain is tightened.
+    pub fn preload_of(&self, chain: usize) -> &PreloadSpec {
+        if chain == 0 { &self.preload } else { &self.more[chain - 1].preload }
     }
 
     /// Number of links of every chain.
@@ -33,7 +43,7 @@ impl Drive {
             let part = &self.more[chain - 1];
             (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
             (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
-                (part.tooth_contact, part.guide_contact, part.tooth_contact);
+                (part.tooth_contact, part.guide_contact, part.ring_contact);
             alone.preload = part.preload;
         }
         alone.more.clear();

@@ -62,16 +62,7 @@ impl Drive {
                  order in which they drive each other",
             );
         }
-        let spec = if chain == 0 { &self.chain } else { &self.more[chain - 1].chain };
-        if !matches!(spec, ChainSpec::Bush(_)) {
-            mistakes.add(
-                &format!("chains.{name}.chain"),
-                "silent and abutment chains run alone yet".into(),
-                "take bush chains where there are several",
-            );
-        }
-        let preload = if chain == 0 { &self.preload } else { &self.more[chain - 1].preload };
-        if let PreloadSpec::Sprocket { moves, .. } = *preload
+        if let PreloadSpec::Sprocket { moves, .. } = *self.preload_of(chain)
             && self.sprockets.iter().filter(|s| s.shaft.is_some() && s.shaft == self.sprockets[moves].shaft).count() > 1
         {
             mistakes.add(
@@ -240,13 +231,6 @@ impl Drive {
                     "make them for the sprocket with the fewest teeth",
                 );
             }
-            if self.guides.iter().any(|g| g.side == GuideSide::Outside) {
-                mistakes.add(
-                    "guides.fixed",
-                    "abutments lie inside the loop, and a guide outside".into(),
-                    "set its `side` to \"inside\"",
-                );
-            }
         }
         let contours = match self.chain {
             ChainSpec::Bush(_) => Vec::new(),
@@ -324,11 +308,11 @@ impl Drive {
 
     /// Rails, and the arm that tightens the chain.
     fn check_rails(&self, mistakes: &mut DriveErrors<'_>) {
-        if matches!(self.chain, ChainSpec::Abutment(_)) && !self.rails.is_empty() {
+        if matches!(self.chain, ChainSpec::Abutment(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {
             mistakes.add(
                 "guides.rail",
-                "abutments do not run on rails yet".into(),
-                "take straight guides (`[guides.fixed.NAME]`), or another chain",
+                "abutments lie inside the loop and run on straight faces there".into(),
+                "take straight guides inside (`[guides.fixed.NAME]`), or set its `side` to \"outside\"",
             );
         }
         if matches!(self.chain, ChainSpec::Silent(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {

@@ -62,10 +62,10 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let mut more = Vec::new();
     for (index, (_, t)) in chains.iter().enumerate().skip(1) {
         let (chain, links, scatter, joint) = read_links(&t.table("chain"));
-        let (tooth_contact, guide_contact, _) = read_contacts(&t.table("contact"), &chain);
+        let (tooth_contact, guide_contact, ring_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
         let preload = read_preload(&t.table("preload"), &own(index), before, &arms);
-        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, preload });
+        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, preload });
     }
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
@@ -382,11 +382,15 @@ fn read_sprockets(
     let speeds = Speeds::new(root);
     let mut motion = MotionSpec::default();
     let shafts = read_shafts(root, &speeds, constant_loads, &mut motion);
-    // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
-    let chain = chains.first().map_or(root, |(_, t)| t).table("chain");
-    let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
+    let owners: Vec<&TomlTable<'_>> =
+        if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
+    let routes: Vec<Option<Vec<String>>> = owners.iter().map(|t| t.texts("route")).collect();
     let mut all = Vec::new();
     for (name, t) in table.tables() {
+        // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
+        let own = routes.iter().position(|route| route.as_ref().is_some_and(|r| r.contains(&name))).unwrap_or(0);
+        let chain = owners[own].table("chain");
+        let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
         let (outer, shaft) = read_outer((&name, &t), &shafts, (&speeds, constant_loads), &mut motion);
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
@@ -415,9 +419,7 @@ fn read_sprockets(
     }
     speeds.finish();
     constant_loads.finish();
-    let routes: Vec<&TomlTable<'_>> =
-        if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
-    (order_by_routes(root, &routes, all), shafts, motion)
+    (order_by_routes(root, &owners, routes, all), shafts, motion)
 }
 
 /// What turns a sprocket: its shaft, a prescribed speed, or a load on its own inertia; and the index of its shaft.
@@ -503,12 +505,17 @@ fn read_face(t: &TomlTable<'_>) -> FaceForm {
 }
 
 /// Sorts the sprockets by `route`, the order in which the chain meets them, of one chain after the other.
-fn order_by_routes(root: &TomlTable<'_>, chains: &[&TomlTable<'_>], all: Vec<SprocketDrive>) -> Vec<SprocketDrive> {
+fn order_by_routes(
+    root: &TomlTable<'_>,
+    chains: &[&TomlTable<'_>],
+    routes: Vec<Option<Vec<String>>>,
+    all: Vec<SprocketDrive>,
+) -> Vec<SprocketDrive> {
     let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
     let mut sorted = Vec::new();
     let mut whole = Vec::new();
-    for (chain, t) in chains.iter().enumerate() {
-        let route = t.texts("route").unwrap_or_else(|| if chains.len() == 1 { names.clone() } else { Vec::new() });
+    for (chain, (t, route)) in chains.iter().zip(routes).enumerate() {
+        let route = route.unwrap_or_else(|| if chains.len() == 1 { names.clone() } else { Vec::new() });
         order_by_route(t, chain, &route, &all, &mut sorted);
         whole.extend(route);
     }

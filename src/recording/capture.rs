@@ -623,7 +623,7 @@ const PIVOT_RADIUS_M: f64 = 3e-3;
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
 fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
     let mut circles = vec![(Vec2::zeros(), 0.4 * model.sprockets[k].geometry.root_radius_m())];
-    for body in model.end_bodies.iter().filter(|b| b.coordinate == Some(model.sprockets[k].coordinate)) {
+    for body in model.end_bodies.iter().filter(|b| b.body == k) {
         match &body.shape {
             EndShape::Circle { radius_m } => circles.push((Vec2::zeros(), *radius_m)),
             EndShape::Lobes { ring, .. } => circles.push((Vec2::zeros(), ring.valley_radius_m)),

@@ -38,8 +38,8 @@ pub(super) struct EndBlock {
 }
 
 impl EndBlock {
-    /// Front and rear ends of every block of links, as the body `body` meets them.
-    pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
+    /// Front and rear ends of every block of the links of its chain, as the body `body` meets them.
+    pub(super) fn all(model: &Model, body: &EndBody) -> Vec<[EndBlock; 2]> {
         let end = |block, front| EndBlock {
             own: [0; LANES],
             has_own: false,
@@ -48,7 +48,7 @@ impl EndBlock {
             clearances: Clearances::default(),
             cache: Cache::new(model, body, block, front),
         };
-        (0..count).map(|block| [end(block, true), end(block, false)]).collect()
+        model.chain.blocks_of(body.chain).map(|block| [end(block, true), end(block, false)]).collect()
     }
 
     /// Elements that were looked up anew.
@@ -154,12 +154,9 @@ fn closable_gap_m(model: &Model, fastest_m_s: f64) -> f64 {
 /// What all ends share in a step.
 struct EndContactPass<'a> {
     model: &'a Model,
-    contour: &'a LinkContour,
     far_m: f64,
     links: LinkSources<'a>,
     fastest_m_s: f64,
-    /// Distance of the farthest point of a contour from its link's centre [m].
-    extent_m: f64,
     /// Forces on the links of every block.
     block_forces: &'a mut [BlockForces],
     /// What contacts of this step have changed so far, for every block.
@@ -174,6 +171,9 @@ struct EndContactPass<'a> {
 /// A body in this step.
 struct BodyInStep<'a> {
     body: &'a EndBody,
+    /// Of the links of its chain, and the distance of its farthest point from its link's centre [m].
+    contour: &'a LinkContour,
+    extent_m: f64,
     /// Cosine and sine of its angle, and its speed.
     rotor: (f64, f64),
     omega: f64,
@@ -190,43 +190,56 @@ struct BodyInStep<'a> {
 
 impl<'a> BodyInStep<'a> {
     #[inline(always)]
-    fn new(model: &'a Model, state: &State, index: usize, (fastest_m_s, watched): (f64, bool)) -> BodyInStep<'a> {
-        let body = &model.end_bodies[index];
+    fn new(
+        (model, contour, extent_m): (&'a Model, &'a LinkContour, f64),
+        state: &State,
+        body: &'a EndBody,
+        (fastest_m_s, watched): (f64, bool),
+    ) -> BodyInStep<'a> {
         let (rotor, omega) = body_rotation(model, state, body);
         let turned_m = contour_forces::turned_m(model.step_s, omega, fastest_m_s);
         let (past_omega, past_alpha) =
             body.coordinate.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
         let torque = [0.0; LANES];
-        BodyInStep { body, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
+        BodyInStep { body, contour, extent_m, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
     }
 }
 
 /// Contacts of all bodies that ends of links touch.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
-    match &model.contour {
-        None => {}
-        Some(LinkContour::Abutments { .. }) => contacts_of::<WATCHED, true>(model, state, scratch),
-        // Flanks push nearly at the centre of their link: their forces are the same to 1e-5 whether they take the changes of the others into account or not.
-        Some(LinkContour::Flanks(_)) => contacts_of::<WATCHED, false>(model, state, scratch),
+    for change in scratch.end_changes.iter_mut().filter(|change| change.used) {
+        *change = AccelerationChange::default();
     }
+    for (chain, contour) in model.contours.iter().enumerate() {
+        match contour {
+            None => {}
+            Some(of @ LinkContour::Abutments { .. }) => {
+                contacts_of::<WATCHED, true>((model, chain, of), state, scratch)
+            }
+            // Flanks push nearly at the centre of their link: their forces are the same to 1e-5 whether they take the changes of the others into account or not.
+            Some(of @ LinkContour::Flanks(_)) => contacts_of::<WATCHED, false>((model, chain, of), state, scratch),
+        }
+    }
+    scratch.contour_step = state.step;
 }
 
-/// UPDATED: contacts of a link take the changes by those before them into account.
+/// Those of one chain. UPDATED: contacts of a link take the changes by those before them into account.
 #[inline(always)]
-fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
-    let Some(contour) = &model.contour else { return };
+fn contacts_of<const WATCHED: bool, const UPDATED: bool>(
+    (model, chain, contour): (&Model, usize, &LinkContour),
+    state: &State,
+    scratch: &mut Scratch,
+) {
     let s = scratch;
     let count = model.chain.padded / LANES;
     let (mut off, mut found) = (OffJoint::default(), EndContactLanes::none());
     let mut pass = EndContactPass {
         model,
-        contour,
         far_m: closable_gap_m(model, s.fastest_m_s),
         links: LinkSources::new(model, state, (&s.omega, &s.wrapped), count),
         fastest_m_s: s.fastest_m_s,
-        extent_m: s.contour_extent_m,
         block_forces: &mut s.end_forces[..count],
         changes: &mut s.end_changes[..count],
         watched: &mut s.watched,
@@ -234,13 +247,13 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &
         off: &mut off,
         found: &mut found,
     };
-    for change in pass.changes.iter_mut().filter(|change| change.used) {
-        *change = AccelerationChange::default();
-    }
     let goes_on = state.step == s.contour_step + 1;
-    s.contour_step = state.step;
-    for k in (0..model.end_bodies.len()).filter(|k| !s.end_windows[*k].is_empty()) {
-        let mut meeting = BodyInStep::new(model, state, k, (s.fastest_m_s, WATCHED));
+    let (of_chain, first_block) = ((model, contour, s.contour_extents_m[chain]), model.chain.blocks_of(chain).start);
+    for (k, body) in model.end_bodies.iter().enumerate() {
+        if body.chain != chain || s.end_windows[k].is_empty() {
+            continue;
+        }
+        let mut meeting = BodyInStep::new(of_chain, state, body, (s.fastest_m_s, WATCHED));
         for rear in 0..2 {
             let (sign, source) = if rear == 0 { (1.0, &s.front) } else { (-1.0, &s.rear) };
             let ends = EndSources::new(source, sign, count);
@@ -259,7 +272,7 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &
             };
             for Window { start, end, .. } in &s.end_windows[k] {
                 for at in start / LANES..(end / LANES).min(count) {
-                    let end = &mut s.end_blocks[k][at][rear];
+                    let end = &mut s.end_blocks[k][at - first_block][rear];
                     if !end.has_own {
                         continue;
                     }
@@ -301,9 +314,8 @@ impl EndContactPass<'_> {
         at: usize,
         end: &mut EndBlock,
     ) -> QueryResult {
-        let bounds = (self.far_m, self.extent_m);
-        let query = Query::new(&self.links, bounds, meeting, (ends, at), &end.own);
-        end.cache.touches(&query, self.contour, self.found)
+        let query = Query::new(&self.links, self.far_m, meeting, (ends, at), &end.own);
+        end.cache.touches(&query, meeting.contour, self.found)
     }
 
     /// Whether gaps that were known are still too wide for a touch in this step.
@@ -322,7 +334,7 @@ impl EndContactPass<'_> {
         let (ax, ay, alpha) = (&l.ax[at], &l.ay[at], &l.alpha[at]);
         let (past_ax, past_ay, past_alpha) = (&l.past_ax[at], &l.past_ay[at], &l.past_alpha[at]);
         let change = &self.changes[at];
-        let (h, extent) = (self.model.step_s, self.extent_m);
+        let (h, extent) = (self.model.step_s, meeting.extent_m);
         // Second-order motion: normals and arms turn, and the body changes its speed.
         let reach_m = meeting.body.distance_bound_m(extent);
         let turned_m = contour_forces::turned_m(h, meeting.past_omega, self.fastest_m_s);
@@ -481,8 +493,7 @@ impl EndContactPass<'_> {
             self.lanes.penetration = [NO_CONTACT_M; LANES];
             results.store_lanes(&end.own, at, self.lanes);
         } else if !results.memory.clear_block(at) {
-            let bounds = (self.far_m, self.extent_m);
-            let query = Query::new(&self.links, bounds, meeting, (ends, at), &end.own);
+            let query = Query::new(&self.links, self.far_m, meeting, (ends, at), &end.own);
             let gaps = match (answer, &end.cache) {
                 (QueryResult::Apart(Some(gaps)), _) => Some(gaps),
                 (_, Cache::Flanks(cache)) => Some(flanks::gaps(&query, cache)),
@@ -558,6 +569,11 @@ fn observe(
     watched.record(&ContactBlock { part, at, lanes }, Some(&own));
 }
 
+/// Half the pitch of the first link of a chain [m].
+fn first_lever_m(model: &Model, chain: usize) -> f64 {
+    model.chain.lever[model.chain.loops[chain].start]
+}
+
 /// Links near each body, and for every set the nearest body of each link.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     scratch.contour_ends.clone_from(&state.contour_ends);
@@ -565,7 +581,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         body.distance_m(Vec2::new(state.links.x[link], state.links.y[link]) - body.origin)
     };
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let reach = body.reach_m(model.chain.lever[0]) + WINDOW_MARGIN_M;
+        let reach = body.reach_m(first_lever_m(model, body.chain)) + WINDOW_MARGIN_M;
         let near = |link: usize| distance(body, link) < reach;
         scratch.end_windows[k] = super::windows::aligned_windows(&model.chain.loops[body.chain], near);
     }
@@ -574,7 +590,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let own = model.chain.loop_of(link);
             let gap = |k: &usize| {
                 let body = &model.end_bodies[*k];
-                distance(body, link) - body.reach_m(model.chain.lever[0])
+                distance(body, link) - body.reach_m(first_lever_m(model, own))
             };
             let of_set = (0..model.end_bodies.len())
                 .filter(|k| model.end_bodies[*k].set == set && model.end_bodies[*k].chain == own);
@@ -583,12 +599,12 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let nearest = &scratch.nearest_end[body.set];
+        let (nearest, first_block) = (&scratch.nearest_end[body.set], model.chain.blocks_of(body.chain).start);
         for block in scratch.end_windows[k].iter().flat_map(|w| w.start / LANES..w.end / LANES) {
             let own: LaneMask = std::array::from_fn(|i| mask(nearest[block * LANES + i] == k));
             let links = model.chain.link_lanes(block * LANES).unwrap_or([true; LANES]);
             let all_own = (0..LANES).all(|i| own[i] != 0 || !links[i]);
-            for end in &mut scratch.end_blocks[k][block] {
+            for end in &mut scratch.end_blocks[k][block - first_block] {
                 (end.own, end.has_own, end.all_own, end.is_clear) = (own, any(&own), all_own, false);
             }
         }

@@ -14,7 +14,7 @@ use crate::state::State;
 /// Finds where contours of links touch bodies, outside of a step: for equilibria. Remembers what ends faced last, which changes no bit.
 pub(crate) struct EndFinder {
     isa: Isa,
-    /// By body, block and end.
+    /// By body, block of the links of its chain, and end.
     caches: Vec<Vec<[Cache; 2]>>,
 }
 
@@ -66,9 +66,9 @@ impl VectorKernel for BlockQuery<'_> {
 
 impl EndFinder {
     pub(crate) fn new(model: &Model) -> EndFinder {
-        let count = if model.contour.is_some() { model.chain.lanes.div_ceil(LANES) } else { 0 };
         let of_body = |body: &EndBody| {
-            (0..count).map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
+            let blocks = model.chain.blocks_of(body.chain);
+            blocks.map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
         };
         EndFinder { isa: Isa::detect(), caches: model.end_bodies.iter().map(of_body).collect() }
     }
@@ -83,9 +83,10 @@ impl EndFinder {
         far_m: f64,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
-        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
+        let body = &model.end_bodies[k];
+        let Some(contour) = &model.contours[body.chain] else { return };
         let levers = &model.chain.lever;
-        for (at, caches) in self.caches[k].iter_mut().enumerate() {
+        for (at, caches) in model.chain.blocks_of(body.chain).zip(&mut self.caches[k]) {
             let (x, y, cos, sin) = (&poses.x[at], &poses.y[at], &poses.cos[at], &poses.sin[at]);
             let (from_x, from_y) = from_origin(body, x, y);
             let within = |i: usize| {
@@ -135,21 +136,23 @@ impl Scratch {
         only: Option<usize>,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
-        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
-        let count = model.chain.padded / LANES;
+        let body = &model.end_bodies[k];
+        let Some(contour) = &model.contours[body.chain] else { return };
+        let (count, first_block) = (model.chain.padded / LANES, model.chain.blocks_of(body.chain).start);
         let far_m = super::closable_gap_m(model, self.fastest_m_s);
         let links = LinkSources::new(model, state, (&self.omega, &self.wrapped), count);
-        let meeting = BodyInStep::new(model, state, k, (self.fastest_m_s, true));
+        let of_chain = (model, contour, self.contour_extents_m[body.chain]);
+        let meeting = BodyInStep::new(of_chain, state, body, (self.fastest_m_s, true));
         let near = self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count));
         for at in near.filter(|at| only.is_none_or(|link| link / LANES == *at)) {
             for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
-                let end = &self.end_blocks[k][at][rear];
+                let end = &self.end_blocks[k][at - first_block][rear];
                 let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);
                 if !was_touching(&ages[at], &end.own) {
                     continue;
                 }
                 let ends = EndSources::new(ends, sign, count);
-                let query = Query::new(&links, (far_m, self.contour_extent_m), &meeting, (&ends, at), &end.own);
+                let query = Query::new(&links, far_m, &meeting, (&ends, at), &end.own);
                 let mut cache = end.cache.clone();
                 if let Some(found) = vectorised(self.isa, BlockQuery { query, contour, cache: &mut cache }) {
                     for i in (0..LANES).filter(|i| found.penetration[*i] != NO_CONTACT_M) {
@@ -195,7 +198,7 @@ mod tests {
             let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
             let drive = Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"));
             let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
-            let (n, contour) = (model.chain.n_links, model.contour.as_ref().expect("contours"));
+            let (n, contour) = (model.chain.n_links, model.contours[0].as_ref().expect("contours"));
             let mut finder = EndFinder::new(&model);
             let (mut compared, mut farthest_m) = (0, 0.0_f64);
             for round in 0..200 {
@@ -270,7 +273,7 @@ mod tests {
         let text = BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("a bundled drive").1;
         let drive = Drive::parse("silent-20-40", text, &[]).unwrap_or_else(|e| panic!("{e}"));
         let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
-        let contour = model.contour.as_ref().expect("flanks");
+        let contour = model.contours[0].as_ref().expect("flanks");
         let (n, extent_m) = (model.chain.n_links, contour.extent_m().max(model.chain.lever[0]));
         let (mut compared, mut closest) = (0, f64::INFINITY);
         for round in 0..400 {

@@ -18,7 +18,7 @@ pub(in super::super) struct Query<'a> {
     pub(in super::super) rotor: (f64, f64),
     /// Gap beyond which nothing is of interest in this step [m].
     pub(in super::super) far_m: f64,
-    /// As in [`EndContactPass`].
+    /// As in [`BodyInStep`].
     pub(in super::super) extent_m: f64,
     /// Whether radii of curvature and segments are asked for.
     pub(in super::super) details: bool,
@@ -33,7 +33,7 @@ impl<'a> Query<'a> {
     #[inline(always)]
     pub(super) fn new(
         links: &LinkSources<'a>,
-        (far_m, extent_m): (f64, f64),
+        far_m: f64,
         meeting: &BodyInStep<'a>,
         (ends, at): (&EndSources<'a>, usize),
         own: &'a LaneMask,
@@ -43,7 +43,7 @@ impl<'a> Query<'a> {
             front: ends.sign > 0.0,
             rotor: meeting.rotor,
             far_m,
-            extent_m,
+            extent_m: meeting.extent_m,
             details: meeting.details,
             own,
             poses: Poses::new(links, at, meeting.body),
@@ -225,9 +225,15 @@ pub(super) enum Cache {
 impl Cache {
     /// Of front or rear ends of a block of links, as the body `body` meets them.
     pub(super) fn new(model: &Model, body: &EndBody, block: usize, front: bool) -> Cache {
-        match &model.contour {
+        match &model.contours[body.chain] {
             Some(LinkContour::Flanks(rows)) => {
-                Cache::Flanks(Box::new(FlankCache::new(body, (rows, &model.chain.lever), block * LANES, front)))
+                let first = model.chain.loops[body.chain].start;
+                Cache::Flanks(Box::new(FlankCache::new(
+                    body,
+                    (rows, &model.chain.lever),
+                    (block * LANES, first),
+                    front,
+                )))
             }
             Some(LinkContour::Abutments { front: ahead, rear }) => {
                 Cache::Abutments(Box::new(AbutmentCache::new(body, if front { ahead } else { rear })))
