@@ -51,6 +51,8 @@ pub struct AssemblyReport {
     pub preload_low_n: f64,
     /// Highest mean tension over one tooth period [N].
     pub preload_high_n: f64,
+    /// The same of the chains behind the first.
+    pub more_preloads: Vec<ChainPreload>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -71,6 +73,30 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
+}
+
+/// Mean tension of a chain at rest, unloaded, over one tooth period [N].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ChainPreload {
+    /// Name of the chain.
+    pub chain: String,
+    /// Mean over the tooth period [N].
+    pub mean_n: f64,
+    /// Lowest value there [N].
+    pub low_n: f64,
+    /// Highest value there [N].
+    pub high_n: f64,
+}
+
+impl ChainPreload {
+    fn new(chain: &str, tensions_n: &[f64]) -> ChainPreload {
+        ChainPreload {
+            chain: chain.to_string(),
+            mean_n: tensions_n.iter().sum::<f64>() / tensions_n.len() as f64,
+            low_n: tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
+            high_n: tensions_n.iter().copied().fold(0.0, f64::max),
+        }
+    }
 }
 
 /// Axis of a sprocket that was moved [m].
@@ -123,11 +149,17 @@ impl AssemblyReport {
             let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
             format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
         }));
-        lines.extend([
+        lines.push(format!(
+            "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
+            self.preload_n, self.preload_low_n, self.preload_high_n
+        ));
+        lines.extend(self.more_preloads.iter().map(|p| {
             format!(
-                "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
-                self.preload_n, self.preload_low_n, self.preload_high_n
-            ),
+                "preload at rest of {} = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
+                p.chain, p.mean_n, p.low_n, p.high_n
+            )
+        }));
+        lines.extend([
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
                 self.static_mean_tension_n, self.static_min_tension_n, self.static_max_tension_n
@@ -205,22 +237,21 @@ pub struct Compiled {
     /// The compiled drive.
     pub model: Model,
     bound: StepBound,
-    /// Mean tension at rest over the phases of the driver [N].
-    tensions_n: Vec<f64>,
+    /// Mean tension of every chain at rest over the phases of its driver [N].
+    tensions_n: Vec<Vec<f64>>,
 }
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
-    let (mut models, mut tensions) = (Vec::new(), Vec::new());
+    let (mut models, mut tensions_n) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
-        let (model, tensions_n) = compile_alone(&drive.single_chain(chain))?;
+        let (model, own_n) = compile_alone(&drive.single_chain(chain))?;
         models.push(model);
-        tensions.push(tensions_n);
+        tensions_n.push(own_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
     model.add_oil(drive);
-    let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
     Ok(Compiled { model, bound, tensions_n })
@@ -274,7 +305,7 @@ pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
 
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
-    let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;
+    let Compiled { model, bound, tensions_n } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
@@ -303,13 +334,17 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
+    let first = ChainPreload::new("", &tensions_n[0]);
+    let behind = tensions_n.iter().zip(&drive.chain_names).skip(1);
+    let more_preloads = behind.map(|(own_n, name)| ChainPreload::new(name, own_n)).collect();
     let report = AssemblyReport {
         moved,
         arms: model.arms.iter().map(resting).collect(),
         sliders: resting_sliders(&model, &loaded.configuration),
-        preload_n: mean(&tensions),
-        preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
-        preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
+        preload_n: first.mean_n,
+        preload_low_n: first.low_n,
+        preload_high_n: first.high_n,
+        more_preloads,
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),

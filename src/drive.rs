@@ -29,7 +29,7 @@ use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 10] = [
+pub const BUNDLED: [(&str, &str); 12] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
@@ -40,6 +40,8 @@ pub const BUNDLED: [(&str, &str); 10] = [
     ("gasoline-3cyl-silent", include_str!("../assets/drives/gasoline-3cyl-silent.toml")),
     ("bmw318", include_str!("../assets/drives/bmw318.toml")),
     ("ford-v6", include_str!("../assets/drives/ford-v6.toml")),
+    ("v12-primary", include_str!("../assets/drives/v12-primary.toml")),
+    ("v12", include_str!("../assets/drives/v12.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.
@@ -264,6 +266,8 @@ pub struct SprocketDrive {
     pub wrap: Wrap,
     /// What turns it or loads it.
     pub outer: OuterSpec,
+    /// What other chains on its shaft take from it under their constant loads, where it is looked at without them [N m].
+    pub passes_on_nm: f64,
 }
 
 /// Ring of an abutment chain's sprocket.

@@ -648,7 +648,7 @@ fn build_end_bodies(
             (Toothing::Iso(sprocket), Some(_), Some(ring)) => {
                 // Bushes lie ahead of the gap's axis on a sprocket that the chain drives, behind it on one that drives.
                 let load_nm: f64 = match drive.sprockets[k].outer {
-                    OuterSpec::Load { torque_nm, .. } => torque_nm,
+                    OuterSpec::Load { torque_nm, .. } => torque_nm + drive.sprockets[k].passes_on_nm,
                     OuterSpec::Speed { .. } => -total_load_nm(drive),
                 };
                 let ahead = if load_nm < 0.0 { -sense } else { sense };
@@ -683,7 +683,7 @@ fn build_end_bodies(
 /// What all loads together take [N m].
 fn total_load_nm(drive: &Drive) -> f64 {
     let load = |s: &SprocketDrive| match s.outer {
-        OuterSpec::Load { torque_nm, .. } => torque_nm,
+        OuterSpec::Load { torque_nm, .. } => torque_nm + s.passes_on_nm,
         OuterSpec::Speed { .. } => 0.0,
     };
     drive.sprockets.iter().map(load).sum()

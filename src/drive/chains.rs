@@ -53,6 +53,7 @@ impl Drive {
         let leader = self.leader_of(chain);
         for (k, s) in alone.sprockets.iter_mut().enumerate() {
             s.chain = 0;
+            s.passes_on_nm = self.passed_on_nm(own.start + k);
             s.outer = match s.outer {
                 OuterSpec::Speed { .. } => s.outer,
                 OuterSpec::Load { .. } if own.start + k == leader => {
@@ -102,6 +103,31 @@ impl Drive {
         };
         let prescribed = |k: &usize| matches!(self.sprockets[*k].outer, OuterSpec::Speed { .. });
         own.clone().find(prescribed).or_else(|| own.clone().find(turned_before)).unwrap_or(own.start)
+    }
+
+    /// What the chains that a sprocket's shaft drives take from it [N m].
+    fn passed_on_nm(&self, sprocket: usize) -> f64 {
+        let s = &self.sprockets[sprocket];
+        let driven = (s.chain + 1..self.chains()).filter(|chain| {
+            let leader = &self.sprockets[self.leader_of(*chain)];
+            leader.shaft.is_some() && leader.shaft == s.shaft
+        });
+        driven.map(|chain| self.taken_nm(chain)).sum()
+    }
+
+    /// What the constant loads of a chain, and of those behind it, take from its leader [N m].
+    fn taken_nm(&self, chain: usize) -> f64 {
+        let leader = self.leader_of(chain);
+        let others = self.sprockets_of(chain).filter(|k| *k != leader);
+        let taken = |k: usize| {
+            let own_nm = match self.sprockets[k].outer {
+                OuterSpec::Load { torque_nm, .. } => torque_nm,
+                OuterSpec::Speed { .. } => 0.0,
+            };
+            let teeth = |k: usize| f64::from(self.sprockets[k].teeth);
+            (own_nm + self.passed_on_nm(k)) * teeth(leader) / teeth(k)
+        };
+        others.map(taken).sum()
     }
 
     /// Nominal speed of a sprocket in the sense in which its chain moves forwards [rad/s].

@@ -76,7 +76,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
     let turning = shafts::turning_names(&sprockets, &shafts, &arms);
-    let sensors = sensors::sensors(root, (&names, &turning), driver.as_deref(), &guide_names, &parts);
+    let sensors = sensors::sensors(root, (&spans, &turning), driver.as_deref(), &guide_names, &parts);
     let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
@@ -411,6 +411,7 @@ fn read_sprockets(
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
             outer,
+            passes_on_nm: 0.0,
             chain: 0,
             shaft,
             name,
