@@ -51,6 +51,8 @@ pub struct AssemblyReport {
     pub preload_low_n: f64,
     /// Highest mean tension over one tooth period [N].
     pub preload_high_n: f64,
+    /// The same of the chains behind the first.
+    pub more_preloads: Vec<ChainPreload>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -71,6 +73,30 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
+}
+
+/// Mean tension of a chain at rest, unloaded, over one tooth period [N].
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ChainPreload {
+    /// Name of the chain.
+    pub chain: String,
+    /// Mean over the tooth period [N].
+    pub mean_n: f64,
+    /// Lowest value there [N].
+    pub low_n: f64,
+    /// Highest value there [N].
+    pub high_n: f64,
+}
+
+impl ChainPreload {
+    fn new(chain: &str, tensions_n: &[f64]) -> ChainPreload {
+        ChainPreload {
+            chain: chain.to_string(),
+            mean_n: tensions_n.iter().sum::<f64>() / tensions_n.len() as f64,
+            low_n: tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
+            high_n: tensions_n.iter().copied().fold(0.0, f64::max),
+        }
+    }
 }
 
 /// Axis of a sprocket that was moved [m].
@@ -123,11 +149,17 @@ impl AssemblyReport {
             let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
             format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
         }));
-        lines.extend([
+        lines.push(format!(
+            "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
+            self.preload_n, self.preload_low_n, self.preload_high_n
+        ));
+        lines.extend(self.more_preloads.iter().map(|p| {
             format!(
-                "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
-                self.preload_n, self.preload_low_n, self.preload_high_n
-            ),
+                "preload at rest of {} = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
+                p.chain, p.mean_n, p.low_n, p.high_n
+            )
+        }));
+        lines.extend([
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
                 self.static_mean_tension_n, self.static_min_tension_n, self.static_max_tension_n
@@ -205,24 +237,23 @@ pub struct Compiled {
     /// The compiled drive.
     pub model: Model,
     bound: StepBound,
-    /// Mean tension at rest over the phases of the driver [N].
-    tensions_n: Vec<f64>,
+    /// Mean tension of every chain at rest over the phases of its driver [N].
+    tensions_n: Vec<Vec<f64>>,
 }
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
-    let (mut models, mut tensions) = (Vec::new(), Vec::new());
+    let (mut models, mut tensions_n) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
-        let (model, tensions_n) = compile_alone(&drive.single_chain(chain))?;
+        let (model, own_n) = compile_alone(&drive.single_chain(chain))?;
         models.push(model);
-        tensions.push(tensions_n);
+        tensions_n.push(own_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
     model.add_oil(drive);
     model.add_bearings(drive);
     model.add_blades(drive);
-    let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
     Ok(Compiled { model, bound, tensions_n })
@@ -253,7 +284,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
                 .sprockets
                 .get(first + moves)
                 .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
-            PreloadSpec::Arm(_) => 0.0,
+            PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         };
         models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
     }
@@ -321,7 +352,7 @@ const FLOAT_TOLERANCE_M: f64 = 1e-12;
 
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
-    let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;
+    let Compiled { model, bound, tensions_n } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
@@ -343,22 +374,25 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
             let (centre, sprocket) = (model.sprockets[moves].frame.origin, drive.sprockets[moves].name.clone());
             Some(MovedAxis { sprocket, x_m: centre.x, y_m: centre.y })
         }
-        PreloadSpec::Arm(_) => None,
+        PreloadSpec::Arm(_) | PreloadSpec::Blade => None,
     };
-    let preloads = std::iter::once(&drive.preload).chain(drive.more.iter().map(|c| &c.preload));
-    let moved = preloads.filter_map(axis).collect();
+    let moved = (0..drive.chains()).filter_map(|chain| axis(drive.preload_of(chain))).collect();
     let resting = |arm: &ArmModel| {
         let angle_rad = loaded.configuration.coordinates[arm.coordinate];
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
+    let first = ChainPreload::new("", &tensions_n[0]);
+    let behind = tensions_n.iter().zip(&drive.chain_names).skip(1);
+    let more_preloads = behind.map(|(own_n, name)| ChainPreload::new(name, own_n)).collect();
     let report = AssemblyReport {
         moved,
         arms: model.arms.iter().map(resting).collect(),
         sliders: resting_sliders(&model, &loaded.configuration),
-        preload_n: mean(&tensions),
-        preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
-        preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
+        preload_n: first.mean_n,
+        preload_low_n: first.low_n,
+        preload_high_n: first.high_n,
+        more_preloads,
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
@@ -424,16 +458,21 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
             }
         }
     }
-    let tension_n = at.tensions_n.iter().copied().fold(0.0, f64::max);
-    if let PreloadSpec::Arm(arm) = drive.preload
-        && tension_n < MIN_TENSION_N
-    {
-        let name = &drive.arms[arm].name;
-        return refuse(
-            format!("arms.{name}.spring_torque_nm"),
-            format!("the spring of arm `{name}` does not tighten the chain"),
-            "its torque is counterclockwise positive: turn its sign, or make it larger; or press it with a slider",
-        );
+    let mut first = 0;
+    for chain in 0..drive.chains() {
+        let own = first..first + drive.links_of(chain);
+        first = own.end;
+        let tension_n = at.tensions_n[own].iter().copied().fold(0.0, f64::max);
+        if let PreloadSpec::Arm(arm) = *drive.preload_of(chain)
+            && tension_n < MIN_TENSION_N
+        {
+            let name = &drive.arms[arm].name;
+            return refuse(
+                format!("arms.{name}.spring_torque_nm"),
+                format!("the spring of arm `{name}` does not tighten the chain"),
+                "its torque is counterclockwise positive: turn its sign, or make it larger; or press it with a slider",
+            );
+        }
     }
     Ok(())
 }
@@ -477,7 +516,7 @@ fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), Assem
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
     let mut shift = 0.0;
     let mut tensions = tensions_at(shift)?;
-    if let PreloadSpec::Arm(_) = drive.preload {
+    if let PreloadSpec::Arm(_) | PreloadSpec::Blade = drive.preload {
         return Ok((shift, tensions));
     }
     // Two spans become longer by the shift; the loop is links in series, its contacts soften it.
@@ -521,8 +560,7 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     }
     for (chain, own) in model.chain.loops.iter().enumerate() {
         let route = model.routes.get(chain).ok_or_else(no_route)?;
-        let spec = if chain == 0 { &drive.chain } else { &drive.more[chain - 1].chain };
-        let pitch_m = spec.pitch_m();
+        let pitch_m = drive.chain_of(chain).pitch_m();
         let sprockets = drive.sprockets_of(chain);
         let mut laid = lay_chain(route, own.len(), pitch_m, phase);
         let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();
@@ -718,8 +756,8 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     let l = &state.links;
     let poses = LinkPoses::new(model.chain.lanes, |i| (Vec2::new(l.x[i], l.y[i]), l.cos[i], l.sin[i]));
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let (rotor, _) = explicit::ends::body_rotation(model, state, body);
-        finder.find(model, (k, rotor), &poses, FAR_M, |link, front, touch| {
+        let motion = body.frame.motion(&explicit::coordinate_columns(model, state));
+        finder.find(model, (k, motion.origin, (motion.cos, motion.sin)), &poses, FAR_M, |link, front, touch| {
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
             let force = body.law.elastic(touch.penetration_m, radii).force_n;
             if force > 0.0 {

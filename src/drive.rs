@@ -31,7 +31,7 @@ use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 10] = [
+pub const BUNDLED: [(&str, &str); 12] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
@@ -42,6 +42,8 @@ pub const BUNDLED: [(&str, &str); 10] = [
     ("gasoline-3cyl-silent", include_str!("../assets/drives/gasoline-3cyl-silent.toml")),
     ("bmw318", include_str!("../assets/drives/bmw318.toml")),
     ("ford-v6", include_str!("../assets/drives/ford-v6.toml")),
+    ("v12-primary", include_str!("../assets/drives/v12-primary.toml")),
+    ("v12", include_str!("../assets/drives/v12.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.
@@ -62,6 +64,8 @@ pub struct ChainPart {
     pub tooth_contact: ContactSpec,
     /// Contact with guides and rails.
     pub guide_contact: ContactSpec,
+    /// Contact of abutments with rings.
+    pub ring_contact: ContactSpec,
     /// How this chain is tightened.
     pub preload: PreloadSpec,
 }
@@ -266,6 +270,8 @@ pub struct SprocketDrive {
     pub wrap: Wrap,
     /// What turns it or loads it.
     pub outer: OuterSpec,
+    /// What other chains on its shaft take from it under their constant loads, where it is looked at without them [N m].
+    pub passes_on_nm: f64,
 }
 
 /// Ring of an abutment chain's sprocket.
@@ -383,8 +389,8 @@ pub struct BendingSpec {
     pub stiffness_n_m2: f64,
     /// Mass over length [kg/m].
     pub mass_kg_per_m: f64,
-    /// Curvature without load, convex towards the chain positive [1/m]; None: as drawn.
-    pub free_curvature_per_m: Option<f64>,
+    /// Curvature of every stretch without load, convex towards the chain positive [1/m]; None: all as drawn.
+    pub free_curvatures_per_m: Option<Vec<f64>>,
     /// What holds it, and where.
     pub supports: Vec<(f64, Support)>,
     /// Damping ratio of every mode.
@@ -407,6 +413,8 @@ pub enum PreloadSpec {
     },
     /// All axes stay; the spring of the arm with this index tightens it.
     Arm(usize),
+    /// All axes stay; a rail of the chain that bends tightens it.
+    Blade,
 }
 
 impl PreloadSpec {
@@ -414,7 +422,7 @@ impl PreloadSpec {
     pub fn tension_n(&self) -> f64 {
         match *self {
             PreloadSpec::Sprocket { tension_n, .. } => tension_n,
-            PreloadSpec::Arm(_) => 0.0,
+            PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         }
     }
 }

@@ -163,8 +163,9 @@ impl EngagementWatch {
         let s = &model.sprockets[sprocket];
         let teeth = f64::from(s.geometry.teeth());
         let wrap_rad = route.wrap(place).sweep_rad.abs();
-        let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contour.is_none();
+        let follows_joints = matches!(s.geometry, Toothing::Iso(_)) && model.contours[s.chain].is_none();
         let links = model.chain.lanes;
+        let lever_m = model.chain.lever[model.chain.loops[s.chain].start];
         EngagementWatch {
             sprocket,
             direction: span.direction,
@@ -177,9 +178,9 @@ impl EngagementWatch {
             done: Vec::new(),
             speed: OrderSums::default(),
             tension: OrderSums::default(),
-            reach_m: s.geometry.pitch_radius_m() + 2.0 * model.chain.lever[0],
+            reach_m: s.geometry.pitch_radius_m() + 2.0 * lever_m,
             // Links completely between the sprockets, at least two pitches from either.
-            span_m: (-span.length_m + 2.0 * 2.0 * model.chain.lever[0], -2.0 * 2.0 * model.chain.lever[0]),
+            span_m: (-span.length_m + 2.0 * 2.0 * lever_m, -2.0 * 2.0 * lever_m),
         }
     }
 
@@ -190,11 +191,14 @@ impl EngagementWatch {
     /// Records the step that has just been evaluated.
     pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) {
         let t = state.step as f64 * model.step_s;
-        let centre = model.sprockets[self.sprocket].frame.origin_at(&state.coordinates.angle);
-        let pitch = 2.0 * model.chain.lever[0];
+        let (own, centre) = {
+            let s = &model.sprockets[self.sprocket];
+            (model.chain.loops[s.chain].clone(), s.frame.origin_at(&state.coordinates.angle))
+        };
+        let pitch = 2.0 * model.chain.lever[own.start];
         let half = 0.5 * model.step_s;
         let (mut speed, mut weights, mut tension) = (0.0, 0.0, 0.0);
-        for link in model.chain.loops[model.sprockets[self.sprocket].chain].clone() {
+        for link in own {
             let l = &state.links;
             let lever = model.chain.lever[link];
             let joint = crate::geometry::Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
@@ -262,7 +266,9 @@ impl EngagementWatch {
         for bin in from..=bin {
             pass.samples[bin] += 1;
         }
-        let seen = forces(model, scratch, link, self.follows_joints, &mut pass.meters);
+        let contour = &model.contours[model.sprockets[self.sprocket].chain];
+        let groups = contact_groups(contour.as_ref(), self.follows_joints);
+        let seen = forces(model, scratch, link, groups, &mut pass.meters);
         for (kind, ContactsInStep { force, top, approach, touches }) in seen.into_iter().enumerate() {
             for bin in from..=bin {
                 let share = 1.0 / f64::from(pass.samples[bin]);
@@ -332,7 +338,7 @@ struct ContactsInStep {
 const MAX_CONTACT_GROUPS: usize = 5;
 
 /// Kinds of contact and their contact groups, by chain type. Of several groups the one with the larger force counts.
-fn contact_groups(model: &Model, joints: bool) -> &'static [(ContactKind, ContactGroup)] {
+fn contact_groups(contour: Option<&LinkContour>, joints: bool) -> &'static [(ContactKind, ContactGroup)] {
     const BUSH: (ContactKind, ContactGroup) = (ContactKind::Bush, ContactGroup::Bushes);
     const ABUTMENTS: [(ContactKind, ContactGroup); 5] = [
         BUSH,
@@ -348,7 +354,7 @@ fn contact_groups(model: &Model, joints: bool) -> &'static [(ContactKind, Contac
         (ContactKind::InnerFlank, ContactGroup::Contours(3)),
         BUSH,
     ];
-    match (&model.contour, joints) {
+    match (contour, joints) {
         (Some(LinkContour::Abutments { .. }), _) => &ABUTMENTS,
         (Some(_), true) => &FLANKS,
         (Some(_), false) => &FLANKS[..4],
@@ -362,11 +368,11 @@ fn forces(
     model: &Model,
     scratch: &Scratch,
     link: usize,
-    joints: bool,
+    groups: &[(ContactKind, ContactGroup)],
     meters: &mut [PeakMeter; MAX_CONTACT_GROUPS],
 ) -> [ContactsInStep; KINDS.len()] {
     let mut all = [ContactsInStep::default(); KINDS.len()];
-    for ((kind, part), meter) in contact_groups(model, joints).iter().zip(meters) {
+    for ((kind, part), meter) in groups.iter().zip(meters) {
         let memory = scratch.memory(*part);
         if memory.is_empty() {
             continue;

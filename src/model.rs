@@ -254,14 +254,14 @@ pub struct Model {
     pub driver_motion: Option<DriverMotion>,
     /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
     turning_parts: Vec<usize>,
-    /// Contour of the links' ends, and the bodies that it touches.
-    pub contour: Option<LinkContour>,
+    /// Contour of the links' ends of every chain; None: it has bushes and plate ends only.
+    pub contours: Vec<Option<LinkContour>>,
     /// Bodies that the contours of links touch: rings of abutment chains, teeth of silent sprockets.
     pub end_bodies: Vec<EndBody>,
     /// Per sprocket: where the straight path of the joints ends, from the foot of its axis along the arriving span [m].
     pub line_end_m: Vec<f64>,
-    /// What its abutments are made from, of an abutment chain.
-    pub abutment: Option<Abutment>,
+    /// What its abutments are made from, of every chain; None: no abutment chain.
+    pub abutments: Vec<Option<Abutment>>,
     /// Index of the sprocket with the prescribed speed.
     pub driver: usize,
     /// Nominal speed z p n of every chain, forwards positive [m/s].
@@ -365,10 +365,10 @@ impl Model {
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
-            contour: placed.contour.clone(),
+            contours: vec![placed.contour.clone()],
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
-            abutment: placed.abutment.clone(),
+            abutments: vec![placed.abutment.clone()],
             driver: drive.driver(),
             chain_speeds_m_s: vec![drive.chain_speed_m_s()],
             row_ranges: std::iter::once(0..placed.rows.len()).collect(),
@@ -397,10 +397,10 @@ impl Model {
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
-            contour: None,
+            contours: vec![None],
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
-            abutment: None,
+            abutments: vec![None],
             driver: 0,
             chain_speeds_m_s: vec![0.0],
             row_ranges: std::iter::once(0..rows.len()).collect(),
@@ -422,7 +422,10 @@ impl Model {
             rails: Vec::new(),
             touches: Vec::new(),
             sliders: Vec::new(),
+            contours: Vec::new(),
+            end_bodies: Vec::new(),
             line_end_m: Vec::new(),
+            abutments: Vec::new(),
             driver: drive.driver(),
             chain_speeds_m_s: Vec::new(),
             rows: Vec::new(),
@@ -453,6 +456,7 @@ impl Model {
                 joined.sprockets.push(SprocketModel { chain, frame, coordinate, ..s.clone() });
             }
         }
+        joined.end_bodies = join_end_bodies(&joined, &alone);
         // What turns stands before what slides: behind the sprockets' coordinates come those of all arms, then those of all sliders.
         let n_arms: usize = alone.iter().map(|m| m.arms.len()).sum();
         let mut next_slider = joined.coordinates.len() + n_arms;
@@ -478,7 +482,9 @@ impl Model {
                 RailModel { chain, frame, ..r }
             }));
             joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.renumbered(moved), ..t }));
+            joined.contours.extend(model.contours);
             joined.line_end_m.extend(model.line_end_m);
+            joined.abutments.extend(model.abutments);
             joined.chain_speeds_m_s.extend(model.chain_speeds_m_s);
             let first_row = joined.rows.len();
             joined.rows.extend(model.rows);
@@ -555,10 +561,34 @@ impl Model {
         [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side && g.body.touches_plates))
     }
 
+    /// Whether links of any chain have a contour of their own.
+    #[inline(always)]
+    pub fn has_contours(&self) -> bool {
+        self.contours.iter().any(Option::is_some)
+    }
+
     /// Which sets of contour ends have bodies.
     pub fn contour_sets(&self) -> [bool; SETS] {
         std::array::from_fn(|set| self.end_bodies.iter().any(|b| b.set == set))
     }
+}
+
+/// The bodies that contours touch, of all chains: their numbers and coordinates are those of the joined model, whose sprockets are there already.
+fn join_end_bodies(joined: &Model, alone: &[Model]) -> Vec<EndBody> {
+    let n_sprockets = joined.sprockets.len();
+    let (mut first_sprocket, mut first_guide) = (0, 0);
+    let mut bodies = Vec::new();
+    for (chain, model) in alone.iter().enumerate() {
+        let of = |b: &EndBody| {
+            let sprocket = (b.body < model.sprockets.len()).then(|| first_sprocket + b.body);
+            let body = sprocket.unwrap_or_else(|| n_sprockets + first_guide + b.body - model.sprockets.len());
+            let frame = BodyFrame { turn: sprocket.map(|k| joined.sprockets[k].coordinate), ..b.frame.clone() };
+            EndBody { chain, body, frame, ..b.clone() }
+        };
+        bodies.extend(model.end_bodies.iter().map(of));
+        (first_sprocket, first_guide) = (first_sprocket + model.sprockets.len(), first_guide + model.guides.len());
+    }
+    bodies
 }
 
 /// What sprockets turn by: one coordinate each, in their order.
@@ -620,10 +650,9 @@ fn build_end_bodies(
         let body = |set: usize, shape: EndShape| EndBody {
             name: format!("sprockets.{}", s.name),
             chain: s.chain,
-            coordinate: Some(s.coordinate),
             body: k,
             set,
-            origin: s.frame.origin,
+            frame: s.frame.clone(),
             shape,
             law: spec.law,
             friction: spec.friction,
@@ -639,7 +668,7 @@ fn build_end_bodies(
             (Toothing::Iso(sprocket), Some(_), Some(ring)) => {
                 // Bushes lie ahead of the gap's axis on a sprocket that the chain drives, behind it on one that drives.
                 let load_nm: f64 = match drive.sprockets[k].outer {
-                    OuterSpec::Load { torque_nm, .. } => torque_nm,
+                    OuterSpec::Load { torque_nm, .. } => torque_nm + drive.sprockets[k].passes_on_nm,
                     OuterSpec::Speed { .. } => -total_load_nm(drive),
                 };
                 let ahead = if load_nm < 0.0 { -sense } else { sense };
@@ -658,10 +687,9 @@ fn build_end_bodies(
         bodies.push(EndBody {
             name: format!("guides.fixed.{}", g.name),
             chain: g.chain,
-            coordinate: None,
             body: sprockets.len() + k,
             set: 2,
-            origin: g.body.origin,
+            frame: g.frame.clone(),
             shape: EndShape::Face { along: g.body.along, length_m: g.body.length_m },
             law: g.body.law,
             friction: g.body.friction,
@@ -674,7 +702,7 @@ fn build_end_bodies(
 /// What all loads together take [N m].
 fn total_load_nm(drive: &Drive) -> f64 {
     let load = |s: &SprocketDrive| match s.outer {
-        OuterSpec::Load { torque_nm, .. } => torque_nm,
+        OuterSpec::Load { torque_nm, .. } => torque_nm + s.passes_on_nm,
         OuterSpec::Speed { .. } => 0.0,
     };
     drive.sprockets.iter().map(load).sum()
@@ -701,15 +729,13 @@ fn working_angle_rad(sprocket: &Sprocket) -> f64 {
 
 fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -> Vec<GuideModel> {
     let contact = &drive.guide_contact;
-    // What slides on it: plate ends, or abutments.
-    let plate_radius_m = match &placed.abutment {
-        Some(abutment) => abutment.guide_height_m,
-        None => drive.chain.plate_end_radius_m(),
-    };
     drive
         .guides
         .iter()
         .map(|g| {
+            // What slides on it: plate ends, or abutments, which lie inside the loop.
+            let abutment = placed.abutment.as_ref().filter(|_| g.side == GuideSide::Inside);
+            let plate_radius_m = abutment.map_or(drive.chain.plate_end_radius_m(), |a| a.guide_height_m);
             let span = route.span_after(g.span);
             let geometry = StraightGuide::along_span(
                 span,
@@ -728,7 +754,7 @@ fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -> Vec<Guide
                 relief_m: geometry.relief_m(),
                 plate_radius_m,
                 side: if g.side == GuideSide::Inside { 0 } else { 1 },
-                touches_plates: placed.abutment.is_none(),
+                touches_plates: abutment.is_none(),
                 law: contact.law,
                 friction: contact.friction,
                 stick_speed_m_s: contact.stick_speed_m_s,

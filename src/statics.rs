@@ -489,7 +489,7 @@ fn add_touch(touch: &Touch, q: &Configuration, free: &[usize], s: &mut System) {
 
 /// Links' own contours.
 fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize], &mut EndFinder), s: &mut System) {
-    if model.contour.is_none() {
+    if model.end_bodies.is_empty() {
         return;
     }
     let poses = LinkPoses::new(model.chain.lanes, |i| {
@@ -499,17 +499,20 @@ fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize],
     });
     let mut touches = Vec::new();
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let column = body.coordinate.and_then(|r| free.iter().position(|k| *k == r));
-        let (sin, cos) = sin_cos(body.coordinate.map_or(0.0, |r| q.coordinates[r]));
+        let (columns, origin) = (FrameColumns::new(&body.frame, free), body.frame.origin_at(&q.coordinates));
+        let (sin, cos) = sin_cos(body.frame.angle_at(&q.coordinates));
         touches.clear();
-        finder.find(model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| touches.push((link, !front, touch)));
+        finder.find(model, (k, origin, (cos, sin)), &poses, FAR_M, |link, front, touch| {
+            touches.push((link, !front, touch))
+        });
         // In chain order, so that the energy's rounding does not depend on the blocks.
         touches.sort_unstable_by_key(|(link, rear, _)| (*link, *rear));
         for (link, _, touch) in &touches {
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
             let elastic = body.law.elastic(touch.penetration_m, radii);
             if elastic.force_n > 0.0 {
-                add_end_contact(s, *link, q.links[*link].0 - body.origin, touch, elastic, column);
+                let centre = q.links[*link].0 - origin;
+                columns.add(s, *link, |s| add_end_contact(s, *link, centre, touch, elastic, columns.turn));
             }
         }
     }

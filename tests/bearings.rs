@@ -65,8 +65,11 @@ fn an_elastic_axis_at_rest_gives_way_by_force_over_stiffness() {
 /// m a of the axis is what chain and bearing give it, and the joules add up, with springs and with a film.
 #[test]
 fn joules_add_up_and_axes_move_by_their_forces() {
-    for (name, more, mass_kg) in [("springs", ELASTIC, 0.5), ("film", PLAIN, 0.5)] {
-        let Assembly { model, mut state, .. } = assembled(&drive("bush-20-40", more, &[]));
+    let cases =
+        [("bush-20-40", ELASTIC), ("bush-20-40", PLAIN), ("silent-20-40", ELASTIC), ("smartchain-20-40", PLAIN)];
+    let mass_kg = 0.5;
+    for (name, more) in cases {
+        let Assembly { model, mut state, .. } = assembled(&drive(name, more, &[]));
         let (mut scratch, mut camera) = (Scratch::new(&model), Camera::default());
         let mut last = None;
         let mut off = 0.0_f64;

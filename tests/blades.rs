@@ -44,7 +44,7 @@ fn pinned_beam(force: f64, a: f64, x: f64) -> f64 {
 /// At rest the middle of the blade stands back as a beam on two pins does under the plates' forces, from its free shape on.
 #[test]
 fn a_blade_at_rest_bends_as_a_beam_under_its_plates() {
-    for (more, free_rise_m) in [("", 0.0), ("free_radius_mm = 150\n", f64::NAN)] {
+    for (more, free_rise_m) in [("", 0.0), ("free_radii_mm = [60, 150, 60]\n", f64::NAN)] {
         let (model, rest) = at_rest(&drive(more)).unwrap_or_else(|e| panic!("{e}"));
         let rail = &model.rails[0];
         let blade = rail.blade.as_ref().expect("a blade");

@@ -11,10 +11,12 @@ use pitchline::geometry::Vec2;
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 
-const CONTOURS: [&str; 2] = ["silent-20-40", "smartchain-20-40"];
+/// Bundled drives, and one with chains of both kinds behind each other.
+const CONTOURS: [&str; 3] = ["silent-20-40", "smartchain-20-40", "both"];
 
 fn bundled(name: &str) -> Assembly {
-    let (name, text) = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive");
+    let both = common::two_stages("silent-20-40", "smartchain-20-40");
+    let text = BUNDLED.iter().find(|b| b.0 == name).map_or(both.as_str(), |b| b.1);
     assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")))
 }
 
@@ -23,7 +25,7 @@ fn bundled(name: &str) -> Assembly {
 fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
     for name in CONTOURS {
         let a = bundled(name);
-        let (model, contour) = (&a.model, a.model.contour.as_ref().expect("contours"));
+        let model = &a.model;
         let mut state = a.state.clone();
         let mut scratch = Scratch::new(model);
         let steps = (20e-3 / model.step_s) as u64;
@@ -31,18 +33,19 @@ fn every_step_finds_the_contacts_of_the_search_no_more_and_no_less() {
         for _ in 0..steps {
             explicit::evaluate(model, &state, &mut scratch).expect("the run holds");
             for (k, body) in model.end_bodies.iter().enumerate() {
+                let contour = model.contours[body.chain].as_ref().expect("a contour");
                 let rotor =
-                    body.coordinate.map_or((1.0, 0.0), |r| (state.coordinates.cos[r], state.coordinates.sin[r]));
+                    body.frame.turn.map_or((1.0, 0.0), |r| (state.coordinates.cos[r], state.coordinates.sin[r]));
                 for link in scratch.ends_near(model, k) {
                     for front in [true, false] {
                         let lever = model.chain.lever[link];
                         let pose = LinkPose {
-                            centre: Vec2::new(state.links.x[link], state.links.y[link]) - body.origin,
+                            centre: Vec2::new(state.links.x[link], state.links.y[link]) - body.frame.origin,
                             cos: state.links.cos[link],
                             sin: state.links.sin[link],
                             lever: if front { lever } else { -lever },
                             front,
-                            row: link % model.rows.len(),
+                            row: model.row_of(link) - model.row_ranges[body.chain].start,
                         };
                         let touch = body.touch(contour, &pose, rotor, 0.0);
                         let searched = touch.map_or(0.0, |t| t.penetration_m);

@@ -108,7 +108,7 @@ fn stay_within_one_percent(name: &str, sprocket: u32, drive: &dyn Fn(&[&str]) ->
         let a = assembled(&drive(&[&speed]));
         let default = a.report.step_s;
         // Abutments cost four times as much.
-        let window = (5e-3, if a.model.contour.is_some() { 40e-3 } else { 90e-3 });
+        let window = (5e-3, if a.model.has_contours() { 40e-3 } else { 90e-3 });
         let reference = peaks(&a.model, sprocket, &a.state, default, REFERENCE_STEP_S, window);
         for (i, factor) in factors.iter().enumerate() {
             let step = default * factor;

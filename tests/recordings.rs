@@ -385,6 +385,10 @@ fn forces_of_a_frame_add_up_to_the_accelerations() {
         (arm, &odd[..5]),
         (reduction, &[]),
         (tensioner, &[]),
+        (common::two_stages("silent-20-40", "silent-20-40"), &[]),
+        (common::two_stages("silent-20-40", "bush-20-40"), &[]),
+        (common::two_stages("bush-20-40", "smartchain-20-40"), &[]),
+        (common::abutments_on_a_rail(), &[]),
     ];
     for (text, sets) in others.into_iter().chain(engines) {
         let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();

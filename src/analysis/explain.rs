@@ -362,7 +362,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
                     found = Some(t);
                 }
             });
-            let (t, origin) = (found?, model.end_bodies[k].origin);
+            let (t, origin) = (found?, model.end_bodies[k].frame.origin_at(&state.coordinates.angle));
             Some(TouchRow { body, tooth: t.tooth, segment: t.segment, normal: t.normal, point: t.point + origin })
         }
     }

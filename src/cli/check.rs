@@ -36,7 +36,8 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
         })
         .collect();
     let bounds = centre_distances(model);
-    let abutment = &model.abutment;
+    let abutments = || model.abutments.iter().flatten();
+    let first = abutments().next();
     if args.json {
         return print_json(&serde_json::json!({
             "drive": drive.name,
@@ -47,8 +48,8 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
             "chain_speed_m_s": model.chain_speed_m_s(),
             "centre_distances_mm": bounds.iter().map(|(n, d)| serde_json::json!({ "between": n, "mm": d * 1e3 })).collect::<Vec<_>>(),
             "joint_damping_ratio_at_1_khz": joint_damping_ratio(model),
-            "abutment_planes": abutment.as_ref().map(Abutment::planes),
-            "guide_overlap_um": abutment.as_ref().map(|a| a.guide_overlap_m * 1e6),
+            "abutment_planes": first.map(Abutment::planes),
+            "guide_overlap_um": first.map(|a| a.guide_overlap_m * 1e6),
             "assembly": report,
             "values": drive.places.paths().collect::<Vec<_>>(),
         }));
@@ -77,7 +78,7 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
             })
         })
         .and_then(|()| {
-            abutment.iter().try_for_each(|a| {
+            abutments().try_for_each(|a| {
                 writeln!(text, "  abutments            {} planes across the width", a.planes())?;
                 if a.guide_overlap_m > 0.0 {
                     let (rise_um, overlap_um) = (a.rise_m * 1e6, a.guide_overlap_m * 1e6);

@@ -244,7 +244,8 @@ fn summarise(drive: &Drive, model: &Model, watch: &EngagementWatch) -> DriveSumm
         .map(|k| summarise_kind(*k, passes, exit_from))
         .collect();
     let (mean, half, full) = watch.tension_n();
-    let chain = model.chain.loops[model.sprockets[model.driver].chain].clone();
+    let driven = model.sprockets[model.driver].chain;
+    let (chain, contour) = (model.chain.loops[driven].clone(), &model.contours[driven]);
     let pitch = 2.0 * model.chain.lever[chain.start];
     let per_length = model.chain.mass[chain.clone()].iter().sum::<f64>() / (chain.len() as f64 * pitch);
     let mut summary = DriveSummary {
@@ -262,7 +263,7 @@ fn summarise(drive: &Drive, model: &Model, watch: &EngagementWatch) -> DriveSumm
         touches: Vec::new(),
         driven_speed_half_order: None,
         driven_speed_tooth_order: None,
-        sequence: matches!(model.contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
+        sequence: matches!(contour, Some(LinkContour::Abutments { .. })).then(|| sequence(passes)),
         odd_even_asymmetry: asymmetry(passes),
         odd_even_first_touch_t: odd_even_first_touch(passes),
     };

@@ -1,6 +1,6 @@
 //! A drive of several chains: what belongs to each, which drives which, and what turns.
 
-use super::{Drive, OuterSpec, PreloadSpec};
+use super::{ChainSpec, Drive, OuterSpec, PreloadSpec};
 
 impl Drive {
     /// Number of chains.
@@ -12,6 +12,16 @@ impl Drive {
     pub fn sprockets_of(&self, chain: usize) -> std::ops::Range<usize> {
         let first = self.sprockets.iter().position(|s| s.chain == chain).unwrap_or(0);
         first..first + self.sprockets.iter().filter(|s| s.chain == chain).count()
+    }
+
+    /// Type and dimensions of the links of a chain.
+    pub fn chain_of(&self, chain: usize) -> &ChainSpec {
+        if chain == 0 { &self.chain } else { &self.more[chain - 1].chain }
+    }
+
+    /// How a chain is tightened.
+    pub fn preload_of(&self, chain: usize) -> &PreloadSpec {
+        if chain == 0 { &self.preload } else { &self.more[chain - 1].preload }
     }
 
     /// Number of links of every chain.
@@ -33,7 +43,7 @@ impl Drive {
             let part = &self.more[chain - 1];
             (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
             (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
-                (part.tooth_contact, part.guide_contact, part.tooth_contact);
+                (part.tooth_contact, part.guide_contact, part.ring_contact);
             alone.preload = part.preload;
         }
         alone.more.clear();
@@ -43,6 +53,7 @@ impl Drive {
         let leader = self.leader_of(chain);
         for (k, s) in alone.sprockets.iter_mut().enumerate() {
             s.chain = 0;
+            s.passes_on_nm = self.passed_on_nm(own.start + k);
             s.outer = match s.outer {
                 OuterSpec::Speed { .. } => s.outer,
                 OuterSpec::Load { .. } if own.start + k == leader => {
@@ -100,6 +111,31 @@ impl Drive {
         };
         let prescribed = |k: &usize| matches!(self.sprockets[*k].outer, OuterSpec::Speed { .. });
         own.clone().find(prescribed).or_else(|| own.clone().find(turned_before)).unwrap_or(own.start)
+    }
+
+    /// What the chains that a sprocket's shaft drives take from it [N m].
+    fn passed_on_nm(&self, sprocket: usize) -> f64 {
+        let s = &self.sprockets[sprocket];
+        let driven = (s.chain + 1..self.chains()).filter(|chain| {
+            let leader = &self.sprockets[self.leader_of(*chain)];
+            leader.shaft.is_some() && leader.shaft == s.shaft
+        });
+        driven.map(|chain| self.taken_nm(chain)).sum()
+    }
+
+    /// What the constant loads of a chain, and of those behind it, take from its leader [N m].
+    fn taken_nm(&self, chain: usize) -> f64 {
+        let leader = self.leader_of(chain);
+        let others = self.sprockets_of(chain).filter(|k| *k != leader);
+        let taken = |k: usize| {
+            let own_nm = match self.sprockets[k].outer {
+                OuterSpec::Load { torque_nm, .. } => torque_nm,
+                OuterSpec::Speed { .. } => 0.0,
+            };
+            let teeth = |k: usize| f64::from(self.sprockets[k].teeth);
+            (own_nm + self.passed_on_nm(k)) * teeth(leader) / teeth(k)
+        };
+        others.map(taken).sum()
     }
 
     /// Nominal speed of a sprocket in the sense in which its chain moves forwards [rad/s].

@@ -1,6 +1,5 @@
 //! Checks of a drive that need more than one value. Every mistake of a file is found in one pass, and points at its place.
 
-use super::bearings::{BearingSpec, Carried};
 use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
@@ -63,16 +62,7 @@ impl Drive {
                  order in which they drive each other",
             );
         }
-        let spec = if chain == 0 { &self.chain } else { &self.more[chain - 1].chain };
-        if !matches!(spec, ChainSpec::Bush(_)) {
-            mistakes.add(
-                &format!("chains.{name}.chain"),
-                "silent and abutment chains run alone yet".into(),
-                "take bush chains where there are several",
-            );
-        }
-        let preload = if chain == 0 { &self.preload } else { &self.more[chain - 1].preload };
-        if let PreloadSpec::Sprocket { moves, .. } = *preload
+        if let PreloadSpec::Sprocket { moves, .. } = *self.preload_of(chain)
             && self.sprockets.iter().filter(|s| s.shaft.is_some() && s.shaft == self.sprockets[moves].shaft).count() > 1
         {
             mistakes.add(
@@ -163,7 +153,6 @@ impl Drive {
         let mut mistakes = DriveErrors::new(self);
         self.check_links(&mut mistakes);
         self.check_sides(&mut mistakes);
-        self.check_bearings(&mut mistakes);
         self.check_faults(&mut mistakes);
         self.check_rails(&mut mistakes);
         self.check_guides(&mut mistakes);
@@ -242,13 +231,6 @@ impl Drive {
                     "make them for the sprocket with the fewest teeth",
                 );
             }
-            if self.guides.iter().any(|g| g.side == GuideSide::Outside) {
-                mistakes.add(
-                    "guides.fixed",
-                    "abutments lie inside the loop, and a guide outside".into(),
-                    "set its `side` to \"inside\"",
-                );
-            }
         }
         let contours = match self.chain {
             ChainSpec::Bush(_) => Vec::new(),
@@ -276,22 +258,6 @@ impl Drive {
                 "sprockets",
                 "this chain has teeth or abutments on one side only, and a sprocket is wrapped outside".into(),
                 "wrap all sprockets inside",
-            );
-        }
-    }
-
-    /// Axes on bearings, which only bushes follow.
-    fn check_bearings(&self, mistakes: &mut DriveErrors<'_>) {
-        let on_rail = |b: &BearingSpec| match b.on {
-            Carried::Rail(_) => true,
-            Carried::Guide(_) => !matches!(self.chain, ChainSpec::Abutment(_)),
-            Carried::Sprocket(_) | Carried::Shaft(_) => false,
-        };
-        for b in self.bearings.iter().filter(|b| !on_rail(b) && !matches!(self.chain, ChainSpec::Bush(_))) {
-            mistakes.add(
-                &b.path,
-                "sprockets of silent and abutment chains, and guides of abutments, stand still yet".into(),
-                "take a bush chain, or leave the bearing out",
             );
         }
     }
@@ -342,11 +308,11 @@ impl Drive {
 
     /// Rails, and the arm that tightens the chain.
     fn check_rails(&self, mistakes: &mut DriveErrors<'_>) {
-        if matches!(self.chain, ChainSpec::Abutment(_)) && !self.rails.is_empty() {
+        if matches!(self.chain, ChainSpec::Abutment(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {
             mistakes.add(
                 "guides.rail",
-                "abutments do not run on rails yet".into(),
-                "take straight guides (`[guides.fixed.NAME]`), or another chain",
+                "abutments lie inside the loop and run on straight faces there".into(),
+                "take straight guides inside (`[guides.fixed.NAME]`), or set its `side` to \"outside\"",
             );
         }
         if matches!(self.chain, ChainSpec::Silent(_)) && self.rails.iter().any(|r| r.side == GuideSide::Inside) {

@@ -62,14 +62,15 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     guide_table.finish();
     let carried = CarriedNames { sprockets: &sprockets, shafts: &shafts, guides: &guides, rails: &rails };
     let bearings = bearings::read_bearings(root, &carried);
-    let preload = read_preload(&first.table("preload"), &own(0), 0, &arms);
+    let blades: Vec<&str> = rails.iter().filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect();
+    let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades));
     let mut more = Vec::new();
     for (index, (_, t)) in chains.iter().enumerate().skip(1) {
         let (chain, links, scatter, joint) = read_links(&t.table("chain"));
-        let (tooth_contact, guide_contact, _) = read_contacts(&t.table("contact"), &chain);
+        let (tooth_contact, guide_contact, ring_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
-        let preload = read_preload(&t.table("preload"), &own(index), before, &arms);
-        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, preload });
+        let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades));
+        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, preload });
     }
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
@@ -80,7 +81,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
     let turning = shafts::turning_names(&sprockets, &shafts, &arms);
-    let sensors = sensors::sensors(root, (&names, &turning), driver.as_deref(), &guide_names, &parts);
+    let sensors = sensors::sensors(root, (&spans, &turning), driver.as_deref(), &guide_names, &parts);
     let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
@@ -387,11 +388,15 @@ fn read_sprockets(
     let speeds = Speeds::new(root);
     let mut motion = MotionSpec::default();
     let shafts = read_shafts(root, &speeds, constant_loads, &mut motion);
-    // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
-    let chain = chains.first().map_or(root, |(_, t)| t).table("chain");
-    let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
+    let owners: Vec<&TomlTable<'_>> =
+        if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
+    let routes: Vec<Option<Vec<String>>> = owners.iter().map(|t| t.texts("route")).collect();
     let mut all = Vec::new();
     for (name, t) in table.tables() {
+        // Keys of gaps that seat bushes, and of rings, mean nothing to other chains: unknown there.
+        let own = routes.iter().position(|route| route.as_ref().is_some_and(|r| r.contains(&name))).unwrap_or(0);
+        let chain = owners[own].table("chain");
+        let (bushed, ringed) = (!chain.table("silent").is_present(), chain.table("smartchain").is_present());
         let (outer, shaft) = read_outer((&name, &t), &shafts, (&speeds, constant_loads), &mut motion);
         all.push(SprocketDrive {
             teeth: t.required_integer("teeth", i64::from(*TEETH_RANGE.start())..=i64::from(*TEETH_RANGE.end())) as u32,
@@ -412,6 +417,7 @@ fn read_sprockets(
             y_m: t.number("y_mm", MM, -1e5..=1e5).unwrap_or(0.0),
             wrap: t.choice("wrap", &[("inside", Wrap::Inside), ("outside", Wrap::Outside)]).unwrap_or(Wrap::Inside),
             outer,
+            passes_on_nm: 0.0,
             chain: 0,
             shaft,
             name,
@@ -420,9 +426,7 @@ fn read_sprockets(
     }
     speeds.finish();
     constant_loads.finish();
-    let routes: Vec<&TomlTable<'_>> =
-        if chains.is_empty() { vec![root] } else { chains.iter().map(|(_, t)| t).collect() };
-    (order_by_routes(root, &routes, all), shafts, motion)
+    (order_by_routes(root, &owners, routes, all), shafts, motion)
 }
 
 /// What turns a sprocket: its shaft, a prescribed speed, or a load on its own inertia; and the index of its shaft.
@@ -508,12 +512,17 @@ fn read_face(t: &TomlTable<'_>) -> FaceForm {
 }
 
 /// Sorts the sprockets by `route`, the order in which the chain meets them, of one chain after the other.
-fn order_by_routes(root: &TomlTable<'_>, chains: &[&TomlTable<'_>], all: Vec<SprocketDrive>) -> Vec<SprocketDrive> {
+fn order_by_routes(
+    root: &TomlTable<'_>,
+    chains: &[&TomlTable<'_>],
+    routes: Vec<Option<Vec<String>>>,
+    all: Vec<SprocketDrive>,
+) -> Vec<SprocketDrive> {
     let names: Vec<String> = all.iter().map(|s| s.name.clone()).collect();
     let mut sorted = Vec::new();
     let mut whole = Vec::new();
-    for (chain, t) in chains.iter().enumerate() {
-        let route = t.texts("route").unwrap_or_else(|| if chains.len() == 1 { names.clone() } else { Vec::new() });
+    for (chain, (t, route)) in chains.iter().zip(routes).enumerate() {
+        let route = route.unwrap_or_else(|| if chains.len() == 1 { names.clone() } else { Vec::new() });
         order_by_route(t, chain, &route, &all, &mut sorted);
         whole.extend(route);
     }
@@ -614,7 +623,7 @@ fn read_rails(guides: &TomlTable<'_>, chains: &[Vec<String>], arms: &[ArmSpec], 
             start: Vec2::new(t.required("start_x_mm", MM, -1e5..=1e5), t.required("start_y_mm", MM, -1e5..=1e5)),
             heading_rad: t.required("heading_deg", DEG, -360.0..=360.0),
             stretches: lengths_m.iter().zip(&radii_m).map(stretch).collect(),
-            bending: read_bending(&t.table("bending"), arm.is_some(), lengths_m.iter().sum()),
+            bending: read_bending(&t.table("bending"), arm.is_some(), &lengths_m),
             name,
         });
         t.finish();
@@ -624,7 +633,7 @@ fn read_rails(guides: &TomlTable<'_>, chains: &[Vec<String>], arms: &[ArmSpec], 
 }
 
 /// `[guides.rail.NAME.bending]`; None where there is none.
-fn read_bending(t: &TomlTable<'_>, on_arm: bool, length_m: f64) -> Option<BendingSpec> {
+fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<BendingSpec> {
     if !t.is_present() {
         return None;
     }
@@ -641,6 +650,7 @@ fn read_bending(t: &TomlTable<'_>, on_arm: bool, length_m: f64) -> Option<Bendin
     let mut supports: Vec<(f64, Support)> = pins.into_iter().map(|at| (at, Support::Pin)).collect();
     supports.extend(clamps.into_iter().map(|at| (at, Support::Clamp)));
     supports.extend(springs.into_iter().zip(stiffnesses).map(|(at, k)| (at, Support::Spring(k))));
+    let length_m: f64 = lengths_m.iter().sum();
     if let Some((at, _)) = supports.iter().find(|(at, _)| *at > length_m * (1.0 + 1e-9)) {
         t.error(format!("a support at {:.3} mm of a rail {:.3} mm long", at / MM, length_m / MM), None);
     }
@@ -651,11 +661,15 @@ fn read_bending(t: &TomlTable<'_>, on_arm: bool, length_m: f64) -> Option<Bendin
     if supports.iter().map(|(_, s)| holds(s)).sum::<i32>() < 2 {
         t.error("nothing holds the blade".into(), Some("give two `pins_mm`, or one of `clamps_mm`".into()));
     }
-    let free_radius_m = t.number("free_radius_mm", MM, -1e6..=1e6);
+    let curvature = |r: f64| if r == 0.0 { 0.0 } else { 1.0 / r };
+    let free = t.list("free_radii_mm", MM, -1e6..=1e6).map(|all| all.into_iter().map(curvature).collect::<Vec<_>>());
+    if free.as_ref().is_some_and(|free| free.len() != lengths_m.len()) {
+        t.error_at("free_radii_mm", format!("a rail of {} stretches", lengths_m.len()), Some("give as many".into()));
+    }
     let bending = BendingSpec {
         stiffness_n_m2: t.required("stiffness_n_m2", 1.0, 1e-6..=1e6),
         mass_kg_per_m: t.required("mass_kg_per_m", 1.0, 1e-4..=1e3),
-        free_curvature_per_m: free_radius_m.map(|r| if r == 0.0 { 0.0 } else { 1.0 / r }),
+        free_curvatures_per_m: free,
         supports,
         damping_ratio: t.number("damping_ratio", 1.0, 0.0..=1.0).unwrap_or(DEFAULT_BLADE_DAMPING),
         modes: t.integer("modes", 1..=MAX_MODES as i64).unwrap_or(DEFAULT_MODES) as usize,
@@ -690,15 +704,22 @@ fn read_guides(guides: &TomlTable<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec>
 }
 
 /// `before`: sprockets of the chains before this one.
-fn read_preload(t: &TomlTable<'_>, names: &[String], before: usize, arms: &[ArmSpec]) -> PreloadSpec {
-    if let Some(arm) = t.text("moves").and_then(|name| arms.iter().position(|a| a.name == name)) {
+fn read_preload(
+    t: &TomlTable<'_>,
+    names: &[String],
+    before: usize,
+    (arms, blades): (&[ArmSpec], &[&str]),
+) -> PreloadSpec {
+    let arm = t.text("moves").and_then(|name| arms.iter().position(|a| a.name == name)).map(PreloadSpec::Arm);
+    let blade = || t.text("moves").filter(|name| blades.contains(&name.as_str())).map(|_| PreloadSpec::Blade);
+    if let Some(own) = arm.or_else(blade) {
         for key in ["tension_n", "direction_deg"] {
             if t.number(key, 1.0, f64::MIN..=f64::MAX).is_some() {
-                t.error_at(key, "the arm's spring sets the tension".into(), Some("take it away".into()));
+                t.error_at(key, "the tensioner's spring sets the tension".into(), Some("take it away".into()));
             }
         }
         t.finish();
-        return PreloadSpec::Arm(arm);
+        return own;
     }
     let tension_n = t.required("tension_n", 1.0, 0.0..=1e6);
     let moves = t.text("moves");
@@ -706,7 +727,7 @@ fn read_preload(t: &TomlTable<'_>, names: &[String], before: usize, arms: &[ArmS
         None => names.len().saturating_sub(1),
         Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
             t.error(
-                format!("`preload.moves` = \"{name}\" is no sprocket and no arm"),
+                format!("`preload.moves` = \"{name}\" is no sprocket, no arm and no rail that bends"),
                 Some(format!(
                     "sprockets here: {}; arms: {}",
                     names.join(", "),

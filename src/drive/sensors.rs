@@ -130,10 +130,10 @@ fn of_turning((t, kind, name): (&TomlTable<'_>, &str, &str), turning: &[String],
     }
 }
 
-/// Reads `[sensors.KIND.NAME]`. `turning`: sprockets, then what else turns.
+/// Reads `[sensors.KIND.NAME]`. `chains`: the sprockets of each; `turning`: sprockets, then what else turns.
 pub(super) fn sensors(
     root: &TomlTable<'_>,
-    (sprockets, turning): (&[String], &[String]),
+    (chains, turning): (&[Vec<String>], &[String]),
     driver: Option<&str>,
     guides: &[&str],
     parts: &MechanismNames<'_>,
@@ -163,7 +163,7 @@ pub(super) fn sensors(
         let of_kind = table.table(kind);
         for (name, t) in of_kind.tables() {
             let reads = match kind {
-                "strain_gauge" => tension(&t, sprockets),
+                "strain_gauge" => tension(&t, chains),
                 "displacement" | "pressure" | "flow" => of_mechanism(&t, kind, &name, parts),
                 "force" => force(&t, &name, guides, parts),
                 _ => of_turning((&t, kind, &name), turning, driver),
@@ -192,25 +192,26 @@ fn index(t: &TomlTable<'_>, what: &str, name: &str, known: &[&str]) -> usize {
 }
 
 /// `span = ["driven", "driver"]` or `link = 12`.
-fn tension(t: &TomlTable<'_>, sprockets: &[String]) -> SensorReads {
+fn tension(t: &TomlTable<'_>, chains: &[Vec<String>]) -> SensorReads {
     let link = t.integer("link", 0..=100_000);
     let span = t.texts("span");
     if let (Some(link), None) = (link, &span) {
         return SensorReads::Link(link as usize);
     }
-    let ends = span.unwrap_or_default();
-    let place = |name: Option<&String>| sprockets.iter().position(|s| Some(s) == name);
-    match (place(ends.first()), place(ends.get(1))) {
-        (Some(a), Some(b)) if link.is_none() && ends.len() == 2 && (a + 1) % sprockets.len() == b => {
-            SensorReads::Span(a)
-        }
+    // Of every sprocket the next one of its chain.
+    let of_chain = |names: &'_ Vec<String>| {
+        let next = names.iter().cycle().skip(1).cloned();
+        names.iter().cloned().zip(next).collect::<Vec<(String, String)>>()
+    };
+    let spans: Vec<(String, String)> = chains.iter().flat_map(of_chain).collect();
+    let meant = |(from, to): &(String, String)| span.as_ref().is_some_and(|s| *s == [from.clone(), to.clone()]);
+    match spans.iter().position(meant) {
+        Some(sprocket) if link.is_none() => SensorReads::Span(sprocket),
         _ => {
-            let spans: Vec<String> = (0..sprockets.len())
-                .map(|i| format!("[\"{}\", \"{}\"]", sprockets[i], sprockets[(i + 1) % sprockets.len()]))
-                .collect();
+            let known: Vec<String> = spans.iter().map(|(from, to)| format!("[\"{from}\", \"{to}\"]")).collect();
             t.error(
                 format!("`{}` does not say whose tension it reads", t.path()),
-                Some(format!("add `link = 0`, or `span` with one of {}", spans.join(", "))),
+                Some(format!("add `link = 0`, or `span` with one of {}", known.join(", "))),
             );
             SensorReads::Link(0)
         }

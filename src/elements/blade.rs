@@ -32,8 +32,8 @@ pub struct Beam {
     /// Bending stiffness EI [N m2], mass over length [kg/m].
     pub stiffness_n_m2: f64,
     pub mass_kg_per_m: f64,
-    /// Curvature without load, convex towards the chain positive [1/m]; None: as drawn.
-    pub free_curvature_per_m: Option<f64>,
+    /// Curvature of every element of the profile without load, convex towards the chain positive [1/m]; None: all as drawn.
+    pub free_curvatures_per_m: Option<Vec<f64>>,
     /// Places along the contour, in the direction of the profile, and what holds the blade there.
     pub supports: Vec<(f64, Support)>,
     /// Damping ratio of every mode.
@@ -71,8 +71,14 @@ pub struct Blade {
     /// Places of the nodes along the contour [m].
     nodes: Vec<f64>,
     pub modes: Vec<BladeMode>,
+    /// Mass of the whole blade [kg].
+    pub mass_kg: f64,
     /// Per piece of the rail: where along the contour it begins, or lies.
     starts: Vec<f64>,
+    /// Per element of the profile: where it ends, and its curvature, convex positive [1/m].
+    bends: Vec<(f64, f64)>,
+    /// Largest radius of its arcs, or its length if that is more [m].
+    drawn_radius_m: f64,
 }
 
 /// A point of the contour.
@@ -104,7 +110,24 @@ impl Blade {
         nodes.extend(beam.supports.iter().map(|(at, _)| at.clamp(0.0, length_m)));
         nodes.sort_by(f64::total_cmp);
         nodes.dedup_by(|b, a| *b - *a < 1e-6 * length_m);
-        let mut blade = Blade { nodes, modes: Vec::new(), starts };
+        let mut blade = Blade {
+            nodes,
+            modes: Vec::new(),
+            mass_kg: beam.mass_kg_per_m * length_m,
+            starts,
+            bends: Vec::new(),
+            drawn_radius_m: length_m,
+        };
+        for (piece, start) in body.pieces.iter().zip(&blade.starts) {
+            match *piece {
+                Piece::Line { length_m, .. } => blade.bends.push((start + length_m, 0.0)),
+                Piece::Arc { radius_m, from, to, .. } if radius_m != 0.0 => {
+                    blade.bends.push((start + radius_m.abs() * angle(from, to), 1.0 / radius_m));
+                    blade.drawn_radius_m = blade.drawn_radius_m.max(radius_m.abs());
+                }
+                Piece::Arc { .. } | Piece::EdgeSupport { .. } => {}
+            }
+        }
         let (frequencies, shapes, masses) = blade.eigen(beam).ok_or(NoModes)?;
         let highest = frequencies.last().copied().unwrap_or(0.0);
         for ((w2, shape), mass_kg) in frequencies.iter().zip(shapes).zip(masses) {
@@ -124,10 +147,11 @@ impl Blade {
 
     /// P of the file's head.
     fn free_push_n(&self, body: &RailBody, beam: &Beam, mode: usize) -> f64 {
-        let Some(free) = beam.free_curvature_per_m else { return 0.0 };
+        let Some(free) = &beam.free_curvatures_per_m else { return 0.0 };
         let slope_at = |s: f64| self.slope_of(mode, &self.point(s));
         let mut push_n = 0.0;
-        for (piece, start) in body.pieces.iter().zip(&self.starts) {
+        // Behind the corner at the beginning stand the elements of the profile.
+        for ((piece, start), free) in body.pieces.iter().zip(&self.starts).skip(1).zip(free) {
             let (length_m, curvature) = match *piece {
                 Piece::Line { length_m, .. } => (length_m, 0.0),
                 Piece::Arc { radius_m, from, to, .. } if radius_m != 0.0 => {
@@ -262,20 +286,54 @@ impl Blade {
         }
     }
 
-    /// How much further along a bent arc a straight edge touches [m], and the point there: where the slope of the arc is that of the bending.
+    /// From a place of the drawn contour to another one: by what angle the contour turns away from its tangent [rad], how far it falls below it [m],
+    /// and its curvature there [1/m].
     #[inline(always)]
-    fn further(&self, bent: &Deflection, (place, point): (f64, BladePoint), radius_m: f64) -> (f64, BladePoint) {
-        if radius_m.is_infinite() || radius_m == 0.0 {
-            return (0.0, point);
+    fn fall(&self, from: f64, to: f64) -> (f64, f64, f64) {
+        let (mut angle, mut drop_m, mut at) = (0.0, 0.0, from);
+        let forwards = to >= from;
+        let last = self.bends.len() - 1;
+        let mut k = self.bends.partition_point(|(end, _)| *end <= from).min(last);
+        loop {
+            let (end, curvature) = self.bends[k];
+            let begin = if k == 0 { f64::NEG_INFINITY } else { self.bends[k - 1].0 };
+            let stop = if forwards {
+                if k == last || to < end { to } else { end }
+            } else if k == 0 || to > begin {
+                to
+            } else {
+                begin
+            };
+            let way = stop - at;
+            drop_m += angle * way + 0.5 * curvature * way * way;
+            angle += curvature * way;
+            at = stop;
+            if stop == to {
+                return (angle, drop_m, curvature);
+            }
+            k = if forwards { k + 1 } else { k - 1 };
         }
-        let (mut further_m, mut at) = (0.0, point);
+    }
+
+    /// Where a straight edge touches that touches the drawn contour at `place`: where the contour turns away from it as much as the bending
+    /// turns it back. How much further that is, at most `most_m` to either side, what the drawn contour falls away up to there [m], and the point.
+    #[inline(always)]
+    fn further(&self, bent: &Deflection, (place, point): (f64, BladePoint), most_m: f64) -> (f64, f64, BladePoint) {
+        let (mut further_m, mut drop_m, mut at) = (0.0, 0.0, point);
         for _ in 0..NEWTON_STEPS {
-            let flattened = 1.0 - radius_m * bent.bend_at(&at);
-            let flattened = if flattened > MOST_FLATTENED { flattened } else { MOST_FLATTENED };
-            further_m -= (further_m - radius_m * bent.slope_at(&at)) / flattened;
+            let (turned, _, curvature) = self.fall(place, place + further_m);
+            let bends_away = curvature - bent.bend_at(&at);
+            let least = MOST_FLATTENED / self.drawn_radius_m;
+            let bends_away = if bends_away > least { bends_away } else { least };
+            further_m -= (turned - bent.slope_at(&at)) / bends_away;
+            further_m = if further_m > most_m { most_m } else { further_m };
+            further_m = if further_m < 0.0 - most_m { 0.0 - most_m } else { further_m };
             at = self.point(place + further_m);
         }
-        (further_m, at)
+        if further_m != 0.0 {
+            (_, drop_m, _) = self.fall(place, place + further_m);
+        }
+        (further_m, drop_m, at)
     }
 
     /// A touch of the drawn contour as it is on the bent one, and its point: `centre`, `along`: of the link, in the rail's frame.
@@ -283,7 +341,7 @@ impl Blade {
         &self,
         body: &RailBody,
         bent: &Deflection,
-        (centre, along): (Vec2, Vec2),
+        (centre, along, lever_m): (Vec2, Vec2, f64),
         touch: PlateTouch,
     ) -> (PlateTouch, BladePoint, Vec2) {
         let on_axis = centre + along * touch.along_m;
@@ -293,16 +351,32 @@ impl Blade {
         let mut out = touch;
         let radius_m = if touch.body_radius_m == 0.0 { 0.0 } else { touch.body_radius_m };
         if touch.is_flat {
-            let (further_m, point) = self.further(bent, (s, point), radius_m);
-            out.penetration_m += bent.value_at(&point) * normal.dot(&touch.normal) - lost_m(further_m, radius_m);
-            out.along_m += further_m * along.dot(&perp(touch.normal));
+            let sense = along.dot(&perp(touch.normal));
+            if radius_m != 0.0 {
+                let most_m = lever_m - touch.along_m.abs();
+                let (further_m, drop_m, moved) = self.further(bent, (s, point), most_m);
+                out.penetration_m += bent.value_at(&moved) * normal.dot(&touch.normal) - drop_m;
+                out.along_m += further_m * sense;
+                out.body_radius_m = self.bent_radius_m(bent, s + further_m, &moved);
+                return (out, moved, normal);
+            }
+            out.penetration_m += w * normal.dot(&touch.normal);
             return (out, point, normal);
         }
         let leaning = slope * lean(radius_m, body.plate_radius_m - touch.penetration_m);
         let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
         out.penetration_m = (touch.penetration_m + w * normal.dot(&touch.normal)) * scale;
         out.normal = (touch.normal - perp(touch.normal) * leaning) * scale;
+        if radius_m != 0.0 {
+            out.body_radius_m = self.bent_radius_m(bent, s, &point);
+        }
         (out, point, normal)
+    }
+
+    /// Radius of curvature of the bent contour at a place [m], as [`PlateTouch::body_radius_m`].
+    fn bent_radius_m(&self, bent: &Deflection, place: f64, point: &BladePoint) -> f64 {
+        let curvature = self.fall(place, place).2 - bent.bend_at(point);
+        if curvature.abs() < STRAIGHT_PER_M { f64::INFINITY } else { 1.0 / curvature }
     }
 
     /// As [`Blade::bent_touch`], for a block of lanes that have been moved to their contacts on the drawn contour: puts in what bending changes, the
@@ -311,7 +385,7 @@ impl Blade {
     pub fn bend_lanes(
         &self,
         body: &RailBody,
-        part: PlatePart,
+        (part, levers): (PlatePart, &LaneBlock),
         motion: &FrameMotion,
         bent: &BladeMotion,
         (found, lanes): (&RailContactLanes, &mut Lanes),
@@ -336,16 +410,19 @@ impl Blade {
                 Piece::EdgeSupport { .. } => 0.0,
             };
             let flat = part == PlatePart::Edge && found.link_radius[i].is_infinite();
-            if flat {
-                let (further_m, moved) = self.further(&bent.way, (place, point), radius_m);
+            if flat && radius_m != 0.0 {
+                let most_m = levers[i] - lanes.lever[i].abs();
+                let (further_m, drop_m, moved) = self.further(&bent.way, (place, point), most_m);
                 let by = further_m * (lanes.cos[i] * along.x + lanes.sin[i] * along.y);
-                lanes.penetration[i] += bent.way.value_at(&moved) * own.dot(&n) - lost_m(further_m, radius_m);
+                lanes.penetration[i] += bent.way.value_at(&moved) * own.dot(&n) - drop_m;
                 lanes.lever[i] += by;
                 lanes.x[i] += by * lanes.cos[i];
                 lanes.y[i] += by * lanes.sin[i];
                 lanes.vx[i] -= lanes.omega[i] * by * lanes.sin[i];
                 lanes.vy[i] += lanes.omega[i] * by * lanes.cos[i];
                 point = moved;
+            } else if flat {
+                lanes.penetration[i] += w * own.dot(&n);
             } else {
                 let leaning = slope * lean(radius_m, body.plate_radius_m - lanes.penetration[i]);
                 let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
@@ -429,14 +506,10 @@ fn weighted(weights: &[f64; 4], value: &[f64], slope: &[f64], element: usize) ->
         + weights[3] * slope[element + 1]
 }
 
-/// What the arc itself falls away on the way to where a straight edge touches it [m].
-#[inline(always)]
-fn lost_m(further_m: f64, radius_m: f64) -> f64 {
-    if further_m == 0.0 { 0.0 } else { 0.5 * further_m * further_m / radius_m }
-}
-
-/// Of the place of a straight edge on a bent arc: the second leaves less than a nanometre.
-const NEWTON_STEPS: usize = 2;
+/// Of the place of a straight edge on a bent contour: the third leaves less than a nanometre where no joint of arcs lies between.
+const NEWTON_STEPS: usize = 3;
+/// Curvature below which a contour counts as straight [1/m].
+const STRAIGHT_PER_M: f64 = 1e-6;
 
 /// Share of an arc's curvature that bending may leave, before a straight edge touches it at many points at once. assumed: blades of tensioners
 /// keep a half of it and more.
@@ -504,7 +577,7 @@ mod tests {
         Beam {
             stiffness_n_m2: EI,
             mass_kg_per_m: MASS,
-            free_curvature_per_m: None,
+            free_curvatures_per_m: None,
             supports,
             damping_ratio: 0.0,
             modes,
@@ -567,7 +640,7 @@ mod tests {
     fn a_blade_that_is_let_go_takes_its_free_shape() {
         let (drawn, free) = (0.19, 0.13);
         let supports = vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin)];
-        let beam = Beam { free_curvature_per_m: Some(1.0 / free), ..beam(supports, 7) };
+        let beam = Beam { free_curvatures_per_m: Some(vec![1.0 / free; 2]), ..beam(supports, 7) };
         let blade = Blade::new(&body(Some(drawn)), &beam).expect("modes");
         let middle = blade.point(0.5 * LENGTH_M);
         let rises: f64 = (0..7).map(|k| blade.modes[k].free_m * blade.value_of(k, &middle)).sum();
@@ -597,7 +670,7 @@ mod tests {
                         let touch = body.touch(part, centre, along, 4e-3)?;
                         let mut bent = Deflection::default();
                         blade.deflection(q.into_iter(), &mut bent);
-                        Some((blade.bent_touch(&body, &bent, (centre, along), touch), along))
+                        Some((blade.bent_touch(&body, &bent, (centre, along, 4e-3), touch), along))
                     };
                     let Some(((touch, point, own), along)) = depth(0.0, 0.0, 0.0, at_rest) else { continue };
                     let by = |dx: f64, dy: f64, dturn: f64, dq: f64| {

@@ -13,6 +13,7 @@
 //! A body's frame is its origin, turned with its sprocket where it has one. Links and bodies are rigid, so the rate of the
 //! gap is the relative speed of the two contact points along the normal, whatever the curvatures.
 
+use super::body_frame::BodyFrame;
 use super::contact_law::ContactLaw;
 use crate::geometry::chain::silent::{Flank, LinkEnd, SilentLinkContour};
 use crate::geometry::profile::Element;
@@ -124,13 +125,12 @@ pub struct EndBody {
     pub name: String,
     /// Index of the chain whose links touch it.
     pub chain: usize,
-    /// Index of the coordinate it turns by.
-    pub coordinate: Option<usize>,
     /// Index among the bodies of a recording.
     pub body: usize,
     /// Contacts of bodies with the same set never overlap: a link's end has one of them at a time.
     pub set: usize,
-    pub origin: Vec2,
+    /// Its frame: the axis of its sprocket, or where its face begins.
+    pub frame: BodyFrame,
     pub shape: EndShape,
     pub law: ContactLaw,
     pub friction: f64,

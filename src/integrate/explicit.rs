@@ -200,7 +200,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for k in 0..model.rails.len() {
         rails::contacts::<WATCHED>(model, state, scratch, k);
     }
-    if model.contour.is_some() {
+    if model.has_contours() {
         ends::contacts::<WATCHED>(model, state, scratch);
     }
     links::apply_contacts(model, state, scratch);
@@ -433,7 +433,7 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
         std::mem::swap(&mut state.rail_plates, &mut scratch.rail_plates);
     }
     // 36 empty columns where there are no contours.
-    if model.contour.is_some() {
+    if model.has_contours() {
         std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
     }
     if !model.touches.is_empty() {

@@ -19,7 +19,6 @@ use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::Coordinate;
 use crate::elements::end_contact::{EndBody, LinkContour};
-use crate::elements::link_joint::LinkJoint;
 use crate::elements::touch::TouchShape;
 use crate::model::{Model, flank_radii};
 
@@ -51,58 +50,8 @@ const MIN_SEARCHED: f64 = 0.1;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
-    let chain = &model.chain;
-    let largest = |f: &dyn Fn(usize) -> f64| chain.links().map(f).fold(0.0_f64, f64::max);
-    let bush_mobility =
-        largest(&|j| chain.bush_inverse_mass[j] + chain.bush_lever[j].powi(2) * chain.bush_inverse_inertia[j]);
-    let end_mobility = largest(&|i| chain.inverse_mass[i] + chain.lever[i].powi(2) * chain.inverse_inertia[i]);
-    let joint_mobility = largest(&|i| chain.inverse_mass[i].max(chain.lever[i].powi(2) * chain.inverse_inertia[i]));
-    let has_abutments = matches!(model.contour, Some(LinkContour::Abutments { .. }));
-    let mut bounds = Vec::new();
-    for s in model.sprockets.iter().filter(|s| s.geometry.iso().is_some()) {
-        let (name, radii) = (format!("sprockets.{}", s.name), flank_radii(s));
-        let own = axis_mobility(model, &s.frame);
-        bounds.extend(contact_bounds(&name, &s.body.law, radii, bush_mobility + own));
-        if own > 0.0 {
-            // All bushes on its teeth push the axis at once.
-            let teeth = f64::from(s.geometry.teeth());
-            bounds.extend(contact_bounds(&format!("{name} on its bearing"), &s.body.law, radii, teeth * own));
-        }
-    }
-    if let Some(contour) = &model.contour {
-        let arm = contour.longest_arm_m(chain.lever[0]);
-        let contour_mobility = largest(&|i| chain.inverse_mass[i] + arm * arm * chain.inverse_inertia[i]);
-        for b in &model.end_bodies {
-            let radii = PairRadii { bush_m: arm, body_m: f64::INFINITY };
-            let [stiffness, damping] = contact_bounds(&b.name, &b.law, radii, contour_mobility);
-            let longer = if has_abutments { CONTACT_OF_ABUTMENTS / CONTACT } else { 1.0 };
-            bounds.extend([StepBound { step_s: longer * stiffness.step_s, ..stiffness }, damping]);
-        }
-    }
-    for g in model.guides.iter().filter(|g| g.body.touches_plates) {
-        let radii = PairRadii { bush_m: g.body.plate_radius_m, body_m: f64::INFINITY };
-        let (name, own) = (format!("guides.fixed.{}", g.name), axis_mobility(model, &g.frame));
-        bounds.extend(contact_bounds(&name, &g.body.law, radii, end_mobility + own));
-        if own > 0.0 {
-            // All ends that can lie on it push it at once.
-            let ends = 2.0 * g.body.length_m / (2.0 * chain.lever[0]) + 2.0;
-            bounds.extend(contact_bounds(&format!("{name} on its mount"), &g.body.law, radii, ends * own));
-        }
-    }
-    for rail in &model.rails {
-        let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
-        let of_turn = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
-        let of_modes: f64 = rail.blade.iter().flat_map(|b| &b.shape.modes).map(|m| 1.0 / m.mass_kg).sum();
-        let of_arm = of_turn + axis_mobility(model, &rail.frame) + of_modes;
-        let name = format!("guides.rail.{}", rail.name);
-        bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_arm));
-        // All plates that can lie on it push the arm at once.
-        let length_m: f64 = rail.rail.profile.elements().iter().map(|e| e.length_m()).sum();
-        let plates = length_m / (2.0 * chain.lever[0]) + 1.0;
-        if of_arm > 0.0 {
-            bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_arm));
-        }
-    }
+    let mut bounds: Vec<StepBound> =
+        (0..model.chain.loops.len()).flat_map(|chain| chain_bounds(model, chain)).collect();
     bounds.extend(shaft_bounds(model));
     bounds.extend(bearing_bounds(model));
     let nowhere = vec![0.0; model.coordinates.len()];
@@ -127,13 +76,65 @@ pub fn step_bound(model: &Model) -> StepBound {
         let by = |i: usize| gap.slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
         bounds.extend(contact_bounds(&touch.path, &touch.law, touch.radii, by(0) + by(1)));
     }
-    // Of all loops the stiffest and the most damped; abutments run on one loop alone.
-    let stiffest = |f: &dyn Fn(&LinkJoint) -> f64| chain.joints.iter().map(f).fold(0.0_f64, f64::max);
-    let joint = &LinkJoint {
-        stiffness_n_per_m: stiffest(&|j| j.stiffness_n_per_m),
-        damping_n_s_per_m: stiffest(&|j| j.damping_n_s_per_m),
-        ..chain.joints[0]
-    };
+    let smallest = |a: StepBound, b: StepBound| if b.step_s < a.step_s { b } else { a };
+    let accurate = bounds.into_iter().reduce(smallest).expect("the joints always give a bound");
+    (0..model.chain.loops.len()).fold(accurate, |bound, chain| abutments_bound(model, chain, bound))
+}
+
+/// Largest value of the links of a chain.
+fn largest(model: &Model, chain: usize, of: impl Fn(usize) -> f64) -> f64 {
+    model.chain.loops[chain].clone().map(of).fold(0.0, f64::max)
+}
+
+/// Longest lever of a normal force on the contour of a chain's links [m].
+fn contour_arm_m(model: &Model, chain: usize, contour: &LinkContour) -> f64 {
+    contour.longest_arm_m(model.chain.lever[model.chain.loops[chain].start])
+}
+
+/// Bounds of the contacts and joints of one chain.
+fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
+    let (c, joint) = (&model.chain, &model.chain.joints[chain]);
+    let end_mobility = largest(model, chain, |i| c.inverse_mass[i] + c.lever[i].powi(2) * c.inverse_inertia[i]);
+    let has_abutments = matches!(model.contours[chain], Some(LinkContour::Abutments { .. }));
+    let mut bounds = Vec::new();
+    let bush_mobility =
+        largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
+    for s in model.sprockets.iter().filter(|s| s.chain == chain && s.geometry.iso().is_some()) {
+        let (name, radii) = (format!("sprockets.{}", s.name), flank_radii(s));
+        // All bushes on its teeth push the axis at once.
+        bounds.extend(body_bounds(
+            model,
+            &name,
+            (&s.body.law, radii),
+            bush_mobility,
+            &s.frame,
+            f64::from(s.geometry.teeth()),
+        ));
+    }
+    if let Some(contour) = &model.contours[chain] {
+        let arm = contour_arm_m(model, chain, contour);
+        let contour_mobility = largest(model, chain, |i| c.inverse_mass[i] + arm * arm * c.inverse_inertia[i]);
+        for b in model.end_bodies.iter().filter(|b| b.chain == chain) {
+            let radii = PairRadii { bush_m: arm, body_m: f64::INFINITY };
+            let [stiffness, damping] = contact_bounds(&b.name, &b.law, radii, contour_mobility);
+            let longer = if has_abutments { CONTACT_OF_ABUTMENTS / CONTACT } else { 1.0 };
+            bounds.extend([StepBound { step_s: longer * stiffness.step_s, ..stiffness }, damping]);
+        }
+    }
+    for g in model.guides.iter().filter(|g| g.chain == chain && g.body.touches_plates) {
+        let radii = PairRadii { bush_m: g.body.plate_radius_m, body_m: f64::INFINITY };
+        let ends = g.body.length_m / c.lever[c.loops[chain].start] + 2.0;
+        bounds.extend(body_bounds(
+            model,
+            &format!("guides.fixed.{}", g.name),
+            (&g.body.law, radii),
+            end_mobility,
+            &g.frame,
+            ends,
+        ));
+    }
+    bounds.extend(rail_bounds(model, chain, end_mobility));
+    let joint_mobility = largest(model, chain, |i| c.inverse_mass[i].max(c.lever[i].powi(2) * c.inverse_inertia[i]));
     if joint.damping_n_s_per_m > 0.0 {
         let share = if has_abutments { PIN_DAMPING_WITH_ABUTMENTS } else { PIN_DAMPING };
         bounds.push(StepBound {
@@ -145,22 +146,48 @@ pub fn step_bound(model: &Model) -> StepBound {
         step_s: PIN_STIFFNESS / libm::sqrt(joint.stiffness_n_per_m * 4.0 * joint_mobility),
         cause: "stiffness of the joints (chain.joint)".into(),
     });
-    let smallest = |a: StepBound, b: StepBound| if b.step_s < a.step_s { b } else { a };
-    let accurate = bounds.into_iter().reduce(smallest).expect("the joints always give a bound");
-    match &model.contour {
-        Some(contour) if has_abutments => {
-            let row = RowLink {
-                inverse_mass: largest(&|i| chain.inverse_mass[i]),
-                inverse_inertia: largest(&|i| chain.inverse_inertia[i]),
-                lever_m: largest(&|i| chain.lever[i]),
-                arm_m: contour.longest_arm_m(chain.lever[0]),
-                joint_stiffness_n_per_m: joint.stiffness_n_per_m,
-                joint_damping_n_s_per_m: joint.damping_n_s_per_m,
-            };
-            abutments_bound(&row, &model.end_bodies, accurate)
+    bounds
+}
+
+/// Bounds of plates on the rails of a chain.
+fn rail_bounds(model: &Model, chain: usize, end_mobility: f64) -> Vec<StepBound> {
+    let mut bounds = Vec::new();
+    let pitch_m = 2.0 * model.chain.lever[model.chain.loops[chain].start];
+    for rail in model.rails.iter().filter(|r| r.chain == chain) {
+        let radii = PairRadii { bush_m: rail.body.plate_radius_m, body_m: f64::INFINITY };
+        let of_turn = rail.frame.turn.map_or(0.0, |q| rail.reach_m.powi(2) * model.coordinates[q].inverse_inertia());
+        let of_frame = of_turn + axis_mobility(model, &rail.frame);
+        // One plate may stand where all modes are largest. Of all plates, evenly over the blade, every mode sees its mean square, which over its mass
+        // is one over the blade's.
+        let of_modes: f64 = rail.blade.iter().flat_map(|b| &b.shape.modes).map(|m| 1.0 / m.mass_kg).sum();
+        let of_all = of_frame + rail.blade.as_ref().map_or(0.0, |b| 1.0 / b.shape.mass_kg);
+        let name = format!("guides.rail.{}", rail.name);
+        bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_frame + of_modes));
+        // All plates that can lie on it push the arm at once.
+        let length_m: f64 = rail.rail.profile.elements().iter().map(|e| e.length_m()).sum();
+        let plates = length_m / pitch_m + 1.0;
+        if of_all > 0.0 {
+            bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_all));
         }
-        _ => accurate,
     }
+    bounds
+}
+
+/// Bounds of a contact with a body whose axis may give way, and of all `most` of them that push the axis at once.
+fn body_bounds(
+    model: &Model,
+    name: &str,
+    (law, radii): (&ContactLaw, PairRadii),
+    mobility: f64,
+    frame: &BodyFrame,
+    most: f64,
+) -> Vec<StepBound> {
+    let own = axis_mobility(model, frame);
+    let mut bounds = contact_bounds(name, law, radii, mobility + own).to_vec();
+    if own > 0.0 {
+        bounds.extend(contact_bounds(&format!("{name} on its bearing"), law, radii, most * own));
+    }
+    bounds
 }
 
 /// Largest inverse mass with which the axis of a frame gives way in any direction [1/kg].
@@ -204,8 +231,19 @@ fn shaft_bounds(model: &Model) -> Vec<StepBound> {
     bounds
 }
 
-/// `accurate`, or what abutments on one or two of the bodies bear, if that is less.
-fn abutments_bound(link: &RowLink, bodies: &[EndBody], accurate: StepBound) -> StepBound {
+/// `accurate`, or what abutments of a chain on one or two of their bodies bear, if that is less.
+fn abutments_bound(model: &Model, chain: usize, accurate: StepBound) -> StepBound {
+    let (c, joint) = (&model.chain, &model.chain.joints[chain]);
+    let Some(contour @ LinkContour::Abutments { .. }) = &model.contours[chain] else { return accurate };
+    let link = &RowLink {
+        inverse_mass: largest(model, chain, |i| c.inverse_mass[i]),
+        inverse_inertia: largest(model, chain, |i| c.inverse_inertia[i]),
+        lever_m: largest(model, chain, |i| c.lever[i]),
+        arm_m: contour_arm_m(model, chain, contour),
+        joint_stiffness_n_per_m: joint.stiffness_n_per_m,
+        joint_damping_n_s_per_m: joint.damping_n_s_per_m,
+    };
+    let bodies: Vec<&EndBody> = model.end_bodies.iter().filter(|b| b.chain == chain).collect();
     let mut bound = accurate;
     let mut looked_at = Vec::new();
     for (i, p) in bodies.iter().enumerate() {

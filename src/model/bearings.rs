@@ -63,6 +63,19 @@ impl Model {
                     turn = sprocket.coordinate;
                 }
             }
+            // Contours of links meet the same bodies: sprockets first, then guides.
+            let n_sprockets = self.sprockets.len();
+            for end in &mut self.end_bodies {
+                let guide = end.body.checked_sub(n_sprockets).map(|k| &self.guides[k].name);
+                let carried = match (guide, spec.on) {
+                    (None, _) => drive.is_on_bearing(spec, end.body),
+                    (Some(guide), Carried::Guide(k)) => *guide == drive.guides[k].name,
+                    (Some(_), Carried::Sprocket(_) | Carried::Shaft(_) | Carried::Rail(_)) => false,
+                };
+                if carried {
+                    end.frame.shifts.extend(shifts);
+                }
+            }
             let guides = self.guides.iter_mut().map(|g| (&g.name, &mut g.frame));
             let bodies = guides.chain(self.rails.iter_mut().map(|r| (&r.name, &mut r.frame)));
             let held = match spec.on {

@@ -48,7 +48,7 @@ impl RailModel {
     ) -> Option<(PlateTouch, Option<(BladePoint, Vec2)>)> {
         let touch = self.body.touch(part, centre, along, lever_m)?;
         let Some((blade, bent)) = self.blade.as_ref().zip(bent) else { return Some((touch, None)) };
-        let (touch, point, normal) = blade.shape.bent_touch(&self.body, bent, (centre, along), touch);
+        let (touch, point, normal) = blade.shape.bent_touch(&self.body, bent, (centre, along, lever_m), touch);
         Some((touch, Some((point, normal))))
     }
 }
@@ -66,7 +66,12 @@ impl Model {
             let beam = Beam {
                 stiffness_n_m2: bending.stiffness_n_m2,
                 mass_kg_per_m: bending.mass_kg_per_m,
-                free_curvature_per_m: bending.free_curvature_per_m,
+                free_curvatures_per_m: bending.free_curvatures_per_m.clone().map(|mut free| {
+                    if rail.rail.travel < 0.0 {
+                        free.reverse();
+                    }
+                    free
+                }),
                 supports: bending.supports.iter().map(|(at, support)| (place(*at), *support)).collect(),
                 damping_ratio: bending.damping_ratio,
                 modes: bending.modes,

@@ -130,6 +130,17 @@ impl ChainModel {
         self.loops.iter().position(|l| lane < l.end).unwrap_or(self.loops.len().saturating_sub(1))
     }
 
+    /// Blocks that hold the links of a loop.
+    pub fn blocks_of(&self, chain: usize) -> Range<usize> {
+        let own = &self.loops[chain];
+        own.start / LANES..own.end.div_ceil(LANES)
+    }
+
+    /// Half the longest pitch of a loop [m].
+    pub fn longest_lever_m(&self, chain: usize) -> f64 {
+        self.lever[self.loops[chain].clone()].iter().copied().fold(0.0, f64::max)
+    }
+
     /// Whether a lane holds a link.
     pub fn is_link(&self, lane: usize) -> bool {
         self.loops.iter().any(|l| l.contains(&lane))

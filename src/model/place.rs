@@ -201,10 +201,24 @@ pub fn place(drive: &Drive) -> Result<PlacedDrive, Report> {
                 close_loop(|turn| turned(longer * turn), slope.abs(), drive.links, loaded).map_err(&failed)?;
             turn_rad = longer * turn;
         }
+        // The loop closes as it is drawn, but for what the blade gives way.
+        PreloadSpec::Blade => {
+            let length_m = Route::new(&with_rails(drive, &rails, &pulleys, 0.0)).map_err(&failed)?.length_m();
+            let long_m = length_m - drive.links as f64 * loaded;
+            if long_m.abs() > MOST_FOR_BLADE_M {
+                return Err(drive.places.report(vec![drive.places.error(
+                    "preload.moves",
+                    format!("the path round the drawn blade is {:.3} mm longer than the chain", long_m * 1e3),
+                    Some("draw the blade, or place a sprocket, so that both agree within 3 mm".into()),
+                )]));
+            }
+        }
     }
     Ok(PlacedDrive { sprockets, rows, contour, abutment, rings, line_end_m, pulleys, direction, rails, turn_rad })
 }
 
+/// What a blade may take up from the shape in which it is drawn [m]. assumed: the sag of tensioner blades gives 1 to 2 mm.
+const MOST_FOR_BLADE_M: f64 = 3e-3;
 /// How much longer the path becomes where a sprocket moves out, an estimate [m/m].
 const PATH_PER_SHIFT: f64 = 1.9;
 /// Turn by which it is found how an arm changes the path [rad], and the least change that tightens a chain [m/rad].

@@ -335,7 +335,7 @@ fn end_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         scratch.end_touches(model, state, k, node.only, |link, front, t| {
             let part = ContactGroup::Contours(2 * body.set + usize::from(!front));
             if node.is_asked(link) && scratch.is_contact(part, link) {
-                let point = t.point + body.origin;
+                let point = t.point + body.frame.origin_at(&state.coordinates.angle);
                 let pair = Pair {
                     link,
                     feature: body.feature(front),
@@ -624,7 +624,7 @@ const PIVOT_RADIUS_M: f64 = 3e-3;
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
 fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
     let mut circles = vec![(Vec2::zeros(), 0.4 * model.sprockets[k].geometry.root_radius_m())];
-    for body in model.end_bodies.iter().filter(|b| b.coordinate == Some(model.sprockets[k].coordinate)) {
+    for body in model.end_bodies.iter().filter(|b| b.body == k) {
         match &body.shape {
             EndShape::Circle { radius_m } => circles.push((Vec2::zeros(), *radius_m)),
             EndShape::Lobes { ring, .. } => circles.push((Vec2::zeros(), ring.valley_radius_m)),

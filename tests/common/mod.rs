@@ -142,3 +142,57 @@ impl EngagementWatch {
         self.open.retain(|_, f| !ended(f));
     }
 }
+
+/// Two stages on a common shaft, 20/40 teeth twice as in the bundled reduction: chains, contacts and straight guides are those of two
+/// bundled drives.
+pub fn two_stages(first: &str, second: &str) -> String {
+    let text_of = |name: &str| BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive").1;
+    // Tables of a drive whose names begin so, each with its lines.
+    let tables = |text: &'static str, kinds: &[&str]| -> String {
+        let starts = |table: &&str| kinds.iter().any(|kind| table.starts_with(kind));
+        text.split("\n[").map(|t| t.trim_end()).filter(starts).map(|t| format!("[{t}\n\n")).collect()
+    };
+    let stage = |stage: &str, name: &str, [driver, driven]: [&str; 2]| {
+        let parts = tables(text_of(name), &["chain.", "contact."]).replace('[', &format!("[chains.{stage}."));
+        let guides =
+            tables(text_of(name), &["guides.fixed."]).replace("guides.fixed.", &format!("guides.fixed.{stage}_"));
+        let renamed =
+            guides.replace("\"driver\"", &format!("\"{driver}\"")).replace("\"driven\"", &format!("\"{driven}\""));
+        let moves = if stage == "first" { driver } else { driven };
+        format!(
+            "[chains.{stage}]\nroute = [\"{driver}\", \"{driven}\"]\n\n{parts}[chains.{stage}.preload]\ntension_n = 300\nmoves = \"{moves}\"\n\n\
+             {renamed}"
+        )
+    };
+    let relief = |name: &str, um: u32| {
+        if name.starts_with("smartchain") { format!("root_relief_um = {um}\n") } else { String::new() }
+    };
+    let (of_first, of_second) = ([relief(first, 30), relief(first, 62)], [relief(second, 30), relief(second, 62)]);
+    format!(
+        "title = \"{first}, {second}\"\n\n{}{}\
+         [shafts.middle]\ninertia_kg_m2 = 1e-3\n\n\
+         [sprockets.driver]\nteeth = 20\nx_mm = -238.6\ny_mm = 0\n{}\n\
+         [sprockets.driven]\nshaft = \"middle\"\nteeth = 40\nx_mm = 0\ny_mm = 0\n{}\n\
+         [sprockets.pinion]\nshaft = \"middle\"\nteeth = 20\nx_mm = 0\ny_mm = 0\n{}\n\
+         [sprockets.output]\nteeth = 40\nx_mm = 0\ny_mm = -238.6\ninertia_kg_m2 = 2e-3\n{}\n\
+         [speeds.constant.driver]\nspeed_rpm = 3000\n\n[loads.constant.output]\ntorque_nm = 20\n",
+        stage("first", first, ["driver", "driven"]),
+        stage("second", second, ["pinion", "output"]),
+        of_first[0],
+        of_first[1],
+        of_second[0],
+        of_second[1],
+    )
+}
+
+/// The abutment chain with an arm whose rail lies on the backs of its links, outside of the slack span.
+pub fn abutments_on_a_rail() -> String {
+    let text = BUNDLED.iter().find(|b| b.0 == "smartchain-20-40").expect("a bundled drive").1;
+    format!(
+        "{text}\n[arms.press]\npivot_x_mm = 60\npivot_y_mm = -70\ninertia_kg_m2 = 2e-4\nspring_nm_per_rad = 20\n\
+         spring_torque_nm = 0.3\ndamping_nm_s_per_rad = 0.05\n\n\
+         [guides.rail.back]\nspan = [\"driver\", \"driven\"]\nside = \"outside\"\narm = \"press\"\n\
+         start_x_mm = 56.4626\nstart_y_mm = -36.8914\nheading_deg = 4.5913\n\
+         lengths_mm = [10.0, 80.0059, 10.0]\nradii_mm = [60, 2000, 60]\n"
+    )
+}

@@ -15,6 +15,7 @@ use super::scratch::{LinkEnds, WrappedColumns};
 use super::watch::{ContactBlock, ObservedStep};
 use super::{ContactGroup, LANES, MemoryBlocks, Scratch, WINDOW_MARGIN_M, Window};
 use crate::elements::arc_lanes::{EndContactLanes, NO_CONTACT_M};
+use crate::elements::body_frame::FrameMotion;
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contour_forces::{self, AccelerationChange, EndColumns, OffJoint};
 use crate::elements::end_contact::{EndBody, LinkContour};
@@ -38,8 +39,8 @@ pub(super) struct EndBlock {
 }
 
 impl EndBlock {
-    /// Front and rear ends of every block of links, as the body `body` meets them.
-    pub(super) fn all(model: &Model, body: &EndBody, count: usize) -> Vec<[EndBlock; 2]> {
+    /// Front and rear ends of every block of the links of its chain, as the body `body` meets them.
+    pub(super) fn all(model: &Model, body: &EndBody) -> Vec<[EndBlock; 2]> {
         let end = |block, front| EndBlock {
             own: [0; LANES],
             has_own: false,
@@ -48,7 +49,7 @@ impl EndBlock {
             clearances: Clearances::default(),
             cache: Cache::new(model, body, block, front),
         };
-        (0..count).map(|block| [end(block, true), end(block, false)]).collect()
+        model.chain.blocks_of(body.chain).map(|block| [end(block, true), end(block, false)]).collect()
     }
 
     /// Elements that were looked up anew.
@@ -154,12 +155,9 @@ fn closable_gap_m(model: &Model, fastest_m_s: f64) -> f64 {
 /// What all ends share in a step.
 struct EndContactPass<'a> {
     model: &'a Model,
-    contour: &'a LinkContour,
     far_m: f64,
     links: LinkSources<'a>,
     fastest_m_s: f64,
-    /// Distance of the farthest point of a contour from its link's centre [m].
-    extent_m: f64,
     /// Forces on the links of every block.
     block_forces: &'a mut [BlockForces],
     /// What contacts of this step have changed so far, for every block.
@@ -174,9 +172,15 @@ struct EndContactPass<'a> {
 /// A body in this step.
 struct BodyInStep<'a> {
     body: &'a EndBody,
-    /// Cosine and sine of its angle, and its speed.
+    /// Of the links of its chain, and the distance of its farthest point from its link's centre [m].
+    contour: &'a LinkContour,
+    extent_m: f64,
+    /// Its frame: place, cosine and sine of its angle, and speeds.
+    motion: FrameMotion,
     rotor: (f64, f64),
     omega: f64,
+    /// Whether its axis moves: what is known of gaps then holds for no longer than a step.
+    moves: bool,
     /// Its speed in the middle of the step before, and its acceleration then.
     past_omega: f64,
     past_alpha: f64,
@@ -184,49 +188,88 @@ struct BodyInStep<'a> {
     turned_m: f64,
     /// See [`Query::details`].
     details: bool,
-    /// Of every lane, on the body.
+    /// Of every lane, on the body; and forces on the links where its axis moves.
     torque: LaneBlock,
+    on_links: [LaneBlock; 2],
 }
 
 impl<'a> BodyInStep<'a> {
     #[inline(always)]
-    fn new(model: &'a Model, state: &State, index: usize, (fastest_m_s, watched): (f64, bool)) -> BodyInStep<'a> {
-        let body = &model.end_bodies[index];
-        let (rotor, omega) = body_rotation(model, state, body);
+    fn new(
+        (model, contour, extent_m): (&'a Model, &'a LinkContour, f64),
+        state: &State,
+        body: &'a EndBody,
+        (fastest_m_s, watched): (f64, bool),
+    ) -> BodyInStep<'a> {
+        let motion = body.frame.motion(&super::coordinate_columns(model, state));
+        let FrameMotion { cos, sin, omega, .. } = motion;
         let turned_m = contour_forces::turned_m(model.step_s, omega, fastest_m_s);
         let (past_omega, past_alpha) =
-            body.coordinate.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
+            body.frame.turn.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
         let torque = [0.0; LANES];
-        BodyInStep { body, rotor, omega, past_omega, past_alpha, turned_m, details, torque }
+        BodyInStep {
+            body,
+            contour,
+            extent_m,
+            motion,
+            rotor: (cos, sin),
+            omega,
+            moves: !body.frame.shifts.is_empty(),
+            past_omega,
+            past_alpha,
+            turned_m,
+            details,
+            torque,
+            on_links: [[0.0; LANES]; 2],
+        }
+    }
+}
+
+impl BodyInStep<'_> {
+    #[inline(always)]
+    fn add_forces(&mut self, force_x: &LaneBlock, force_y: &LaneBlock) {
+        for i in 0..LANES {
+            self.on_links[0][i] += force_x[i];
+            self.on_links[1][i] += force_y[i];
+        }
     }
 }
 
 /// Contacts of all bodies that ends of links touch.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
-    match &model.contour {
-        None => {}
-        Some(LinkContour::Abutments { .. }) => contacts_of::<WATCHED, true>(model, state, scratch),
-        // Flanks push nearly at the centre of their link: their forces are the same to 1e-5 whether they take the changes of the others into account or not.
-        Some(LinkContour::Flanks(_)) => contacts_of::<WATCHED, false>(model, state, scratch),
+    for change in scratch.end_changes.iter_mut().filter(|change| change.used) {
+        *change = AccelerationChange::default();
     }
+    for (chain, contour) in model.contours.iter().enumerate() {
+        match contour {
+            None => {}
+            Some(of @ LinkContour::Abutments { .. }) => {
+                contacts_of::<WATCHED, true>((model, chain, of), state, scratch)
+            }
+            // Flanks push nearly at the centre of their link: their forces are the same to 1e-5 whether they take the changes of the others into account or not.
+            Some(of @ LinkContour::Flanks(_)) => contacts_of::<WATCHED, false>((model, chain, of), state, scratch),
+        }
+    }
+    scratch.contour_step = state.step;
 }
 
-/// UPDATED: contacts of a link take the changes by those before them into account.
+/// Those of one chain. UPDATED: contacts of a link take the changes by those before them into account.
 #[inline(always)]
-fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &State, scratch: &mut Scratch) {
-    let Some(contour) = &model.contour else { return };
+fn contacts_of<const WATCHED: bool, const UPDATED: bool>(
+    (model, chain, contour): (&Model, usize, &LinkContour),
+    state: &State,
+    scratch: &mut Scratch,
+) {
     let s = scratch;
     let count = model.chain.padded / LANES;
     let (mut off, mut found) = (OffJoint::default(), EndContactLanes::none());
     let mut pass = EndContactPass {
         model,
-        contour,
         far_m: closable_gap_m(model, s.fastest_m_s),
         links: LinkSources::new(model, state, (&s.omega, &s.wrapped), count),
         fastest_m_s: s.fastest_m_s,
-        extent_m: s.contour_extent_m,
         block_forces: &mut s.end_forces[..count],
         changes: &mut s.end_changes[..count],
         watched: &mut s.watched,
@@ -234,13 +277,13 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &
         off: &mut off,
         found: &mut found,
     };
-    for change in pass.changes.iter_mut().filter(|change| change.used) {
-        *change = AccelerationChange::default();
-    }
     let goes_on = state.step == s.contour_step + 1;
-    s.contour_step = state.step;
-    for k in (0..model.end_bodies.len()).filter(|k| !s.end_windows[*k].is_empty()) {
-        let mut meeting = BodyInStep::new(model, state, k, (s.fastest_m_s, WATCHED));
+    let (of_chain, first_block) = ((model, contour, s.contour_extents_m[chain]), model.chain.blocks_of(chain).start);
+    for (k, body) in model.end_bodies.iter().enumerate() {
+        if body.chain != chain || s.end_windows[k].is_empty() {
+            continue;
+        }
+        let mut meeting = BodyInStep::new(of_chain, state, body, (s.fastest_m_s, WATCHED));
         for rear in 0..2 {
             let (sign, source) = if rear == 0 { (1.0, &s.front) } else { (-1.0, &s.rear) };
             let ends = EndSources::new(source, sign, count);
@@ -259,11 +302,11 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &
             };
             for Window { start, end, .. } in &s.end_windows[k] {
                 for at in start / LANES..(end / LANES).min(count) {
-                    let end = &mut s.end_blocks[k][at][rear];
+                    let end = &mut s.end_blocks[k][at - first_block][rear];
                     if !end.has_own {
                         continue;
                     }
-                    if end.is_clear && goes_on && pass.is_apart::<UPDATED>(&meeting, at, end) {
+                    if end.is_clear && goes_on && !meeting.moves && pass.is_apart::<UPDATED>(&meeting, at, end) {
                         if let Some(counts) = &mut s.counts {
                             counts.contours[k].skipped += 1;
                         }
@@ -285,9 +328,9 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(model: &Model, state: &
                 }
             }
         }
-        if let Some(coordinate) = meeting.body.coordinate {
-            s.chain_torque[coordinate] += meeting.torque.iter().sum::<f64>();
-        }
+        let on_body = meeting.on_links.map(|lanes| -lanes.iter().sum::<f64>());
+        let torque = meeting.torque.iter().sum::<f64>();
+        body.frame.give_back(Vec2::new(on_body[0], on_body[1]), torque, &mut s.chain_torque);
     }
 }
 
@@ -301,9 +344,8 @@ impl EndContactPass<'_> {
         at: usize,
         end: &mut EndBlock,
     ) -> QueryResult {
-        let bounds = (self.far_m, self.extent_m);
-        let query = Query::new(&self.links, bounds, meeting, (ends, at), &end.own);
-        end.cache.touches(&query, self.contour, self.found)
+        let query = Query::new(&self.links, self.far_m, meeting, (ends, at), &end.own);
+        end.cache.touches(&query, meeting.contour, self.found)
     }
 
     /// Whether gaps that were known are still too wide for a touch in this step.
@@ -317,12 +359,12 @@ impl EndContactPass<'_> {
     #[inline(always)]
     fn motion_bounds<const UPDATED: bool>(&self, meeting: &BodyInStep<'_>, at: usize) -> MotionBounds {
         let l = &self.links;
-        let (x, y) = from_origin(meeting.body, &l.x[at], &l.y[at]);
+        let (x, y) = from_origin(meeting.motion.origin, &l.x[at], &l.y[at]);
         let (vx, vy, omega) = (&l.past_vx[at], &l.past_vy[at], &l.past_omega[at]);
         let (ax, ay, alpha) = (&l.ax[at], &l.ay[at], &l.alpha[at]);
         let (past_ax, past_ay, past_alpha) = (&l.past_ax[at], &l.past_ay[at], &l.past_alpha[at]);
         let change = &self.changes[at];
-        let (h, extent) = (self.model.step_s, self.extent_m);
+        let (h, extent) = (self.model.step_s, meeting.extent_m);
         // Second-order motion: normals and arms turn, and the body changes its speed.
         let reach_m = meeting.body.distance_bound_m(extent);
         let turned_m = contour_forces::turned_m(h, meeting.past_omega, self.fastest_m_s);
@@ -365,7 +407,7 @@ impl EndContactPass<'_> {
             return held;
         }
         held || {
-            let columns = self.columns(ends, (meeting.body, at));
+            let columns = self.columns(ends, meeting, at);
             columns.may_touch::<UPDATED>(self.model.step_s, meeting.omega, meeting.turned_m, &end.own)
         }
     }
@@ -394,7 +436,7 @@ impl EndContactPass<'_> {
             && let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = body.law
         {
             let (law, past) = ((stiffness_n_per_m, damping_n_s_per_m), results.memory.past_contacts(at));
-            let columns = self.columns(ends, (body, at));
+            let columns = self.columns(ends, meeting, at);
             if let Some(step) = contour_forces::fast_contour_step::<UPDATED>(law, friction, motion, columns, past) {
                 self.block_forces[at].add_at_centre(&step);
                 if UPDATED {
@@ -403,13 +445,16 @@ impl EndContactPass<'_> {
                 for i in 0..LANES {
                     meeting.torque[i] += step.torque[i];
                 }
+                if meeting.moves {
+                    meeting.add_forces(&step.force_x, &step.force_y);
+                }
                 results.memory.store_step(at, &step);
                 (results.rate[at], results.slide[at], results.depth[at]) =
                     (step.rate, step.slide, self.found.penetration);
                 return;
             }
         }
-        let columns = self.columns(ends, (body, at));
+        let columns = self.columns(ends, meeting, at);
         let (off, lanes) = (&mut *self.off, &mut *self.lanes);
         columns.load::<UPDATED>(self.found, lanes, off);
         results.memory.load_past(at, lanes);
@@ -421,6 +466,9 @@ impl EndContactPass<'_> {
         }
         for i in 0..LANES {
             meeting.torque[i] += lanes.torque[i];
+        }
+        if meeting.moves {
+            meeting.add_forces(&lanes.force_x, &lanes.force_y);
         }
         if WATCHED && let Some(watched) = self.watched {
             observe(self.model, watched, (set, at), &end.own, self.found, lanes);
@@ -435,10 +483,10 @@ impl EndContactPass<'_> {
 
     /// The ends of block `at` and their contact points as the forces need them.
     #[inline(always)]
-    fn columns(&self, ends: &EndSources<'_>, (body, at): (&EndBody, usize)) -> EndColumns {
+    fn columns(&self, ends: &EndSources<'_>, meeting: &BodyInStep<'_>, at: usize) -> EndColumns {
         let (from, found) = (&self.links, &*self.found);
         let change = &self.changes[at];
-        EndColumns {
+        let mut columns = EndColumns {
             x: ends.x[at],
             y: ends.y[at],
             vx: ends.vx[at],
@@ -453,7 +501,7 @@ impl EndContactPass<'_> {
             inverse_mass: from.inverse_mass[at],
             inverse_inertia: from.inverse_inertia[at],
             sign: ends.sign,
-            origin: body.origin,
+            origin: meeting.motion.origin,
             penetration: found.penetration,
             point_x: found.point_x,
             point_y: found.point_y,
@@ -463,7 +511,18 @@ impl EndContactPass<'_> {
             change_ay: change.ay,
             change_alpha: change.alpha,
             quarter_step: 0.25 * self.model.step_s,
+        };
+        if meeting.moves {
+            // As seen from the axis. The law takes the link's mass alone: an axis weighs many links.
+            let FrameMotion { velocity, acceleration, .. } = meeting.motion;
+            for i in 0..LANES {
+                columns.vx[i] -= velocity.x;
+                columns.vy[i] -= velocity.y;
+                columns.ax[i] -= acceleration.x;
+                columns.ay[i] -= acceleration.y;
+            }
         }
+        columns
     }
 
     /// Of a block that touches nothing.
@@ -481,8 +540,7 @@ impl EndContactPass<'_> {
             self.lanes.penetration = [NO_CONTACT_M; LANES];
             results.store_lanes(&end.own, at, self.lanes);
         } else if !results.memory.clear_block(at) {
-            let bounds = (self.far_m, self.extent_m);
-            let query = Query::new(&self.links, bounds, meeting, (ends, at), &end.own);
+            let query = Query::new(&self.links, self.far_m, meeting, (ends, at), &end.own);
             let gaps = match (answer, &end.cache) {
                 (QueryResult::Apart(Some(gaps)), _) => Some(gaps),
                 (_, Cache::Flanks(cache)) => Some(flanks::gaps(&query, cache)),
@@ -503,11 +561,11 @@ fn was_touching(ages: &LaneBlock, own: &LaneMask) -> bool {
 }
 
 #[inline(always)]
-fn from_origin(body: &EndBody, x: &LaneBlock, y: &LaneBlock) -> (LaneBlock, LaneBlock) {
+fn from_origin(origin: Vec2, x: &LaneBlock, y: &LaneBlock) -> (LaneBlock, LaneBlock) {
     let (mut x, mut y) = (*x, *y);
     for i in 0..LANES {
-        x[i] -= body.origin.x;
-        y[i] -= body.origin.y;
+        x[i] -= origin.x;
+        y[i] -= origin.y;
     }
     (x, y)
 }
@@ -522,17 +580,6 @@ impl EndResults<'_> {
             self.depth[at][i] = lanes.penetration[i];
         }
         self.memory.store_lanes(|i| own[i] != 0, at, lanes);
-    }
-}
-
-/// Cosine and sine of the angle of a body, and its speed at the node.
-pub(crate) fn body_rotation(model: &Model, state: &State, body: &EndBody) -> ((f64, f64), f64) {
-    match body.coordinate {
-        None => ((1.0, 0.0), 0.0),
-        Some(r) => {
-            let s = &state.coordinates;
-            ((s.cos[r], s.sin[r]), s.omega[r] + 0.5 * model.step_s * s.alpha[r])
-        }
     }
 }
 
@@ -558,14 +605,21 @@ fn observe(
     watched.record(&ContactBlock { part, at, lanes }, Some(&own));
 }
 
+/// Half the pitch of the first link of a chain [m].
+fn first_lever_m(model: &Model, chain: usize) -> f64 {
+    model.chain.lever[model.chain.loops[chain].start]
+}
+
 /// Links near each body, and for every set the nearest body of each link.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     scratch.contour_ends.clone_from(&state.contour_ends);
     let distance = |body: &EndBody, link: usize| {
-        body.distance_m(Vec2::new(state.links.x[link], state.links.y[link]) - body.origin)
+        body.distance_m(
+            Vec2::new(state.links.x[link], state.links.y[link]) - body.frame.origin_at(&state.coordinates.angle),
+        )
     };
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let reach = body.reach_m(model.chain.lever[0]) + WINDOW_MARGIN_M;
+        let reach = body.reach_m(first_lever_m(model, body.chain)) + WINDOW_MARGIN_M;
         let near = |link: usize| distance(body, link) < reach;
         scratch.end_windows[k] = super::windows::aligned_windows(&model.chain.loops[body.chain], near);
     }
@@ -574,7 +628,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let own = model.chain.loop_of(link);
             let gap = |k: &usize| {
                 let body = &model.end_bodies[*k];
-                distance(body, link) - body.reach_m(model.chain.lever[0])
+                distance(body, link) - body.reach_m(first_lever_m(model, own))
             };
             let of_set = (0..model.end_bodies.len())
                 .filter(|k| model.end_bodies[*k].set == set && model.end_bodies[*k].chain == own);
@@ -583,12 +637,12 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
         }
     }
     for (k, body) in model.end_bodies.iter().enumerate() {
-        let nearest = &scratch.nearest_end[body.set];
+        let (nearest, first_block) = (&scratch.nearest_end[body.set], model.chain.blocks_of(body.chain).start);
         for block in scratch.end_windows[k].iter().flat_map(|w| w.start / LANES..w.end / LANES) {
             let own: LaneMask = std::array::from_fn(|i| mask(nearest[block * LANES + i] == k));
             let links = model.chain.link_lanes(block * LANES).unwrap_or([true; LANES]);
             let all_own = (0..LANES).all(|i| own[i] != 0 || !links[i]);
-            for end in &mut scratch.end_blocks[k][block] {
+            for end in &mut scratch.end_blocks[k][block - first_block] {
                 (end.own, end.has_own, end.all_own, end.is_clear) = (own, any(&own), all_own, false);
             }
         }

@@ -19,11 +19,11 @@ pub(super) struct FlankCache {
 }
 
 impl FlankCache {
-    /// `levers`: signed or not, of the joints of all links [m]; `at`: the first link of the block.
+    /// `levers`: signed or not, of the joints of all links [m]; `at`: the first lane of the block, and of the chain.
     pub(super) fn new(
         body: &EndBody,
         (rows, levers): (&[SilentLinkContour], &[f64]),
-        at: usize,
+        (at, first): (usize, usize),
         front: bool,
     ) -> FlankCache {
         let (tooth, seats, outer) = match &body.shape {
@@ -33,7 +33,7 @@ impl FlankCache {
         };
         let limit = take(levers, at).map(|lever| tooth.map_or(0.0, |tooth| tooth.reach_m(lever.abs())));
         FlankCache {
-            flanks: FlankLanes::new(rows, at, front, outer),
+            flanks: FlankLanes::new(rows, at - first, front, outer),
             tooth_gaps: seats.map(ToothGaps::new).unwrap_or_default(),
             limit,
             limit_squared: limit.map(|limit| limit * limit),

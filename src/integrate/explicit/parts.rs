@@ -79,7 +79,8 @@ impl ContactGroup {
                 (lane, [Feature::FrontPlateEnd, Feature::RearPlateEnd, Feature::PlateEdge][set % 3])
             }
             ContactGroup::Contours(set) => {
-                let body = model.end_bodies.iter().find(|b| b.set == set / 2);
+                let chain = model.chain.loop_of(lane);
+                let body = model.end_bodies.iter().find(|b| b.set == set / 2 && b.chain == chain);
                 (lane, body.map_or(Feature::FrontAbutment, |b| b.feature(set % 2 == 0)))
             }
         }

@@ -81,7 +81,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             find_contacts(model, state, scratch, (k, shared), at, swing, lanes, found);
             if let Some(blade) = &rail.blade {
                 for (i, part) in PlatePart::ALL.into_iter().enumerate() {
-                    blade.shape.bend_lanes(body, part, &swing, bent, (&found[i], &mut lanes[i]), &mut on_blade[i]);
+                    let levers = take(&model.chain.lever, at);
+                    let own = (&found[i], &mut lanes[i]);
+                    blade.shape.bend_lanes(body, (part, &levers), &swing, bent, own, &mut on_blade[i]);
                 }
             }
             let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);

@@ -96,10 +96,10 @@ pub struct Scratch {
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
-    /// Per body and block of links, for front and rear ends: what they faced last.
+    /// Per body and block of the links of its chain, for front and rear ends: what they faced last.
     pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
-    /// Distance from a link's centre that no point of its contour and no joint exceeds [m].
-    pub(super) contour_extent_m: f64,
+    /// Of every chain: distance from a link's centre that no point of its contour and no joint exceeds [m].
+    pub(super) contour_extents_m: Vec<f64>,
     /// The step whose contacts of contours were looked for last.
     pub(super) contour_step: u64,
     /// Per set of contour ends and block: how many of the two memories still hold an old contact.
@@ -291,7 +291,7 @@ impl Scratch {
             bush_depth: column(),
             guide_depth: std::array::from_fn(|_| column()),
             end_forces: vec![BlockForces::default(); n / LANES],
-            end_changes: vec![AccelerationChange::default(); if model.contour.is_some() { n / LANES } else { 0 }],
+            end_changes: vec![AccelerationChange::default(); if model.has_contours() { n / LANES } else { 0 }],
             // All joints in gap 0 until somebody looks.
             seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
@@ -322,10 +322,11 @@ impl Scratch {
             contour_tooth: std::array::from_fn(|_| column()),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
-            end_blocks: model.end_bodies.iter().map(|body| EndBlock::all(model, body, n / LANES)).collect(),
-            contour_extent_m: {
-                let contour_m = model.contour.as_ref().map_or(0.0, |contour| contour.extent_m());
-                model.chain.lever.iter().copied().fold(contour_m, f64::max)
+            end_blocks: model.end_bodies.iter().map(|body| EndBlock::all(model, body)).collect(),
+            contour_extents_m: {
+                let contour_m = |chain: usize| model.contours[chain].as_ref().map_or(0.0, |contour| contour.extent_m());
+                let extent_m = |chain: usize| contour_m(chain).max(model.chain.longest_lever_m(chain));
+                (0..model.contours.len()).map(extent_m).collect()
             },
             contour_step: u64::MAX - 1,
             stale_ends: std::array::from_fn(|_| vec![2; n / LANES]),

@@ -14,7 +14,7 @@ use crate::state::State;
 /// Finds where contours of links touch bodies, outside of a step: for equilibria. Remembers what ends faced last, which changes no bit.
 pub(crate) struct EndFinder {
     isa: Isa,
-    /// By body, block and end.
+    /// By body, block of the links of its chain, and end.
     caches: Vec<Vec<[Cache; 2]>>,
 }
 
@@ -66,28 +66,29 @@ impl VectorKernel for BlockQuery<'_> {
 
 impl EndFinder {
     pub(crate) fn new(model: &Model) -> EndFinder {
-        let count = if model.contour.is_some() { model.chain.lanes.div_ceil(LANES) } else { 0 };
         let of_body = |body: &EndBody| {
-            (0..count).map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
+            let blocks = model.chain.blocks_of(body.chain);
+            blocks.map(|block| [true, false].map(|front| Cache::new(model, body, block, front))).collect()
         };
         EndFinder { isa: Isa::detect(), caches: model.end_bodies.iter().map(of_body).collect() }
     }
 
     /// Tells link, whether it is its front end, and touch of every end that is nearer than `far_m` to body `k`, whose angle has cosine
-    /// and sine `rotor`.
+    /// and sine `rotor` and which stands at `origin`.
     pub(crate) fn find(
         &mut self,
         model: &Model,
-        (k, rotor): (usize, (f64, f64)),
+        (k, origin, rotor): (usize, Vec2, (f64, f64)),
         poses: &LinkPoses,
         far_m: f64,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
-        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
+        let body = &model.end_bodies[k];
+        let Some(contour) = &model.contours[body.chain] else { return };
         let levers = &model.chain.lever;
-        for (at, caches) in self.caches[k].iter_mut().enumerate() {
+        for (at, caches) in model.chain.blocks_of(body.chain).zip(&mut self.caches[k]) {
             let (x, y, cos, sin) = (&poses.x[at], &poses.y[at], &poses.cos[at], &poses.sin[at]);
-            let (from_x, from_y) = from_origin(body, x, y);
+            let (from_x, from_y) = from_origin(origin, x, y);
             let within = |i: usize| {
                 let link = at * LANES + i;
                 let centre = Vec2::new(from_x[i], from_y[i]);
@@ -110,6 +111,7 @@ impl EndFinder {
                     details: true,
                     own: &own,
                     poses: Poses { x: from_x, y: from_y, cos, sin },
+                    origin,
                     joint_x: &joint_x,
                     joint_y: &joint_y,
                 };
@@ -135,21 +137,23 @@ impl Scratch {
         only: Option<usize>,
         mut tell: impl FnMut(usize, bool, EndTouch),
     ) {
-        let (Some(contour), body) = (&model.contour, &model.end_bodies[k]) else { return };
-        let count = model.chain.padded / LANES;
+        let body = &model.end_bodies[k];
+        let Some(contour) = &model.contours[body.chain] else { return };
+        let (count, first_block) = (model.chain.padded / LANES, model.chain.blocks_of(body.chain).start);
         let far_m = super::closable_gap_m(model, self.fastest_m_s);
         let links = LinkSources::new(model, state, (&self.omega, &self.wrapped), count);
-        let meeting = BodyInStep::new(model, state, k, (self.fastest_m_s, true));
+        let of_chain = (model, contour, self.contour_extents_m[body.chain]);
+        let meeting = BodyInStep::new(of_chain, state, body, (self.fastest_m_s, true));
         let near = self.end_windows[k].iter().flat_map(|w| w.start / LANES..(w.end / LANES).min(count));
         for at in near.filter(|at| only.is_none_or(|link| link / LANES == *at)) {
             for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
-                let end = &self.end_blocks[k][at][rear];
+                let end = &self.end_blocks[k][at - first_block][rear];
                 let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);
                 if !was_touching(&ages[at], &end.own) {
                     continue;
                 }
                 let ends = EndSources::new(ends, sign, count);
-                let query = Query::new(&links, (far_m, self.contour_extent_m), &meeting, (&ends, at), &end.own);
+                let query = Query::new(&links, far_m, &meeting, (&ends, at), &end.own);
                 let mut cache = end.cache.clone();
                 if let Some(found) = vectorised(self.isa, BlockQuery { query, contour, cache: &mut cache }) {
                     for i in (0..LANES).filter(|i| found.penetration[*i] != NO_CONTACT_M) {
@@ -195,7 +199,7 @@ mod tests {
             let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
             let drive = Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}"));
             let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
-            let (n, contour) = (model.chain.n_links, model.contour.as_ref().expect("contours"));
+            let (n, contour) = (model.chain.n_links, model.contours[0].as_ref().expect("contours"));
             let mut finder = EndFinder::new(&model);
             let (mut compared, mut farthest_m) = (0, 0.0_f64);
             for round in 0..200 {
@@ -213,17 +217,17 @@ mod tests {
                 let poses = LinkPoses::new(n, |i| moved[i]);
                 for (k, body) in model.end_bodies.iter().enumerate() {
                     let angle =
-                        body.coordinate.map_or(0.0, |r| rest.configuration.coordinates[r] + spread * 10.0 * random());
+                        body.frame.turn.map_or(0.0, |r| rest.configuration.coordinates[r] + spread * 10.0 * random());
                     let (sin, cos) = sin_cos(angle);
                     let mut found = std::collections::BTreeMap::new();
-                    finder.find(&model, (k, (cos, sin)), &poses, FAR_M, |link, front, touch| {
+                    finder.find(&model, (k, body.frame.origin, (cos, sin)), &poses, FAR_M, |link, front, touch| {
                         found.insert((link, front), touch);
                     });
                     for (link, (p, cos_link, sin_link)) in moved.iter().enumerate() {
                         for front in [true, false] {
                             let lever = model.chain.lever[link];
                             let pose = LinkPose {
-                                centre: p - body.origin,
+                                centre: p - body.frame.origin,
                                 cos: *cos_link,
                                 sin: *sin_link,
                                 lever: if front { lever } else { -lever },
@@ -270,7 +274,7 @@ mod tests {
         let text = BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("a bundled drive").1;
         let drive = Drive::parse("silent-20-40", text, &[]).unwrap_or_else(|e| panic!("{e}"));
         let (model, rest) = at_rest(&drive).unwrap_or_else(|e| panic!("{e}"));
-        let contour = model.contour.as_ref().expect("flanks");
+        let contour = model.contours[0].as_ref().expect("flanks");
         let (n, extent_m) = (model.chain.n_links, contour.extent_m().max(model.chain.lever[0]));
         let (mut compared, mut closest) = (0, f64::INFINITY);
         for round in 0..400 {
@@ -280,21 +284,23 @@ mod tests {
                 .map(|(p, heading)| (p + Vec2::new(random(), random()) * spread, heading + spread * 100.0 * random()))
                 .collect();
             for body in &model.end_bodies {
-                let rotor = body.coordinate.map_or((1.0, 0.0), |r| {
+                let rotor = body.frame.turn.map_or((1.0, 0.0), |r| {
                     let (sin, cos) = sin_cos(rest.configuration.coordinates[r]);
                     (cos, sin)
                 });
                 let columns = |of: &dyn Fn(usize) -> f64| -> LaneBlock { std::array::from_fn(of) };
                 for at in 0..n / LANES {
                     let place = |i: usize| moved[at * LANES + i];
-                    let (x, y) =
-                        (columns(&|i| place(i).0.x - body.origin.x), columns(&|i| place(i).0.y - body.origin.y));
+                    let (x, y) = (
+                        columns(&|i| place(i).0.x - body.frame.origin.x),
+                        columns(&|i| place(i).0.y - body.frame.origin.y),
+                    );
                     let (cos, sin) = (columns(&|i| sin_cos(place(i).1).1), columns(&|i| sin_cos(place(i).1).0));
                     for front in [true, false] {
                         let sign = if front { 1.0 } else { -1.0 };
                         let lever = |i: usize| sign * model.chain.lever[at * LANES + i];
-                        let joint_x = columns(&|i| x[i] + body.origin.x + lever(i) * cos[i]);
-                        let joint_y = columns(&|i| y[i] + body.origin.y + lever(i) * sin[i]);
+                        let joint_x = columns(&|i| x[i] + body.frame.origin.x + lever(i) * cos[i]);
+                        let joint_y = columns(&|i| y[i] + body.frame.origin.y + lever(i) * sin[i]);
                         let own = [u64::MAX; LANES];
                         let poses = Poses { x, y, cos: &cos, sin: &sin };
                         let query = Query {
@@ -306,6 +312,7 @@ mod tests {
                             details: false,
                             own: &own,
                             poses,
+                            origin: body.frame.origin,
                             joint_x: &joint_x,
                             joint_y: &joint_y,
                         };
@@ -322,7 +329,7 @@ mod tests {
                                 let pose = LinkPose { centre, cos, sin, lever: lever(i), front, row };
                                 body.touch(contour, &pose, rotor, 0.0).map_or(f64::NEG_INFINITY, |t| t.penetration_m)
                             };
-                            let (centre, heading) = (place(i).0 - body.origin, place(i).1);
+                            let (centre, heading) = (place(i).0 - body.frame.origin, place(i).1);
                             if clear[i] <= 0.0 || clear[i] > 2e-3 {
                                 continue;
                             }

@@ -18,12 +18,14 @@ pub(in super::super) struct Query<'a> {
     pub(in super::super) rotor: (f64, f64),
     /// Gap beyond which nothing is of interest in this step [m].
     pub(in super::super) far_m: f64,
-    /// As in [`EndContactPass`].
+    /// As in [`BodyInStep`].
     pub(in super::super) extent_m: f64,
     /// Whether radii of curvature and segments are asked for.
     pub(in super::super) details: bool,
     pub(in super::super) own: &'a LaneMask,
     pub(in super::super) poses: Poses<'a>,
+    /// Where the body stands, in the world.
+    pub(in super::super) origin: Vec2,
     /// The joints at the ends, in the world.
     pub(in super::super) joint_x: &'a LaneBlock,
     pub(in super::super) joint_y: &'a LaneBlock,
@@ -33,7 +35,7 @@ impl<'a> Query<'a> {
     #[inline(always)]
     pub(super) fn new(
         links: &LinkSources<'a>,
-        (far_m, extent_m): (f64, f64),
+        far_m: f64,
         meeting: &BodyInStep<'a>,
         (ends, at): (&EndSources<'a>, usize),
         own: &'a LaneMask,
@@ -43,10 +45,11 @@ impl<'a> Query<'a> {
             front: ends.sign > 0.0,
             rotor: meeting.rotor,
             far_m,
-            extent_m,
+            extent_m: meeting.extent_m,
             details: meeting.details,
             own,
-            poses: Poses::new(links, at, meeting.body),
+            poses: Poses::new(links, at, meeting.motion.origin),
+            origin: meeting.motion.origin,
             joint_x: &ends.x[at],
             joint_y: &ends.y[at],
         }
@@ -55,7 +58,7 @@ impl<'a> Query<'a> {
     /// The joints from the body's origin.
     #[inline(always)]
     pub(in super::super) fn joints(&self) -> (LaneBlock, LaneBlock) {
-        from_origin(self.body, self.joint_x, self.joint_y)
+        from_origin(self.origin, self.joint_x, self.joint_y)
     }
 }
 
@@ -77,8 +80,8 @@ pub(in super::super) struct Poses<'a> {
 
 impl<'a> Poses<'a> {
     #[inline(always)]
-    fn new(from: &LinkSources<'a>, at: usize, body: &EndBody) -> Poses<'a> {
-        let (x, y) = from_origin(body, &from.x[at], &from.y[at]);
+    fn new(from: &LinkSources<'a>, at: usize, origin: Vec2) -> Poses<'a> {
+        let (x, y) = from_origin(origin, &from.x[at], &from.y[at]);
         Poses { x, y, cos: &from.cos[at], sin: &from.sin[at] }
     }
 
@@ -225,9 +228,15 @@ pub(super) enum Cache {
 impl Cache {
     /// Of front or rear ends of a block of links, as the body `body` meets them.
     pub(super) fn new(model: &Model, body: &EndBody, block: usize, front: bool) -> Cache {
-        match &model.contour {
+        match &model.contours[body.chain] {
             Some(LinkContour::Flanks(rows)) => {
-                Cache::Flanks(Box::new(FlankCache::new(body, (rows, &model.chain.lever), block * LANES, front)))
+                let first = model.chain.loops[body.chain].start;
+                Cache::Flanks(Box::new(FlankCache::new(
+                    body,
+                    (rows, &model.chain.lever),
+                    (block * LANES, first),
+                    front,
+                )))
             }
             Some(LinkContour::Abutments { front: ahead, rear }) => {
                 Cache::Abutments(Box::new(AbutmentCache::new(body, if front { ahead } else { rear })))
