@@ -413,7 +413,7 @@ fn arms_and_rails_that_make_no_sense_are_refused_where_they_stand() {
         ("guides.rail.slack.lengths_mm=[15, 0, 15]", "holds something that is no number"),
         ("guides.rail.slack.radii_mm=[60, 250]", "3 lengths, 2 radii"),
         ("guides.rail.slack.radii_mm=[60, 5, 60]", "turns by more than"),
-        ("preload.tension_n=100", "the arm's spring sets the tension"),
+        ("preload.tension_n=100", "the tensioner's spring sets the tension"),
         ("preload.moves=nobody", "is no sprocket and no arm"),
         ("arms.tensioner.high_deg=5", "nothing says how hard they are"),
     ] {
