@@ -523,6 +523,7 @@ impl Model {
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
             has_losses: self.has_losses(),
+            has_shaft_losses: self.has_shaft_losses(),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),

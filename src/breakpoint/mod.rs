@@ -452,12 +452,12 @@ impl QuantityValues for FrameValues<'_> {
 fn energy_number(what: What, e: &Energy) -> f64 {
     match what {
         // No work input yet, so that there is no reference.
-        What::Error if e.work_in_j == 0.0 => 0.0,
-        What::Error => e.error_j / e.work_in_j.abs(),
+        What::Error if e.put_in_j() == 0.0 => 0.0,
+        What::Error => e.error_j / e.put_in_j().abs(),
         What::ErrorJ => e.error_j,
         What::Kinetic => e.kinetic_j,
         What::Elastic => e.elastic_j(),
-        What::WorkIn => e.work_in_j,
+        What::WorkIn => e.put_in_j(),
         What::WorkOut => e.work_out_j,
         _ => e.lost_j(),
     }

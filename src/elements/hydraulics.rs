@@ -107,7 +107,8 @@ impl Network {
         }
     }
 
-    fn drop_pa(&self, passage: &Passage, chambers_pa: &[f64]) -> f64 {
+    /// Pressure at the first end of a passage less that at its second [Pa].
+    pub fn drop_pa(&self, passage: &Passage, chambers_pa: &[f64]) -> f64 {
         self.pressure(passage.ends[0], chambers_pa) - self.pressure(passage.ends[1], chambers_pa)
     }
 
@@ -144,6 +145,21 @@ impl Network {
         let p = &self.passages[passage];
         let dragged = p.law.wall(q).map_or(0.0, |(k, wall_m2)| wall_m2 * speed(k));
         p.law.flow(&self.oil, q, self.drop_pa(p, &state.pressure_pa)).rate_m3_s + dragged
+    }
+
+    /// All volumes of oil: chambers, then reservoirs.
+    pub fn ends(&self) -> impl Iterator<Item = PassageEnd> {
+        let chambers = (0..self.chambers.len()).map(PassageEnd::Chamber);
+        chambers.chain((0..self.reservoirs.len()).map(PassageEnd::Reservoir))
+    }
+
+    /// Sum of the flows into a volume, of those through all passages [m3/s].
+    pub fn inflow_m3_s(&self, into: PassageEnd, flows: &[f64]) -> f64 {
+        let signed = |p: &Passage, flow: f64| {
+            let [first, second] = p.ends.map(|end| if end == into { flow } else { 0.0 });
+            second - first
+        };
+        self.passages.iter().zip(flows).map(|(p, flow)| signed(p, *flow)).sum()
     }
 
     /// Energy in the oil of all chambers [J].

@@ -5,8 +5,10 @@
 //! found again, by the exact detection of [`crate::contact`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
 //! the node as well: sums up to the step before, plus half of this step's.
 
+mod mechanism;
+
 use super::frame::{
-    BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
+    BodyInfo, BodyKind, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
     OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
@@ -147,6 +149,9 @@ impl Camera {
         let node = Node { model, state, scratch, only: None };
         self.rows.find(&node);
         fill_rotors(&node, &mut frame.rotors);
+        mechanism::fill_sliders(model, state, scratch, &mut frame.sliders);
+        mechanism::fill_touches(model, state, scratch, &mut frame.touches);
+        mechanism::fill_oil(model, state, scratch, (&mut frame.chambers, &mut frame.passages));
         let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
         fill_contacts(chain, &self.rows, &mut frame.contacts);
@@ -477,9 +482,9 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     shafts::add_energies(model, state, scratch, &mut e);
     let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
     if let Some(oil) = &model.oil {
-        e.elastic_spring_j += oil.stored_j(&state.oil);
-        e.lost_spring_damping_j += state.oil.lost_j.iter().sum::<f64>();
-        e.work_in_j += state.oil.work_j.iter().sum::<f64>();
+        e.elastic_oil_j = oil.stored_j(&state.oil);
+        e.lost_oil_j = state.oil.lost_j.iter().sum();
+        e.work_oil_j = state.oil.work_j.iter().sum();
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
     (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
@@ -512,7 +517,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
 fn since(now: &Energy, origin: &Energy) -> Energy {
     let mut e = *now;
     e.each_with(origin, |account, now, before| if account.kind.is_stored() { now } else { now - before });
-    e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
+    e.error_j = e.put_in_j() - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
     e
 }
 
@@ -541,35 +546,31 @@ pub fn header_of(
             y_m: s.body.centre.y,
             angle_rad: 0.0,
             teeth: s.geometry.teeth(),
+            kind: BodyKind::Sprocket as u32,
             outline: s.geometry.profile().map(|p| outline(&s.name, &p, &sprocket_circles(model, k))),
+            ..BodyInfo::default()
         })
         .collect();
     bodies.extend(model.guides.iter().map(|g| BodyInfo {
         path: format!("guides.fixed.{}", g.name),
-        rotor: false,
-        coordinate: None,
+        kind: BodyKind::Guide as u32,
         x_m: g.geometry.origin.x,
         y_m: g.geometry.origin.y,
         angle_rad: g.geometry.angle_rad(),
-        teeth: 0,
         outline: g.geometry.profile().ok().map(|p| outline(&g.name, &p, &[])),
+        ..BodyInfo::default()
     }));
     bodies.extend(model.rails.iter().map(|r| BodyInfo {
         path: format!("guides.rail.{}", r.name),
-        rotor: false,
+        kind: BodyKind::Rail as u32,
         coordinate: r.coordinate.map(|q| q as u32),
         x_m: r.body.origin.x,
         y_m: r.body.origin.y,
-        angle_rad: 0.0,
-        teeth: 0,
-        // The pivot of its arm.
-        outline: Some(outline(
-            &r.name,
-            &r.rail.profile,
-            &r.coordinate.map(|_| (Vec2::zeros(), PIVOT_RADIUS_M)).into_iter().collect::<Vec<_>>(),
-        )),
+        outline: Some(outline(&r.name, &r.rail.profile, &[])),
+        ..BodyInfo::default()
     }));
-    Header {
+    bodies.extend(mechanism::bodies(drive, model));
+    let mut header = Header {
         format_version: FORMAT_VERSION,
         program: concat!("pitchline ", env!("CARGO_PKG_VERSION")).to_string(),
         drive_name: drive.name.clone(),
@@ -614,11 +615,11 @@ pub fn header_of(
             .iter()
             .map(|s| SensorInfo { path: s.path.clone(), unit: s.reads.unit().to_string() })
             .collect(),
-    }
+        ..Header::default()
+    };
+    mechanism::name_rows(model, &mut header);
+    header
 }
-
-/// As a pivot is drawn [m].
-const PIVOT_RADIUS_M: f64 = 3e-3;
 
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
 fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
@@ -634,27 +635,7 @@ fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
 }
 
 fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
-    let elements = profile
-        .elements()
-        .iter()
-        .map(|e| {
-            let (start, end) = (e.start(), e.end());
-            let (centre, radius_m, sweep_rad) = match *e {
-                Element::Line { .. } => (Vec2::zeros(), 0.0, 0.0),
-                Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m, sweep_rad),
-            };
-            OutlineElement {
-                start_x_m: start.x,
-                start_y_m: start.y,
-                end_x_m: end.x,
-                end_y_m: end.y,
-                centre_x_m: centre.x,
-                centre_y_m: centre.y,
-                radius_m,
-                sweep_rad,
-            }
-        })
-        .collect();
+    let elements = profile.elements().iter().map(outline_element).collect();
     Outline {
         name: name.to_string(),
         elements,
@@ -663,5 +644,23 @@ fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
             .iter()
             .map(|(c, radius_m)| OutlineCircle { x_m: c.x, y_m: c.y, radius_m: *radius_m })
             .collect(),
+    }
+}
+
+fn outline_element(e: &Element) -> OutlineElement {
+    let (start, end) = (e.start(), e.end());
+    let (centre, radius_m, sweep_rad) = match *e {
+        Element::Line { .. } => (Vec2::zeros(), 0.0, 0.0),
+        Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m, sweep_rad),
+    };
+    OutlineElement {
+        start_x_m: start.x,
+        start_y_m: start.y,
+        end_x_m: end.x,
+        end_y_m: end.y,
+        centre_x_m: centre.x,
+        centre_y_m: centre.y,
+        radius_m,
+        sweep_rad,
     }
 }

@@ -136,7 +136,10 @@ impl Transforms {
 fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)> {
     let l = &frame.links;
     let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
-    let bodies = header.bodies.iter().map(|body| (body.x_m, body.y_m, body.angle_rad + body.turned_rad(frame)));
+    let bodies = header.bodies.iter().map(|body| {
+        let ([x_m, y_m], angle_rad) = body.pose(frame);
+        (x_m, y_m, angle_rad)
+    });
     links.chain(bodies)
 }
 

@@ -151,8 +151,8 @@ pub struct Pictures {
     /// One for each outline of links.
     chain: Vec<EntityTable>,
     links_of_outline: Vec<usize>,
-    /// One for each sprocket, and each rail on an arm.
-    rotors: Vec<EntityTable>,
+    /// One for each body that turns or slides.
+    moving: Vec<EntityTable>,
     pins: EntityTable,
     contacts: EntityTable,
     forces: EntityTable,
@@ -169,7 +169,7 @@ impl Pictures {
             ];
             EntityTable::new(outline_entity(outline), columns)
         });
-        let rotors = header.bodies.iter().filter(|body| body.coordinate.is_some()).map(|body| {
+        let moving = header.bodies.iter().filter(|body| body.moves()).map(|body| {
             let columns = vec![
                 (Transform3D::descriptor_translation(), vec3()),
                 (Transform3D::descriptor_quaternion(), quaternion()),
@@ -186,7 +186,7 @@ impl Pictures {
         Pictures {
             chain: chain.collect(),
             links_of_outline: vec![0; header.link_outlines.len()],
-            rotors: rotors.collect(),
+            moving: moving.collect(),
             pins: EntityTable::new("joints/tension".into(), points()),
             contacts: EntityTable::new("contacts/points".into(), points()),
             forces: EntityTable::new("contacts/forces".into(), arrows),
@@ -195,7 +195,7 @@ impl Pictures {
 
     pub fn push(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
         self.push_chain(frame, header, scale);
-        self.push_rotors(frame, header);
+        self.push_bodies(frame, header);
         self.push_contacts(&frame.contacts, scale);
     }
 
@@ -222,11 +222,12 @@ impl Pictures {
         self.pins.end_row(header.links.len().min(x_m.len()));
     }
 
-    fn push_rotors(&mut self, frame: &Frame, header: &Header) {
-        let bodies = header.bodies.iter().filter(|body| body.coordinate.is_some());
-        for (table, body) in self.rotors.iter_mut().zip(bodies) {
-            let (s, c) = libm::sincos(0.5 * (body.angle_rad + body.turned_rad(frame)));
-            table.f32(0).extend_from_slice(&position_mm([body.x_m, body.y_m], 0.0));
+    fn push_bodies(&mut self, frame: &Frame, header: &Header) {
+        let bodies = header.bodies.iter().filter(|body| body.moves());
+        for (table, body) in self.moving.iter_mut().zip(bodies) {
+            let (origin, angle_rad) = body.pose(frame);
+            let (s, c) = libm::sincos(0.5 * angle_rad);
+            table.f32(0).extend_from_slice(&position_mm(origin, 0.0));
             table.f32(1).extend_from_slice(&[0.0, 0.0, s as f32, c as f32]);
             table.end_row(1);
         }
@@ -255,6 +256,6 @@ impl Pictures {
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
         let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
-        self.chain.iter_mut().chain(&mut self.rotors).chain(others)
+        self.chain.iter_mut().chain(&mut self.moving).chain(others)
     }
 }

@@ -84,7 +84,7 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
 pub fn short_name(body: &BodyInfo) -> String {
     let last = body.path.rsplit('.').next().unwrap_or(&body.path);
     match body.path.split('.').next() {
-        Some("sprockets" | "guides") | None => last.to_string(),
+        Some("sprockets" | "guides" | "arms" | "sliders" | "passages") | None => last.to_string(),
         Some(drive) => format!("{drive} {last}"),
     }
 }
@@ -126,7 +126,7 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
 /// Contour, spokes that show the rotation, and a filled face if the contour is star-shaped about its centre.
 fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<()> {
     let entity = body_entity(body);
-    if body.coordinate.is_none() {
+    if !body.moves() {
         stream.log_static(entity.clone(), &standing_transform(body))?;
     }
     let Some(outline) = &body.outline else { return Ok(()) };
