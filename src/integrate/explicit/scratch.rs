@@ -366,11 +366,6 @@ impl Scratch {
         &self.parts_force
     }
 
-    /// Force of loads by laws and by orders, and of dampers of couplings, on a coordinate [N m, N].
-    pub fn law_force(&self, coordinate: usize) -> f64 {
-        self.losing_force[coordinate] + self.working_force[coordinate]
-    }
-
     /// Parts that touch each other and no chain, in the order of the Model.
     pub fn touches(&self) -> &ContactMemory {
         &self.touches

@@ -7,12 +7,11 @@
 use super::{fill, outline_element};
 use crate::drive::Drive;
 use crate::drive::mechanism::{OilSpec, PassageLaw, SliderSpec};
-use crate::elements::coordinate::CoordinateMotion;
 use crate::elements::hydraulics::PassageEnd;
 use crate::elements::touch::{Pad, TouchShape};
 use crate::geometry::profile::Element;
-use crate::geometry::{Vec2, perp, unit};
-use crate::integrate::explicit::Scratch;
+use crate::geometry::{Vec2, cross, perp, unit};
+use crate::integrate::explicit::{Scratch, touches};
 use crate::model::{ArmModel, Model};
 use crate::recording::frame::{
     BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Touches,
@@ -34,43 +33,28 @@ pub(super) fn fill_sliders(model: &Model, state: &State, scratch: &Scratch, slid
     let q = &state.coordinates;
     let rows = first..model.coordinates.len();
     let speed = |k: usize| q.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha()[k];
-    let mut oil = vec![0.0; model.coordinates.len()];
-    if let Some(network) = &model.oil {
-        network.add_forces(&q.angle, &state.oil, &mut oil);
-    }
-    let mut touching = vec![0.0; model.coordinates.len()];
-    for (i, touch) in model.touches.iter().enumerate() {
-        let gap = touch.shape.gap(&q.angle);
-        for (k, (slope, slide)) in gap.coordinates.into_iter().zip(gap.slope.into_iter().zip(gap.slide)) {
-            touching[k] += scratch.touches().normal_force[i] * slope + scratch.touches().tangential_force[i] * slide;
-        }
-    }
+    let force = |k: usize| touches::sliding_forces(model, state, scratch, k);
     fill(&mut sliders.position_m, rows.clone().map(|k| q.angle[k]));
     fill(&mut sliders.speed_m_s, rows.clone().map(speed));
     fill(&mut sliders.acceleration_m_s2, rows.clone().map(|k| scratch.coordinate_alpha()[k]));
-    let spring = |k: usize| {
-        let coordinate = &model.coordinates[k];
-        let CoordinateMotion::Free { load, .. } = coordinate.motion else { return 0.0 };
-        load + coordinate.spring.force(q.angle[k]) - coordinate.spring.damping * speed(k) + scratch.law_force(k)
-    };
-    fill(&mut sliders.spring_force_n, rows.clone().map(spring));
-    fill(&mut sliders.oil_force_n, rows.clone().map(|k| oil[k]));
-    fill(&mut sliders.touch_force_n, rows.map(|k| touching[k]));
+    fill(&mut sliders.spring_force_n, rows.clone().map(|k| force(k).spring_n));
+    fill(&mut sliders.oil_force_n, rows.clone().map(|k| force(k).oil_n));
+    fill(&mut sliders.touch_force_n, rows.map(|k| force(k).touch_n));
 }
 
 /// Rows of parts that may touch each other.
-pub(super) fn fill_touches(model: &Model, state: &State, scratch: &Scratch, touches: &mut Touches) {
+pub(super) fn fill_touches(model: &Model, state: &State, scratch: &Scratch, into: &mut Touches) {
     let now = scratch.touches();
     let gaps = || model.touches.iter().map(|t| t.shape.gap(&state.coordinates.angle));
-    fill(&mut touches.gap_m, gaps().map(|g| g.gap_m));
-    fill(&mut touches.normal_force_n, now.normal_force.iter().copied());
-    fill(&mut touches.tangential_force_n, now.tangential_force.iter().copied());
-    fill(&mut touches.approach_speed_m_s, now.approach.iter().copied());
-    fill(&mut touches.age_s, now.age.iter().map(|steps| steps * model.step_s));
-    fill(&mut touches.x_m, gaps().map(|g| g.point.x));
-    fill(&mut touches.y_m, gaps().map(|g| g.point.y));
-    fill(&mut touches.normal_x, gaps().map(|g| g.normal.x));
-    fill(&mut touches.normal_y, gaps().map(|g| g.normal.y));
+    fill(&mut into.gap_m, gaps().map(|g| g.gap_m));
+    fill(&mut into.normal_force_n, now.normal_force.iter().copied());
+    fill(&mut into.tangential_force_n, now.tangential_force.iter().copied());
+    fill(&mut into.approach_speed_m_s, now.approach.iter().copied());
+    fill(&mut into.age_s, now.age.iter().map(|steps| steps * model.step_s));
+    fill(&mut into.x_m, gaps().map(|g| g.point.x));
+    fill(&mut into.y_m, gaps().map(|g| g.point.y));
+    fill(&mut into.normal_x, gaps().map(|g| g.normal.x));
+    fill(&mut into.normal_y, gaps().map(|g| g.normal.y));
 }
 
 /// Rows of chambers, then of reservoirs, and of passages.
@@ -100,7 +84,7 @@ pub(super) fn fill_oil(
     let volumes = (0..oil.chambers.len()).map(|i| oil.volume_m3(i, &q.angle));
     fill(&mut chambers.volume_m3, volumes.chain(oil.reservoirs.iter().map(|_| 0.0)));
     let flows = &passages.flow_m3_s;
-    fill(&mut chambers.inflow_m3_s, oil.ends().map(|end| oil.inflow_m3_s(end, flows)));
+    fill(&mut chambers.inflow_m3_s, oil.ends().map(|end| oil.inflow_m3_s(end, |e| flows[e])));
 }
 
 /// Paths of the rows above, into a header.
@@ -152,7 +136,8 @@ pub(super) fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
             }
         };
         let path = format!("sliders.{}", spec.name);
-        all.push(placed(Vec2::zeros(), format!("{path}.housing"), BodyKind::Housing, plunger.housing(&spec.name)));
+        let housing = plunger.housing(&spec.name);
+        all.push(placed(Vec2::zeros(), format!("housings.{}", spec.name), BodyKind::Housing, housing));
         all.push(BodyInfo {
             slider: row(slider.coordinate),
             low_stop,
@@ -173,18 +158,24 @@ pub(super) fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
     all
 }
 
-/// An arm in the frame of its pivot: its rails, its pads from the rails' end back to their start, and its pivot.
+/// An arm in the frame of its pivot: its rails, its pads from the rails' end back to their start, and its pivot. A pad that does not lie between
+/// rails and pivot, because the plunger presses beside the chain, is joined to the pivot alone.
 fn arm_body(model: &Model, arm: &ArmModel) -> BodyInfo {
     let rails = || model.rails.iter().filter(|r| r.coordinate == Some(arm.coordinate));
     let mut elements: Vec<Element> = rails().flat_map(|r| r.rail.profile.elements().iter().copied()).collect();
-    let along = match (elements.first(), elements.last()) {
-        (Some(first), Some(last)) => last.end() - first.start(),
-        (None, None) | (Some(_), None) | (None, Some(_)) => Vec2::new(1.0, 0.0),
+    let (from, along) = match (elements.first(), elements.last()) {
+        (Some(first), Some(last)) => (first.start(), last.end() - first.start()),
+        (None, None) | (Some(_), None) | (None, Some(_)) => (Vec2::zeros(), Vec2::new(1.0, 0.0)),
     };
     let mut pads: Vec<Element> =
         model.touches.iter().filter_map(|t| pad_of(t.shape, arm.coordinate)).map(|p| facing_back(p, along)).collect();
     pads.sort_by(|a, b| b.start().dot(&along).total_cmp(&a.start().dot(&along)));
-    elements.extend(pads);
+    let side = |p: Vec2| cross(along, p - from);
+    let is_between = |pad: &Element| [pad.start(), pad.end()].iter().all(|p| side(*p) * side(Vec2::zeros()) > 0.0);
+    let (between, beside): (Vec<Element>, Vec<Element>) = pads.into_iter().partition(is_between);
+    elements.extend(between);
+    let pivot = Element::Line { start: Vec2::zeros(), end: Vec2::zeros() };
+    elements.extend(beside.into_iter().flat_map(|pad| [pivot, pad]));
     let [low_stop, high_stop] = stops(model, arm.coordinate);
     BodyInfo {
         path: format!("arms.{}", arm.name),
@@ -252,7 +243,9 @@ fn joined(elements: &[Element], last: Option<Vec2>) -> Vec<OutlineElement> {
         if (element.start() - at).norm() > SAME_M {
             all.push(outline_element(&line(at, element.start())));
         }
-        all.push(outline_element(element));
+        if element.length_m() > SAME_M {
+            all.push(outline_element(element));
+        }
         at = element.end();
     }
     for end in last.into_iter().chain([first.start()]).filter(|end| (end - at).norm() > SAME_M).collect::<Vec<_>>() {

@@ -3,7 +3,8 @@
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm, sensors_by_unit, sensors_entity};
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::ColumnKind;
-use crate::recording::frame::{Contacts, Frame, Header, Links};
+use crate::recording::frame::{Frame, Header, Links};
+use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
 /// Every number of every frame, in f64.
@@ -196,7 +197,7 @@ impl Pictures {
     pub fn push(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
         self.push_chain(frame, header, scale);
         self.push_bodies(frame, header);
-        self.push_contacts(&frame.contacts, scale);
+        self.push_forces(frame, scale);
     }
 
     fn push_chain(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
@@ -233,22 +234,15 @@ impl Pictures {
         }
     }
 
-    fn push_contacts(&mut self, contacts: &Contacts, scale: ForceScale) {
-        let n = contacts.link.len();
-        for i in 0..n {
-            let (normal_n, friction_n) = (contacts.normal_force_n[i], contacts.tangential_force_n[i]);
-            let (nx, ny) = (contacts.normal_x[i], contacts.normal_y[i]);
-            // The tangent is the normal turned by +90 degrees.
-            let force_n = [normal_n * nx - friction_n * ny, normal_n * ny + friction_n * nx];
-            let point = position_mm([contacts.point_body_x_m[i], contacts.point_body_y_m[i]], scale.z_mm);
+    fn push_forces(&mut self, frame: &Frame, scale: ForceScale) {
+        let mut n = 0;
+        for DrawnForce { point_m, force_n: [fx, fy], normal_n } in drawn_forces(frame) {
+            let point = position_mm(point_m, scale.z_mm);
             self.contacts.f32(0).extend_from_slice(&point);
             self.contacts.u16(1).push(scale.class(normal_n));
             self.forces.f32(0).extend_from_slice(&point);
-            self.forces.f32(1).extend_from_slice(&[
-                scale.mm_per_n * force_n[0] as f32,
-                scale.mm_per_n * force_n[1] as f32,
-                0.0,
-            ]);
+            self.forces.f32(1).extend_from_slice(&[scale.mm_per_n * fx as f32, scale.mm_per_n * fy as f32, 0.0]);
+            n += 1;
         }
         self.contacts.end_row(n);
         self.forces.end_row(n);

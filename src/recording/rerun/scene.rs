@@ -84,7 +84,7 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
 pub fn short_name(body: &BodyInfo) -> String {
     let last = body.path.rsplit('.').next().unwrap_or(&body.path);
     match body.path.split('.').next() {
-        Some("sprockets" | "guides" | "arms" | "sliders" | "passages") | None => last.to_string(),
+        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages") | None => last.to_string(),
         Some(drive) => format!("{drive} {last}"),
     }
 }
@@ -311,12 +311,13 @@ fn readme(header: &Header, scale: ForceScale) -> String {
         "# {drive_name}\n\nWritten by {program}. Step {:.3} us, one frame every {:.1} us.\n\n\
          Numbers are SI (m, N, rad, s) in f64; the drawing is in millimetres.\n\n\
          | where | what |\n|---|---|\n\
-         | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides |\n\
+         | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides, arms, plungers |\n\
          | `joints/tension` | pins, coloured by tension: white slack, green, yellow, red tight |\n\
-         | `contacts/points` | where links touch sprockets and guides, yellow to red with the force |\n\
-         | `contacts/forces` | force on the link, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
+         | `contacts/points` | where links touch sprockets and guides, and plungers their arms; yellow to red with the force |\n\
+         | `contacts/forces` | force on the link, or of an arm on its plunger, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
          | `state/contacts` | all numbers of all contacts, one row a frame |\n\
-         | `state/links`, `state/joints`, `state/rotors` | poses, speeds, forces and torques, one row a frame |\n\
+         | `state/links`, `state/joints`, `state/rotors`, `state/sliders`, `state/touches` | poses, speeds, forces and torques, one row a frame |\n\
+         | `state/chambers`, `state/passages` | pressures and flows of oil, one row a frame |\n\
          | `plots` | curves |\n| `events` | what happened when |\n\n\
          Timelines: `sim_time`, `step`, `crank_angle` (driver's turn in micro-degrees). \
          Numbers are there for every frame; the drawing is held from one picture to the next.\n",
