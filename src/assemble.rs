@@ -22,7 +22,7 @@ use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, PlacedDrive, place};
 use crate::state::{FAR_AWAY_M, State};
-use crate::statics::{Configuration, Equilibrium, equilibrium, rail_touches, sensitivity_to_driver};
+use crate::statics::{Configuration, Equilibrium, equilibrium, guide_touches, rail_touches, sensitivity_to_driver};
 use crate::units::{sin_cos, wrap_angle};
 use std::f64::consts::PI;
 
@@ -51,6 +51,9 @@ pub struct AssemblyReport {
     pub preload_low_n: f64,
     /// Highest mean tension over one tooth period [N].
     pub preload_high_n: f64,
+    /// The same of every chain of a drive that has several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub preloads: Vec<ChainPreload>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -106,6 +109,37 @@ pub struct RestingSlider {
     pub tip_force_n: f64,
 }
 
+/// Mean tension of a chain at rest, unloaded, over one tooth period [N], and its lowest and highest value there.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ChainPreload {
+    /// Name of the chain.
+    pub chain: String,
+    /// Mean over the tooth period [N].
+    pub mean_n: f64,
+    /// Lowest value [N].
+    pub low_n: f64,
+    /// Highest value [N].
+    pub high_n: f64,
+}
+
+impl ChainPreload {
+    fn of(chain: String, tensions_n: &[f64]) -> ChainPreload {
+        ChainPreload {
+            chain,
+            mean_n: tensions_n.iter().sum::<f64>() / tensions_n.len() as f64,
+            low_n: tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
+            high_n: tensions_n.iter().copied().fold(0.0, f64::max),
+        }
+    }
+
+    /// Its line of a report.
+    fn line(&self) -> String {
+        let of = if self.chain.is_empty() { String::new() } else { format!("of chain {} ", self.chain) };
+        let ChainPreload { mean_n, low_n, high_n, .. } = self;
+        format!("preload {of}at rest = {mean_n:.1} N (mean of a tooth period, {low_n:.1} to {high_n:.1} N)")
+    }
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
@@ -123,11 +157,17 @@ impl AssemblyReport {
             let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
             format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
         }));
+        let first = || ChainPreload {
+            chain: String::new(),
+            mean_n: self.preload_n,
+            low_n: self.preload_low_n,
+            high_n: self.preload_high_n,
+        };
+        match self.preloads.as_slice() {
+            [] => lines.push(first().line()),
+            several => lines.extend(several.iter().map(ChainPreload::line)),
+        }
         lines.extend([
-            format!(
-                "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
-                self.preload_n, self.preload_low_n, self.preload_high_n
-            ),
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
                 self.static_mean_tension_n, self.static_min_tension_n, self.static_max_tension_n
@@ -205,22 +245,21 @@ pub struct Compiled {
     /// The compiled drive.
     pub model: Model,
     bound: StepBound,
-    /// Mean tension at rest over the phases of the driver [N].
-    tensions_n: Vec<f64>,
+    /// Mean tension of every chain at rest over the phases of its driver [N].
+    tensions_n: Vec<Vec<f64>>,
 }
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
-    let (mut models, mut tensions) = (Vec::new(), Vec::new());
+    let (mut models, mut tensions_n) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
-        let (model, tensions_n) = compile_alone(&drive.single_chain(chain))?;
+        let (model, own_n) = compile_alone(&drive.single_chain(chain))?;
         models.push(model);
-        tensions.push(tensions_n);
+        tensions_n.push(own_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
     model.add_oil(drive);
-    let tensions_n = tensions.swap_remove(0);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
     Ok(Compiled { model, bound, tensions_n })
@@ -274,7 +313,7 @@ pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
 
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
-    let Compiled { model, bound, tensions_n: tensions } = compile(drive)?;
+    let Compiled { model, bound, tensions_n } = compile(drive)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
@@ -304,13 +343,17 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
+    let first = ChainPreload::of(String::new(), &tensions_n[0]);
+    let preloads = drive.chain_names.iter().zip(&tensions_n).map(|(name, own)| ChainPreload::of(name.clone(), own));
+    let preloads = if drive.chains() > 1 { preloads.collect() } else { Vec::new() };
     let report = AssemblyReport {
         moved,
         arms: model.arms.iter().map(resting).collect(),
         sliders: resting_sliders(&model, &loaded.configuration),
-        preload_n: mean(&tensions),
-        preload_low_n: tensions.iter().copied().fold(f64::INFINITY, f64::min),
-        preload_high_n: tensions.iter().copied().fold(0.0, f64::max),
+        preload_n: first.mean_n,
+        preload_low_n: first.low_n,
+        preload_high_n: first.high_n,
+        preloads,
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
@@ -647,6 +690,13 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
                 state.bushes.normal_force[j] = force;
                 state.bushes.age[j] = 1.0;
             }
+        }
+    }
+    for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
+        for touch in guide_touches(model, q, guide) {
+            let memory = &mut state.guide_ends[2 * guide.body.side + usize::from(!touch.front)];
+            memory.normal_force[touch.link] = touch.elastic.force_n;
+            memory.age[touch.link] = 1.0;
         }
     }
     for rail in &model.rails {

@@ -99,7 +99,13 @@ fn friction_of_a_disc_twists_its_spring_and_is_lost() {
             explicit::advance(model, state, &mut scratch);
         }
         let twist = (state.coordinates.angle[driver] - state.coordinates.angle[disc]) * 1471.0;
-        let lost = frames[1].energy.lost_spring_damping_j - frames[0].energy.lost_spring_damping_j;
+        let lost = frames[1].energy.lost_load_j - frames[0].energy.lost_load_j;
+        // The disc turns as fast as its driver, and nothing here has a damper of its own.
+        let energy = &frames[1].energy;
+        println!("coupling {:.1e}, dampers {:.1e} J", energy.lost_coupling_damping_j, energy.lost_spring_damping_j);
+        assert!(energy.lost_coupling_damping_j.abs() < 1e-9 * lost && energy.lost_spring_damping_j == 0.0);
+        let twisted_j = 0.5 * torque * torque / 1471.0;
+        assert!((energy.elastic_coupling_j / twisted_j - 1.0).abs() < 1e-9, "{}", energy.elastic_coupling_j);
         let turned = steps as f64 * model.step_s * SPEED_RAD_S;
         println!(
             "{torque:.5} N m: twist {:.1e}, lost {:.1e} off",

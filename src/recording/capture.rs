@@ -534,6 +534,59 @@ pub fn header_of(
     assembly: Vec<String>,
     steps_per_frame: u64,
 ) -> Header {
+    let mut header = Header {
+        format_version: FORMAT_VERSION,
+        program: concat!("pitchline ", env!("CARGO_PKG_VERSION")).to_string(),
+        drive_name: drive.name.clone(),
+        drive_text: drive.text.clone(),
+        overrides: drive.overrides.clone(),
+        step_s: model.step_s,
+        steps_per_frame,
+        links: model
+            .chain
+            .links()
+            .map(|i| LinkInfo {
+                outline: model.row_of(i) as u32,
+                ahead: model.chain.number_of(model.chain.next(i)) as u32,
+                pitch_m: 2.0 * model.chain.lever[i],
+                mass_kg: model.chain.mass[i],
+                inertia_kg_m2: model.chain.inertia[i],
+            })
+            .collect(),
+        link_outlines: model
+            .rows
+            .iter()
+            .enumerate()
+            .map(|(k, r)| {
+                // Of several chains each has rows of the same names.
+                let chain = model.row_ranges.iter().position(|rows| rows.contains(&k)).unwrap_or(0);
+                let own = drive.chain_names.get(chain).map_or(String::new(), |name| format!("{name} "));
+                outline(&format!("{own}{}", r.name), &r.plate, &r.circles)
+            })
+            .collect(),
+        bodies: bodies(drive, model),
+        channels: super::frame::channels()
+            .map(|c| Channel { name: c.channel.into(), unit: c.unit.into(), meaning: c.meaning.into() })
+            .collect(),
+        chain_speed_m_s: model.chain_speed_m_s(),
+        static_tension_n,
+        assembly,
+        parent: None,
+        ledger_origin: None,
+        coordinates: model.coordinates[..model.n_turning()].iter().map(|c| c.path.clone()).collect(),
+        sensors: drive
+            .sensors
+            .iter()
+            .map(|s| SensorInfo { path: s.path.clone(), unit: s.reads.unit().to_string() })
+            .collect(),
+        ..Header::default()
+    };
+    mechanism::name_rows(model, &mut header);
+    header
+}
+
+/// Sprockets, guides, rails, then what no chain touches.
+pub fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
     let mut bodies: Vec<BodyInfo> = model
         .sprockets
         .iter()
@@ -570,55 +623,7 @@ pub fn header_of(
         ..BodyInfo::default()
     }));
     bodies.extend(mechanism::bodies(drive, model));
-    let mut header = Header {
-        format_version: FORMAT_VERSION,
-        program: concat!("pitchline ", env!("CARGO_PKG_VERSION")).to_string(),
-        drive_name: drive.name.clone(),
-        drive_text: drive.text.clone(),
-        overrides: drive.overrides.clone(),
-        step_s: model.step_s,
-        steps_per_frame,
-        links: model
-            .chain
-            .links()
-            .map(|i| LinkInfo {
-                outline: model.row_of(i) as u32,
-                ahead: model.chain.number_of(model.chain.next(i)) as u32,
-                pitch_m: 2.0 * model.chain.lever[i],
-                mass_kg: model.chain.mass[i],
-                inertia_kg_m2: model.chain.inertia[i],
-            })
-            .collect(),
-        link_outlines: model
-            .rows
-            .iter()
-            .enumerate()
-            .map(|(k, r)| {
-                // Of several chains each has rows of the same names.
-                let chain = model.row_ranges.iter().position(|rows| rows.contains(&k)).unwrap_or(0);
-                let own = drive.chain_names.get(chain).map_or(String::new(), |name| format!("{name} "));
-                outline(&format!("{own}{}", r.name), &r.plate, &r.circles)
-            })
-            .collect(),
-        bodies,
-        channels: super::frame::channels()
-            .map(|c| Channel { name: c.channel.into(), unit: c.unit.into(), meaning: c.meaning.into() })
-            .collect(),
-        chain_speed_m_s: model.chain_speed_m_s(),
-        static_tension_n,
-        assembly,
-        parent: None,
-        ledger_origin: None,
-        coordinates: model.coordinates[..model.n_turning()].iter().map(|c| c.path.clone()).collect(),
-        sensors: drive
-            .sensors
-            .iter()
-            .map(|s| SensorInfo { path: s.path.clone(), unit: s.reads.unit().to_string() })
-            .collect(),
-        ..Header::default()
-    };
-    mechanism::name_rows(model, &mut header);
-    header
+    bodies
 }
 
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.

@@ -12,7 +12,7 @@ use super::columns::{
 
 /// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
 /// accelerations were missing.
-pub const FORMAT_VERSION: u32 = 3;
+pub const FORMAT_VERSION: u32 = 4;
 
 /// `Contacts::body` of frames index into [`Header::bodies`].
 #[derive(Clone, PartialEq, prost::Message)]

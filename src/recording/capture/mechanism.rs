@@ -2,7 +2,7 @@
 //!
 //! A drive file says of an arm where its pivot, its rails and its pads are, and of a plunger its tip, its bore, its stops and the room behind it.
 //! Outlines are made of these; what is drawn besides (walls, the length of a plunger in its bore, the width of a pad) is a picture's, and has no
-//! part in what is computed. A check valve has no place in the file: its ball is drawn at the bottom of the chamber that it fills or empties.
+//! part in what is computed. A check valve has no place in the file: its ball is drawn at the bottom of the bore that it fills or empties.
 
 use super::{fill, outline_element};
 use crate::drive::Drive;
@@ -145,7 +145,9 @@ pub(super) fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
             ..placed(Vec2::zeros(), path, BodyKind::Slider, plunger.rod(&spec.name))
         });
         for ball in plunger.balls(drive.oil.as_ref()) {
-            let Some(coordinate) = model.coordinates.iter().position(|c| c.path == ball.path) else { continue };
+            let drawn = balls.iter().any(|b: &BodyInfo| b.path == ball.path);
+            let coordinate = model.coordinates.iter().position(|c| c.path == ball.path);
+            let Some(coordinate) = coordinate.filter(|_| !drawn) else { continue };
             let [low_stop, high_stop] = stops(model, coordinate);
             let circle = OutlineCircle { x_m: 0.0, y_m: 0.0, radius_m: ball.radius_m };
             let outline = Outline { name: ball.path.clone(), circles: vec![circle], ..Outline::default() };
@@ -354,13 +356,14 @@ impl Plunger<'_> {
         Outline { name: format!("{name} housing"), elements: joined(&sides, None), closed: true, circles: Vec::new() }
     }
 
-    /// Balls of the check valves of its chamber, side by side at its bottom.
+    /// Balls of the check valves of its chamber, and of chambers behind that, side by side at its bottom.
     fn balls(&self, oil: Option<&OilSpec>) -> Vec<DrawnBall> {
         let (Some(oil), Some(chamber)) = (oil, self.chamber) else { return Vec::new() };
+        let behind = chambers_behind(oil, chamber);
         let own: Vec<_> = oil
             .passages
             .iter()
-            .filter(|p| p.ends.iter().any(|end| end == chamber))
+            .filter(|p| p.ends.iter().any(|end| behind.contains(&end.as_str())))
             .filter_map(|p| match p.law {
                 PassageLaw::Check(ball) => Some((p, ball)),
                 PassageLaw::Orifice { .. } | PassageLaw::Leak { .. } => None,
@@ -371,7 +374,7 @@ impl Plunger<'_> {
         own.iter()
             .enumerate()
             .map(|(i, (passage, ball))| {
-                let outwards = passage.ends[1] != chamber;
+                let outwards = !behind.contains(&passage.ends[1].as_str());
                 let (r, seat) = (ball.ball_radius_m, ball.seat_radius_m);
                 let above_m = libm::sqrt(f64::max(r * r - seat * seat, 0.0));
                 let x = if outwards { self.bottom_m - self.wall_m() - above_m } else { self.bottom_m + above_m };
@@ -380,4 +383,21 @@ impl Plunger<'_> {
             })
             .collect()
     }
+}
+
+/// A chamber, and those that passages join with it.
+fn chambers_behind<'a>(oil: &'a OilSpec, chamber: &'a str) -> Vec<&'a str> {
+    let is_chamber = |name: &str| oil.chambers.iter().any(|c| c.name == name);
+    let mut found = vec![chamber];
+    for _ in 0..oil.chambers.len() {
+        for p in &oil.passages {
+            let [a, b] = [0, 1].map(|end| p.ends[end].as_str());
+            for (from, to) in [(a, b), (b, a)] {
+                if found.contains(&from) && is_chamber(to) && !found.contains(&to) {
+                    found.push(to);
+                }
+            }
+        }
+    }
+    found
 }
