@@ -517,7 +517,7 @@ fn mistakes_are_said_and_change_nothing() {
     refused(2, &["-o", &at("a.csv"), "--tables", "links,"], &["tables: links, contacts"]);
     refused(2, &["-o", &at("a.txt"), "--tables", "links"], &["a.txt", ".parquet or .csv"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links,joints"], &["2 tables", "--tables"]);
-    refused(2, &["-o", &at("a.csv")], &["10 tables"]);
+    refused(2, &["-o", &at("a.csv")], &["14 tables"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links", "--format", "parquet"], &["--format"]);
     refused(2, &["-o", &at("a/"), "--format", "xlsx"], &["parquet or csv"]);
     refused(2, &["-o", &at("a/"), "--from", "2ms", "--to", "1ms"], &["--from"]);

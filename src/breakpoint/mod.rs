@@ -477,24 +477,38 @@ impl QuantityValues for FrameValues<'_> {
 /// Column of what slides, touches, or holds or passes oil.
 fn mechanism_column<'a>(frame: &'a Frame, quantity: &Quantity) -> Option<&'a [f64]> {
     let Frame { sliders, touches, chambers, passages, .. } = frame;
-    Some(match (quantity.scope.named_rows()?.0, quantity.what) {
-        (Rows::Slider, What::Position) => &sliders.position_m,
-        (Rows::Slider, What::Speed) => &sliders.speed_m_s,
-        (Rows::Slider, What::SpringForce) => &sliders.spring_force_n,
-        (Rows::Slider, What::OilForce) => &sliders.oil_force_n,
-        (Rows::Slider, What::TouchForce) => &sliders.touch_force_n,
-        (Rows::Touch, What::Gap) => &touches.gap_m,
-        (Rows::Touch, What::NormalForce) => &touches.normal_force_n,
-        (Rows::Touch, What::TangentialForce) => &touches.tangential_force_n,
-        (Rows::Touch, What::ApproachSpeed) => &touches.approach_speed_m_s,
-        (Rows::Touch, What::Age) => &touches.age_s,
-        (Rows::Chamber, What::Pressure) => &chambers.pressure_pa,
-        (Rows::Chamber, What::Volume) => &chambers.volume_m3,
-        (Rows::Chamber, What::Inflow) => &chambers.inflow_m3_s,
-        (Rows::Passage, What::Flow) => &passages.flow_m3_s,
-        (Rows::Passage, What::PressureDrop) => &passages.pressure_drop_pa,
-        _ => return None,
-    })
+    let (rows, what) = (quantity.scope.named_rows()?.0, quantity.what);
+    let column = match rows {
+        Rows::Slider => match what {
+            What::Position => &sliders.position_m,
+            What::Speed => &sliders.speed_m_s,
+            What::SpringForce => &sliders.spring_force_n,
+            What::OilForce => &sliders.oil_force_n,
+            What::TouchForce => &sliders.touch_force_n,
+            _ => return None,
+        },
+        Rows::Touch => match what {
+            What::Gap => &touches.gap_m,
+            What::NormalForce => &touches.normal_force_n,
+            What::TangentialForce => &touches.tangential_force_n,
+            What::ApproachSpeed => &touches.approach_speed_m_s,
+            What::Age => &touches.age_s,
+            _ => return None,
+        },
+        Rows::Chamber => match what {
+            What::Pressure => &chambers.pressure_pa,
+            What::Volume => &chambers.volume_m3,
+            What::Inflow => &chambers.inflow_m3_s,
+            _ => return None,
+        },
+        Rows::Passage => match what {
+            What::Flow => &passages.flow_m3_s,
+            What::PressureDrop => &passages.pressure_drop_pa,
+            _ => return None,
+        },
+        Rows::Link | Rows::Joint | Rows::Contact | Rows::Rotor => return None,
+    };
+    Some(column)
 }
 
 fn energy_number(what: What, e: &Energy) -> f64 {

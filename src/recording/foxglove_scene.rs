@@ -50,7 +50,9 @@ pub fn outlines(header: &Header) -> SceneUpdate {
 }
 
 fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
-    let mut lines = vec![line(&polyline(outline), outline.closed, color)];
+    // A ball is a circle alone.
+    let contour = Some(polyline(outline)).filter(|points| !points.is_empty());
+    let mut lines: Vec<LinePrimitive> = contour.iter().map(|points| line(points, outline.closed, color)).collect();
     lines.extend(outline.circles.iter().map(|c| line(&circle(c.x_m, c.y_m, c.radius_m), true, color)));
     SceneEntity {
         timestamp: timestamp(0),

@@ -245,7 +245,7 @@ pub struct BodyInfo {
     /// Its whole contour.
     #[prost(message, optional, tag = "7")]
     pub outline: Option<Outline>,
-    /// Row in `Rotors` of what it turns by; absent where it stands still.
+    /// Row in `Rotors` of what it turns by; absent where it does not turn.
     #[prost(uint32, optional, tag = "8")]
     pub coordinate: Option<u32>,
     /// Row in `Sliders` of what it moves by; absent where it does not slide.

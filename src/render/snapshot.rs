@@ -356,7 +356,9 @@ fn push_outline(
     (fill, opacity, line): (&str, f64, &str),
 ) {
     let data = path_data(outline, pose, units_per_m);
-    let _infallible = if outline.closed {
+    let _infallible = if data.is_empty() {
+        Ok(())
+    } else if outline.closed {
         writeln!(svg, "<path d=\"{data}\" fill=\"{fill}\" fill-opacity=\"{opacity}\" stroke=\"{line}\"/>")
     } else {
         writeln!(svg, "<path d=\"{data}\" fill=\"none\" stroke=\"{line}\"/>")

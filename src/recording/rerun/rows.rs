@@ -10,18 +10,20 @@ use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 /// Every number of every frame, in f64.
 pub struct Numbers {
     frame: EntityTable,
-    /// In the order of [`TABLES`].
-    tables: Vec<EntityTable>,
+    /// In the order of [`TABLES`]; None: nothing of the drive has a row there.
+    tables: Vec<Option<EntityTable>>,
 }
 
 impl Numbers {
-    pub fn new() -> Numbers {
+    pub fn new(header: &Header) -> Numbers {
         let empty = Frame::default();
         let mut tables = Vec::new();
         empty.each_table(|table, columns| {
             let names = table.message.columns.iter().map(|column| column.name);
             let columns = names.zip(columns.iter().map(ComponentValues::like)).collect();
-            tables.push(EntityTable::numbers(&format!("state/{}", table.message.name), table.rows.name(), columns));
+            let has_rows = header.row_paths(table.rows).is_none_or(|paths| !paths.is_empty());
+            let entity = format!("state/{}", table.message.name);
+            tables.push(has_rows.then(|| EntityTable::numbers(&entity, table.rows.name(), columns)));
         });
         let frame =
             EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]);
@@ -33,14 +35,14 @@ impl Numbers {
         self.frame.end_row(1);
         let mut tables = self.tables.iter_mut();
         frame.each_table(|_, columns| {
-            if let Some(table) = tables.next() {
+            if let Some(Some(table)) = tables.next() {
                 table.push_row(columns);
             }
         });
     }
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
-        std::iter::once(&mut self.frame).chain(&mut self.tables)
+        std::iter::once(&mut self.frame).chain(self.tables.iter_mut().flatten())
     }
 }
 

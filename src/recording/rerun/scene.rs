@@ -132,7 +132,9 @@ fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<
     let Some(outline) = &body.outline else { return Ok(()) };
     let points = polyline(outline);
     let z_mm = (Z_OUTLINE * pitch_mm) as f32;
-    let mut strips = vec![strip(&points, outline.closed, z_mm)];
+    // A ball is a circle alone.
+    let contour = Some(&points).filter(|points| !points.is_empty());
+    let mut strips: Vec<_> = contour.map(|points| strip(points, outline.closed, z_mm)).into_iter().collect();
     strips.extend(outline.circles.iter().map(|c| strip(&circle(c.x_m, c.y_m, c.radius_m), true, z_mm)));
     if body.rotor {
         let hub = points.iter().map(|p| libm::hypot(p[0], p[1])).fold(f64::INFINITY, f64::min);
