@@ -185,7 +185,7 @@ fn frames_say_what_slides_touches_and_flows() {
     assert_eq!(header.chambers, ["chambers.high", "reservoirs.gallery", "reservoirs.sump"]);
     assert_eq!(header.passages, ["passages.leak.plunger", "passages.check.feed"]);
     let (plunger, arm) = (body(&header, "sliders.plunger"), body(&header, "arms.tensioner"));
-    let (housing, ball) = (body(&header, "housings.plunger"), body(&header, "passages.check.feed"));
+    let (housing, ball) = (body(&header, "housings.plunger_housing"), body(&header, "passages.check.feed"));
     assert!(!housing.moves() && ball.slider == Some(1) && ball.low_stop == Some(0.0));
     assert_eq!((plunger.low_stop, plunger.high_stop), (Some(-4e-3), Some(10e-3)));
     // The rod is as thick as the bore, and in the housing at both stops.
@@ -225,7 +225,10 @@ fn frames_say_what_slides_touches_and_flows() {
                 let aside = ((centre[0] - a[0]) * dy - (centre[1] - a[1]) * dx).abs() / length;
                 if (0.0..=length).contains(&along) { aside } else { f64::INFINITY }
             };
-            let nearest = sides.iter().map(distance).fold(f64::INFINITY, |a, b| if (b - 8e-3).abs() < (a - 8e-3).abs() { b } else { a });
+            let nearest = sides
+                .iter()
+                .map(distance)
+                .fold(f64::INFINITY, |a, b| if (b - 8e-3).abs() < (a - 8e-3).abs() { b } else { a });
             apart = apart.max((nearest - tip.radius_m - frame.touches.gap_m[0]).abs());
             // Sensors: pressure, displacement, flow of the ball, force of the tip, in the order of the kinds.
             let by = |path: &str| frame.sensors[header.sensors.iter().position(|s| s.path == path).expect(path)];
@@ -247,7 +250,9 @@ fn frames_say_what_slides_touches_and_flows() {
         }
         explicit::advance(&model, &mut state, &mut scratch);
     }
-    println!("m a {unbalanced:.1e} N of {mass:?}, drawn tip {apart:.1e} m off, speeds {slow:.1e} m/s, ball open in {open} frames");
+    println!(
+        "m a {unbalanced:.1e} N of {mass:?}, drawn tip {apart:.1e} m off, speeds {slow:.1e} m/s, ball open in {open} frames"
+    );
     // measured 1.6e-14 N, 2.1e-17 m
     assert!(unbalanced < 1e-9 && apart < 1e-12, "{unbalanced:e} {apart:e}");
     // Means of two nodes against the way between them; measured 2.0e-5 m/s.

@@ -389,7 +389,9 @@ impl Parser<'_> {
             let known: Vec<String> = all.into_iter().map(|(own, _)| own).collect();
             let help = match nearest(&name, known.iter().map(String::as_str)) {
                 Some(near) => format!("did you mean `{kind}.{near}`?"),
-                None if known.is_empty() => format!("this drive has no {kind}{}", if rows == Rows::Touch { "es" } else { "s" }),
+                None if known.is_empty() => {
+                    format!("this drive has no {kind}{}", if rows == Rows::Touch { "es" } else { "s" })
+                }
                 None => format!("there are: {}", known.join(", ")),
             };
             let place = if named { name_at..self.at.max(name_at + 1) } else { start..start + 1 };

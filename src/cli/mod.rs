@@ -40,11 +40,7 @@ struct Verb {
 }
 
 /// A verb with its name, what it does in a line, and its file's arguments and function.
-fn verb<A: Args + 'static>(
-    name: &'static str,
-    about: &'static str,
-    run: fn(&A) -> Result<Outcome, Failure>,
-) -> Verb {
+fn verb<A: Args + 'static>(name: &'static str, about: &'static str, run: fn(&A) -> Result<Outcome, Failure>) -> Verb {
     let command = A::augment_args(Command::new(name)).about(about);
     let read = |given: &ArgMatches| A::from_arg_matches(given).map_err(|e| Failure::Input(e.to_string()));
     Verb { command, run: Box::new(move |given| run(&read(given)?)) }
@@ -55,8 +51,16 @@ fn verbs() -> Vec<Verb> {
     vec![
         verb("run", "Simulate a drive and record it", run::run),
         verb("view", "Open a recording in the Rerun viewer, or in a web browser", view::run),
-        verb("compare", "Compare drives by the impacts on their drivers: by default bush, silent and abutment chain", compare::run),
-        verb("tune", "Optimise the free parameters of an abutment chain's drive, and print the margin to every bound", tune::run),
+        verb(
+            "compare",
+            "Compare drives by the impacts on their drivers: by default bush, silent and abutment chain",
+            compare::run,
+        ),
+        verb(
+            "tune",
+            "Optimise the free parameters of an abutment chain's drive, and print the margin to every bound",
+            tune::run,
+        ),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
@@ -64,7 +68,11 @@ fn verbs() -> Vec<Verb> {
         verb("replay", "Run a recording's drive again and compare, or repair a file that was cut off", replay::run),
         verb("snapshot", "Draw frames of a recording, as SVG or PNG", snapshot::run),
         verb("drives", "List the bundled drives, or print one", drives::run),
-        verb("effects", "List the effects that a drive may have in addition to its ideal model, or show one in detail", effects::run),
+        verb(
+            "effects",
+            "List the effects that a drive may have in addition to its ideal model, or show one in detail",
+            effects::run,
+        ),
         verb("sensors", "List the kinds of sensors and the units of measured columns", effects::sensors),
         verb("lump", "Derive a lumped drive from one with link bodies: the same shafts, spans as springs", lump::run),
         verb("check", "Read and assemble a drive, and print derived quantities", check::run),

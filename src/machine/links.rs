@@ -1,9 +1,7 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{
-    Body, BodyMotion, ChainLoop, LinkedDrive, Machine, PlacedEffect, Reads, Sensor, Slot, Target,
-};
+use super::{Body, BodyMotion, ChainLoop, LinkedDrive, Machine, PlacedEffect, Reads, Sensor, Slot, Target};
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};

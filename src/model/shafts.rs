@@ -107,8 +107,7 @@ impl Model {
 
     /// Whether loads or couplings lose energy.
     pub fn has_shaft_losses(&self) -> bool {
-        self.loads.iter().any(|l| l.is_dissipative)
-            || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
+        self.loads.iter().any(|l| l.is_dissipative) || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
     }
 
     /// Mean of the loads by laws on a coordinate at its nominal speed [N m, N].

@@ -527,9 +527,11 @@ impl Energy {
         self.sum_of(|kind| kind == ColumnKind::Elastic)
     }
 
-    /// Work of drives and reservoirs [J].
+    /// Work of drives and reservoirs [J]: all accounts of its kind, written out because break expressions ask for it at every step.
     pub fn put_in_j(&self) -> f64 {
-        self.sum_of(|kind| kind == ColumnKind::WorkIn)
+        let sum = self.work_in_j + self.work_oil_j;
+        debug_assert!((sum - self.sum_of(|kind| kind == ColumnKind::WorkIn)).abs() <= 1e-12 * sum.abs());
+        sum
     }
 
     /// All losses [J].

@@ -234,7 +234,12 @@ fn body<'a>(index: u32, body: &'a BodyInfo) -> Block<'a> {
     let index_or_none = |row: &Option<u32>| EveryF64(row.map_or(-1.0, f64::from));
     let number_or_none = |limit: &Option<f64>| EveryF64(limit.unwrap_or(f64::NAN));
     let columns = vec![
-        own("body", "1", "Index of the body: sprockets first, then guides, then rails, then what no chain touches.", EveryU32(index)),
+        own(
+            "body",
+            "1",
+            "Index of the body: sprockets first, then guides, then rails, then what no chain touches.",
+            EveryU32(index),
+        ),
         own("path", "1", "Path in the drive file.", Text(vec![path])),
         own("rotor", "1", "True: a sprocket.", Bool(std::slice::from_ref(rotor))),
         own(
@@ -248,10 +253,20 @@ fn body<'a>(index: u32, body: &'a BodyInfo) -> Block<'a> {
         own("angle_rad", "rad", "Rotation of a guide's frame; of what turns, at angle zero.", EveryF64(*angle_rad)),
         own("teeth", "1", "Number of teeth; 0 for all but sprockets.", EveryU32(*teeth)),
         own("slider", "1", "Index in `sliders` of what it slides by; -1: it does not slide.", index_or_none(slider)),
-        own("kind", "1", "What it is: 0 sprocket, 1 guide, 2 rail, 3 arm, 4 slider, 5 housing, 6 ball.", EveryU32(*kind)),
+        own(
+            "kind",
+            "1",
+            "What it is: 0 sprocket, 1 guide, 2 rail, 3 arm, 4 slider, 5 housing, 6 ball.",
+            EveryU32(*kind),
+        ),
         own("kind_name", "1", "`kind` in words.", Text(vec![BodyKind::name(*kind)])),
         own("low_stop", "rad or m", "Lower end of its way; not a number where it has none.", number_or_none(low_stop)),
-        own("high_stop", "rad or m", "Upper end of its way; not a number where it has none.", number_or_none(high_stop)),
+        own(
+            "high_stop",
+            "rad or m",
+            "Upper end of its way; not a number where it has none.",
+            number_or_none(high_stop),
+        ),
     ];
     Block { n: 1, columns }
 }

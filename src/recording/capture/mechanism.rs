@@ -71,14 +71,8 @@ pub(super) fn fill_oil(
         return;
     };
     let speed = |k: usize| q.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha()[k];
-    fill(
-        &mut passages.flow_m3_s,
-        (0..oil.passages.len()).map(|e| oil.flow_m3_s(e, &q.angle, &speed, &state.oil)),
-    );
-    fill(
-        &mut passages.pressure_drop_pa,
-        oil.passages.iter().map(|p| oil.drop_pa(p, &state.oil.pressure_pa)),
-    );
+    fill(&mut passages.flow_m3_s, (0..oil.passages.len()).map(|e| oil.flow_m3_s(e, &q.angle, &speed, &state.oil)));
+    fill(&mut passages.pressure_drop_pa, oil.passages.iter().map(|p| oil.drop_pa(p, &state.oil.pressure_pa)));
     let reservoirs = oil.reservoirs.iter().map(|r| r.pressure_pa);
     fill(&mut chambers.pressure_pa, state.oil.pressure_pa.iter().copied().chain(reservoirs));
     let volumes = (0..oil.chambers.len()).map(|i| oil.volume_m3(i, &q.angle));
@@ -137,7 +131,7 @@ pub(super) fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
         };
         let path = format!("sliders.{}", spec.name);
         let housing = plunger.housing(&spec.name);
-        all.push(placed(Vec2::zeros(), format!("housings.{}", spec.name), BodyKind::Housing, housing));
+        all.push(placed(Vec2::zeros(), format!("housings.{}_housing", spec.name), BodyKind::Housing, housing));
         all.push(BodyInfo {
             slider: row(slider.coordinate),
             low_stop,
