@@ -22,7 +22,9 @@ use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, PlacedDrive, place};
 use crate::state::{FAR_AWAY_M, State};
-use crate::statics::{Configuration, Equilibrium, equilibrium, forces_on, rail_touches, sensitivity_to_driver};
+use crate::statics::{
+    Configuration, Equilibrium, equilibrium, forces_on, guide_touches, rail_touches, sensitivity_to_driver,
+};
 use crate::units::{RPM, sin_cos, wrap_angle};
 use std::f64::consts::PI;
 
@@ -51,8 +53,9 @@ pub struct AssemblyReport {
     pub preload_low_n: f64,
     /// Highest mean tension over one tooth period [N].
     pub preload_high_n: f64,
-    /// The same of the chains behind the first.
-    pub more_preloads: Vec<ChainPreload>,
+    /// The same of every chain of a drive that has several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub preloads: Vec<ChainPreload>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -73,30 +76,6 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
-}
-
-/// Mean tension of a chain at rest, unloaded, over one tooth period [N].
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct ChainPreload {
-    /// Name of the chain.
-    pub chain: String,
-    /// Mean over the tooth period [N].
-    pub mean_n: f64,
-    /// Lowest value there [N].
-    pub low_n: f64,
-    /// Highest value there [N].
-    pub high_n: f64,
-}
-
-impl ChainPreload {
-    fn new(chain: &str, tensions_n: &[f64]) -> ChainPreload {
-        ChainPreload {
-            chain: chain.to_string(),
-            mean_n: tensions_n.iter().sum::<f64>() / tensions_n.len() as f64,
-            low_n: tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
-            high_n: tensions_n.iter().copied().fold(0.0, f64::max),
-        }
-    }
 }
 
 /// Axis of a sprocket that was moved [m].
@@ -132,6 +111,37 @@ pub struct RestingSlider {
     pub tip_force_n: f64,
 }
 
+/// Mean tension of a chain at rest, unloaded, over one tooth period [N], and its lowest and highest value there.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ChainPreload {
+    /// Name of the chain.
+    pub chain: String,
+    /// Mean over the tooth period [N].
+    pub mean_n: f64,
+    /// Lowest value [N].
+    pub low_n: f64,
+    /// Highest value [N].
+    pub high_n: f64,
+}
+
+impl ChainPreload {
+    fn of(chain: String, tensions_n: &[f64]) -> ChainPreload {
+        ChainPreload {
+            chain,
+            mean_n: tensions_n.iter().sum::<f64>() / tensions_n.len() as f64,
+            low_n: tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
+            high_n: tensions_n.iter().copied().fold(0.0, f64::max),
+        }
+    }
+
+    /// Its line of a report.
+    fn line(&self) -> String {
+        let of = if self.chain.is_empty() { String::new() } else { format!("of chain {} ", self.chain) };
+        let ChainPreload { mean_n, low_n, high_n, .. } = self;
+        format!("preload {of}at rest = {mean_n:.1} N (mean of a tooth period, {low_n:.1} to {high_n:.1} N)")
+    }
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
@@ -149,16 +159,16 @@ impl AssemblyReport {
             let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
             format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
         }));
-        lines.push(format!(
-            "preload at rest = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
-            self.preload_n, self.preload_low_n, self.preload_high_n
-        ));
-        lines.extend(self.more_preloads.iter().map(|p| {
-            format!(
-                "preload at rest of {} = {:.1} N (mean of a tooth period, {:.1} to {:.1} N)",
-                p.chain, p.mean_n, p.low_n, p.high_n
-            )
-        }));
+        let first = || ChainPreload {
+            chain: String::new(),
+            mean_n: self.preload_n,
+            low_n: self.preload_low_n,
+            high_n: self.preload_high_n,
+        };
+        match self.preloads.as_slice() {
+            [] => lines.push(first().line()),
+            several => lines.extend(several.iter().map(ChainPreload::line)),
+        }
         lines.extend([
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
@@ -382,9 +392,9 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
-    let first = ChainPreload::new("", &tensions_n[0]);
-    let behind = tensions_n.iter().zip(&drive.chain_names).skip(1);
-    let more_preloads = behind.map(|(own_n, name)| ChainPreload::new(name, own_n)).collect();
+    let first = ChainPreload::of(String::new(), &tensions_n[0]);
+    let preloads = drive.chain_names.iter().zip(&tensions_n).map(|(name, own)| ChainPreload::of(name.clone(), own));
+    let preloads = if drive.chains() > 1 { preloads.collect() } else { Vec::new() };
     let report = AssemblyReport {
         moved,
         arms: model.arms.iter().map(resting).collect(),
@@ -392,7 +402,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         preload_n: first.mean_n,
         preload_low_n: first.low_n,
         preload_high_n: first.high_n,
-        more_preloads,
+        preloads,
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
@@ -737,6 +747,13 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
                 state.bushes.normal_force[j] = force;
                 state.bushes.age[j] = 1.0;
             }
+        }
+    }
+    for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
+        for touch in guide_touches(model, q, guide) {
+            let memory = &mut state.guide_ends[2 * guide.body.side + usize::from(!touch.front)];
+            memory.normal_force[touch.link] = touch.elastic.force_n;
+            memory.age[touch.link] = 1.0;
         }
     }
     for rail in &model.rails {

@@ -133,24 +133,17 @@ pub fn lumped_text(drive: &Drive, l: &Lumping) -> String {
         }
         let mut seen = false;
         for s in &drive.sensors {
-            let line = match s.reads {
-                SensorReads::Span(k) => format!("span = \"{}\"\n", l.spans[k].name),
-                SensorReads::Link(_)
-                | SensorReads::Guide(_)
-                | SensorReads::Slider(_)
-                | SensorReads::Tip(_)
-                | SensorReads::Pressure(_)
-                | SensorReads::Flow(_) => continue,
-                SensorReads::Angle(k)
-                | SensorReads::Speed(k)
-                | SensorReads::Acceleration(k)
-                | SensorReads::Torque(k) => {
-                    if name(k) == s.name {
-                        String::new()
-                    } else {
-                        format!("body = \"{}\"\n", name(k))
-                    }
-                }
+            // All others read what a lumped drive has not.
+            let line = if let SensorReads::Span(k) = s.reads {
+                format!("span = \"{}\"\n", l.spans[k].name)
+            } else if let SensorReads::Angle(k)
+            | SensorReads::Speed(k)
+            | SensorReads::Acceleration(k)
+            | SensorReads::Torque(k) = s.reads
+            {
+                if name(k) == s.name { String::new() } else { format!("body = \"{}\"\n", name(k)) }
+            } else {
+                continue;
             };
             seen = true;
             writeln!(t, "[{}]\n{line}gain = {:?}\n", s.path, s.gain)?;

@@ -1,6 +1,5 @@
 //! The `pitchline` program: parses the command line, runs a verb, turns its end into an exit code.
 
-use clap::Parser;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -12,8 +11,8 @@ fn main() -> ExitCode {
     // Exceeding the file size limit is then an error of the write, instead of ending the program.
     #[cfg(unix)]
     let _set = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default());
-    let cli = match pitchline::cli::Cli::try_parse() {
-        Ok(cli) => cli,
+    let given = match pitchline::cli::command().try_get_matches() {
+        Ok(given) => given,
         Err(e) => {
             // Help and version go to stdout and are not failures. A closed pipe is not an error.
             return match e.print() {
@@ -25,7 +24,7 @@ fn main() -> ExitCode {
             };
         }
     };
-    match pitchline::cli::run(cli) {
+    match pitchline::cli::run(&given) {
         Ok(outcome) => ExitCode::from(outcome.code()),
         Err(failure) => {
             // If even this cannot be written, the exit code still reports the failure.

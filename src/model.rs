@@ -548,6 +548,7 @@ impl Model {
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
             has_losses: self.has_losses(),
+            has_shaft_losses: self.has_shaft_losses(),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),
@@ -778,6 +779,11 @@ fn with_effects(drive: &Drive, name: &str, mut body: GuideBody) -> GuideBody {
 }
 
 /// Bodies that stand in each other's way, by parry's shape queries (in mm: its tolerances are absolute).
+/// What is said of a guide that a sprocket's teeth would strike.
+pub fn runs_through(guide: &str, sprocket: &str) -> String {
+    format!("guide `{guide}` runs through sprocket `{sprocket}`")
+}
+
 fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideModel], diags: &mut Vec<Diag>) {
     let mm = |v: Vec2| Vector::new(v.x * 1e3, v.y * 1e3);
     let at = |v: Vec2| Pose::new(mm(v), 0.0);
@@ -819,7 +825,7 @@ fn check_clearances(drive: &Drive, sprockets: &[SprocketModel], guides: &[GuideM
             {
                 diags.push(drive.places.error(
                     &path,
-                    format!("guide `{}` runs through sprocket `{}`", g.name, s.name),
+                    runs_through(&g.name, &s.name),
                     Some("make it shorter at that end (`start_mm`, `end_mm`) or move it away (`clearance_um`)".into()),
                 ));
             }

@@ -6,8 +6,8 @@ use crate::drive::Drive;
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::explicit::{self, Scratch};
 use crate::model::Model;
-use crate::recording::capture::Camera;
-use crate::recording::frame::{Energy, Frame, Header, Keyframe, Parent};
+use crate::recording::capture::{self, Camera};
+use crate::recording::frame::{BodyInfo, Energy, Frame, Header, Keyframe, Parent};
 use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use crate::state::State;
 use anyhow::{Context, anyhow, bail, ensure};
@@ -48,7 +48,7 @@ impl Replay {
             recorded * 1e6,
             ours * 1e6
         );
-        fits(path, reader.header(), &model)?;
+        fits(path, reader.header(), &drive, &model)?;
         let origin = match reader.header().ledger_origin {
             Some(origin) => Some(origin),
             None => first_origin(&mut reader, &model)?,
@@ -126,10 +126,9 @@ impl Replay {
 }
 
 /// Checks that the links and bodies of the header are those of its drive.
-fn fits(path: &Path, header: &Header, model: &Model) -> anyhow::Result<()> {
-    let others = model.guides.len() + model.rails.len();
-    let ours = model.sprockets.iter().map(|s| (true, s.geometry.teeth())).chain((0..others).map(|_| (false, 0)));
-    let bodies = header.bodies.iter().map(|b| (b.rotor, b.teeth)).eq(ours);
+fn fits(path: &Path, header: &Header, drive: &Drive, model: &Model) -> anyhow::Result<()> {
+    let shape = |b: &BodyInfo| (b.kind, b.rotor, b.teeth);
+    let bodies = header.bodies.iter().map(shape).eq(capture::bodies(drive, model).iter().map(shape));
     ensure!(
         bodies && header.links.len() == model.chain.n_links,
         "{} is damaged: its links, sprockets and guides are not those of its drive",

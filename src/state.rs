@@ -76,6 +76,10 @@ pub struct CoordinateState {
     pub work_out: Vec<f64>,
     /// Lost in dampers and by friction and drag of loads since the ledger was opened [J]. Empty where nothing loses.
     pub lost: Vec<f64>,
+    /// What of `lost` was lost by friction and drag of loads, and in dampers of couplings [J]. Empty where neither loses. Not hashed: the sum
+    /// is, and States of drives without them keep their hashes.
+    pub lost_load: Vec<f64>,
+    pub lost_coupling: Vec<f64>,
 }
 
 /// What the oil of a drive remembers.
@@ -113,6 +117,8 @@ pub struct StateLayout {
     pub padded_len: usize,
     pub n_coordinates: usize,
     pub has_losses: bool,
+    /// Whether loads or couplings lose some of it.
+    pub has_shaft_losses: bool,
     /// Whether there are guides, and rails, inside and outside the loop.
     pub guide_sides: [bool; 2],
     pub rail_sides: [bool; 2],
@@ -122,6 +128,9 @@ pub struct StateLayout {
     /// Numbers of chambers, reservoirs and passages of oil.
     pub n_oil: [usize; 3],
 }
+
+/// Columns of coordinates that are not hashed.
+const SHAFT_LOSSES: [&str; 2] = ["lost_load", "lost_coupling"];
 
 /// Where inert links are put [m]: out of reach of everything.
 pub const FAR_AWAY_M: f64 = 1e3;
@@ -198,6 +207,7 @@ impl State {
             padded_len,
             n_coordinates,
             has_losses,
+            has_shaft_losses,
             guide_sides,
             rail_sides,
             contour_sets,
@@ -247,6 +257,8 @@ impl State {
                 work_in: of_coordinates(),
                 work_out: of_coordinates(),
                 lost: if has_losses { of_coordinates() } else { Vec::new() },
+                lost_load: if has_shaft_losses { of_coordinates() } else { Vec::new() },
+                lost_coupling: if has_shaft_losses { of_coordinates() } else { Vec::new() },
             },
         }
     }
@@ -328,7 +340,8 @@ impl State {
                 f(ColumnName { set, name }, &column[..n.min(column.len())]);
             }
         }
-        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost } = coordinates;
+        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost, lost_load, lost_coupling } =
+            coordinates;
         let named = [
             ("angle", angle),
             ("cos", cos),
@@ -340,6 +353,9 @@ impl State {
             ("lost_damping", lost),
         ];
         for (name, column) in named {
+            f(ColumnName { set: "coordinates", name }, column);
+        }
+        for (name, column) in SHAFT_LOSSES.into_iter().zip([lost_load, lost_coupling]).filter(|(_, c)| !c.is_empty()) {
             f(ColumnName { set: "coordinates", name }, column);
         }
         let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
@@ -355,11 +371,16 @@ impl State {
         }
     }
 
-    /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`].
+    /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`]; without the two that only say
+    /// which part of the losses is whose.
     pub fn hash(&self) -> u64 {
         let mut hasher = twox_hash::XxHash3_64::new();
         hasher.write(&self.step.to_le_bytes());
-        self.for_each_column(|_, column| hasher.write(bytemuck::cast_slice(column)));
+        self.for_each_column(|name, column| {
+            if !SHAFT_LOSSES.contains(&name.name) {
+                hasher.write(bytemuck::cast_slice(column));
+            }
+        });
         hasher.finish()
     }
 
@@ -434,8 +455,10 @@ impl State {
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }
         let per_link = columns.len();
-        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost } = coordinates;
+        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost, lost_load, lost_coupling } =
+            coordinates;
         columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost]);
+        columns.extend([lost_load, lost_coupling].into_iter().filter(|c| !c.is_empty()));
         let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
         columns.extend([oil_m3, pressure_pa, inflow_m3, work_j, lost_j]);
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {

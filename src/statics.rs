@@ -617,9 +617,31 @@ fn add_contact(
     s.columns[column][link] += stiffness * g_r * g + force * (bend_per_m * h_r * h + mixed);
 }
 
+/// An end of a plate that a straight guide pushes.
+pub struct GuideTouch {
+    /// Lane of the link.
+    pub link: usize,
+    pub front: bool,
+    pub elastic: Elastic,
+    normal: Vec2,
+    /// Of the normal, over the way along the guide [1/m].
+    bend_per_m: f64,
+}
+
 fn add_guide(model: &Model, q: &Configuration, guide: &GuideModel, free: &[usize], s: &mut System) {
-    let b = &guide.body;
-    let (columns, origin) = (FrameColumns::new(&guide.frame, free), guide.frame.origin_at(&q.coordinates));
+    let columns = FrameColumns::new(&guide.frame, free);
+    for t in guide_touches(model, q, guide) {
+        let lever = if t.front { model.chain.lever[t.link] } else { -model.chain.lever[t.link] };
+        let (_, heading) = q.links[t.link];
+        let arm = unit(heading) * lever;
+        columns.add(s, t.link, |s| add_contact(s, t.link, arm, t.normal, t.elastic, t.bend_per_m, None));
+    }
+}
+
+/// All ends of plates that a straight guide pushes.
+pub fn guide_touches(model: &Model, q: &Configuration, guide: &GuideModel) -> Vec<GuideTouch> {
+    let (b, origin) = (&guide.body, guide.frame.origin_at(&q.coordinates));
+    let mut all = Vec::new();
     let normal = perp(b.along);
     for link in model.chain.loops[guide.chain].clone() {
         for sign in [1.0, -1.0] {
@@ -638,12 +660,12 @@ fn add_guide(model: &Model, q: &Configuration, guide: &GuideModel, free: &[usize
             let elastic = b.law.elastic(penetration, radii);
             if elastic.force_n > 0.0 {
                 let n = (b.along * from.x + normal * from.y) / distance;
-                let bend = if foot == along { 0.0 } else { -1.0 / distance };
-                let arm = unit(heading) * lever;
-                columns.add(s, link, |s| add_contact(s, link, arm, n, elastic, bend, None));
+                let bend_per_m = if foot == along { 0.0 } else { -1.0 / distance };
+                all.push(GuideTouch { link, front: sign > 0.0, elastic, normal: n, bend_per_m });
             }
         }
     }
+    all
 }
 
 /// Where the three parts of every plate touch a rail: link, part, touch in the world's directions from the rail's origin, penetration

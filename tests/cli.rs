@@ -515,5 +515,89 @@ fn a_lumped_drive_is_told_from_one_with_links_and_effects_are_listed() {
     let list = effects["effects"].as_array().expect("a list");
     assert!(list.len() >= 24);
     assert!(list.iter().all(|e| e["equation"].as_str().is_some_and(|t| !t.is_empty())));
-    assert!(json(&pitchline(&["sensors", "--json"]))["sensors"].as_array().is_some_and(|s| s.len() == 8));
+    assert!(json(&pitchline(&["sensors", "--json"]))["sensors"].as_array().is_some_and(|s| s.len() == 10));
+}
+
+/// Every bundled drive as a former version had it is read, or `check --migrate` makes of it a text that is: with every comment and every other line
+/// as it was. The first version let guides run into sprockets.
+#[test]
+fn drives_of_former_versions_are_read_or_migrated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let old = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/old_drives");
+    let mut refused = Vec::new();
+    for entry in std::fs::read_dir(&old).expect("drives") {
+        let path = entry.expect("an entry").path();
+        let (shown, name) = (path.to_str().expect("text"), path.file_name().expect("a name").to_owned());
+        let name = name.into_string().expect("text");
+        let new = folder.path().join(&name);
+        let new_path = new.to_str().expect("text");
+        let migrated = pitchline(&["check", shown, "--migrate", "-o", new_path]);
+        assert!(migrated.status.success(), "{name}: {}", stderr(&migrated));
+        let (before, after) =
+            (std::fs::read_to_string(&path).expect("a text"), std::fs::read_to_string(&new).expect("a text"));
+        let accepted = pitchline(&["check", shown]).status.success();
+        assert!(accepted == (before == after), "{name}: what is read stays as it is");
+        assert!(pitchline(&["check", new_path]).status.success(), "{name} is still refused");
+        if !accepted {
+            let changed: Vec<(&str, &str)> = before.lines().zip(after.lines()).filter(|(a, b)| a != b).collect();
+            assert_eq!(before.lines().count(), after.lines().count(), "{name}");
+            for (a, b) in &changed {
+                assert!(a.starts_with("start_mm") || a.starts_with("end_mm"), "{a} became {b}");
+                let comment = |line: &str| line.find('#').map(|at| line[at..].to_string());
+                assert_eq!(comment(a), comment(b));
+            }
+            for line in changed.iter().map(|(_, b)| b.split('#').next().unwrap_or_default().trim()) {
+                assert!(stderr(&migrated).contains(line), "{line} is told: {}", stderr(&migrated));
+            }
+            refused.push((name, changed.len()));
+        }
+        // Printed, it is the same.
+        let printed = pitchline(&["check", shown, "--migrate"]);
+        assert_eq!(stdout(&printed), after);
+    }
+    assert_eq!(refused, [("2026-11-21-bush-20-40.toml".to_string(), 4)]);
+    // What no migration knows is told as ever, and no file is written.
+    let wrong = folder.path().join("wrong.toml");
+    let text = std::fs::read_to_string(old.join("2026-11-21-bush-20-40.toml")).expect("a text");
+    std::fs::write(&wrong, text.replace("teeth = 20", "tooths = 20")).expect("written");
+    let out = folder.path().join("never.toml");
+    let paths = (wrong.to_str().expect("text"), out.to_str().expect("text"));
+    let told = pitchline(&["check", paths.0, "--migrate", "-o", paths.1]);
+    assert_eq!(told.status.code(), Some(2));
+    assert!(stderr(&told).contains("unknown key `sprockets.driver.tooths`") || stderr(&told).contains("tooths"));
+    assert!(!out.exists());
+    refused_by_itself(paths.0);
+}
+
+/// An output is never the input.
+fn refused_by_itself(path: &str) {
+    let out = pitchline(&["check", path, "--migrate", "-o", path]);
+    assert_eq!(out.status.code(), Some(2), "{}", stderr(&out));
+}
+
+/// Overrides alone make a table that the file lacks: the law of stops, and the stops.
+#[test]
+fn overrides_make_tables_that_a_file_lacks() {
+    let given = ["arms.tensioner.high_deg=10", "contact.stop.linear.stiffness_n_per_m=1e7"];
+    let set = |all: &[&'static str]| {
+        let mut args = vec!["check", "arm-20-40", "--json"];
+        args.extend(all.iter().flat_map(|s| ["--set", s]));
+        pitchline(&args)
+    };
+    let whole = [&given[..], &["contact.stop.linear.damping_n_s_per_m=50"]].concat();
+    let out = json(&set(&whole));
+    let values = out["values"].as_array().expect("paths");
+    assert!(values.iter().any(|v| v == "contact.stop.linear.stiffness_n_per_m"), "{values:?}");
+    // Without the law there is none.
+    let told = set(&given[..1]);
+    assert!(stderr(&told).contains("nothing says how hard they are"), "{}", stderr(&told));
+}
+
+/// A run of several chains tells the preload of each.
+#[test]
+fn every_chain_has_its_preload_in_the_report() {
+    let out = stdout(&pitchline(&["check", "reduction-20-40-20-40"]));
+    let lines: Vec<&str> = out.lines().filter(|line| line.contains("preload of chain")).collect();
+    assert_eq!(lines.len(), 2, "{out}");
+    assert!(!stdout(&pitchline(&["check", "bush-20-40"])).contains("of chain"));
 }

@@ -10,6 +10,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::impacts::ImpactWatch;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera, ledger_at};
+use pitchline::recording::columns::Rows;
 use pitchline::recording::frame::{Feature, Frame, Header};
 use pitchline::recording::reader::Reader;
 use pitchline::recording::{ViewOptions, create, mcap};
@@ -157,11 +158,21 @@ fn names(header: &Header) -> Names {
     Names {
         bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
         turning: turning(header),
+        rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage]
+            .map(|rows| (rows, header.row_paths(rows).expect("named").to_vec()))
+            .to_vec(),
         chains: chains(header),
     }
 }
 
-fn hits_are_those_of_a_scan(path: &Path, recording: &mcap::Recording, header: &Header, expressions: &[&str]) {
+/// Returns the numbers of hits.
+fn hits_are_those_of_a_scan(
+    path: &Path,
+    recording: &mcap::Recording,
+    header: &Header,
+    expressions: &[&str],
+) -> Vec<usize> {
+    let mut counts = Vec::new();
     for expression in expressions {
         // Engines call their sprockets otherwise.
         let name = |k: usize| header.bodies[k].path.trim_start_matches("sprockets.");
@@ -178,7 +189,9 @@ fn hits_are_those_of_a_scan(path: &Path, recording: &mcap::Recording, header: &H
         }
         assert_eq!(hits(path, breakpoint, None), expected, "{}: {expression}", header.drive_name);
         println!("{}: {} hits of {expression}", header.drive_name, expected.len());
+        counts.push(expected.len());
     }
+    counts
 }
 
 #[test]
@@ -227,6 +240,34 @@ fn hits_are_those_of_a_scan_over_every_step() {
                 "contact.body == \"slack\" and contact.penetration > 1 um",
             ];
             hits_are_those_of_a_scan(&path, &recording, &header, &of_arms);
+        }
+        if BUNDLED[bundled].0 == "tensioner-20-40" {
+            let of_parts = [
+                "slider.plunger.position > -0.6 um",
+                "abs(slider.plunger.speed) > 2 mm/s and slider.plunger.spring_force < 30 N",
+                "slider.plunger.oil_force > 28.5 N or slider.plunger.touch_force < -49 N",
+                "ball.feed.position > 0 um or ball.feed.touch_force > 0.02 N",
+                "ball.feed.speed > 0 m/s and ball.feed.oil_force < 0.1 N and ball.feed.spring_force < 0 N",
+                "touch.plunger.tip.normal_force > 50 N and touch.plunger.tip.gap < -4 um",
+                "touch.plunger.tip.tangential_force > 0 N or touch.feed.seat.age > 1 ms",
+                "touch.plunger.tip.approach_speed > 0 m/s and link.tension > 550 N",
+                "chamber.high.pressure > 2.98 bar and chamber.high.volume < 2000 mm3",
+                "chamber.high.inflow < -1 mm3/s or reservoir.sump.inflow > 900 mm3/s",
+                "passage.plunger.flow > 0.9 cm3/s or passage.feed.pressure_drop > 0 Pa",
+                "reservoir.gallery.pressure > 2.9 bar and contact.normal_force > 120 N",
+                "energy.work_in > 2 mJ and arm.tensioner.outer_torque > 3.9 Nm",
+            ];
+            let found = hits_are_those_of_a_scan(&path, &recording, &header, &of_parts);
+            // Not all of them may be true always or never.
+            assert!(found.iter().filter(|n| **n > 1).count() >= 6, "{found:?}");
+        }
+        if BUNDLED[bundled].0 == "gasoline-3cyl-bush" {
+            let of_shafts = [
+                "shaft.transducer.speed > 1000 rpm and shaft.transducer.angle > 10 deg",
+                "shaft.transducer.outer_torque > 0.1 Nm or abs(shaft.transducer.chain_torque) > 0 Nm",
+                "passage.throttle.flow > 10 mm3/s or slider.plunger.speed > 1 mm/s",
+            ];
+            hits_are_those_of_a_scan(&path, &recording, &header, &of_shafts);
         }
         // Impacts: those of the recording.
         let breakpoint = Breakpoint::parse("impact.approach_speed > 0.1 m/s", &names(&header)).expect("good");
@@ -308,6 +349,10 @@ fn expressions_that_make_no_sense_are_refused_with_a_caret() {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
         turning: vec![("sprockets.driver".into(), 0)],
+        rows: vec![
+            (Rows::Slider, vec!["sliders.plunger".into()]),
+            (Rows::Touch, vec!["sliders.plunger.tip".into(), "passages.check.feed.seat".into()]),
+        ],
         chains: vec![90],
     };
     for (text, wanted) in [
@@ -325,6 +370,12 @@ fn expressions_that_make_no_sense_are_refused_with_a_caret() {
         ("3 N > 2 N", "this never changes"),
         ("penetration > 3 um", "did you mean"),
         ("sprocket.drivr.speed > 1 rpm", "did you mean `sprocket.driver`"),
+        ("slider.plungr.speed > 1 m/s", "did you mean `slider.plunger`"),
+        ("slider.plunger.speed > 1 rpm", "is a speed, and this is an angular speed"),
+        ("touch.plunger.top.gap < 0 um", "did you mean `touch.plunger.tip`"),
+        ("touch.plunger.gap < 0 um", "no touch is called `plunger.gap`"),
+        ("ball.feed.position > 0 um", "this drive has no balls"),
+        ("chamber.high.pressure > 3 bar", "this drive has no chambers"),
         ("contact", "needs a quantity"),
         ("", "is expected here"),
         ("contact.tooth == 'seven", "does not end"),

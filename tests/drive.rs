@@ -5,6 +5,7 @@ mod common;
 mod contour;
 
 use common::{NO_FRICTION, assembled, drive, drive_without_guides, watch};
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::geometry::Vec2;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::Model;
@@ -717,5 +718,41 @@ fn a_lumped_drive_has_the_mode_of_its_links() {
         let machine =
             pitchline::machine::Machine::parse("lumped.toml", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
         assert_eq!((machine.springs.len(), machine.bodies.len()), (2, 2));
+    }
+}
+
+/// Every kind of sensor that drives with links have is read of a bundled drive, and has the unit of its row; the others are refused.
+#[test]
+fn every_kind_of_sensor_is_a_row_that_is_read() {
+    use pitchline::drive::sensors::SENSORS;
+    let (_, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").expect("bundled");
+    let keys = [
+        ("encoder", "body = \"driven\""),
+        ("tachometer", "body = \"tensioner\""),
+        ("accelerometer", "body = \"driven\""),
+        ("torque", "body = \"driver\""),
+        ("strain_gauge", "link = 3"),
+        ("force", "guide = \"tight\""),
+        ("displacement", "body = \"plunger\""),
+        ("pressure", "chamber = \"high\""),
+        ("flow", "passage = \"feed\""),
+    ];
+    for kind in &SENSORS {
+        assert!(kind.lumped.is_some() || kind.links.is_some(), "{} is on nothing", kind.name);
+        assert_eq!(SENSORS.iter().filter(|k| k.name == kind.name).count(), 1);
+        let key = keys.iter().find(|(name, _)| *name == kind.name).map_or("", |(_, key)| key);
+        let with = format!("{text}\n[sensors.{}.probe]\n{key}\n", kind.name);
+        let read = Drive::parse("t.toml", &with, &[]);
+        match (kind.links, read) {
+            (Some(_), Ok(drive)) => {
+                let sensor = drive.sensors.iter().find(|s| s.name == "probe").expect("read");
+                assert_eq!(sensor.kind, kind);
+                let units: Vec<&str> = kind.unit.split(" or ").collect();
+                assert!(units.contains(&sensor.reads.unit()), "{}: {} of {units:?}", kind.name, sensor.reads.unit());
+            }
+            (None, Err(report)) => assert!(report.to_string().contains("has no sensor of the kind"), "{report}"),
+            (Some(_), Err(report)) => panic!("{}: {report}", kind.name),
+            (None, Ok(_)) => panic!("{} is read of links", kind.name),
+        }
     }
 }

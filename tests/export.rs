@@ -124,12 +124,16 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
         }
         "bodies" => {
             let names = ["body", "path", "rotor", "coordinate", "x_m", "y_m", "angle_rad", "teeth"];
+            let more = ["slider", "kind", "kind_name", "low_stop", "high_stop"];
             let row = |(i, b): (usize, &pitchline::recording::frame::BodyInfo)| {
                 let place = [b.coordinate.map_or(-1.0, f64::from), b.x_m, b.y_m, b.angle_rad].map(float);
                 let head = [whole(i as u64), words(&b.path), Cell::Truth(b.rotor)];
-                head.into_iter().chain(place).chain([whole(b.teeth)]).collect()
+                let kind = [whole(b.kind), words(frame::BodyKind::name(b.kind))];
+                let tail = [b.low_stop.unwrap_or(f64::NAN), b.high_stop.unwrap_or(f64::NAN)].map(float);
+                let slider = [whole(b.teeth), float(b.slider.map_or(-1.0, f64::from))];
+                head.into_iter().chain(place).chain(slider).chain(kind).chain(tail).collect()
             };
-            (names.to_vec(), recording.header.bodies.iter().enumerate().map(row).collect())
+            (names.into_iter().chain(more).collect(), recording.header.bodies.iter().enumerate().map(row).collect())
         }
         "link_info" => {
             let names = ["link", "outline", "outline_name", "pitch_m", "mass_kg", "inertia_kg_m2", "ahead"];
@@ -153,6 +157,10 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
         Rows::Joint => vec!["joint"],
         Rows::Contact => vec![],
         Rows::Rotor => vec!["rotor", "rotor_path"],
+        Rows::Slider => vec!["slider", "slider_path"],
+        Rows::Touch => vec!["touch", "touch_path"],
+        Rows::Chamber => vec!["chamber", "chamber_path"],
+        Rows::Passage => vec!["passage", "passage_path"],
     };
     for column in table.message.columns {
         names.push(column.name);
@@ -171,7 +179,9 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
                 row.extend(match table.rows {
                     Rows::Link | Rows::Joint => vec![whole(i as u64)],
                     Rows::Contact => vec![],
-                    Rows::Rotor => vec![whole(i as u64), words(&header.coordinates[i])],
+                    Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+                        vec![whole(i as u64), words(&header.row_paths(table.rows).expect("named")[i])]
+                    }
                 });
                 for (column, values) in table.message.columns.iter().zip(values) {
                     match (column.name, values) {
@@ -265,8 +275,16 @@ fn every_value_of_every_table_is_the_frames_to_the_bit() {
             for (i, table) in TABLES.iter().enumerate() {
                 let path = out.join(format!("{}.{}", table.name, format.name()));
                 let sheet = expected(table.name, &recording);
-                // The samples' drives have no sensors.
-                let none = table.name == "sensors" && recording.header.sensors.is_empty();
+                // Not every sample's drive has sensors, sliders or oil.
+                let header = &recording.header;
+                let none = match table.name {
+                    "sensors" => header.sensors.is_empty(),
+                    "sliders" => header.sliders.is_empty(),
+                    "touches" => header.touches.is_empty(),
+                    "chambers" => header.chambers.is_empty(),
+                    "passages" => header.passages.is_empty(),
+                    _ => false,
+                };
                 assert_eq!(sheet.1.is_empty(), none, "{} of {}", table.name, sample.display());
                 assert_eq!(result["outputs"][i]["table"], table.name);
                 assert_eq!(result["outputs"][i]["rows"], sheet.1.len());
@@ -499,7 +517,7 @@ fn mistakes_are_said_and_change_nothing() {
     refused(2, &["-o", &at("a.csv"), "--tables", "links,"], &["tables: links, contacts"]);
     refused(2, &["-o", &at("a.txt"), "--tables", "links"], &["a.txt", ".parquet or .csv"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links,joints"], &["2 tables", "--tables"]);
-    refused(2, &["-o", &at("a.csv")], &["10 tables"]);
+    refused(2, &["-o", &at("a.csv")], &["14 tables"]);
     refused(2, &["-o", &at("a.csv"), "--tables", "links", "--format", "parquet"], &["--format"]);
     refused(2, &["-o", &at("a/"), "--format", "xlsx"], &["parquet or csv"]);
     refused(2, &["-o", &at("a/"), "--from", "2ms", "--to", "1ms"], &["--from"]);

@@ -268,7 +268,7 @@ fn every_chain_has_its_own_keys_preload_and_spans() {
     // Each chain is tightened to what it asks for.
     let a = assembled(&parsed(&text, &["chains.second.preload.tension_n=220"]));
     assert!((a.report.preload_n - 300.0).abs() < 0.1, "{}", a.report.preload_n);
-    let second = &a.report.more_preloads[0];
+    let second = &a.report.preloads[1];
     assert!(second.chain == "second" && (second.mean_n - 220.0).abs() < 0.1, "{second:?}");
     assert!(a.report.lines().iter().any(|l| l.starts_with("preload at rest of second = 220.0 N")));
 }

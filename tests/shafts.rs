@@ -99,7 +99,13 @@ fn friction_of_a_disc_twists_its_spring_and_is_lost() {
             explicit::advance(model, state, &mut scratch);
         }
         let twist = (state.coordinates.angle[driver] - state.coordinates.angle[disc]) * 1471.0;
-        let lost = frames[1].energy.lost_spring_damping_j - frames[0].energy.lost_spring_damping_j;
+        let lost = frames[1].energy.lost_load_j - frames[0].energy.lost_load_j;
+        // The disc turns as fast as its driver, and nothing here has a damper of its own.
+        let energy = &frames[1].energy;
+        println!("coupling {:.1e}, dampers {:.1e} J", energy.lost_coupling_damping_j, energy.lost_spring_damping_j);
+        assert!(energy.lost_coupling_damping_j.abs() < 1e-9 * lost && energy.lost_spring_damping_j == 0.0);
+        let twisted_j = 0.5 * torque * torque / 1471.0;
+        assert!((energy.elastic_coupling_j / twisted_j - 1.0).abs() < 1e-9, "{}", energy.elastic_coupling_j);
         let turned = steps as f64 * model.step_s * SPEED_RAD_S;
         println!(
             "{torque:.5} N m: twist {:.1e}, lost {:.1e} off",
@@ -212,10 +218,17 @@ fn a_shaft_behind_a_sprocket_carries_its_load_through_its_coupling() {
     let (model, state) = (&assembly.model, &mut assembly.state);
     let (mut scratch, mut camera) = (Scratch::new(model), Camera::default());
     let mut unbalanced = 0.0_f64;
-    let mut frame = None;
+    let (mut frame, mut damped_j, mut told_j) = (None, 0.0, 0.0);
     for step in 0..=20_000_u32 {
         explicit::evaluate(model, state, &mut scratch).unwrap_or_else(|e| panic!("{e}"));
+        let node = |k: usize| state.coordinates.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha()[k];
+        // c (q_b' - q_a')^2 dt, of which a node has half of its own step.
+        let step_j = 0.02 * (node(driven) - node(pump)).powi(2) * model.step_s;
+        if step == 0 {
+            damped_j = -0.5 * step_j;
+        }
         if step % 1000 == 0 {
+            told_j = damped_j + 0.5 * step_j;
             let now = camera.take(model, state, &scratch);
             for k in [driven, pump] {
                 let inertia = 1.0 / model.coordinates[k].inverse_inertia();
@@ -224,6 +237,7 @@ fn a_shaft_behind_a_sprocket_carries_its_load_through_its_coupling() {
             }
             frame = Some(now);
         }
+        damped_j += step_j;
         explicit::advance(model, state, &mut scratch);
     }
     let energy = frame.expect("a frame").energy;
@@ -233,6 +247,9 @@ fn a_shaft_behind_a_sprocket_carries_its_load_through_its_coupling() {
     // measured 1e-3 off, at one instant of a spring that swings with the teeth
     assert!((apart * 900.0 / 8.0 - 1.0).abs() < 0.05, "they turn together: {apart}");
     assert!(energy.error_j.abs() < 1e-4 * energy.work_in_j);
+    println!("coupling lost {:.6e} J, {:.1e} off", told_j, energy.lost_coupling_damping_j / told_j - 1.0);
+    assert!((energy.lost_coupling_damping_j / told_j - 1.0).abs() < 1e-3);
+    assert!(energy.lost_load_j == 0.0 && energy.lost_spring_damping_j == 0.0 && energy.lost_oil_j == 0.0);
 }
 
 /// Friction of a sprocket's bearing is a load like others: what the driver gives more is what is lost.

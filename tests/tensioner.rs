@@ -5,7 +5,9 @@ use pitchline::drive::Drive;
 use pitchline::elements::touch::TouchShape;
 use pitchline::geometry::cross;
 use pitchline::integrate::explicit::{self, Scratch};
-use pitchline::recording::capture::Camera;
+use pitchline::recording::capture::{Camera, header};
+use pitchline::recording::columns::Rows;
+use pitchline::recording::frame::{BodyInfo, Frame, Header};
 use pitchline::statics::rail_touches;
 
 fn drive(sets: &[&str]) -> Drive {
@@ -156,5 +158,119 @@ fn tensioners_that_make_no_sense_are_refused_where_they_stand() {
             Ok(_) => "no error".to_string(),
         };
         assert!(report.contains(says) && report.contains("-->"), "{from}: {report}");
+    }
+}
+
+/// Position of a point of a body in a frame [m].
+fn placed(body: &BodyInfo, frame: &Frame, [x, y]: [f64; 2]) -> [f64; 2] {
+    let ([x0, y0], angle_rad) = body.pose(frame);
+    let (sin, cos) = angle_rad.sin_cos();
+    [x0 + cos * x - sin * y, y0 + sin * x + cos * y]
+}
+
+fn body<'a>(header: &'a Header, path: &str) -> &'a BodyInfo {
+    header.bodies.iter().find(|b| b.path == path).unwrap_or_else(|| panic!("no {path}"))
+}
+
+/// Frames alone say where plunger and arm are, what pushes them and what flows: the forces on what slides are its mass times its acceleration,
+/// the distance of the drawn tip from the drawn pad is the gap, volumes and flows are those of bore and way, sensors read the same.
+#[test]
+fn frames_say_what_slides_touches_and_flows() {
+    let text = include_str!("../assets/drives/tensioner-20-40.toml");
+    let text = format!("{text}\n[effects.sprocket_runout.driver]\namplitude_um = 150\n");
+    let drive = Drive::parse("t.toml", &text, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let Assembly { model, mut state, report } = assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
+    let header = header(&drive, &model, &report, 1);
+    assert_eq!(header.sliders, ["sliders.plunger", "passages.check.feed"]);
+    assert_eq!(header.chambers, ["chambers.high", "reservoirs.gallery", "reservoirs.sump"]);
+    assert_eq!(header.passages, ["passages.leak.plunger", "passages.check.feed"]);
+    let (plunger, arm) = (body(&header, "sliders.plunger"), body(&header, "arms.tensioner"));
+    let (housing, ball) = (body(&header, "housings.plunger_housing"), body(&header, "passages.check.feed"));
+    assert!(!housing.moves() && ball.slider == Some(1) && ball.low_stop == Some(0.0));
+    assert_eq!((plunger.low_stop, plunger.high_stop), (Some(-4e-3), Some(10e-3)));
+    // The rod is as thick as the bore, and in the housing at both stops.
+    let rod = plunger.outline.as_ref().expect("a rod");
+    let half = rod.elements.iter().map(|e| e.start_y_m.abs()).fold(0.0, f64::max);
+    assert!((half - 5.5e-3).abs() < 1e-15, "{half}");
+    let ends = |o: &pitchline::recording::frame::Outline| {
+        let x = o.elements.iter().map(|e| e.start_x_m);
+        (x.clone().fold(f64::INFINITY, f64::min), x.fold(f64::NEG_INFINITY, f64::max))
+    };
+    let (rear, (bottom, mouth)) = (ends(rod).0, ends(housing.outline.as_ref().expect("a housing")));
+    assert!(rear - 4e-3 > bottom && rear + 10e-3 < mouth, "{rear} in {bottom} to {mouth}");
+    let tip = rod.elements.iter().find(|e| e.radius_m > 0.0).expect("a round tip");
+    // The pad is the side of the arm that the tip is nearest to.
+    let sides = &arm.outline.as_ref().expect("an arm").elements;
+    let (mut scratch, mut camera) = (Scratch::new(&model), Camera::default());
+    let (mut unbalanced, mut apart, mut mass) = (0.0_f64, 0.0_f64, [0.0_f64; 2]);
+    let (mut open, mut slow, mut before): (u32, f64, Option<[f64; 4]>) = (0, 0.0, None);
+    for step in 0..40_000 {
+        explicit::evaluate(&model, &state, &mut scratch).unwrap_or_else(|e| panic!("{e}"));
+        if step % 20 < 2 {
+            let frame = camera.take(&model, &state, &scratch);
+            let s = &frame.sliders;
+            for (row, kilograms) in [(0, 20e-3), (1, 1.0 / model.coordinates[4].inverse_inertia())] {
+                let pushed = s.spring_force_n[row] + s.oil_force_n[row] + s.touch_force_n[row];
+                unbalanced = unbalanced.max((pushed - kilograms * s.acceleration_m_s2[row]).abs());
+                mass[row] = mass[row].max(s.oil_force_n[row].abs());
+            }
+            open += u32::from(s.position_m[1] > 1e-6);
+            let centre = placed(plunger, &frame, [tip.centre_x_m, tip.centre_y_m]);
+            let distance = |e: &pitchline::recording::frame::OutlineElement| {
+                let a = placed(arm, &frame, [e.start_x_m, e.start_y_m]);
+                let b = placed(arm, &frame, [e.end_x_m, e.end_y_m]);
+                let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
+                let length = dx.hypot(dy);
+                let along = ((centre[0] - a[0]) * dx + (centre[1] - a[1]) * dy) / length;
+                let aside = ((centre[0] - a[0]) * dy - (centre[1] - a[1]) * dx).abs() / length;
+                if (0.0..=length).contains(&along) { aside } else { f64::INFINITY }
+            };
+            let nearest = sides
+                .iter()
+                .map(distance)
+                .fold(f64::INFINITY, |a, b| if (b - 8e-3).abs() < (a - 8e-3).abs() { b } else { a });
+            apart = apart.max((nearest - tip.radius_m - frame.touches.gap_m[0]).abs());
+            // Sensors: pressure, displacement, flow of the ball, force of the tip, in the order of the kinds.
+            let by = |path: &str| frame.sensors[header.sensors.iter().position(|s| s.path == path).expect(path)];
+            assert_eq!(by("sensors.pressure.high"), frame.chambers.pressure_pa[0]);
+            assert_eq!(by("sensors.displacement.plunger"), s.position_m[0]);
+            assert_eq!(by("sensors.flow.feed"), frame.passages.flow_m3_s[1]);
+            assert_eq!(by("sensors.force.tip"), frame.touches.normal_force_n[0]);
+            let flows = &frame.passages.flow_m3_s;
+            assert_eq!(frame.chambers.inflow_m3_s, [flows[1] - flows[0], -flows[1], flows[0]]);
+            // The volume grows by bore times speed.
+            if let Some([volume, position, speed, t_s]) = before.filter(|_| step % 20 == 1) {
+                let (grown, moved) = (frame.chambers.volume_m3[0] - volume, s.position_m[0] - position);
+                let area = 0.25 * std::f64::consts::PI * 11e-3_f64.powi(2);
+                assert!((grown - area * moved).abs() < 1e-20, "{grown:e} {moved:e}");
+                let mean = 0.5 * (speed + s.speed_m_s[0]);
+                slow = slow.max((moved / (frame.t_s - t_s) - mean).abs());
+            }
+            before = Some([frame.chambers.volume_m3[0], s.position_m[0], s.speed_m_s[0], frame.t_s]);
+        }
+        explicit::advance(&model, &mut state, &mut scratch);
+    }
+    println!(
+        "m a {unbalanced:.1e} N of {mass:?}, drawn tip {apart:.1e} m off, speeds {slow:.1e} m/s, ball open in {open} frames"
+    );
+    // measured 1.6e-14 N, 2.1e-17 m
+    assert!(unbalanced < 1e-9 && apart < 1e-12, "{unbalanced:e} {apart:e}");
+    // Means of two nodes against the way between them; measured 2.0e-5 m/s.
+    assert!(slow < 1e-3 && open > 0 && mass[1] > 0.0, "{slow:e}");
+}
+
+/// The rows that a drive names before it is compiled are those of its recordings, and what moves is drawn.
+#[test]
+fn rows_have_the_names_that_the_drive_gives_them() {
+    for (name, text) in pitchline::drive::BUNDLED {
+        let drive = Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let Assembly { model, report, .. } = assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
+        let header = header(&drive, &model, &report, 1);
+        for rows in [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage] {
+            assert_eq!(header.row_paths(rows).expect("named"), drive.row_paths(rows), "{name}");
+        }
+        for path in header.sliders.iter().chain(header.coordinates.iter().filter(|c| c.starts_with("arms."))) {
+            assert!(body(&header, path).outline.is_some(), "{name}: {path} is not drawn");
+        }
     }
 }

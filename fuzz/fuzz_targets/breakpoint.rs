@@ -5,12 +5,19 @@
 
 use libfuzzer_sys::fuzz_target;
 use pitchline::breakpoint::{Breakpoint, Names};
+use pitchline::recording::columns::Rows;
 use pitchline::recording::frame::Frame;
 
 fuzz_target!(|text: &str| {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "sprockets.driven".into(), "guides.fixed.tight".into()],
         turning: vec![("sprockets.driver".into(), 0), ("sprockets.driven".into(), 1), ("arms.tensioner".into(), 2)],
+        rows: vec![
+            (Rows::Slider, vec!["sliders.plunger".into(), "passages.check.feed".into()]),
+            (Rows::Touch, vec!["sliders.plunger.tip".into()]),
+            (Rows::Chamber, vec!["chambers.high".into(), "reservoirs.sump".into()]),
+            (Rows::Passage, vec!["passages.check.feed".into()]),
+        ],
         chains: vec![90],
     };
     match Breakpoint::parse(text, &names) {

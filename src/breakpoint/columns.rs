@@ -138,7 +138,9 @@ impl StepValues<'_> {
                     band.count_all(self.lanes(&torque[1..]), chain, &mut found);
                 }
             }
-            Scope::Contact | Scope::Impact | Scope::Sprocket | Scope::Arm | Scope::Energy | Scope::Run => return None,
+            Scope::Contact | Scope::Impact | Scope::Energy | Scope::Run => return None,
+            Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Slider | Scope::Ball | Scope::Touch => return None,
+            Scope::Chamber | Scope::Reservoir | Scope::Passage => return None,
         }
         Some(found)
     }

@@ -108,7 +108,10 @@ impl Ledger {
         let mut own = Energy { kinetic_j: 0.5 * total(&sums.twice_kinetic_j), ..Energy::default() };
         shafts::add_energies(model, state, scratch, &mut own);
         let Energy { kinetic_j, work_out_j, mut work_in_j, .. } = own;
-        let (mut spring_j, mut damper_j) = (own.elastic_spring_j, own.lost_spring_damping_j);
+        let (mut spring_j, mut damper_j) = (
+            own.elastic_spring_j + own.elastic_coupling_j,
+            own.lost_spring_damping_j + own.lost_coupling_damping_j + own.lost_load_j,
+        );
         if let Some(oil) = &model.oil {
             spring_j += oil.stored_j(&state.oil);
             damper_j += state.oil.lost_j.iter().sum::<f64>();
@@ -120,7 +123,7 @@ impl Ledger {
         let (e, uncertainty_j) = &mut self.now;
         *uncertainty_j = ROUNDING * (stored_j + work_in_j.abs() + work_out_j.abs() + lost_j.abs());
         (e.kinetic_j, e.elastic_joint_j) = (kinetic_j, elastic_j);
-        e.work_in_j = work_in_j - origin.work_in_j;
+        e.work_in_j = work_in_j - origin.put_in_j();
         e.work_out_j = work_out_j - origin.work_out_j;
         let [lost_then_j, stored_then_j] = *self.origin_j.get_or_insert_with(|| [origin.lost_j(), origin.stored_j()]);
         e.lost_pin_damping_j = lost_j - lost_then_j;

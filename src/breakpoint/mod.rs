@@ -17,6 +17,7 @@ pub mod scratch;
 
 use crate::diag::Report;
 use crate::drive::Drive;
+use crate::recording::columns::Rows;
 use crate::recording::frame::{Energy, Frame, Impact};
 use quantities::{Quantity, Scope, What};
 
@@ -27,6 +28,8 @@ pub struct Names {
     pub bodies: Vec<String>,
     /// Paths of sprockets, shafts and arms, and their rows in `rotors`.
     pub turning: Vec<(String, usize)>,
+    /// Paths of what else has a row in a table of frames.
+    pub rows: Vec<(Rows, Vec<String>)>,
     /// Links of every chain.
     pub chains: Vec<usize>,
 }
@@ -43,8 +46,25 @@ impl Names {
                 .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
                 .collect(),
             turning: drive.turning_paths(),
+            rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage]
+                .map(|rows| (rows, drive.row_paths(rows)))
+                .to_vec(),
             chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
         }
+    }
+
+    /// What a scope can name: as an expression calls it, and its row.
+    fn named(&self, scope: Scope) -> Vec<(String, usize)> {
+        let Some((wanted, _)) = scope.named_rows() else { return Vec::new() };
+        let all: Vec<(&String, usize)> = match wanted {
+            Rows::Rotor => self.turning.iter().map(|(path, row)| (path, *row)).collect(),
+            Rows::Link | Rows::Joint | Rows::Contact => Vec::new(),
+            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+                let own = self.rows.iter().filter(|(rows, _)| *rows == wanted);
+                own.flat_map(|(_, paths)| paths.iter().enumerate().map(|(row, path)| (path, row))).collect()
+            }
+        };
+        all.into_iter().filter_map(|(path, row)| Some((scope.short_name(path)?, row))).collect()
     }
 
     /// Number of links of all chains together.
@@ -85,7 +105,7 @@ pub enum Number {
     Constant(f64),
     Quantity {
         quantity: &'static Quantity,
-        /// Index of a link, joint or sprocket.
+        /// Index of a link or joint, or row of what is named.
         index: Option<usize>,
         absolute: bool,
     },
@@ -280,7 +300,9 @@ fn collect_uses(expr: &Expr, uses: &mut Uses) {
             (uses.frame, uses.varying) = (true, true);
         }
         Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
-        Scope::Sprocket | Scope::Arm | Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Run => (uses.frame, uses.varying) = (true, true),
+        Scope::Slider | Scope::Ball | Scope::Touch => (uses.frame, uses.varying) = (true, true),
+        Scope::Chamber | Scope::Reservoir | Scope::Passage => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| collect_uses(p, uses)),
@@ -416,7 +438,10 @@ impl QuantityValues for FrameValues<'_> {
                     _ => joints.friction_torque_nm.get(j).copied(),
                 }
             }
-            Scope::Sprocket | Scope::Arm => {
+            Scope::Slider | Scope::Ball | Scope::Touch | Scope::Chamber | Scope::Reservoir | Scope::Passage => {
+                mechanism_column(self.frame, quantity)?.get(index?).copied()
+            }
+            Scope::Sprocket | Scope::Shaft | Scope::Arm => {
                 let (k, r) = (index?, &self.frame.rotors);
                 let column = match quantity.what {
                     What::Speed => &r.speed_rad_s,
@@ -449,15 +474,52 @@ impl QuantityValues for FrameValues<'_> {
     }
 }
 
+/// Column of what slides, touches, or holds or passes oil.
+fn mechanism_column<'a>(frame: &'a Frame, quantity: &Quantity) -> Option<&'a [f64]> {
+    let Frame { sliders, touches, chambers, passages, .. } = frame;
+    let (rows, what) = (quantity.scope.named_rows()?.0, quantity.what);
+    let column = match rows {
+        Rows::Slider => match what {
+            What::Position => &sliders.position_m,
+            What::Speed => &sliders.speed_m_s,
+            What::SpringForce => &sliders.spring_force_n,
+            What::OilForce => &sliders.oil_force_n,
+            What::TouchForce => &sliders.touch_force_n,
+            _ => return None,
+        },
+        Rows::Touch => match what {
+            What::Gap => &touches.gap_m,
+            What::NormalForce => &touches.normal_force_n,
+            What::TangentialForce => &touches.tangential_force_n,
+            What::ApproachSpeed => &touches.approach_speed_m_s,
+            What::Age => &touches.age_s,
+            _ => return None,
+        },
+        Rows::Chamber => match what {
+            What::Pressure => &chambers.pressure_pa,
+            What::Volume => &chambers.volume_m3,
+            What::Inflow => &chambers.inflow_m3_s,
+            _ => return None,
+        },
+        Rows::Passage => match what {
+            What::Flow => &passages.flow_m3_s,
+            What::PressureDrop => &passages.pressure_drop_pa,
+            _ => return None,
+        },
+        Rows::Link | Rows::Joint | Rows::Contact | Rows::Rotor => return None,
+    };
+    Some(column)
+}
+
 fn energy_number(what: What, e: &Energy) -> f64 {
     match what {
         // No work input yet, so that there is no reference.
-        What::Error if e.work_in_j == 0.0 => 0.0,
-        What::Error => e.error_j / e.work_in_j.abs(),
+        What::Error if e.put_in_j() == 0.0 => 0.0,
+        What::Error => e.error_j / e.put_in_j().abs(),
         What::ErrorJ => e.error_j,
         What::Kinetic => e.kinetic_j,
         What::Elastic => e.elastic_j(),
-        What::WorkIn => e.work_in_j,
+        What::WorkIn => e.put_in_j(),
         What::WorkOut => e.work_out_j,
         _ => e.lost_j(),
     }

@@ -4,12 +4,14 @@
 //! or  = and { ("or" | "||") and }        and = not { ("and" | "&&") not }        not = ["not" | "!"] ("(" or ")" | comparison)
 //! comparison = side (">" | ">=" | "<" | "<=" | "==" | "!=") side
 //! side = number [unit] | "name" | quantity | abs(quantity)
-//! quantity = contact.X | impact.X | link.X | link[12].X | joint[3].X | sprocket.NAME.X | energy.X | time | step | crank_angle
+//! quantity = contact.X | impact.X | link.X | link[12].X | joint[3].X | sprocket.NAME.X (or another scope with a name) |
+//!            touch.NAME.PART.X | energy.X | time | step | crank_angle
 //! ```
 
 use super::quantities::{Dimension, QUANTITIES, Quantity, Scope, UNITS, What};
 use super::{Compare, Expr, Names, Number, Operator};
 use crate::diag::{Diag, Place, Report, SourceText, nearest};
+use crate::recording::columns::Rows;
 use crate::recording::frame::{Feature, Segment};
 use std::ops::Range;
 
@@ -337,10 +339,7 @@ impl Parser<'_> {
         self.space();
         let start = self.at;
         let word = self.identifier();
-        let scope =
-            [Scope::Contact, Scope::Impact, Scope::Link, Scope::Joint, Scope::Sprocket, Scope::Arm, Scope::Energy]
-                .into_iter()
-                .find(|s| s.name() == word);
+        let scope = Scope::ALL.into_iter().find(|s| s.name() == word);
         let Some(scope) = scope else {
             return match row(Scope::Run, &word) {
                 Some(quantity) => Ok((number(quantity, None), quantity)),
@@ -371,24 +370,28 @@ impl Parser<'_> {
         }
     }
 
-    /// `[12]` of a link or joint, `.NAME` of a sprocket or an arm.
+    /// `[12]` of a link or joint, `.NAME` of what the drive file names.
     fn index(&mut self, scope: Scope) -> Parsed<Option<usize>> {
-        if matches!(scope, Scope::Sprocket | Scope::Arm) {
+        if let Some((rows, _)) = scope.named_rows() {
             let kind = scope.name();
             let start = self.at;
             let named = self.takes(".");
             let name_at = self.at;
-            let name = if named { self.identifier() } else { String::new() };
-            let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
-            let own = |(path, _): &&(String, usize)| path.strip_prefix(kind).is_some_and(|rest| rest.starts_with("s."));
-            let all = self.names.turning.iter().filter(own);
-            if let Some((_, row)) = all.clone().find(|(path, _)| last(path) == name) {
+            let mut name = if named { self.identifier() } else { String::new() };
+            // A part, and what of it touches.
+            if rows == Rows::Touch && self.takes(".") {
+                name = format!("{name}.{}", self.identifier());
+            }
+            let all = self.names.named(scope);
+            if let Some((_, row)) = all.iter().find(|(own, _)| *own == name) {
                 return Ok(Some(*row));
             }
-            let known: Vec<String> = all.map(|(path, _)| last(path)).collect();
+            let known: Vec<String> = all.into_iter().map(|(own, _)| own).collect();
             let help = match nearest(&name, known.iter().map(String::as_str)) {
                 Some(near) => format!("did you mean `{kind}.{near}`?"),
-                None if known.is_empty() => format!("this drive has no {kind}s"),
+                None if known.is_empty() => {
+                    format!("this drive has no {kind}{}", if rows == Rows::Touch { "es" } else { "s" })
+                }
                 None => format!("there are: {}", known.join(", ")),
             };
             let place = if named { name_at..self.at.max(name_at + 1) } else { start..start + 1 };
@@ -422,8 +425,8 @@ impl Parser<'_> {
         let help = match near {
             Some(near) => format!("did you mean `{near}`?"),
             None => {
-                "quantities begin with contact, impact, link, joint, sprocket, arm or energy, or are time, step, crank_angle"
-                    .to_string()
+                let begin: Vec<&str> = Scope::ALL.iter().map(|s| s.name()).collect();
+                format!("quantities begin with {}, or are time, step, crank_angle", begin.join(", "))
             }
         };
         self.error(place, format!("unknown quantity `{word}`"), Some(help))
@@ -490,7 +493,10 @@ fn number(quantity: &'static Quantity, index: Option<usize>) -> Number {
 fn shown(quantity: &Quantity) -> String {
     match quantity.scope {
         Scope::Run => quantity.name.to_string(),
-        Scope::Sprocket | Scope::Arm => format!("{}.NAME.{}", quantity.scope.name(), quantity.name),
-        scope => format!("{}.{}", scope.name(), quantity.name),
+        scope => match scope.named_rows() {
+            Some((Rows::Touch, _)) => format!("{}.NAME.PART.{}", scope.name(), quantity.name),
+            Some(_) => format!("{}.NAME.{}", scope.name(), quantity.name),
+            None => format!("{}.{}", scope.name(), quantity.name),
+        },
     }
 }

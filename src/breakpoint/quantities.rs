@@ -1,5 +1,7 @@
 //! Quantities of break expressions: one row per quantity, with its dimension and meaning.
 
+use crate::recording::columns::Rows;
+
 /// Dimension of a quantity, with its units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
@@ -12,6 +14,10 @@ pub enum Dimension {
     Torque,
     Energy,
     Impulse,
+    Pressure,
+    Volume,
+    /// Of oil, volume per time.
+    Flow,
     /// Counts, indices and shares.
     Number,
     /// Name of a body, a feature or a segment.
@@ -19,7 +25,17 @@ pub enum Dimension {
 }
 
 /// Unit, dimension, factor to SI. Longer names come before those that they begin with.
-pub const UNITS: [(&str, Dimension, f64); 28] = [
+pub const UNITS: [(&str, Dimension, f64); 38] = [
+    ("mm3/s", Dimension::Flow, 1e-9),
+    ("cm3/s", Dimension::Flow, 1e-6),
+    ("l/min", Dimension::Flow, 1e-3 / 60.0),
+    ("m3/s", Dimension::Flow, 1.0),
+    ("mm3", Dimension::Volume, 1e-9),
+    ("cm3", Dimension::Volume, 1e-6),
+    ("m3", Dimension::Volume, 1.0),
+    ("bar", Dimension::Pressure, 1e5),
+    ("MPa", Dimension::Pressure, 1e6),
+    ("Pa", Dimension::Pressure, 1.0),
     ("mm/s", Dimension::Speed, 1e-3),
     ("m/s", Dimension::Speed, 1.0),
     ("rad/s", Dimension::AngularSpeed, 1.0),
@@ -63,6 +79,9 @@ impl Dimension {
             Dimension::Torque => "a torque",
             Dimension::Energy => "an energy",
             Dimension::Impulse => "an impulse",
+            Dimension::Pressure => "a pressure",
+            Dimension::Volume => "a volume",
+            Dimension::Flow => "a flow",
             Dimension::Number => "a number without unit",
             Dimension::Name => "a name in quotes",
         }
@@ -85,12 +104,65 @@ pub enum Scope {
     Link,
     Joint,
     Sprocket,
+    Shaft,
     Arm,
+    Slider,
+    /// Of a check valve.
+    Ball,
+    /// Two parts that touch each other and no chain.
+    Touch,
+    Chamber,
+    Reservoir,
+    Passage,
     Energy,
     Run,
 }
 
 impl Scope {
+    /// All of them.
+    pub const ALL: [Scope; 14] = [
+        Scope::Contact,
+        Scope::Impact,
+        Scope::Link,
+        Scope::Joint,
+        Scope::Sprocket,
+        Scope::Shaft,
+        Scope::Arm,
+        Scope::Slider,
+        Scope::Ball,
+        Scope::Touch,
+        Scope::Chamber,
+        Scope::Reservoir,
+        Scope::Passage,
+        Scope::Energy,
+    ];
+
+    /// Of an object that the drive file names: the table of frames in which it has a row, and how its path there begins.
+    pub fn named_rows(self) -> Option<(Rows, &'static str)> {
+        match self {
+            Scope::Contact | Scope::Impact | Scope::Link | Scope::Joint | Scope::Energy | Scope::Run => None,
+            Scope::Sprocket => Some((Rows::Rotor, "sprockets.")),
+            Scope::Shaft => Some((Rows::Rotor, "shafts.")),
+            Scope::Arm => Some((Rows::Rotor, "arms.")),
+            Scope::Slider => Some((Rows::Slider, "sliders.")),
+            Scope::Ball => Some((Rows::Slider, "passages.check.")),
+            Scope::Touch => Some((Rows::Touch, "")),
+            Scope::Chamber => Some((Rows::Chamber, "chambers.")),
+            Scope::Reservoir => Some((Rows::Chamber, "reservoirs.")),
+            Scope::Passage => Some((Rows::Passage, "passages.")),
+        }
+    }
+
+    /// How an expression names an object with this path; None: it is none of these.
+    pub fn short_name(self, path: &str) -> Option<String> {
+        let (rows, beginning) = self.named_rows()?;
+        let own = path.strip_prefix(beginning)?;
+        let words: Vec<&str> = own.split('.').collect();
+        // A touch is a part, and what of it touches.
+        let kept = if rows == Rows::Touch { 2 } else { 1 };
+        Some(words.get(words.len().saturating_sub(kept)..)?.join("."))
+    }
+
     pub fn name(self) -> &'static str {
         match self {
             Scope::Contact => "contact",
@@ -98,7 +170,14 @@ impl Scope {
             Scope::Link => "link",
             Scope::Joint => "joint",
             Scope::Sprocket => "sprocket",
+            Scope::Shaft => "shaft",
             Scope::Arm => "arm",
+            Scope::Slider => "slider",
+            Scope::Ball => "ball",
+            Scope::Touch => "touch",
+            Scope::Chamber => "chamber",
+            Scope::Reservoir => "reservoir",
+            Scope::Passage => "passage",
             Scope::Energy => "energy",
             Scope::Run => "",
         }
@@ -135,6 +214,16 @@ pub enum What {
     Force,
     Torque,
     OuterTorque,
+    Position,
+    SpringForce,
+    OilForce,
+    TouchForce,
+    Gap,
+    Pressure,
+    Volume,
+    Inflow,
+    Flow,
+    PressureDrop,
     Error,
     ErrorJ,
     Kinetic,
@@ -162,7 +251,7 @@ const fn row(scope: Scope, name: &'static str, what: What, dimension: Dimension,
 }
 
 /// All quantities.
-pub const QUANTITIES: [Quantity; 51] = [
+pub const QUANTITIES: [Quantity; 77] = [
     row(
         Scope::Contact,
         "penetration",
@@ -224,12 +313,44 @@ pub const QUANTITIES: [Quantity; 51] = [
     row(Scope::Arm, "speed", What::Speed, Dimension::AngularSpeed, "angular velocity"),
     row(Scope::Arm, "angle", What::Angle, Dimension::Angle, "from where it is drawn"),
     row(Scope::Arm, "chain_torque", What::Torque, Dimension::Torque, "of the chain on the arm"),
-    row(Scope::Arm, "outer_torque", What::OuterTorque, Dimension::Torque, "of its spring and damper"),
+    row(
+        Scope::Arm,
+        "outer_torque",
+        What::OuterTorque,
+        Dimension::Torque,
+        "of its spring, damper, loads and touching parts",
+    ),
+    row(Scope::Shaft, "speed", What::Speed, Dimension::AngularSpeed, "angular velocity"),
+    row(Scope::Shaft, "angle", What::Angle, Dimension::Angle, "turned since step 0, plus that at assembly"),
+    row(Scope::Shaft, "chain_torque", What::Torque, Dimension::Torque, "of the chains on it"),
+    row(Scope::Shaft, "outer_torque", What::OuterTorque, Dimension::Torque, "of loads and couplings on it"),
+    row(Scope::Slider, "position", What::Position, Dimension::Length, "from where it is drawn, outwards positive"),
+    row(Scope::Slider, "speed", What::Speed, Dimension::Speed, "along its way"),
+    row(Scope::Slider, "spring_force", What::SpringForce, Dimension::Force, "of its spring, damper and loads on it"),
+    row(Scope::Slider, "oil_force", What::OilForce, Dimension::Force, "of the oil on it"),
+    row(Scope::Slider, "touch_force", What::TouchForce, Dimension::Force, "of all that it touches, along its way"),
+    row(Scope::Ball, "position", What::Position, Dimension::Length, "its lift from its seat"),
+    row(Scope::Ball, "speed", What::Speed, Dimension::Speed, "along its way"),
+    row(Scope::Ball, "spring_force", What::SpringForce, Dimension::Force, "of its spring on it"),
+    row(Scope::Ball, "oil_force", What::OilForce, Dimension::Force, "of the oil on it"),
+    row(Scope::Ball, "touch_force", What::TouchForce, Dimension::Force, "of seat and stop on it"),
+    row(Scope::Touch, "gap", What::Gap, Dimension::Length, "distance of the two parts, negative where they overlap"),
+    row(Scope::Touch, "normal_force", What::NormalForce, Dimension::Force, "that parts them, mean over the step"),
+    row(Scope::Touch, "tangential_force", What::TangentialForce, Dimension::Force, "friction, mean over the step"),
+    row(Scope::Touch, "approach_speed", What::ApproachSpeed, Dimension::Speed, "closing speed at first touch"),
+    row(Scope::Touch, "age", What::Age, Dimension::Time, "time since first touch"),
+    row(Scope::Chamber, "pressure", What::Pressure, Dimension::Pressure, "gauge pressure"),
+    row(Scope::Chamber, "volume", What::Volume, Dimension::Volume, "with its pistons where they stand"),
+    row(Scope::Chamber, "inflow", What::Inflow, Dimension::Flow, "sum of the flows into it"),
+    row(Scope::Reservoir, "pressure", What::Pressure, Dimension::Pressure, "gauge pressure, which is constant"),
+    row(Scope::Reservoir, "inflow", What::Inflow, Dimension::Flow, "sum of the flows into it"),
+    row(Scope::Passage, "flow", What::Flow, Dimension::Flow, "from its first end to its second"),
+    row(Scope::Passage, "pressure_drop", What::PressureDrop, Dimension::Pressure, "from its first end to its second"),
     row(Scope::Energy, "error", What::Error, Dimension::Number, "what does not add up, as a share of the work put in"),
     row(Scope::Energy, "error_j", What::ErrorJ, Dimension::Energy, "what does not add up"),
     row(Scope::Energy, "kinetic", What::Kinetic, Dimension::Energy, "of links and free sprockets"),
     row(Scope::Energy, "elastic", What::Elastic, Dimension::Energy, "in joints, contacts and springs"),
-    row(Scope::Energy, "work_in", What::WorkIn, Dimension::Energy, "of the drives"),
+    row(Scope::Energy, "work_in", What::WorkIn, Dimension::Energy, "of the drives, and of reservoirs of oil"),
     row(Scope::Energy, "work_out", What::WorkOut, Dimension::Energy, "on the loads"),
     row(Scope::Energy, "lost", What::Lost, Dimension::Energy, "all losses"),
     row(Scope::Run, "time", What::Time, Dimension::Time, "since the start of the recording"),

@@ -5,7 +5,7 @@ use super::extremes::{self, Compared, EnergyRangeTest, RangeTest};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{BoundRows, Breakpoint, Compare, Expr, Hit, QuantityValues, Subject, energy_number, tension_n, truth};
-use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch};
+use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch, touches};
 use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
@@ -297,6 +297,48 @@ impl StepValues<'_> {
         }
     }
 
+    /// Of what slides, by its row.
+    fn slider(&self, what: What, row: usize) -> Option<f64> {
+        let k = self.model.n_turning() + row;
+        let forces = || touches::sliding_forces(self.model, self.state, self.scratch, k);
+        match what {
+            What::Position => self.state.coordinates.angle.get(k).copied(),
+            What::Speed => Some(self.coordinate_speed(k)),
+            What::SpringForce => Some(forces().spring_n),
+            What::OilForce => Some(forces().oil_n),
+            What::TouchForce => Some(forces().touch_n),
+            _ => None,
+        }
+    }
+
+    fn touch(&self, what: What, row: usize) -> Option<f64> {
+        let now = self.scratch.touches();
+        match what {
+            What::Gap => Some(self.model.touches.get(row)?.shape.gap(&self.state.coordinates.angle).gap_m),
+            What::NormalForce => now.normal_force.get(row).copied(),
+            What::TangentialForce => now.tangential_force.get(row).copied(),
+            What::ApproachSpeed => now.approach.get(row).copied(),
+            What::Age => now.age.get(row).map(|steps| steps * self.model.step_s),
+            _ => None,
+        }
+    }
+
+    /// Of a chamber or a reservoir, or of a passage, by its row.
+    fn oil(&self, what: What, row: usize) -> Option<f64> {
+        let oil = self.model.oil.as_ref()?;
+        let (q, state) = (&self.state.coordinates.angle, &self.state.oil);
+        let flow = |e: usize| oil.flow_m3_s(e, q, &|k| self.coordinate_speed(k), state);
+        let end = oil.ends().nth(row);
+        match what {
+            What::Pressure => Some(oil.pressure_pa(end?, &state.pressure_pa)),
+            What::Volume => Some(if row < oil.chambers.len() { oil.volume_m3(row, q) } else { 0.0 }),
+            What::Inflow => Some(oil.inflow_m3_s(end?, flow)),
+            What::Flow => Some(flow(row)),
+            What::PressureDrop => Some(oil.drop_pa(oil.passages.get(row)?, &state.pressure_pa)),
+            _ => None,
+        }
+    }
+
     fn link(&self, what: What, i: usize) -> Option<f64> {
         let (l, s, half) = (&self.state.links, self.scratch, 0.5 * self.model.step_s);
         match what {
@@ -329,7 +371,10 @@ impl QuantityValues for StepValues<'_> {
                     _ => Some(self.scratch.joint_force(j).2),
                 }
             }
-            Scope::Sprocket | Scope::Arm => {
+            Scope::Slider | Scope::Ball => self.slider(quantity.what, index?),
+            Scope::Touch => self.touch(quantity.what, index?),
+            Scope::Chamber | Scope::Reservoir | Scope::Passage => self.oil(quantity.what, index?),
+            Scope::Sprocket | Scope::Shaft | Scope::Arm => {
                 let k = index?;
                 let coordinate = self.model.coordinates.get(k)?;
                 match quantity.what {

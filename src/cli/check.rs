@@ -6,6 +6,7 @@ use crate::geometry::smartchain::Abutment;
 use crate::model::{Model, SprocketModel};
 use std::f64::consts::PI;
 use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args, Debug)]
 pub struct CheckArgs {
@@ -14,12 +15,21 @@ pub struct CheckArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    /// Print the drive's text as this version reads it, where an earlier one read it otherwise; comments and layout stay
+    #[arg(long, conflicts_with_all = ["set", "json"])]
+    migrate: bool,
+    /// With --migrate: the file to write, instead of printing it
+    #[arg(short, long, value_name = "FILE", requires = "migrate")]
+    output: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
+    if args.migrate {
+        return migrate(args);
+    }
     let drive = load_drive(&args.drive, &args.set)?;
     let assembly = assemble(&drive)?;
     let (model, report) = (&assembly.model, &assembly.report);
@@ -104,6 +114,26 @@ pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
             report.lines().iter().try_for_each(|line| writeln!(text, "  {}", line.replacen(" = ", ": ", 1)))
         });
     print_out(&text)
+}
+
+/// The text of an earlier version's drive as this version reads it.
+fn migrate(args: &CheckArgs) -> Result<Outcome, Failure> {
+    super::check_outputs(args.output.as_deref(), [Path::new(&args.drive)])?;
+    let (name, text) = super::drive_text(&args.drive)?;
+    let (new, changes) = super::migrate::migrated(&name, &text)?;
+    for change in &changes {
+        eprintln!("changed: {change}");
+    }
+    if changes.is_empty() {
+        eprintln!("{name} is read as it is");
+    }
+    match &args.output {
+        None => print_out(&new),
+        Some(path) => {
+            crate::output::write(path, new.as_bytes())?;
+            print_out(&format!("wrote {}\n", path.display()))
+        }
+    }
 }
 
 fn mass_per_length(model: &Model) -> f64 {

@@ -2,9 +2,8 @@
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::diag::nearest;
-use crate::drive::sensors::is_signal;
+use crate::drive::sensors::{SENSORS, is_signal};
 use crate::effects::{EFFECTS, Effect, Kind, Physics, named};
-use crate::machine::SENSOR_KINDS;
 use crate::measurement::units::UNITS;
 
 #[derive(clap::Args, Debug)]
@@ -131,18 +130,32 @@ fn json(e: &Effect) -> serde_json::Value {
 
 pub fn sensors(args: &SensorsArgs) -> Result<Outcome, Failure> {
     if args.json {
-        let list: Vec<_> = SENSOR_KINDS
+        let list: Vec<_> = SENSORS
             .iter()
-            .map(|(kind, reads, unit)| serde_json::json!({ "kind": kind, "reads": reads, "unit": unit }))
+            .map(|kind| {
+                serde_json::json!({
+                    "kind": kind.name, "reads": kind.reads, "unit": kind.unit, "keys": kind.keys,
+                    "lumped": kind.lumped.is_some(), "links": kind.links.is_some(),
+                    "angle_errors": kind.has_angle_errors,
+                })
+            })
             .collect();
         let units: Vec<&str> = UNITS.iter().map(|(n, ..)| *n).collect();
         return print_json(&serde_json::json!({ "sensors": list, "units": units }));
     }
     let mut text = String::new();
-    for (kind, reads, unit) in SENSOR_KINDS {
-        text += &format!("[sensors.{kind}.NAME]{:<w$} {reads} ({unit})\n", "", w = 14_usize.saturating_sub(kind.len()));
+    for kind in &SENSORS {
+        let drives = match (kind.lumped.is_some(), kind.links.is_some()) {
+            (true, true) => "",
+            (true, false) => "; lumped drives",
+            (false, true) => "; drives with links",
+            (false, false) => "; no drive",
+        };
+        let w = 14_usize.saturating_sub(kind.name.len());
+        text += &format!("[sensors.{}.NAME]{:<w$} {} ({}{drives})\n", kind.name, "", kind.reads, kind.unit);
+        text += &format!("{:29}keys: {}\n", "", kind.keys);
     }
-    text += "\nkeys: `body`, `span` or `guide` where NAME is not its name, `gain`, `unit` for a unit of its own, `marks` of a pulse pickup\nwith links: `span = [\"A\", \"B\"]` or `link = 12` of a strain gauge, `tip = \"SLIDER\"` of a force; no pulse pickup\nwith links alone: [sensors.pressure.NAME] of a chamber (Pa), [sensors.flow.NAME] through a passage (m^3/s); keys `chamber`, `passage`\n";
+    text += "\nall have `gain`, and `unit` for a unit of their own; keys that name what is read are needed where NAME is not its name\n";
     text += &format!("units of measured columns: {}\n", UNITS.map(|(n, ..)| n).join(", "));
     text += "their errors are effects: `pitchline effects`, part sensor\n";
     print_out(&text)

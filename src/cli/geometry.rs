@@ -7,8 +7,14 @@ use crate::geometry::sprocket::{GapForm, Sprocket, SprocketSpec};
 use crate::units::{DEG, MM};
 use std::path::PathBuf;
 
+#[derive(clap::Args, Debug)]
+pub struct GeometryArgs {
+    #[command(subcommand)]
+    verb: GeometryVerb,
+}
+
 #[derive(clap::Subcommand, Debug)]
-pub enum GeometryVerb {
+enum GeometryVerb {
     /// A sprocket tooth after ISO 606, or for silent chain
     Sprocket(SprocketArgs),
     /// A chain link
@@ -63,8 +69,8 @@ enum Form {
     Max,
 }
 
-pub fn run(verb: &GeometryVerb) -> Result<Outcome, Failure> {
-    match verb {
+pub fn run(args: &GeometryArgs) -> Result<Outcome, Failure> {
+    match &args.verb {
         GeometryVerb::Sprocket(args) => match args.profile {
             ToothProfile::Iso606 => iso_606_sprocket(args),
             ToothProfile::SilentArc => silent_sprocket(args, ToothFace::Arc),

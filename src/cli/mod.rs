@@ -1,10 +1,11 @@
-//! The command line: one file per verb. Results go to stdout, everything else to stderr.
+//! The command line: one file per verb, and its row in [`verbs`]. Results go to stdout, everything else to stderr.
 
 // These modules read untrusted files, so that every index is checked.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
 mod check;
 mod compare;
+mod completions;
 mod diff;
 mod drives;
 mod effects;
@@ -17,6 +18,7 @@ mod identify;
 mod impacts;
 mod live;
 mod lump;
+mod migrate;
 mod pair_stats;
 mod replay;
 mod run;
@@ -27,62 +29,68 @@ mod view;
 mod view_web;
 mod zoom;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{ArgMatches, Args, Command};
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// Headless simulator and visual debugger for chain drives.
-#[derive(Parser, Debug)]
-#[command(name = "pitchline", version, about, arg_required_else_help = true)]
-pub struct Cli {
-    #[command(subcommand)]
-    verb: Verb,
+/// A verb: a row of [`verbs`].
+struct Verb {
+    command: Command,
+    run: Box<dyn Fn(&ArgMatches) -> Result<Outcome, Failure>>,
 }
 
-#[derive(Subcommand, Debug)]
-enum Verb {
-    /// Simulate a drive and record it
-    Run(run::RunArgs),
-    /// Open a recording in the Rerun viewer, or in a web browser
-    View(view::ViewArgs),
-    /// Compare drives by the impacts on their drivers: by default bush, silent and abutment chain
-    Compare(compare::CompareArgs),
-    /// Optimise the free parameters of an abutment chain's drive, and print the margin to every bound
-    Tune(tune::TuneArgs),
-    /// List every impact of a recording, and what stands out among them
-    Impacts(impacts::ImpactsArgs),
-    /// Explain the state of a link: every force on it, and their origin
-    Explain(explain::ExplainArgs),
-    /// Show where two recordings differ, in which body, by how much
-    Diff(diff::DiffArgs),
-    /// Record a part of a recording again, every step of it if wanted
-    Zoom(zoom::ZoomArgs),
-    /// Run a recording's drive again and compare, or repair a file that was cut off
-    Replay(replay::ReplayArgs),
-    /// Draw frames of a recording, as SVG or PNG
-    Snapshot(snapshot::SnapshotArgs),
-    /// List the bundled drives, or print one
-    Drives(drives::DrivesArgs),
-    /// List the effects that a drive may have in addition to its ideal model, or show one in detail
-    Effects(effects::EffectsArgs),
-    /// List the kinds of sensors and the units of measured columns
-    Sensors(effects::SensorsArgs),
-    /// Derive a lumped drive from one with link bodies: the same shafts, spans as springs
-    Lump(lump::LumpArgs),
-    /// Read and assemble a drive, and print derived quantities
-    Check(check::CheckArgs),
-    /// Print the dimensions of a profile, and draw it
-    #[command(subcommand)]
-    Geometry(geometry::GeometryVerb),
-    /// Compare a drive with measured records, and name the effects that it lacks
-    Identify(identify::IdentifyArgs),
-    /// Turn a recording into Parquet or CSV tables
-    Export(export::ExportArgs),
-    /// Print a completion script for a shell
-    Completions {
-        #[arg(value_enum)]
-        shell: clap_complete::Shell,
-    },
+/// A verb with its name, what it does in a line, and its file's arguments and function.
+fn verb<A: Args + 'static>(name: &'static str, about: &'static str, run: fn(&A) -> Result<Outcome, Failure>) -> Verb {
+    let command = A::augment_args(Command::new(name)).about(about);
+    let read = |given: &ArgMatches| A::from_arg_matches(given).map_err(|e| Failure::Input(e.to_string()));
+    Verb { command, run: Box::new(move |given| run(&read(given)?)) }
+}
+
+/// All verbs, in the order of the help.
+fn verbs() -> Vec<Verb> {
+    vec![
+        verb("run", "Simulate a drive and record it", run::run),
+        verb("view", "Open a recording in the Rerun viewer, or in a web browser", view::run),
+        verb(
+            "compare",
+            "Compare drives by the impacts on their drivers: by default bush, silent and abutment chain",
+            compare::run,
+        ),
+        verb(
+            "tune",
+            "Optimise the free parameters of an abutment chain's drive, and print the margin to every bound",
+            tune::run,
+        ),
+        verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
+        verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
+        verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
+        verb("zoom", "Record a part of a recording again, every step of it if wanted", zoom::run),
+        verb("replay", "Run a recording's drive again and compare, or repair a file that was cut off", replay::run),
+        verb("snapshot", "Draw frames of a recording, as SVG or PNG", snapshot::run),
+        verb("drives", "List the bundled drives, or print one", drives::run),
+        verb(
+            "effects",
+            "List the effects that a drive may have in addition to its ideal model, or show one in detail",
+            effects::run,
+        ),
+        verb("sensors", "List the kinds of sensors and the units of measured columns", effects::sensors),
+        verb("lump", "Derive a lumped drive from one with link bodies: the same shafts, spans as springs", lump::run),
+        verb("check", "Read and assemble a drive, and print derived quantities", check::run),
+        verb("geometry", "Print the dimensions of a profile, and draw it", geometry::run),
+        verb("identify", "Compare a drive with measured records, and name the effects that it lacks", identify::run),
+        verb("export", "Turn a recording into Parquet or CSV tables", export::run),
+        verb("completions", "Print a completion script for a shell", completions::run),
+    ]
+}
+
+/// The command line.
+pub fn command() -> Command {
+    Command::new("pitchline")
+        .version(env!("CARGO_PKG_VERSION"))
+        .about("Headless simulator and visual debugger for chain drives")
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .subcommands(verbs().into_iter().map(|verb| verb.command))
 }
 
 /// How a verb ended without failing.
@@ -142,32 +150,11 @@ impl From<anyhow::Error> for Failure {
 }
 
 /// Runs the verb of a command line.
-pub fn run(cli: Cli) -> Result<Outcome, Failure> {
-    match cli.verb {
-        Verb::Run(args) => run::run(&args),
-        Verb::View(args) => view::run(&args),
-        Verb::Compare(args) => compare::run(&args),
-        Verb::Tune(args) => tune::run(&args),
-        Verb::Impacts(args) => impacts::run(&args),
-        Verb::Explain(args) => explain::run(&args),
-        Verb::Diff(args) => diff::run(&args),
-        Verb::Zoom(args) => zoom::run(&args),
-        Verb::Replay(args) => replay::run(&args),
-        Verb::Snapshot(args) => snapshot::run(&args),
-        Verb::Drives(args) => drives::run(&args),
-        Verb::Effects(args) => effects::run(&args),
-        Verb::Sensors(args) => effects::sensors(&args),
-        Verb::Lump(args) => lump::run(&args),
-        Verb::Check(args) => check::run(&args),
-        Verb::Geometry(verb) => geometry::run(&verb),
-        Verb::Identify(args) => identify::run(&args),
-        Verb::Export(args) => export::run(&args),
-        Verb::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "pitchline", &mut script);
-            print_out(&String::from_utf8_lossy(&script))
-        }
-    }
+pub fn run(given: &ArgMatches) -> Result<Outcome, Failure> {
+    let chosen = given.subcommand();
+    let found = chosen.and_then(|(name, own)| Some((verbs().into_iter().find(|v| v.command.get_name() == name)?, own)));
+    let Some((verb, own)) = found else { return Err(Failure::Input("no verb is given".into())) };
+    (verb.run)(own)
 }
 
 /// Parses an argument that must be a finite number.

@@ -457,7 +457,8 @@ fn json(
     scratch: &Scratch,
 ) -> serde_json::Value {
     let e = &summary.energy;
-    let error_fraction = if e.work_in_j.abs() > 0.0 { e.error_j / e.work_in_j } else { 0.0 };
+    let put_in_j = e.put_in_j();
+    let error_fraction = if put_in_j.abs() > 0.0 { e.error_j / put_in_j } else { 0.0 };
     serde_json::json!({
         "drive": drive.name,
         "simulated_s": summary.steps as f64 * header.step_s,
@@ -480,7 +481,7 @@ fn json(
         "state_hash": format!("{:016x}", summary.state_hash),
         "outputs": outputs.iter().map(|o| serde_json::json!({ "path": o.path, "bytes": o.bytes })).collect::<Vec<_>>(),
         "energy": {
-            "work_in_j": e.work_in_j,
+            "work_in_j": put_in_j,
             "work_out_j": e.work_out_j,
             "dissipated_j": e.lost_j(),
             "stored_change_j": summary.stored_last_j - summary.stored_first_j,
@@ -551,11 +552,11 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
     lines.extend(header.assembly.iter().map(|l| format!("  {}", l.replacen(" = ", ": ", 1))));
     lines.push(format!(
         "  energy: {:.3} J in, {:.3} J out, {:.3} J lost, {:+.3} J stored; error {:+.2e} of the work put in",
-        e.work_in_j,
+        e.put_in_j(),
         e.work_out_j,
         e.lost_j(),
         summary.stored_last_j - summary.stored_first_j,
-        if e.work_in_j == 0.0 { 0.0 } else { e.error_j / e.work_in_j }
+        if e.put_in_j() == 0.0 { 0.0 } else { e.error_j / e.put_in_j() }
     ));
     lines.push(format!("  state hash: {:016x}", summary.state_hash));
     for output in outputs {

@@ -31,7 +31,11 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
     merged.drive_text = String::new();
     let rotors: usize = runs.iter().map(|h| h.bodies.iter().filter(|b| b.rotor).count()).sum();
     let (mut next_rotor, mut next_other) = (0, rotors);
-    merged.coordinates.clear();
+    for rows in
+        [&mut merged.coordinates, &mut merged.sliders, &mut merged.touches, &mut merged.chambers, &mut merged.passages]
+    {
+        rows.clear();
+    }
     let mut bodies = vec![None; runs.iter().map(|h| h.bodies.len()).sum()];
     let mut parts = Vec::new();
     let mut bottom_m: Option<f64> = None;
@@ -57,8 +61,16 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             outline.name = format!("{short} {}", o.name);
             outline
         }));
-        let first = merged.coordinates.len() as u32;
-        merged.coordinates.extend(header.coordinates.iter().map(|path| format!("{short}.{path}")));
+        let (first, first_slider) = (merged.coordinates.len() as u32, merged.sliders.len() as u32);
+        for (rows, own) in [
+            (&mut merged.coordinates, &header.coordinates),
+            (&mut merged.sliders, &header.sliders),
+            (&mut merged.touches, &header.touches),
+            (&mut merged.chambers, &header.chambers),
+            (&mut merged.passages, &header.passages),
+        ] {
+            rows.extend(own.iter().map(|path| format!("{short}.{path}")));
+        }
         let mut numbers = Vec::new();
         for body in &header.bodies {
             let next = if body.rotor { &mut next_rotor } else { &mut next_other };
@@ -66,6 +78,8 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             placed.path = format!("{short}.{}", body.path);
             placed.y_m -= down_m;
             placed.coordinate = body.coordinate.map(|q| first + q);
+            placed.slider = body.slider.map(|q| first_slider + q);
+            placed.shifts.iter_mut().for_each(|shift| shift.slider += first_slider);
             bodies[*next] = Some(placed);
             numbers.push(*next as u32);
             *next += 1;

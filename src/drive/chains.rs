@@ -1,6 +1,8 @@
 //! A drive of several chains: what belongs to each, which drives which, and what turns.
 
+use super::mechanism::PassageLaw;
 use super::{ChainSpec, Drive, OuterSpec, PreloadSpec};
+use crate::recording::columns::Rows;
 
 impl Drive {
     /// Number of chains.
@@ -172,6 +174,53 @@ impl Drive {
             paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
         }
         paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
+        paths
+    }
+
+    /// Paths of what slides or touches, and of oil, in the order of the tables of frames that have a row for each; none for other tables.
+    pub fn row_paths(&self, rows: Rows) -> Vec<String> {
+        let passages = || self.oil.iter().flat_map(|oil| &oil.passages);
+        let balls = || passages().filter(|p| matches!(p.law, PassageLaw::Check(_)));
+        let mut paths = Vec::new();
+        match rows {
+            Rows::Link | Rows::Joint | Rows::Contact | Rows::Rotor => {}
+            Rows::Slider => {
+                for chain in 0..self.chains() {
+                    paths.extend(self.single_chain(chain).sliders.iter().map(|s| format!("sliders.{}", s.name)));
+                }
+                paths.extend(balls().map(|p| p.path.clone()));
+            }
+            Rows::Touch => {
+                for chain in 0..self.chains() {
+                    paths.extend(self.single_chain(chain).touch_paths());
+                }
+                paths.extend(balls().flat_map(|p| ["seat", "stop"].map(|end| format!("{}.{end}", p.path))));
+            }
+            Rows::Chamber => {
+                let oil = self.oil.iter();
+                paths.extend(oil.clone().flat_map(|o| &o.chambers).map(|c| format!("chambers.{}", c.name)));
+                paths.extend(oil.flat_map(|o| &o.reservoirs).map(|(name, _)| format!("reservoirs.{name}")));
+            }
+            Rows::Passage => paths.extend(passages().map(|p| p.path.clone())),
+        }
+        paths
+    }
+
+    /// Stops of arms, then tips and stops of sliders, of a drive with one chain.
+    fn touch_paths(&self) -> Vec<String> {
+        let given = |path: String, key: &str, limit: Option<f64>| limit.map(|_| format!("{path}.{key}"));
+        let mut paths = Vec::new();
+        for arm in self.arms.iter().filter(|_| self.stop_contact.is_some()) {
+            let path = || format!("arms.{}", arm.name);
+            paths.extend(given(path(), "low_deg", arm.low_rad));
+            paths.extend(given(path(), "high_deg", arm.high_rad));
+        }
+        for slider in self.sliders.iter().filter(|_| self.tip_contact.is_some()) {
+            let path = || format!("sliders.{}", slider.name);
+            paths.push(format!("{}.tip", path()));
+            paths.extend(given(path(), "low_mm", slider.low_m));
+            paths.extend(given(path(), "high_mm", slider.high_m));
+        }
         paths
     }
 

@@ -81,7 +81,14 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
     let turning = shafts::turning_names(&sprockets, &shafts, &arms);
-    let sensors = sensors::sensors(root, (&spans, &turning), driver.as_deref(), &guide_names, &parts);
+    let targets = sensors::SensorTargets {
+        spans: &spans,
+        turning: &turning,
+        driver: driver.as_deref(),
+        guides: &guide_names,
+        parts: &parts,
+    };
+    let sensors = sensors::sensors(root, targets);
     let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();

@@ -199,8 +199,10 @@ impl<'a> TomlTable<'a> {
         &self.path
     }
 
+    /// Whether the file or an override has it.
     pub fn is_present(&self) -> bool {
-        self.table.is_some()
+        let holds = |path: &str| path.strip_prefix(self.path.as_str()).is_some_and(|rest| rest.starts_with('.'));
+        self.table.is_some() || self.reader.overrides.iter().any(|o| holds(&o.path))
     }
 
     fn join(&self, key: &str) -> String {

@@ -11,12 +11,208 @@ pub struct SensorSpec {
     pub name: String,
     /// Path in the file: `sensors.KIND.NAME`.
     pub path: String,
+    /// Its row of the catalogue.
+    pub kind: &'static SensorKind,
     /// The quantity that it reads.
     pub reads: SensorReads,
     /// Value shown per SI unit.
     pub gain: f64,
     /// Its own unit, where it has one; else SI.
     pub unit: Option<String>,
+}
+
+/// A kind of sensor: all that files, lists and readers know of it.
+#[derive(Clone, Copy, Debug)]
+pub struct SensorKind {
+    /// As in `[sensors.KIND.NAME]`.
+    pub name: &'static str,
+    /// What it reads, in words.
+    pub reads: &'static str,
+    /// SI unit; of some kinds it depends on what is read.
+    pub unit: &'static str,
+    /// Keys that say what it reads where NAME does not, and others of its own; `gain` and `unit` have all.
+    pub keys: &'static str,
+    /// What it reads of a lumped drive; None: lumped drives have none.
+    pub lumped: Option<LumpedReads>,
+    /// What its table of a drive with links says that it reads; None: drives with links have none.
+    pub links: Option<fn(&SensorTable<'_, '_>) -> SensorReads>,
+    /// Whether errors of sensors of angles are put on it, besides those of all sensors.
+    pub has_angle_errors: bool,
+}
+
+/// Rows of the catalogue are told apart by their names.
+impl PartialEq for SensorKind {
+    fn eq(&self, other: &SensorKind) -> bool {
+        self.name == other.name
+    }
+}
+
+/// What a sensor reads of a lumped drive, in the order in which they are read from the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LumpedReads {
+    /// Angle of a rotor.
+    Angle,
+    /// Position of a slider.
+    Position,
+    /// Speed of a rotor or slider.
+    Speed,
+    /// Time between marks.
+    Pulses,
+    /// Acceleration of a rotor or slider.
+    Acceleration,
+    /// Force of a spring.
+    Tension,
+    /// What must turn a body with prescribed motion.
+    Torque,
+    /// What must push a body with prescribed motion.
+    Force,
+}
+
+/// All kinds. A drive with links reads them in this order.
+pub static SENSORS: [SensorKind; 10] = [
+    SensorKind {
+        name: "encoder",
+        reads: "angle of a rotor",
+        unit: "rad",
+        keys: "body",
+        lumped: Some(LumpedReads::Angle),
+        links: Some(|s| SensorReads::Angle(s.turning())),
+        has_angle_errors: true,
+    },
+    SensorKind {
+        name: "tachometer",
+        reads: "speed of a rotor; lumped: or of a slider",
+        unit: "rad/s or m/s",
+        keys: "body",
+        lumped: Some(LumpedReads::Speed),
+        links: Some(|s| SensorReads::Speed(s.turning())),
+        has_angle_errors: true,
+    },
+    SensorKind {
+        name: "pulse_pickup",
+        reads: "time between the marks of a rotor",
+        unit: "s",
+        keys: "body, marks",
+        lumped: Some(LumpedReads::Pulses),
+        links: None,
+        has_angle_errors: true,
+    },
+    SensorKind {
+        name: "accelerometer",
+        reads: "acceleration of a rotor; lumped: or of a slider",
+        unit: "rad/s^2 or m/s^2",
+        keys: "body",
+        lumped: Some(LumpedReads::Acceleration),
+        links: Some(|s| SensorReads::Acceleration(s.turning())),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "torque",
+        reads: "what must turn a body with prescribed motion from outside",
+        unit: "N m or N",
+        keys: "body",
+        lumped: Some(LumpedReads::Torque),
+        links: Some(|s| s.torque()),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "strain_gauge",
+        reads: "force of a span, coupling or ground; links: of a span, or of a link that goes round",
+        unit: "N or N m",
+        keys: "span; links: span = [\"A\", \"B\"] or link = 12",
+        lumped: Some(LumpedReads::Tension),
+        links: Some(|s| tension(s.table, s.targets.spans)),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "force",
+        reads: "what must push a slider with prescribed motion; links: of a guide, or of a slider's tip",
+        unit: "N",
+        keys: "body; links: guide, or tip = \"SLIDER\"",
+        lumped: Some(LumpedReads::Force),
+        links: Some(|s| s.force()),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "displacement",
+        reads: "position of a slider",
+        unit: "m",
+        keys: "body",
+        lumped: Some(LumpedReads::Position),
+        links: Some(|s| SensorReads::Slider(s.named("slider", "body", &s.targets.parts.sliders))),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "pressure",
+        reads: "gauge pressure in a chamber",
+        unit: "Pa",
+        keys: "chamber",
+        lumped: None,
+        links: Some(|s| SensorReads::Pressure(s.named("chamber", "chamber", &s.targets.parts.chambers))),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "flow",
+        reads: "flow through a passage, from its first end to its second",
+        unit: "m^3/s",
+        keys: "passage",
+        lumped: None,
+        links: Some(|s| SensorReads::Flow(s.named("passage", "passage", &s.targets.parts.passages))),
+        has_angle_errors: false,
+    },
+];
+
+/// What sensors of a drive with links can be on.
+#[derive(Clone, Copy)]
+pub struct SensorTargets<'a> {
+    /// Sprockets of every chain, in the order of its route.
+    pub(super) spans: &'a [Vec<String>],
+    /// Sprockets, then what else turns.
+    pub(super) turning: &'a [String],
+    /// The sprocket with the prescribed speed.
+    pub(super) driver: Option<&'a str>,
+    pub(super) guides: &'a [&'a str],
+    pub(super) parts: &'a MechanismNames<'a>,
+}
+
+/// The table of a sensor in a drive file.
+pub struct SensorTable<'t, 'a> {
+    table: &'t TomlTable<'t>,
+    name: &'t str,
+    targets: SensorTargets<'a>,
+}
+
+impl SensorTable<'_, '_> {
+    /// Index of what a key names, or else the sensor's own name.
+    fn named(&self, what: &str, key: &str, known: &[&str]) -> usize {
+        let on = self.table.text(key).unwrap_or_else(|| self.name.to_string());
+        index(self.table, what, &on, known)
+    }
+
+    /// What turns that it is on.
+    fn turning(&self) -> usize {
+        let known: Vec<&str> = self.targets.turning.iter().map(String::as_str).collect();
+        self.named("sprocket, shaft or arm", "body", &known)
+    }
+
+    fn torque(&self) -> SensorReads {
+        let k = self.turning();
+        let on = self.targets.turning.get(k).map(String::as_str);
+        if self.targets.driver != on {
+            self.table.error(
+                format!("`{}` moves freely: nothing holds it from outside", on.unwrap_or(self.name)),
+                Some("a torque sensor sits on the sprocket with the prescribed speed".into()),
+            );
+        }
+        SensorReads::Torque(k)
+    }
+
+    fn force(&self) -> SensorReads {
+        if self.table.has("tip") {
+            return SensorReads::Tip(self.named("slider", "tip", &self.targets.parts.sliders));
+        }
+        SensorReads::Guide(self.named("guide", "guide", self.targets.guides))
+    }
 }
 
 /// What it reads; sprockets and guides by index.
@@ -81,93 +277,28 @@ pub fn is_signal(effect: &Effect) -> bool {
         && matches!(effect.on, On::Sensor | On::AngleSensor)
 }
 
-/// Kinds that lumped drives alone have.
-const LUMPED_ONLY: [&str; 1] = ["pulse_pickup"];
-
 /// Names of sliders, chambers and passages.
-pub(super) struct MechanismNames<'a> {
+pub struct MechanismNames<'a> {
     pub(super) sliders: Vec<&'a str>,
     pub(super) chambers: Vec<&'a str>,
     pub(super) passages: Vec<&'a str>,
 }
 
-/// What reads a slider, a chamber or a passage.
-fn of_mechanism(t: &TomlTable<'_>, kind: &str, name: &str, parts: &MechanismNames<'_>) -> SensorReads {
-    let on = |key: &str| t.text(key).unwrap_or_else(|| name.to_string());
-    match kind {
-        "displacement" => SensorReads::Slider(index(t, "slider", &on("body"), &parts.sliders)),
-        "pressure" => SensorReads::Pressure(index(t, "chamber", &on("chamber"), &parts.chambers)),
-        _ => SensorReads::Flow(index(t, "passage", &on("passage"), &parts.passages)),
-    }
-}
-
-/// What reads the force on a guide, or of the tip of a slider.
-fn force(t: &TomlTable<'_>, name: &str, guides: &[&str], parts: &MechanismNames<'_>) -> SensorReads {
-    if t.has("tip") {
-        let on = t.text("tip").unwrap_or_default();
-        return SensorReads::Tip(index(t, "slider", &on, &parts.sliders));
-    }
-    let on = t.text("guide").unwrap_or_else(|| name.to_string());
-    SensorReads::Guide(index(t, "guide", &on, guides))
-}
-
-/// What reads the turning of a sprocket, a shaft or an arm, or the torque of the driver.
-fn of_turning((t, kind, name): (&TomlTable<'_>, &str, &str), turning: &[String], driver: Option<&str>) -> SensorReads {
-    let on = t.text("body").unwrap_or_else(|| name.to_string());
-    let known: Vec<&str> = turning.iter().map(String::as_str).collect();
-    let k = index(t, "sprocket, shaft or arm", &on, &known);
-    if kind == "torque" && driver != Some(on.as_str()) {
-        t.error(
-            format!("`{on}` moves freely: nothing holds it from outside"),
-            Some("a torque sensor sits on the sprocket with the prescribed speed".into()),
-        );
-    }
-    match kind {
-        "encoder" => SensorReads::Angle(k),
-        "tachometer" => SensorReads::Speed(k),
-        "accelerometer" => SensorReads::Acceleration(k),
-        _ => SensorReads::Torque(k),
-    }
-}
-
-/// Reads `[sensors.KIND.NAME]`. `chains`: the sprockets of each; `turning`: sprockets, then what else turns.
-pub(super) fn sensors(
-    root: &TomlTable<'_>,
-    (chains, turning): (&[Vec<String>], &[String]),
-    driver: Option<&str>,
-    guides: &[&str],
-    parts: &MechanismNames<'_>,
-) -> Vec<SensorSpec> {
+/// Reads `[sensors.KIND.NAME]`.
+pub(super) fn sensors(root: &TomlTable<'_>, targets: SensorTargets<'_>) -> Vec<SensorSpec> {
     let table = root.table("sensors");
     let mut all: Vec<SensorSpec> = Vec::new();
-    for kind in LUMPED_ONLY {
-        let of_kind = table.table(kind);
-        for (_, t) in of_kind.tables() {
-            t.error(
-                format!("a drive with links has no sensor of the kind `{kind}`"),
-                Some("`pitchline sensors` lists the kinds".into()),
-            );
-        }
-    }
-    for kind in [
-        "encoder",
-        "tachometer",
-        "accelerometer",
-        "torque",
-        "strain_gauge",
-        "force",
-        "displacement",
-        "pressure",
-        "flow",
-    ] {
-        let of_kind = table.table(kind);
+    for kind in &SENSORS {
+        let of_kind = table.table(kind.name);
         for (name, t) in of_kind.tables() {
-            let reads = match kind {
-                "strain_gauge" => tension(&t, chains),
-                "displacement" | "pressure" | "flow" => of_mechanism(&t, kind, &name, parts),
-                "force" => force(&t, &name, guides, parts),
-                _ => of_turning((&t, kind, &name), turning, driver),
+            let Some(links) = kind.links else {
+                t.error(
+                    format!("a drive with links has no sensor of the kind `{}`", kind.name),
+                    Some("`pitchline sensors` lists the kinds".into()),
+                );
+                continue;
             };
+            let reads = links(&SensorTable { table: &t, name: &name, targets });
             if all.iter().any(|s| s.name == name) {
                 t.error(
                     format!("two sensors are called `{name}`"),
@@ -175,10 +306,12 @@ pub(super) fn sensors(
                 );
             }
             let gain = t.number("gain", 1.0, -1e12..=1e12).unwrap_or(1.0);
-            all.push(SensorSpec { path: t.path().to_string(), name, reads, gain, unit: t.text("unit") });
+            all.push(SensorSpec { path: t.path().to_string(), name, kind, reads, gain, unit: t.text("unit") });
             t.finish();
         }
-        of_kind.finish();
+        if kind.links.is_some() {
+            of_kind.finish();
+        }
     }
     table.finish();
     all
@@ -226,8 +359,7 @@ pub(super) fn signals(t: &TomlTable<'_>, sensors: &[SensorSpec]) -> Vec<SignalSp
         for (name, own) in of_kind.tables_or_set() {
             let values = parameters(&own, effect, false);
             let fits = |s: &SensorSpec| {
-                let turns = matches!(s.reads, SensorReads::Angle(_) | SensorReads::Speed(_));
-                s.name == name.trim_end_matches('+') && (turns || effect.on == On::Sensor)
+                s.name == name.trim_end_matches('+') && (s.kind.has_angle_errors || effect.on == On::Sensor)
             };
             match sensors.iter().position(fits) {
                 Some(sensor) => all.push(SignalSpec { effect, path: own.path().to_string(), sensor, values }),

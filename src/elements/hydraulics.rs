@@ -100,15 +100,16 @@ impl Network {
     }
 
     /// Pressure of an end [Pa].
-    fn pressure(&self, end: PassageEnd, chambers_pa: &[f64]) -> f64 {
+    pub fn pressure_pa(&self, end: PassageEnd, chambers_pa: &[f64]) -> f64 {
         match end {
             PassageEnd::Chamber(i) => chambers_pa[i],
             PassageEnd::Reservoir(i) => self.reservoirs[i].pressure_pa,
         }
     }
 
-    fn drop_pa(&self, passage: &Passage, chambers_pa: &[f64]) -> f64 {
-        self.pressure(passage.ends[0], chambers_pa) - self.pressure(passage.ends[1], chambers_pa)
+    /// Pressure at the first end of a passage less that at its second [Pa].
+    pub fn drop_pa(&self, passage: &Passage, chambers_pa: &[f64]) -> f64 {
+        self.pressure_pa(passage.ends[0], chambers_pa) - self.pressure_pa(passage.ends[1], chambers_pa)
     }
 
     /// Adds the forces of the oil on coordinates at a node [N].
@@ -123,6 +124,22 @@ impl Network {
                 forces[k] += wall_m2 * self.drop_pa(p, &state.pressure_pa);
             }
         }
+    }
+
+    /// Force of the oil on one coordinate at a node [N].
+    pub fn force_on(&self, coordinate: usize, q: &[f64], state: &OilState) -> f64 {
+        let mut sum = 0.0;
+        for (c, pressure_pa) in self.chambers.iter().zip(&state.pressure_pa) {
+            for (_, area) in c.pistons.iter().filter(|(k, _)| *k == coordinate) {
+                sum += area * pressure_pa;
+            }
+        }
+        for p in &self.passages {
+            if let Some((_, wall_m2)) = p.law.wall(q).filter(|(k, _)| *k == coordinate) {
+                sum += wall_m2 * self.drop_pa(p, &state.pressure_pa);
+            }
+        }
+        sum
     }
 
     /// Force of the oil on a coordinate with all chambers at their start pressures [N].
@@ -144,6 +161,22 @@ impl Network {
         let p = &self.passages[passage];
         let dragged = p.law.wall(q).map_or(0.0, |(k, wall_m2)| wall_m2 * speed(k));
         p.law.flow(&self.oil, q, self.drop_pa(p, &state.pressure_pa)).rate_m3_s + dragged
+    }
+
+    /// All volumes of oil: chambers, then reservoirs.
+    pub fn ends(&self) -> impl Iterator<Item = PassageEnd> {
+        let chambers = (0..self.chambers.len()).map(PassageEnd::Chamber);
+        chambers.chain((0..self.reservoirs.len()).map(PassageEnd::Reservoir))
+    }
+
+    /// Sum of the flows into a volume, of those through all passages [m3/s].
+    pub fn inflow_m3_s(&self, into: PassageEnd, flow: impl Fn(usize) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (e, p) in self.passages.iter().enumerate().filter(|(_, p)| p.ends.contains(&into)) {
+            let out = f64::from(u8::from(p.ends[0] == into));
+            sum += (f64::from(u8::from(p.ends[1] == into)) - out) * flow(e);
+        }
+        sum
     }
 
     /// Energy in the oil of all chambers [J].
@@ -244,8 +277,8 @@ impl Network {
             let mean = |of: &dyn Fn(&[f64], PassageEnd) -> f64, end: PassageEnd| {
                 0.5 * (of(&before, end) + of(&state.pressure_pa, end))
             };
-            let pressure = |pa: &[f64], end: PassageEnd| self.pressure(end, pa);
-            let enthalpy = |pa: &[f64], end: PassageEnd| self.oil.enthalpy(self.pressure(end, pa));
+            let pressure = |pa: &[f64], end: PassageEnd| self.pressure_pa(end, pa);
+            let enthalpy = |pa: &[f64], end: PassageEnd| self.oil.enthalpy(self.pressure_pa(end, pa));
             let [a, b] = p.ends;
             let by_wall = p.law.wall(q).map_or(0.0, |(k, wall_m2)| {
                 step_s * wall_m2 * way.speed[k] * (mean(&pressure, a) - mean(&pressure, b))

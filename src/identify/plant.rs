@@ -132,19 +132,7 @@ impl Plant {
         let turning: Vec<Option<f64>> = drive
             .sensors
             .iter()
-            .map(|s| match s.reads {
-                SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
-                SensorReads::Speed(_)
-                | SensorReads::Acceleration(_)
-                | SensorReads::Torque(_)
-                | SensorReads::Span(_)
-                | SensorReads::Link(_)
-                | SensorReads::Guide(_)
-                | SensorReads::Slider(_)
-                | SensorReads::Tip(_)
-                | SensorReads::Pressure(_)
-                | SensorReads::Flow(_) => None,
-            })
+            .map(|s| if let SensorReads::Angle(k) = s.reads { Some(tracer.nominal_speed(k)) } else { None })
             .collect();
         // The number of bins is an integer for every two pitches, because waves are also folded on these.
         let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;

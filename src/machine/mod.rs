@@ -17,7 +17,6 @@ mod read;
 pub mod simulate;
 
 pub use links::gcd;
-pub use read::SENSOR_KINDS;
 
 use crate::diag::Report;
 use crate::drive::reader::{DriveReader, Places};
@@ -159,18 +158,8 @@ pub enum Reads {
     Span(usize),
     Link(usize),
     Guide(usize),
-    /// With link bodies: of a slider, a chamber or a passage.
-    Part(PartQuantity),
-}
-
-#[doc(hidden)]
-/// What a sensor reads of a slider [m, N], of a chamber [Pa] or of a passage [m3/s].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PartQuantity {
-    Displacement,
-    Force,
-    Pressure,
-    Flow,
+    /// With link bodies: what has no place in a lumped drive, with its SI unit.
+    Part(&'static str),
 }
 
 #[doc(hidden)]

@@ -2,6 +2,7 @@
 
 use super::{Body, BodyMotion, ChainLoop, End, Input, InputKind, Machine, Reads, Sensor, Slot, Spring, Target};
 use crate::drive::reader::TomlTable;
+use crate::drive::sensors::{LumpedReads, SENSORS};
 use crate::effects::{EFFECTS, Effect, LOADS, On};
 use crate::units::{MM, RPM};
 
@@ -187,49 +188,24 @@ fn chain(root: &TomlTable<'_>, m: &mut Machine) {
     t.finish();
 }
 
-/// Kinds of sensors: key, quantity, SI unit.
-pub const SENSOR_KINDS: [(&str, &str, &str); 8] = [
-    ("encoder", "angle of a rotor", "rad"),
-    ("displacement", "position of a slider", "m"),
-    ("tachometer", "speed of a rotor or slider", "rad/s or m/s"),
-    ("pulse_pickup", "time between the marks of a rotor", "s"),
-    ("accelerometer", "acceleration of a rotor or slider", "rad/s^2 or m/s^2"),
-    ("strain_gauge", "force of a span, coupling or ground; links: of a span, or of a link that goes round", "N or N m"),
-    ("torque", "what must turn a body with prescribed motion from outside", "N m or N"),
-    ("force", "the same for a slider; links: of a guide", "N"),
-];
-
 fn sensors(root: &TomlTable<'_>, m: &mut Machine) {
     let table = root.table("sensors");
-    for (kind, ..) in SENSOR_KINDS {
-        let of_kind = table.table(kind);
+    let mut kinds: Vec<_> = SENSORS.iter().filter_map(|kind| Some((kind.lumped?, kind))).collect();
+    kinds.sort_by_key(|(reads, _)| *reads);
+    for (of, kind) in kinds {
+        let of_kind = table.table(kind.name);
         for (name, t) in of_kind.tables() {
-            let key = if kind == "strain_gauge" { "span" } else { "body" };
-            let on = t.text(key).unwrap_or_else(|| name.clone());
-            let reads = if kind == "strain_gauge" {
-                Reads::Tension(m.springs.iter().position(|s| s.name == on).unwrap_or_else(|| {
-                    let names: Vec<_> = m.springs.iter().map(|s| s.name.clone()).collect();
-                    let help = format!("spans, couplings and grounds: {}", names.join(", "));
-                    t.error(format!("no span is called `{on}`"), Some(help));
-                    0
-                }))
-            } else {
-                let body = body_named(m, &t, &on);
-                match kind {
-                    "tachometer" => Reads::Speed(body),
-                    "accelerometer" => Reads::Acceleration(body),
-                    "pulse_pickup" => Reads::Pulses { body, marks: t.required_integer("marks", 1..=100_000) as usize },
-                    "torque" | "force" => {
-                        if m.bodies.get(body).is_some_and(|b| b.motion == BodyMotion::Free) {
-                            t.error(
-                                format!("`{on}` moves freely: no external torque or force drives it"),
-                                Some("prescribe its motion with `[inputs.speed.NAME]` or `[speeds.constant.NAME]`, or measure the torque of a coupling with `[sensors.strain_gauge.NAME]`".into()),
-                            );
-                        }
-                        Reads::Reaction(body)
-                    }
-                    _ => Reads::Angle(body),
+            let on = |key: &str| t.text(key).unwrap_or_else(|| name.clone());
+            let body = || body_named(m, &t, &on("body"));
+            let reads = match of {
+                LumpedReads::Angle | LumpedReads::Position => Reads::Angle(body()),
+                LumpedReads::Speed => Reads::Speed(body()),
+                LumpedReads::Acceleration => Reads::Acceleration(body()),
+                LumpedReads::Pulses => {
+                    Reads::Pulses { body: body(), marks: t.required_integer("marks", 1..=100_000) as usize }
                 }
+                LumpedReads::Tension => Reads::Tension(spring_named(m, &t, &on("span"))),
+                LumpedReads::Torque | LumpedReads::Force => Reads::Reaction(prescribed(m, &t, &on("body"))),
             };
             if m.sensors.iter().any(|s| s.name == name) {
                 let help = "give one of them another name, and `body` or `span` what it reads: effects refer to names";
@@ -243,6 +219,27 @@ fn sensors(root: &TomlTable<'_>, m: &mut Machine) {
         of_kind.finish();
     }
     table.finish();
+}
+
+fn spring_named(m: &Machine, t: &TomlTable<'_>, name: &str) -> usize {
+    m.springs.iter().position(|s| s.name == name).unwrap_or_else(|| {
+        let names: Vec<_> = m.springs.iter().map(|s| s.name.clone()).collect();
+        let help = format!("spans, couplings and grounds: {}", names.join(", "));
+        t.error(format!("no span is called `{name}`"), Some(help));
+        0
+    })
+}
+
+/// A body whose motion is prescribed, so that something outside drives it.
+fn prescribed(m: &Machine, t: &TomlTable<'_>, name: &str) -> usize {
+    let body = body_named(m, t, name);
+    if m.bodies.get(body).is_some_and(|b| b.motion == BodyMotion::Free) {
+        t.error(
+            format!("`{name}` moves freely: no external torque or force drives it"),
+            Some("prescribe its motion with `[inputs.speed.NAME]` or `[speeds.constant.NAME]`, or measure the torque of a coupling with `[sensors.strain_gauge.NAME]`".into()),
+        );
+    }
+    body
 }
 
 fn loads(root: &TomlTable<'_>, m: &mut Machine) {

@@ -1,6 +1,6 @@
 //! Units of measured columns.
 
-use crate::machine::{Machine, PartQuantity, Reads};
+use crate::machine::{Machine, Reads};
 use crate::units::{DEG, RPM};
 use std::f64::consts::PI;
 
@@ -116,10 +116,10 @@ pub fn shows(m: &Machine, sensor: usize) -> (MeasuredQuantity, &'static str) {
             }
         },
         Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (MeasuredQuantity::Force, "N"),
-        Reads::Part(PartQuantity::Displacement) => (MeasuredQuantity::Length, "m"),
-        Reads::Part(PartQuantity::Force) => (MeasuredQuantity::Force, "N"),
-        Reads::Part(PartQuantity::Pressure) => (MeasuredQuantity::Pressure, "Pa"),
-        Reads::Part(PartQuantity::Flow) => (MeasuredQuantity::Flow, "m^3/s"),
+        Reads::Part(unit) => {
+            let known = UNITS.iter().find(|(name, ..)| *name == unit);
+            (known.map_or(MeasuredQuantity::Force, |(_, quantity, _)| *quantity), unit)
+        }
         Reads::Reaction(b) if slides(b) => (MeasuredQuantity::Force, "N"),
         Reads::Reaction(_) => (MeasuredQuantity::Torque, "N m"),
     }

@@ -93,6 +93,14 @@ impl Model {
         }
     }
 
+    /// Whether a film acts on a coordinate.
+    pub fn is_on_film(&self, coordinate: usize) -> bool {
+        let acts = |b: &BearingModel| {
+            b.film.as_ref().is_some_and(|(_, turn)| *turn == coordinate || b.ways.contains(&coordinate))
+        };
+        self.bearings.iter().any(acts)
+    }
+
     /// Whether a bearing has a film.
     pub fn has_films(&self) -> bool {
         self.bearings.iter().any(|b| b.film.is_some())

@@ -102,10 +102,12 @@ impl Model {
 
     /// Whether something on coordinates loses energy.
     pub fn has_losses(&self) -> bool {
-        self.coordinates.iter().any(|c| c.spring.damping > 0.0)
-            || self.loads.iter().any(|l| l.is_dissipative)
-            || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
-            || self.has_films()
+        self.coordinates.iter().any(|c| c.spring.damping > 0.0) || self.has_shaft_losses() || self.has_films()
+    }
+
+    /// Whether loads or couplings lose energy.
+    pub fn has_shaft_losses(&self) -> bool {
+        self.loads.iter().any(|l| l.is_dissipative) || self.couplings.iter().any(|c| c.damping_nm_s_per_rad > 0.0)
     }
 
     /// Mean of the loads by laws on a coordinate at its nominal speed [N m, N].

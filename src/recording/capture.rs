@@ -5,13 +5,16 @@
 //! found again, by the exact detection of [`crate::contact`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
 //! the node as well: sums up to the step before, plus half of this step's.
 
+mod mechanism;
+
 use super::frame::{
-    BodyInfo, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links, Outline,
-    OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
+    BodyInfo, BodyKind, BodyShift, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links,
+    Outline, OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
 use crate::contact;
 use crate::drive::Drive;
+use crate::elements::body_frame::{BodyFrame, Shift};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::EndShape;
 use crate::elements::rail_contact::law_radius_m;
@@ -147,6 +150,9 @@ impl Camera {
         let node = Node { model, state, scratch, only: None };
         self.rows.find(&node);
         fill_rotors(&node, &mut frame.rotors);
+        mechanism::fill_sliders(model, state, scratch, &mut frame.sliders);
+        mechanism::fill_touches(model, state, scratch, &mut frame.touches);
+        mechanism::fill_oil(model, state, scratch, (&mut frame.chambers, &mut frame.passages));
         let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
         fill_contacts(chain, &self.rows, &mut frame.contacts);
@@ -478,9 +484,9 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     shafts::add_energies(model, state, scratch, &mut e);
     let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
     if let Some(oil) = &model.oil {
-        e.elastic_spring_j += oil.stored_j(&state.oil);
-        e.lost_spring_damping_j += state.oil.lost_j.iter().sum::<f64>();
-        e.work_in_j += state.oil.work_j.iter().sum::<f64>();
+        e.elastic_oil_j = oil.stored_j(&state.oil);
+        e.lost_oil_j = state.oil.lost_j.iter().sum();
+        e.work_oil_j = state.oil.work_j.iter().sum();
     }
     e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
     (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
@@ -513,7 +519,7 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
 fn since(now: &Energy, origin: &Energy) -> Energy {
     let mut e = *now;
     e.each_with(origin, |account, now, before| if account.kind.is_stored() { now } else { now - before });
-    e.error_j = e.work_in_j - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
+    e.error_j = e.put_in_j() - e.work_out_j - e.lost_j() - (e.stored_j() - origin.stored_j());
     e
 }
 
@@ -530,47 +536,7 @@ pub fn header_of(
     assembly: Vec<String>,
     steps_per_frame: u64,
 ) -> Header {
-    let mut bodies: Vec<BodyInfo> = model
-        .sprockets
-        .iter()
-        .enumerate()
-        .map(|(k, s)| BodyInfo {
-            path: format!("sprockets.{}", s.name),
-            rotor: true,
-            coordinate: Some(s.coordinate as u32),
-            x_m: s.frame.origin.x,
-            y_m: s.frame.origin.y,
-            angle_rad: 0.0,
-            teeth: s.geometry.teeth(),
-            outline: s.geometry.profile().map(|p| outline(&s.name, &p, &sprocket_circles(model, k))),
-        })
-        .collect();
-    bodies.extend(model.guides.iter().map(|g| BodyInfo {
-        path: format!("guides.fixed.{}", g.name),
-        rotor: false,
-        coordinate: None,
-        x_m: g.geometry.origin.x,
-        y_m: g.geometry.origin.y,
-        angle_rad: g.geometry.angle_rad(),
-        teeth: 0,
-        outline: g.geometry.profile().ok().map(|p| outline(&g.name, &p, &[])),
-    }));
-    bodies.extend(model.rails.iter().map(|r| BodyInfo {
-        path: format!("guides.rail.{}", r.name),
-        rotor: false,
-        coordinate: r.frame.turn.map(|q| q as u32),
-        x_m: r.frame.origin.x,
-        y_m: r.frame.origin.y,
-        angle_rad: 0.0,
-        teeth: 0,
-        // The pivot of its arm.
-        outline: Some(outline(
-            &r.name,
-            &r.rail.profile,
-            &r.frame.turn.map(|_| (Vec2::zeros(), PIVOT_RADIUS_M)).into_iter().collect::<Vec<_>>(),
-        )),
-    }));
-    Header {
+    let mut header = Header {
         format_version: FORMAT_VERSION,
         program: concat!("pitchline ", env!("CARGO_PKG_VERSION")).to_string(),
         drive_name: drive.name.clone(),
@@ -600,7 +566,7 @@ pub fn header_of(
                 outline(&format!("{own}{}", r.name), &r.plate, &r.circles)
             })
             .collect(),
-        bodies,
+        bodies: bodies(drive, model),
         channels: super::frame::channels()
             .map(|c| Channel { name: c.channel.into(), unit: c.unit.into(), meaning: c.meaning.into() })
             .collect(),
@@ -615,11 +581,65 @@ pub fn header_of(
             .iter()
             .map(|s| SensorInfo { path: s.path.clone(), unit: s.reads.unit().to_string() })
             .collect(),
-    }
+        ..Header::default()
+    };
+    mechanism::name_rows(model, &mut header);
+    header
 }
 
-/// As a pivot is drawn [m].
-const PIVOT_RADIUS_M: f64 = 3e-3;
+/// Sprockets, guides, rails, then what no chain touches.
+pub fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
+    let mut bodies: Vec<BodyInfo> = model
+        .sprockets
+        .iter()
+        .enumerate()
+        .map(|(k, s)| BodyInfo {
+            path: format!("sprockets.{}", s.name),
+            rotor: true,
+            coordinate: Some(s.coordinate as u32),
+            x_m: s.frame.origin.x,
+            y_m: s.frame.origin.y,
+            shifts: shifts(model, &s.frame),
+            angle_rad: 0.0,
+            teeth: s.geometry.teeth(),
+            kind: BodyKind::Sprocket as u32,
+            outline: s.geometry.profile().map(|p| outline(&s.name, &p, &sprocket_circles(model, k))),
+            ..BodyInfo::default()
+        })
+        .collect();
+    bodies.extend(model.guides.iter().map(|g| BodyInfo {
+        path: format!("guides.fixed.{}", g.name),
+        kind: BodyKind::Guide as u32,
+        x_m: g.geometry.origin.x,
+        y_m: g.geometry.origin.y,
+        angle_rad: g.geometry.angle_rad(),
+        shifts: shifts(model, &g.frame),
+        outline: g.geometry.profile().ok().map(|p| outline(&g.name, &p, &[])),
+        ..BodyInfo::default()
+    }));
+    bodies.extend(model.rails.iter().map(|r| BodyInfo {
+        path: format!("guides.rail.{}", r.name),
+        kind: BodyKind::Rail as u32,
+        coordinate: r.frame.turn.map(|q| q as u32),
+        x_m: r.frame.origin.x,
+        y_m: r.frame.origin.y,
+        shifts: shifts(model, &r.frame),
+        outline: Some(outline(&r.name, &r.rail.profile, &[])),
+        ..BodyInfo::default()
+    }));
+    bodies.extend(mechanism::bodies(drive, model));
+    bodies
+}
+
+/// What shifts a frame, by the rows of `Sliders`.
+fn shifts(model: &Model, frame: &BodyFrame) -> Vec<BodyShift> {
+    let of = |s: &Shift| BodyShift {
+        slider: (s.coordinate - model.n_turning()) as u32,
+        direction_x: s.direction.x,
+        direction_y: s.direction.y,
+    };
+    frame.shifts.iter().map(of).collect()
+}
 
 /// Bore, and the ring of an abutment chain: the circle its lobes stand on, which rise from it by some 60 um.
 fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
@@ -635,27 +655,7 @@ fn sprocket_circles(model: &Model, k: usize) -> Vec<(Vec2, f64)> {
 }
 
 fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
-    let elements = profile
-        .elements()
-        .iter()
-        .map(|e| {
-            let (start, end) = (e.start(), e.end());
-            let (centre, radius_m, sweep_rad) = match *e {
-                Element::Line { .. } => (Vec2::zeros(), 0.0, 0.0),
-                Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m, sweep_rad),
-            };
-            OutlineElement {
-                start_x_m: start.x,
-                start_y_m: start.y,
-                end_x_m: end.x,
-                end_y_m: end.y,
-                centre_x_m: centre.x,
-                centre_y_m: centre.y,
-                radius_m,
-                sweep_rad,
-            }
-        })
-        .collect();
+    let elements = profile.elements().iter().map(outline_element).collect();
     Outline {
         name: name.to_string(),
         elements,
@@ -664,5 +664,23 @@ fn outline(name: &str, profile: &Profile, circles: &[(Vec2, f64)]) -> Outline {
             .iter()
             .map(|(c, radius_m)| OutlineCircle { x_m: c.x, y_m: c.y, radius_m: *radius_m })
             .collect(),
+    }
+}
+
+fn outline_element(e: &Element) -> OutlineElement {
+    let (start, end) = (e.start(), e.end());
+    let (centre, radius_m, sweep_rad) = match *e {
+        Element::Line { .. } => (Vec2::zeros(), 0.0, 0.0),
+        Element::Arc { centre, radius_m, sweep_rad, .. } => (centre, radius_m, sweep_rad),
+    };
+    OutlineElement {
+        start_x_m: start.x,
+        start_y_m: start.y,
+        end_x_m: end.x,
+        end_y_m: end.y,
+        centre_x_m: centre.x,
+        centre_y_m: centre.y,
+        radius_m,
+        sweep_rad,
     }
 }

@@ -104,6 +104,14 @@ pub enum Rows {
     Contact,
     /// A coordinate that turns.
     Rotor,
+    /// A coordinate that slides.
+    Slider,
+    /// Two parts that touch each other and no chain.
+    Touch,
+    /// A chamber or a reservoir of oil.
+    Chamber,
+    /// What oil flows through.
+    Passage,
 }
 
 impl Rows {
@@ -113,6 +121,24 @@ impl Rows {
             Rows::Joint => "joint",
             Rows::Contact => "contact",
             Rows::Rotor => "rotor",
+            Rows::Slider => "slider",
+            Rows::Touch => "touch",
+            Rows::Chamber => "chamber",
+            Rows::Passage => "passage",
+        }
+    }
+
+    /// Name of the column with the path of what has a row, in exported tables.
+    pub fn path_column(self) -> &'static str {
+        match self {
+            Rows::Link => "link_path",
+            Rows::Joint => "joint_path",
+            Rows::Contact => "contact_path",
+            Rows::Rotor => "rotor_path",
+            Rows::Slider => "slider_path",
+            Rows::Touch => "touch_path",
+            Rows::Chamber => "chamber_path",
+            Rows::Passage => "passage_path",
         }
     }
 
@@ -120,6 +146,7 @@ impl Rows {
     pub fn are_fixed(self) -> bool {
         match self {
             Rows::Link | Rows::Joint | Rows::Rotor => true,
+            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => true,
             Rows::Contact => false,
         }
     }

@@ -1,7 +1,7 @@
 //! A recording in Foxglove's own messages: outlines attached to moving frames, forces as arrows, events as log.
 
 use super::frame::{Event, Frame, Header, Outline};
-use super::view_geometry::{circle, polyline};
+use super::view_geometry::{DrawnForce, circle, drawn_forces, polyline};
 use foxglove::Encode;
 use foxglove::messages::{
     ArrowPrimitive, Color, FrameTransform, FrameTransforms, LinePrimitive, Log, Point3, Pose, Quaternion, SceneEntity,
@@ -50,7 +50,9 @@ pub fn outlines(header: &Header) -> SceneUpdate {
 }
 
 fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
-    let mut lines = vec![line(&polyline(outline), outline.closed, color)];
+    // A ball is a circle alone.
+    let contour = Some(polyline(outline)).filter(|points| !points.is_empty());
+    let mut lines: Vec<LinePrimitive> = contour.iter().map(|points| line(points, outline.closed, color)).collect();
     lines.extend(outline.circles.iter().map(|c| line(&circle(c.x_m, c.y_m, c.radius_m), true, color)));
     SceneEntity {
         timestamp: timestamp(0),
@@ -136,7 +138,10 @@ impl Transforms {
 fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)> {
     let l = &frame.links;
     let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
-    let bodies = header.bodies.iter().map(|body| (body.x_m, body.y_m, body.angle_rad + body.turned_rad(frame)));
+    let bodies = header.bodies.iter().map(|body| {
+        let ([x_m, y_m], angle_rad) = body.pose(frame);
+        (x_m, y_m, angle_rad)
+    });
     links.chain(bodies)
 }
 
@@ -159,18 +164,14 @@ fn put_pair(tag: u8, values: [(u8, f64); 2], out: &mut Vec<u8>) {
     out.extend_from_slice(&bytes[..len]);
 }
 
-/// Contact forces on the links as arrows.
+/// Contact forces on the links, and forces of arms on sliders, as arrows.
 pub fn forces(header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
-    let c = &frame.contacts;
     let metres_per_newton = ARROW_AT_TENSION_M / header.static_tension_n.max(1.0);
-    let arrows = (0..c.link.len())
-        .map(|i| {
-            let (nx, ny) = (c.normal_x[i], c.normal_y[i]);
-            let (n, t) = (c.normal_force_n[i], c.tangential_force_n[i]);
-            let (fx, fy) = (n * nx - t * ny, n * ny + t * nx);
+    let arrows = drawn_forces(frame)
+        .map(|DrawnForce { point_m: [x, y], force_n: [fx, fy], .. }| {
             let force_n = (fx * fx + fy * fy).sqrt();
             let size = force_n * metres_per_newton;
-            let position = Vector3 { x: c.point_body_x_m[i], y: c.point_body_y_m[i], z: 0.0 };
+            let position = Vector3 { x, y, z: 0.0 };
             ArrowPrimitive {
                 pose: Some(Pose { position: Some(position), orientation: Some(along(fx, fy, force_n)) }),
                 shaft_length: 0.8 * size,

@@ -12,7 +12,7 @@ use super::columns::{
 
 /// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
 /// accelerations were missing.
-pub const FORMAT_VERSION: u32 = 3;
+pub const FORMAT_VERSION: u32 = 4;
 
 /// `Contacts::body` of frames index into [`Header::bodies`].
 #[derive(Clone, PartialEq, prost::Message)]
@@ -44,7 +44,8 @@ pub struct Header {
     /// Outlines that links refer to: inner, outer.
     #[prost(message, repeated, tag = "9")]
     pub link_outlines: Vec<Outline>,
-    /// Sprockets first (in the order of `Rotors`), then guides, then rails.
+    /// Sprockets first (in the order of `Rotors`), then guides, then rails; behind them what no chain touches: arms, sliders and their
+    /// housings, check balls.
     #[prost(message, repeated, tag = "10")]
     pub bodies: Vec<BodyInfo>,
     /// Unit and meaning of every column.
@@ -71,6 +72,32 @@ pub struct Header {
     /// Paths in the drive file of the rows of `Rotors`: sprockets first, then arms.
     #[prost(string, repeated, tag = "18")]
     pub coordinates: Vec<String>,
+    /// Paths of the rows of `Sliders`: sliders, check balls by their passages, the ways of bearings, the modes of blades.
+    #[prost(string, repeated, tag = "19")]
+    pub sliders: Vec<String>,
+    /// Paths of the rows of `Touches`: a part, and what of it touches.
+    #[prost(string, repeated, tag = "20")]
+    pub touches: Vec<String>,
+    /// Paths of the rows of `Chambers`: chambers, then reservoirs.
+    #[prost(string, repeated, tag = "21")]
+    pub chambers: Vec<String>,
+    /// Paths of the rows of `Passages`.
+    #[prost(string, repeated, tag = "22")]
+    pub passages: Vec<String>,
+}
+
+impl Header {
+    /// Paths in the drive file of what has a row in a table; None where rows have none.
+    pub fn row_paths(&self, rows: Rows) -> Option<&[String]> {
+        match rows {
+            Rows::Link | Rows::Joint | Rows::Contact => None,
+            Rows::Rotor => Some(&self.coordinates),
+            Rows::Slider => Some(&self.sliders),
+            Rows::Touch => Some(&self.touches),
+            Rows::Chamber => Some(&self.chambers),
+            Rows::Passage => Some(&self.passages),
+        }
+    }
 }
 
 /// A sensor of the drive.
@@ -164,7 +191,51 @@ pub struct OutlineCircle {
     pub radius_m: f64,
 }
 
-/// A sprocket or a guide.
+/// What a body is (`BodyInfo::kind`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum BodyKind {
+    /// A toothed wheel that a chain runs on.
+    Sprocket = 0,
+    /// A straight guide.
+    Guide = 1,
+    /// A guide of arcs and lines; on an arm it turns with it.
+    Rail = 2,
+    /// What carries a rail about its pivot, without the rail.
+    Arm = 3,
+    /// A plunger.
+    Slider = 4,
+    /// What a plunger slides in.
+    Housing = 5,
+    /// The ball of a check valve.
+    Ball = 6,
+}
+
+impl BodyKind {
+    /// Names in the order of the numbers.
+    pub const NAMES: [&str; 7] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball"];
+
+    /// In words, of a `BodyInfo::kind`.
+    pub fn name(kind: u32) -> &'static str {
+        Self::NAMES.get(kind as usize).copied().unwrap_or("body")
+    }
+}
+
+/// One of the ways by which a bearing shifts a body.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BodyShift {
+    /// Row in `Sliders`: the way.
+    #[prost(uint32, tag = "1")]
+    pub slider: u32,
+    /// Its direction in the world, x.
+    #[prost(double, tag = "2")]
+    pub direction_x: f64,
+    /// Its direction in the world, y.
+    #[prost(double, tag = "3")]
+    pub direction_y: f64,
+}
+
+/// A sprocket, a guide, or another part that is drawn.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct BodyInfo {
     /// Path in the drive file, e.g. `sprockets.driver`.
@@ -179,24 +250,57 @@ pub struct BodyInfo {
     /// y of the origin of the body's frame [m].
     #[prost(double, tag = "4")]
     pub y_m: f64,
-    /// Rotation of a guide's frame [rad]; of what turns, at angle zero.
+    /// Rotation of a guide's frame [rad]; of what turns, at angle zero. What slides moves along the x-axis of its frame.
     #[prost(double, tag = "5")]
     pub angle_rad: f64,
-    /// Number of teeth; 0 for a guide or a rail.
+    /// Number of teeth; 0 for all but sprockets.
     #[prost(uint32, tag = "6")]
     pub teeth: u32,
     /// Its whole contour.
     #[prost(message, optional, tag = "7")]
     pub outline: Option<Outline>,
-    /// Row in `Rotors` of what it turns by; absent where it stands still.
+    /// Row in `Rotors` of what it turns by; absent where it does not turn.
     #[prost(uint32, optional, tag = "8")]
     pub coordinate: Option<u32>,
+    /// Row in `Sliders` of what it moves by; absent where it does not slide.
+    #[prost(uint32, optional, tag = "9")]
+    pub slider: Option<u32>,
+    /// What shifts it beside that: the ways of its bearing.
+    #[prost(message, repeated, tag = "13")]
+    pub shifts: Vec<BodyShift>,
+    /// A [`BodyKind`].
+    #[prost(uint32, tag = "10")]
+    pub kind: u32,
+    /// Lower end of its way [rad, m]; absent where it has no stop there.
+    #[prost(double, optional, tag = "11")]
+    pub low_stop: Option<f64>,
+    /// Upper end of its way [rad, m]; absent where it has no stop there.
+    #[prost(double, optional, tag = "12")]
+    pub high_stop: Option<f64>,
 }
 
 impl BodyInfo {
-    /// How far it has turned in a frame [rad].
-    pub fn turned_rad(&self, frame: &Frame) -> f64 {
-        self.coordinate.and_then(|q| frame.rotors.angle_rad.get(q as usize)).copied().unwrap_or(0.0)
+    /// Whether it turns or slides.
+    pub fn moves(&self) -> bool {
+        self.coordinate.is_some() || self.slider.is_some() || !self.shifts.is_empty()
+    }
+
+    /// Where its frame stands in a frame of the recording: origin [m], and rotation [rad].
+    pub fn pose(&self, frame: &Frame) -> ([f64; 2], f64) {
+        let at = |row: Option<u32>, column: &[f64]| row.and_then(|k| column.get(k as usize)).copied();
+        let turned_rad = at(self.coordinate, &frame.rotors.angle_rad).unwrap_or(0.0);
+        let mut origin = match at(self.slider, &frame.sliders.position_m) {
+            None => [self.x_m, self.y_m],
+            Some(way_m) => {
+                let (sin, cos) = crate::units::sin_cos(self.angle_rad);
+                [self.x_m + way_m * cos, self.y_m + way_m * sin]
+            }
+        };
+        for shift in &self.shifts {
+            let way_m = at(Some(shift.slider), &frame.sliders.position_m).unwrap_or(0.0);
+            origin = [origin[0] + way_m * shift.direction_x, origin[1] + way_m * shift.direction_y];
+        }
+        (origin, self.angle_rad + turned_rad)
     }
 }
 
@@ -266,6 +370,43 @@ tables! {
         3 chain_torque_nm: double, "N m", Step, Value, "Torque of the chain on the sprocket or arm; mean over the step.";
         4 outer_torque_nm: double, "N m", Step, Value, "Torque of drive, loads, spring, damper, couplings and touching parts on it; mean over the step.";
     }
+
+    /// One row per coordinate that slides, in the order of `Header::sliders`: sliders, check balls, ways of bearings, modes of blades.
+    11 sliders: Sliders, a row per Slider {
+        1 position_m: double, "m", Node, Value, "Way from where it is drawn, outwards positive; of a check ball its lift.";
+        2 speed_m_s: double, "m/s", Node, Value, "Speed along its way.";
+        3 acceleration_m_s2: double, "m/s2", Step, Value, "Acceleration along its way; mean over the step.";
+        4 spring_force_n: double, "N", Step, Value, "Force of its spring, damper, film and loads on it, outwards positive; mean over the step.";
+        5 oil_force_n: double, "N", Step, Value, "Force of the oil on it, outwards positive; mean over the step.";
+        6 touch_force_n: double, "N", Step, Value, "Force of all that it touches but chains, along its way, outwards positive; mean over the step.";
+        7 chain_force_n: double, "N", Step, Value, "Force of chains on what its bearing or its blade carries, along its way; mean over the step.";
+    }
+
+    /// One row per pair of parts that may touch each other and no chain, in the order of `Header::touches`: tips of sliders on arms, stops, balls on their seats.
+    12 touches: Touches, a row per Touch {
+        1 gap_m: double, "m", Node, Value, "Distance of the two; negative where they overlap.";
+        2 normal_force_n: double, "N", Step, Value, "Force that parts them, never negative; mean over the step.";
+        3 tangential_force_n: double, "N", Step, Value, "Friction force on the first part along the normal turned by +90 degrees; mean over the step.";
+        4 approach_speed_m_s: double, "m/s", Node, Value, "Closing speed when they first touched.";
+        5 age_s: double, "s", Node, Value, "Time since first touch; 0 while they are apart.";
+        6 x_m: double, "m", Node, Value, "Where a tip is nearest to its arm, x; 0 of a stop.";
+        7 y_m: double, "m", Node, Height, "Where a tip is nearest to its arm, y; 0 of a stop.";
+        8 normal_x: double, "1", Node, Value, "Unit normal there out of the arm, towards the slider; 0 of a stop.";
+        9 normal_y: double, "1", Node, Value, "Unit normal there, y; 0 of a stop.";
+    }
+
+    /// One row per volume of oil, in the order of `Header::chambers`: chambers, then reservoirs.
+    13 chambers: Chambers, a row per Chamber {
+        1 pressure_pa: double, "Pa", Node, Value, "Gauge pressure.";
+        2 volume_m3: double, "m3", Node, Value, "Volume of a chamber; 0 of a reservoir, which has no bounds.";
+        3 inflow_m3_s: double, "m3/s", Node, Value, "Sum of the flows into it through passages.";
+    }
+
+    /// One row per passage of oil, in the order of `Header::passages`.
+    14 passages: Passages, a row per Passage {
+        1 flow_m3_s: double, "m3/s", Node, Value, "Flow from its first end to its second.";
+        2 pressure_drop_pa: double, "Pa", Node, Value, "Pressure at its first end less that at its second.";
+    }
 }
 
 record! {
@@ -275,7 +416,8 @@ record! {
         1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links and of all that moves freely: sprockets, shafts, arms, sliders.";
         2 elastic_joint_j: double, "J", Node, Elastic, "Stored in the pin joints.";
         3 elastic_contact_j: double, "J", Node, Elastic, "Stored in contacts with sprockets and guides, and of parts that touch each other.";
-        4 work_in_j: double, "J", Node, WorkIn, "Work of the drives, and of reservoirs of oil.";
+        4 work_in_j: double, "J", Node, WorkIn, "Work of the drives.";
+        15 work_oil_j: double, "J", Node, WorkIn, "Work of reservoirs of oil: what flows out of them times its enthalpy.";
         5 work_out_j: double, "J", Node, WorkOut, "Work done on the loads.";
         6 lost_pin_damping_j: double, "J", Node, Lost, "Lost to damping in the joints.";
         7 lost_pin_friction_j: double, "J", Node, Lost, "Lost to friction in the joints.";
@@ -283,8 +425,13 @@ record! {
         9 lost_contact_friction_j: double, "J", Node, Lost, "Lost to friction at the teeth, and of parts that touch each other.";
         10 lost_guide_damping_j: double, "J", Node, Lost, "Lost to damping at guides.";
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
-        13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms and sliders, in couplings and in oil.";
-        14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders and couplings, by friction and drag of loads, and in passages of oil.";
+        13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms, sliders, check balls and bearings, and in blades.";
+        16 elastic_coupling_j: double, "J", Node, Elastic, "Stored in couplings.";
+        17 elastic_oil_j: double, "J", Node, Elastic, "Stored in the oil of all chambers.";
+        14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders, bearings and blades, and in films of bearings.";
+        18 lost_coupling_damping_j: double, "J", Node, Lost, "Lost in dampers of couplings.";
+        19 lost_load_j: double, "J", Node, Lost, "Lost by friction and drag of loads.";
+        20 lost_oil_j: double, "J", Node, Lost, "Lost in passages of oil.";
         12 error_j: double, "J", Node, Error, "work in - work out - lost - change of stored energy.";
     }
 }
@@ -400,6 +547,13 @@ impl Energy {
     /// In springs, contacts and oil [J].
     pub fn elastic_j(&self) -> f64 {
         self.sum_of(|kind| kind == ColumnKind::Elastic)
+    }
+
+    /// Work of drives and reservoirs [J]: all accounts of its kind, written out because break expressions ask for it at every step.
+    pub fn put_in_j(&self) -> f64 {
+        let sum = self.work_in_j + self.work_oil_j;
+        debug_assert!((sum - self.sum_of(|kind| kind == ColumnKind::WorkIn)).abs() <= 1e-12 * sum.abs());
+        sum
     }
 
     /// All losses [J].

@@ -79,9 +79,19 @@ impl Frame {
         if self.crank_angle_rad != 0.0 {
             double::encode(4, &self.crank_angle_rad, out);
         }
-        self.each_table(|table, values| put_table(table.tag, table.message.columns, values, out));
+        // In the order of their numbers: what came later stands behind the ledger and the sensors.
+        self.each_table(|table, values| {
+            if table.tag < 9 {
+                put_table(table.tag, table.message.columns, values, out);
+            }
+        });
         message::encode(9, &self.energy, out);
         put(10, &ColumnValues::F64(&self.sensors), out);
+        self.each_table(|table, values| {
+            if table.tag > 10 {
+                put_table(table.tag, table.message.columns, values, out);
+            }
+        });
     }
 }
 

@@ -16,7 +16,7 @@ const MOST_ELEMENTS: usize = 500_000;
 const MOST_TEETH: u32 = 10_000;
 
 /// Repeated fields of [`Header`] by tag, and for those that contain an outline its tag.
-const REPEATED: [(u64, &str); 7] = [
+const REPEATED: [(u64, &str); 12] = [
     (5, "overrides"),
     (8, "links"),
     (9, "outlines"),
@@ -24,6 +24,11 @@ const REPEATED: [(u64, &str); 7] = [
     (11, "channels"),
     (14, "lines of assembly"),
     (17, "sensors"),
+    (18, "coordinates"),
+    (19, "sliders"),
+    (20, "touches"),
+    (21, "chambers"),
+    (22, "passages"),
 ];
 const LINK_OUTLINES: u64 = 9;
 const BODIES: u64 = 10;
@@ -114,12 +119,16 @@ fn check(header: &Header) -> anyhow::Result<()> {
     let mut rotors_end = false;
     for body in &header.bodies {
         ensure!(body.teeth <= MOST_TEETH, "its header gives {} {} teeth", body.path, body.teeth);
-        let placed = [body.x_m, body.y_m, body.angle_rad].iter().all(|v| v.is_finite());
+        let limits = body.low_stop.iter().chain(&body.high_stop);
+        let placed = [body.x_m, body.y_m, body.angle_rad].iter().chain(limits).all(|v| v.is_finite());
         ensure!(placed, "its header gives {} no place", body.path);
         ensure!(!(body.rotor && rotors_end), "its header has a sprocket, {}, behind a guide", body.path);
         rotors_end |= !body.rotor;
         let known = body.coordinate.is_none_or(|q| (q as usize) < header.coordinates.len());
         ensure!(known, "its header lets {} turn by a coordinate that there is not", body.path);
+        let mut rows = body.slider.into_iter().chain(body.shifts.iter().map(|s| s.slider));
+        let known = rows.all(|q| (q as usize) < header.sliders.len());
+        ensure!(known, "its header lets {} slide by a coordinate that there is not", body.path);
     }
     let outlines = || header.link_outlines.iter().chain(header.bodies.iter().filter_map(|b| b.outline.as_ref()));
     let drawn = outlines().all(|o| {

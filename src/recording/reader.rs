@@ -12,7 +12,7 @@
 mod chunks;
 
 use super::columns::{ColumnKind, ColumnValues, Rows};
-use super::frame::{Event, FORMAT_VERSION, Frame, Header, Impact, Keyframe};
+use super::frame::{Event, FORMAT_VERSION, Frame, Header, Impact, Keyframe, TABLES};
 use super::header;
 use anyhow::{Context, bail, ensure};
 use chunks::Chunk;
@@ -369,8 +369,7 @@ impl Reader {
         let (longest, step_s) = (self.header.steps_per_frame, self.header.step_s);
         let unpacked = std::mem::take(&mut self.unpacked);
         let mut frame = std::mem::take(&mut self.frame);
-        let h = &self.header;
-        let lengths = [h.links.len(), h.bodies.len(), h.sensors.len(), h.coordinates.len()];
+        let stated = StatedLengths::of(&self.header);
         let flow = self.records(index, &unpacked, &mut |topic, t_ns, data| {
             if t_ns < from_ns || t_ns > to_ns {
                 return Ok(Flow::On);
@@ -379,7 +378,7 @@ impl Reader {
                 Topic::Frame if wanted.frames => {
                     frame.clear();
                     frame.merge(data)?;
-                    check(&frame, lengths)?;
+                    check(&frame, &stated)?;
                     check_time(frame.step, frame.t_s, (step_s, t_ns))?;
                     gaps.extend(rhythm.gap(frame.step, longest)?);
                     Entry::Frame(&frame)
@@ -394,7 +393,7 @@ impl Reader {
                 Topic::Event if wanted.events => Entry::Event(Event::decode(data)?),
                 Topic::Impact if wanted.impacts => {
                     let impact = Impact::decode(data)?;
-                    let inside = (impact.link as usize) < lengths[0] && (impact.body as usize) < lengths[1];
+                    let inside = (impact.link as usize) < stated.links && (impact.body as usize) < stated.bodies;
                     ensure!(inside, "an impact of a link or body that there is not");
                     Entry::Impact(impact)
                 }
@@ -531,9 +530,35 @@ fn topic(name: &str) -> Topic {
     }
 }
 
+/// What a header says of the lengths of tables.
+struct StatedLengths {
+    links: usize,
+    bodies: usize,
+    sensors: usize,
+    /// Rows that the tables of a frame may have, in their order.
+    most: Vec<usize>,
+}
+
+impl StatedLengths {
+    fn of(header: &Header) -> StatedLengths {
+        let links = header.links.len();
+        let most = |rows: Rows| match rows {
+            Rows::Link | Rows::Joint => links,
+            Rows::Contact => usize::MAX,
+            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+                header.row_paths(rows).map_or(0, <[String]>::len)
+            }
+        };
+        let most = TABLES.iter().map(|table| most(table.rows)).collect();
+        StatedLengths { links, bodies: header.bodies.len(), sensors: header.sensors.len(), most }
+    }
+}
+
 /// Checks that columns of one table have equal lengths, those of the header where it states them, and that indices
 /// point into the header; readers rely on it.
-fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4]) -> anyhow::Result<()> {
+fn check(frame: &Frame, stated: &StatedLengths) -> anyhow::Result<()> {
+    let StatedLengths { links: n_links, bodies: n_bodies, sensors: n_sensors, ref most } = *stated;
+    let mut limits = most.iter().copied();
     let frame_links = frame.links.x_m.len();
     ensure!(frame_links == n_links, "a frame of {frame_links} links in a recording of {n_links}");
     ensure!(frame.sensors.len() <= n_sensors, "more readings than sensors");
@@ -541,11 +566,8 @@ fn check(frame: &Frame, [n_links, n_bodies, n_sensors, n_coordinates]: [usize; 4
     frame.each_table(|table, columns| {
         let name = table.message.name;
         let first = columns.first().map_or(0, ColumnValues::len);
-        let (n, most) = match table.rows {
-            Rows::Link | Rows::Joint => (n_links, n_links),
-            Rows::Contact => (first, usize::MAX),
-            Rows::Rotor => (first, n_coordinates),
-        };
+        let most = limits.next().unwrap_or(0);
+        let n = if matches!(table.rows, Rows::Link | Rows::Joint) { n_links } else { first };
         let check = || {
             ensure!(n <= most, "more {name} than the header states");
             for (column, values) in table.message.columns.iter().zip(columns) {

@@ -113,7 +113,7 @@ impl RerunSink {
             curve_times: Times::default(),
             picture_times: Times::default(),
             event_times: Times::default(),
-            numbers: Numbers::new(),
+            numbers: Numbers::new(header),
             curves: Curves::new(header),
             pictures: Pictures::new(header),
             events: events_table(),

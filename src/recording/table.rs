@@ -9,16 +9,21 @@ pub use file::{Format, ROWS_PER_GROUP, TableWriter};
 
 use super::columns::{self, Column, ColumnKind, Rows};
 use super::frame::{
-    BodyInfo, Contacts, Energy, Event, Feature, Frame, Header, Impact, Joints, LinkInfo, Links, Rotors, Segment,
+    BodyInfo, BodyKind, Chambers, Contacts, Energy, Event, Feature, Frame, Header, Impact, Joints, LinkInfo, Links,
+    Passages, Rotors, Segment, Sliders, Touches,
 };
 use file::Store;
 
 /// All tables.
-pub const TABLES: [Table; 10] = [
+pub const TABLES: [Table; 14] = [
     Table { name: "links", source: Source::Table(&Links::TABLE) },
     Table { name: "contacts", source: Source::Table(&Contacts::TABLE) },
     Table { name: "joints", source: Source::Table(&Joints::TABLE) },
     Table { name: "rotors", source: Source::Table(&Rotors::TABLE) },
+    Table { name: "sliders", source: Source::Table(&Sliders::TABLE) },
+    Table { name: "touches", source: Source::Table(&Touches::TABLE) },
+    Table { name: "chambers", source: Source::Table(&Chambers::TABLE) },
+    Table { name: "passages", source: Source::Table(&Passages::TABLE) },
     Table { name: "sensors", source: Source::Frame(sensors) },
     Table { name: "energy", source: Source::Frame(energy) },
     Table { name: "events", source: Source::Event },
@@ -171,12 +176,12 @@ fn table<'a>(at: &Moment<'a>, wanted: &columns::TableInfo) -> Block<'a> {
             Rows::Link => sheet.columns.push(own("link", "1", "Index of the link.", Count)),
             Rows::Joint => sheet.columns.push(own("joint", "1", joint, Count)),
             Rows::Contact => {}
-            Rows::Rotor => {
-                let known = |i: usize| at.header.coordinates.get(i).map_or("unknown", String::as_str);
-                let paths = Text((0..sheet.n).map(known).collect());
-                let index = "Index of the sprocket, as in `bodies`, or of the arm, behind them.";
-                sheet.columns.push(own("rotor", "1", index, Count));
-                sheet.columns.push(own("rotor_path", "1", "Path of the sprocket or arm in the drive file.", paths));
+            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+                let known = at.header.row_paths(table.rows).unwrap_or_default();
+                let paths = (0..sheet.n).map(|i| known.get(i).map_or("unknown", String::as_str)).collect();
+                let index = "Index of the row, as in the header.";
+                sheet.columns.push(own(table.rows.name(), "1", index, Count));
+                sheet.columns.push(own(table.rows.path_column(), "1", "Its path in the drive file.", Text(paths)));
             }
         }
         add(&mut sheet.columns, at.header, table.message.columns, values.iter().map(many));
@@ -224,21 +229,50 @@ fn impact<'a>(header: &'a Header, impact: &'a Impact) -> Block<'a> {
 
 fn body<'a>(index: u32, body: &'a BodyInfo) -> Block<'a> {
     // An outline is a list of its own and is not exported.
-    let BodyInfo { path, rotor, x_m, y_m, angle_rad, teeth, outline: _, coordinate } = body;
+    let BodyInfo { path, rotor, x_m, y_m, angle_rad, teeth, outline: _, coordinate, slider, shifts, .. } = body;
+    let BodyInfo { kind, low_stop, high_stop, .. } = body;
+    let index_or_none = |row: &Option<u32>| EveryF64(row.map_or(-1.0, f64::from));
+    let number_or_none = |limit: &Option<f64>| EveryF64(limit.unwrap_or(f64::NAN));
     let columns = vec![
-        own("body", "1", "Index of the body: sprockets first, then guides, then rails.", EveryU32(index)),
+        own(
+            "body",
+            "1",
+            "Index of the body: sprockets first, then guides, then rails, then what no chain touches.",
+            EveryU32(index),
+        ),
         own("path", "1", "Path in the drive file.", Text(vec![path])),
         own("rotor", "1", "True: a sprocket.", Bool(std::slice::from_ref(rotor))),
         own(
             "coordinate",
             "1",
-            "Index in `rotors` of what it turns by; -1: it stands still.",
-            EveryF64(coordinate.map_or(-1.0, f64::from)),
+            "Index in `rotors` of what it turns by; -1: it does not turn.",
+            index_or_none(coordinate),
         ),
         own("x_m", "m", "Origin of the body's frame, x; a sprocket's axis.", EveryF64(*x_m)),
         own("y_m", "m", "Origin of the body's frame, y.", EveryF64(*y_m)),
         own("angle_rad", "rad", "Rotation of a guide's frame; of what turns, at angle zero.", EveryF64(*angle_rad)),
-        own("teeth", "1", "Number of teeth; 0 for a guide.", EveryU32(*teeth)),
+        own("teeth", "1", "Number of teeth; 0 for all but sprockets.", EveryU32(*teeth)),
+        own("slider", "1", "Index in `sliders` of what it slides by; -1: it does not slide.", index_or_none(slider)),
+        own(
+            "bearing",
+            "1",
+            "Index in `sliders` of the first of both ways of its bearing; -1: its axis stands still.",
+            index_or_none(&shifts.first().map(|shift| shift.slider)),
+        ),
+        own(
+            "kind",
+            "1",
+            "What it is: 0 sprocket, 1 guide, 2 rail, 3 arm, 4 slider, 5 housing, 6 ball.",
+            EveryU32(*kind),
+        ),
+        own("kind_name", "1", "`kind` in words.", Text(vec![BodyKind::name(*kind)])),
+        own("low_stop", "rad or m", "Lower end of its way; not a number where it has none.", number_or_none(low_stop)),
+        own(
+            "high_stop",
+            "rad or m",
+            "Upper end of its way; not a number where it has none.",
+            number_or_none(high_stop),
+        ),
     ];
     Block { n: 1, columns }
 }

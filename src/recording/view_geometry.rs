@@ -1,6 +1,6 @@
 //! Outlines as polylines and triangles, for sinks that draw.
 
-use super::frame::{Header, Outline, OutlineElement};
+use super::frame::{Frame, Header, Outline, OutlineElement};
 
 /// Largest distance between an arc and its chords in drawings [m].
 pub const DRAWING_TOLERANCE_M: f64 = 5e-6;
@@ -44,6 +44,38 @@ pub fn circle(x_m: f64, y_m: f64, radius_m: f64) -> Vec<[f64; 2]> {
             [x_m + radius_m * c, y_m + radius_m * s]
         })
         .collect()
+}
+
+/// A force that is drawn as an arrow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DrawnForce {
+    /// Where it acts [m].
+    pub point_m: [f64; 2],
+    pub force_n: [f64; 2],
+    /// Its part along the normal.
+    pub normal_n: f64,
+}
+
+/// Forces of contacts on links, then those of arms on the tips of sliders.
+pub fn drawn_forces(frame: &Frame) -> impl Iterator<Item = DrawnForce> + '_ {
+    // The tangent is the normal turned by +90 degrees.
+    let drawn = |point_m: [f64; 2], [nx, ny]: [f64; 2], normal_n: f64, along_n: f64| DrawnForce {
+        point_m,
+        force_n: [normal_n * nx - along_n * ny, normal_n * ny + along_n * nx],
+        normal_n,
+    };
+    let (c, t) = (&frame.contacts, &frame.touches);
+    let contacts = (0..c.link.len()).map(move |i| {
+        let point_m = [c.point_body_x_m[i], c.point_body_y_m[i]];
+        drawn(point_m, [c.normal_x[i], c.normal_y[i]], c.normal_force_n[i], c.tangential_force_n[i])
+    });
+    // Stops have no place.
+    let is_tip = move |i: &usize| t.normal_force_n[*i] > 0.0 && [t.normal_x[*i], t.normal_y[*i]] != [0.0; 2];
+    let tips = (0..t.normal_force_n.len()).filter(is_tip).map(move |i| {
+        let normal = [t.normal_x[i], t.normal_y[i]];
+        drawn([t.x_m[i], t.y_m[i]], normal, t.normal_force_n[i], t.tangential_force_n[i])
+    });
+    contacts.chain(tips)
 }
 
 /// Bounding box of all static bodies: (lower, upper) corner [m]; the chain extends beyond it by a few pitches at most.

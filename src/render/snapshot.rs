@@ -12,7 +12,7 @@ mod legend;
 
 pub(crate) use forces::push_arrow;
 
-use crate::recording::frame::{Frame, Header, Outline};
+use crate::recording::frame::{BodyKind, Frame, Header, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
 use labels::{OccupiedPlaces, Rect, take_place, take_place_beside};
@@ -356,7 +356,9 @@ fn push_outline(
     (fill, opacity, line): (&str, f64, &str),
 ) {
     let data = path_data(outline, pose, units_per_m);
-    let _infallible = if outline.closed {
+    let _infallible = if data.is_empty() {
+        Ok(())
+    } else if outline.closed {
         writeln!(svg, "<path d=\"{data}\" fill=\"{fill}\" fill-opacity=\"{opacity}\" stroke=\"{line}\"/>")
     } else {
         writeln!(svg, "<path d=\"{data}\" fill=\"none\" stroke=\"{line}\"/>")
@@ -432,7 +434,11 @@ fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         } else {
-            let lines = [format!("{} {name}", if body.path.contains("rail") { "rail" } else { "guide" })];
+            // A housing is named by its plunger.
+            if body.kind == BodyKind::Housing as u32 {
+                continue;
+            }
+            let lines = [format!("{} {name}", BodyKind::name(body.kind))];
             let like = Rect::around_text(&lines, sheet.font, at);
             let inside = Rect { centre: at, half: [0.0; 2] }.is_inside(&taken.panel);
             // Towards the inside of most loops, away from the chain: below the upper guide, above the lower one.

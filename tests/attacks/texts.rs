@@ -6,6 +6,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
 use pitchline::measurement::columns::{ColumnSelection, FileLayout, Memory, read};
+use pitchline::recording::columns::Rows;
 
 const PIECES: [&str; 24] = [
     "",
@@ -120,11 +121,14 @@ fn break_expressions_are_read_or_refused_with_a_reason() {
     let names = Names {
         bodies: vec!["sprockets.driver".into(), "guides.fixed.tight".into()],
         turning: vec![("sprockets.driver".into(), 0)],
+        rows: vec![(Rows::Touch, vec!["sliders.plunger.tip".into()])],
         chains: vec![90],
     };
     let words = [
         "contact.normal_force",
         "link.speed",
+        "touch.plunger.tip.gap",
+        "touch.plunger",
         ">",
         "<",
         "and",

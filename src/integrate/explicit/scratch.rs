@@ -125,6 +125,8 @@ pub struct Scratch {
     /// The shares of loads and couplings that lose energy, and that do work outside.
     pub(super) losing_force: Vec<f64>,
     pub(super) working_force: Vec<f64>,
+    /// What of `losing_force` is of loads, and of dampers of couplings.
+    pub(super) losing_parts: [Vec<f64>; 2],
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,
@@ -344,6 +346,7 @@ impl Scratch {
             parts_force: vec![0.0; model.coordinates.len()],
             losing_force: vec![0.0; model.coordinates.len()],
             working_force: vec![0.0; model.coordinates.len()],
+            losing_parts: std::array::from_fn(|_| vec![0.0; model.coordinates.len()]),
             places_before: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
             places_between: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
         }
@@ -362,6 +365,11 @@ impl Scratch {
     /// Force of touching parts and oil on every coordinate [N m, N].
     pub fn parts_force(&self) -> &[f64] {
         &self.parts_force
+    }
+
+    /// Parts that touch each other and no chain, in the order of the Model.
+    pub fn touches(&self) -> &ContactMemory {
+        &self.touches
     }
 
     /// Torque of the chain on every coordinate [N m].

@@ -23,11 +23,13 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     let speed = |k: usize| q.omega[k] + half * q.alpha[k];
     scratch.losing_force.fill(0.0);
     scratch.working_force.fill(0.0);
+    scratch.losing_parts.iter_mut().for_each(|part| part.fill(0.0));
     for load in &model.loads {
         let k = load.coordinate;
         let force = load.force(q.angle[k], speed(k));
         let column = if load.is_dissipative { &mut scratch.losing_force } else { &mut scratch.working_force };
         column[k] += force;
+        scratch.losing_parts[0][k] += if load.is_dissipative { force } else { 0.0 };
     }
     if let Some(motion) = &model.driver_motion {
         let turn_rad = motion.turn_rad(time_s(model, state, scratch));
@@ -42,6 +44,8 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
         scratch.parts_force[b] -= spring;
         scratch.losing_force[a] += damper;
         scratch.losing_force[b] -= damper;
+        scratch.losing_parts[1][a] += damper;
+        scratch.losing_parts[1][b] -= damper;
     }
     for ((sum, losing), working) in
         scratch.parts_force.iter_mut().zip(&scratch.losing_force).zip(&scratch.working_force)
@@ -80,12 +84,18 @@ pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &
             }
         }
         e.elastic_spring_j += coordinate.spring.energy_j(r.angle[k]);
-        if let Some(lost) = r.lost.get(k) {
-            e.lost_spring_damping_j +=
-                lost + (coordinate.spring.damping * speed - scratch.losing_force[k]) * half_step_turn;
+        let Some(lost) = r.lost.get(k) else { continue };
+        let lost = lost + (coordinate.spring.damping * speed - scratch.losing_force[k]) * half_step_turn;
+        let of_part = |past: &[f64], force: &[f64]| past.get(k).map_or(0.0, |lost| lost - force[k] * half_step_turn);
+        let [by_loads, by_couplings] = &scratch.losing_parts;
+        let (load, coupling) = (of_part(&r.lost_load, by_loads), of_part(&r.lost_coupling, by_couplings));
+        e.lost_load_j += load;
+        e.lost_coupling_damping_j += coupling;
+        if coordinate.spring.damping > 0.0 || model.is_on_film(k) {
+            e.lost_spring_damping_j += lost - load - coupling;
         }
     }
     for coupling in &model.couplings {
-        e.elastic_spring_j += coupling.energy_j(coupling.ends.map(|k| r.angle[k]));
+        e.elastic_coupling_j += coupling.energy_j(coupling.ends.map(|k| r.angle[k]));
     }
 }

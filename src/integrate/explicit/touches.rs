@@ -50,6 +50,38 @@ pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratc
     oil.advance(model.step_s, way, &mut state.oil);
 }
 
+/// Forces along the way of what slides [N], outwards positive; their sum is its mass times its acceleration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SlidingForces {
+    /// Of its spring, damper and loads.
+    pub(crate) spring_n: f64,
+    pub(crate) oil_n: f64,
+    /// Of all that it touches.
+    pub(crate) touch_n: f64,
+}
+
+/// Forces on a coordinate that slides, as the step works with them.
+pub(crate) fn sliding_forces(model: &Model, state: &State, scratch: &Scratch, k: usize) -> SlidingForces {
+    let (q, coordinate) = (&state.coordinates, &model.coordinates[k]);
+    let speed = q.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha[k];
+    let spring = coordinate.spring.force(q.angle[k]) - coordinate.spring.damping * speed;
+    let mut touch_n = 0.0;
+    for (i, touch) in model.touches.iter().enumerate() {
+        let gap = touch.shape.gap(&q.angle);
+        for (own, (slope, slide)) in gap.coordinates.into_iter().zip(gap.slope.into_iter().zip(gap.slide)) {
+            if own == k {
+                let now = &scratch.touches;
+                touch_n += now.normal_force[i] * slope + now.tangential_force[i] * slide;
+            }
+        }
+    }
+    SlidingForces {
+        spring_n: coordinate.load() + spring + scratch.losing_force[k] + scratch.working_force[k],
+        oil_n: model.oil.as_ref().map_or(0.0, |oil| oil.force_on(k, &q.angle, &state.oil)),
+        touch_n,
+    }
+}
+
 /// Force of a touch on its parts along the normal [N].
 pub(crate) fn normal_force(scratch: &Scratch, touch: usize) -> f64 {
     scratch.touches.normal_force[touch]

@@ -3,24 +3,27 @@
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm, sensors_by_unit, sensors_entity};
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::ColumnKind;
-use crate::recording::frame::{Contacts, Frame, Header, Links};
+use crate::recording::frame::{Frame, Header, Links};
+use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
 /// Every number of every frame, in f64.
 pub struct Numbers {
     frame: EntityTable,
-    /// In the order of [`TABLES`].
-    tables: Vec<EntityTable>,
+    /// In the order of [`TABLES`]; None: nothing of the drive has a row there.
+    tables: Vec<Option<EntityTable>>,
 }
 
 impl Numbers {
-    pub fn new() -> Numbers {
+    pub fn new(header: &Header) -> Numbers {
         let empty = Frame::default();
         let mut tables = Vec::new();
         empty.each_table(|table, columns| {
             let names = table.message.columns.iter().map(|column| column.name);
             let columns = names.zip(columns.iter().map(ComponentValues::like)).collect();
-            tables.push(EntityTable::numbers(&format!("state/{}", table.message.name), table.rows.name(), columns));
+            let has_rows = header.row_paths(table.rows).is_none_or(|paths| !paths.is_empty());
+            let entity = format!("state/{}", table.message.name);
+            tables.push(has_rows.then(|| EntityTable::numbers(&entity, table.rows.name(), columns)));
         });
         let frame =
             EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]);
@@ -32,14 +35,14 @@ impl Numbers {
         self.frame.end_row(1);
         let mut tables = self.tables.iter_mut();
         frame.each_table(|_, columns| {
-            if let Some(table) = tables.next() {
+            if let Some(Some(table)) = tables.next() {
                 table.push_row(columns);
             }
         });
     }
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
-        std::iter::once(&mut self.frame).chain(&mut self.tables)
+        std::iter::once(&mut self.frame).chain(self.tables.iter_mut().flatten())
     }
 }
 
@@ -151,8 +154,8 @@ pub struct Pictures {
     /// One for each outline of links.
     chain: Vec<EntityTable>,
     links_of_outline: Vec<usize>,
-    /// One for each sprocket, and each rail on an arm.
-    rotors: Vec<EntityTable>,
+    /// One for each body that turns or slides.
+    moving: Vec<EntityTable>,
     pins: EntityTable,
     contacts: EntityTable,
     forces: EntityTable,
@@ -169,7 +172,7 @@ impl Pictures {
             ];
             EntityTable::new(outline_entity(outline), columns)
         });
-        let rotors = header.bodies.iter().filter(|body| body.coordinate.is_some()).map(|body| {
+        let moving = header.bodies.iter().filter(|body| body.moves()).map(|body| {
             let columns = vec![
                 (Transform3D::descriptor_translation(), vec3()),
                 (Transform3D::descriptor_quaternion(), quaternion()),
@@ -186,7 +189,7 @@ impl Pictures {
         Pictures {
             chain: chain.collect(),
             links_of_outline: vec![0; header.link_outlines.len()],
-            rotors: rotors.collect(),
+            moving: moving.collect(),
             pins: EntityTable::new("joints/tension".into(), points()),
             contacts: EntityTable::new("contacts/points".into(), points()),
             forces: EntityTable::new("contacts/forces".into(), arrows),
@@ -195,8 +198,8 @@ impl Pictures {
 
     pub fn push(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
         self.push_chain(frame, header, scale);
-        self.push_rotors(frame, header);
-        self.push_contacts(&frame.contacts, scale);
+        self.push_bodies(frame, header);
+        self.push_forces(frame, scale);
     }
 
     fn push_chain(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
@@ -222,32 +225,26 @@ impl Pictures {
         self.pins.end_row(header.links.len().min(x_m.len()));
     }
 
-    fn push_rotors(&mut self, frame: &Frame, header: &Header) {
-        let bodies = header.bodies.iter().filter(|body| body.coordinate.is_some());
-        for (table, body) in self.rotors.iter_mut().zip(bodies) {
-            let (s, c) = libm::sincos(0.5 * (body.angle_rad + body.turned_rad(frame)));
-            table.f32(0).extend_from_slice(&position_mm([body.x_m, body.y_m], 0.0));
+    fn push_bodies(&mut self, frame: &Frame, header: &Header) {
+        let bodies = header.bodies.iter().filter(|body| body.moves());
+        for (table, body) in self.moving.iter_mut().zip(bodies) {
+            let (origin, angle_rad) = body.pose(frame);
+            let (s, c) = libm::sincos(0.5 * angle_rad);
+            table.f32(0).extend_from_slice(&position_mm(origin, 0.0));
             table.f32(1).extend_from_slice(&[0.0, 0.0, s as f32, c as f32]);
             table.end_row(1);
         }
     }
 
-    fn push_contacts(&mut self, contacts: &Contacts, scale: ForceScale) {
-        let n = contacts.link.len();
-        for i in 0..n {
-            let (normal_n, friction_n) = (contacts.normal_force_n[i], contacts.tangential_force_n[i]);
-            let (nx, ny) = (contacts.normal_x[i], contacts.normal_y[i]);
-            // The tangent is the normal turned by +90 degrees.
-            let force_n = [normal_n * nx - friction_n * ny, normal_n * ny + friction_n * nx];
-            let point = position_mm([contacts.point_body_x_m[i], contacts.point_body_y_m[i]], scale.z_mm);
+    fn push_forces(&mut self, frame: &Frame, scale: ForceScale) {
+        let mut n = 0;
+        for DrawnForce { point_m, force_n: [fx, fy], normal_n } in drawn_forces(frame) {
+            let point = position_mm(point_m, scale.z_mm);
             self.contacts.f32(0).extend_from_slice(&point);
             self.contacts.u16(1).push(scale.class(normal_n));
             self.forces.f32(0).extend_from_slice(&point);
-            self.forces.f32(1).extend_from_slice(&[
-                scale.mm_per_n * force_n[0] as f32,
-                scale.mm_per_n * force_n[1] as f32,
-                0.0,
-            ]);
+            self.forces.f32(1).extend_from_slice(&[scale.mm_per_n * fx as f32, scale.mm_per_n * fy as f32, 0.0]);
+            n += 1;
         }
         self.contacts.end_row(n);
         self.forces.end_row(n);
@@ -255,6 +252,6 @@ impl Pictures {
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
         let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
-        self.chain.iter_mut().chain(&mut self.rotors).chain(others)
+        self.chain.iter_mut().chain(&mut self.moving).chain(others)
     }
 }

@@ -84,7 +84,7 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
 pub fn short_name(body: &BodyInfo) -> String {
     let last = body.path.rsplit('.').next().unwrap_or(&body.path);
     match body.path.split('.').next() {
-        Some("sprockets" | "guides") | None => last.to_string(),
+        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages") | None => last.to_string(),
         Some(drive) => format!("{drive} {last}"),
     }
 }
@@ -126,13 +126,15 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
 /// Contour, spokes that show the rotation, and a filled face if the contour is star-shaped about its centre.
 fn log_body(stream: &RecordingStream, body: &BodyInfo, pitch_mm: f64) -> Result<()> {
     let entity = body_entity(body);
-    if body.coordinate.is_none() {
+    if !body.moves() {
         stream.log_static(entity.clone(), &standing_transform(body))?;
     }
     let Some(outline) = &body.outline else { return Ok(()) };
     let points = polyline(outline);
     let z_mm = (Z_OUTLINE * pitch_mm) as f32;
-    let mut strips = vec![strip(&points, outline.closed, z_mm)];
+    // A ball is a circle alone.
+    let contour = Some(&points).filter(|points| !points.is_empty());
+    let mut strips: Vec<_> = contour.map(|points| strip(points, outline.closed, z_mm)).into_iter().collect();
     strips.extend(outline.circles.iter().map(|c| strip(&circle(c.x_m, c.y_m, c.radius_m), true, z_mm)));
     if body.rotor {
         let hub = points.iter().map(|p| libm::hypot(p[0], p[1])).fold(f64::INFINITY, f64::min);
@@ -311,12 +313,13 @@ fn readme(header: &Header, scale: ForceScale) -> String {
         "# {drive_name}\n\nWritten by {program}. Step {:.3} us, one frame every {:.1} us.\n\n\
          Numbers are SI (m, N, rad, s) in f64; the drawing is in millimetres.\n\n\
          | where | what |\n|---|---|\n\
-         | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides |\n\
+         | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides, arms, plungers |\n\
          | `joints/tension` | pins, coloured by tension: white slack, green, yellow, red tight |\n\
-         | `contacts/points` | where links touch sprockets and guides, yellow to red with the force |\n\
-         | `contacts/forces` | force on the link, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
+         | `contacts/points` | where links touch sprockets and guides, and plungers their arms; yellow to red with the force |\n\
+         | `contacts/forces` | force on the link, or of an arm on its plunger, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
          | `state/contacts` | all numbers of all contacts, one row a frame |\n\
-         | `state/links`, `state/joints`, `state/rotors` | poses, speeds, forces and torques, one row a frame |\n\
+         | `state/links`, `state/joints`, `state/rotors`, `state/sliders`, `state/touches` | poses, speeds, forces and torques, one row a frame |\n\
+         | `state/chambers`, `state/passages` | pressures and flows of oil, one row a frame |\n\
          | `plots` | curves |\n| `events` | what happened when |\n\n\
          Timelines: `sim_time`, `step`, `crank_angle` (driver's turn in micro-degrees). \
          Numbers are there for every frame; the drawing is held from one picture to the next.\n",

@@ -38,8 +38,8 @@ pub fn link_pose(frame: &Frame, i: usize) -> Pose {
 
 /// Pose of body `k`.
 pub fn body_pose(header: &Header, frame: &Frame, k: usize) -> Pose {
-    let body = &header.bodies[k];
-    Pose { x_m: body.x_m, y_m: body.y_m, angle_rad: body.angle_rad + body.turned_rad(frame) }
+    let ([x_m, y_m], angle_rad) = header.bodies[k].pose(frame);
+    Pose { x_m, y_m, angle_rad }
 }
 
 /// Upper bound of the distance of an outline's points from its origin [m].

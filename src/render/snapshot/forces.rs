@@ -4,6 +4,7 @@ use super::contours::link_pose;
 use super::labels::{OccupiedPlaces, Rect, take_place_beside};
 use super::{DrawingSheet, FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, pitch_m, push_number, round_below};
 use crate::recording::frame::{Contacts, Frame};
+use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use std::fmt::Write;
 
 /// Length of the largest contact force as a fraction of the panel's shorter side.
@@ -39,9 +40,8 @@ pub fn most_loaded_point_m(frame: &Frame, k: usize) -> Option<[f64; 2]> {
 pub fn contact_scale(sheet: &DrawingSheet, frames: &[&Frame], panels: &[Panel]) -> Option<f64> {
     let mut largest_n = 0.0_f64;
     for (frame, panel) in frames.iter().zip(panels) {
-        for i in 0..frame.contacts.link.len() {
-            let (foot, force) = contact(&frame.contacts, i);
-            if panel.sees(foot, 0.0) {
+        for DrawnForce { point_m, force_n: force, .. } in drawn_forces(frame) {
+            if panel.sees(point_m, 0.0) {
                 largest_n = largest_n.max(force[0].hypot(force[1]));
             }
         }
@@ -91,11 +91,10 @@ pub fn push_joints(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
     }
 }
 
-/// Visible contacts: a dot at the contact point, and the force on the link from there.
+/// Visible contacts and tips of sliders: a dot at the contact point, and the force on the link or the slider from there.
 pub fn push_contacts(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     let dot = (0.03 * sheet.pitch()).clamp(1.2, 2.6);
-    for i in 0..frame.contacts.link.len() {
-        let (foot, force) = contact(&frame.contacts, i);
+    for DrawnForce { point_m: foot, force_n: force, .. } in drawn_forces(frame) {
         if !panel.sees(foot, pitch_m(sheet.header)) {
             continue;
         }

@@ -1,0 +1,124 @@
+//! `pitchline check --migrate`: the text of a drive file of an earlier version as this version reads it, comments and layout kept.
+//!
+//! A change that earlier files notice is a row of [`CHANGES`]. Keys and tables have had their names since the first version; what was refused
+//! since then and cannot be put right without another drive is told by the reader, with the range that it allows.
+
+use super::Failure;
+use crate::assemble::{AssemblyError, compile};
+use crate::diag::Report;
+use crate::drive::Drive;
+use crate::machine::{Machine, is_lumped};
+use crate::model::runs_through;
+use toml_edit::{DocumentMut, Item, Value, value};
+
+/// A change of what drive files may say.
+struct Change {
+    /// What is refused since then.
+    refused: &'static str,
+    /// Puts it right in a text that this version refuses so; returns what it has changed.
+    apply: fn(&mut DocumentMut, &Drive, &Report) -> Vec<String>,
+}
+
+/// All of them.
+const CHANGES: [Change; 1] = [Change {
+    refused: "since 2026-11-21 guides end clear of the sprockets' teeth, with their lead-in and lead-out",
+    apply: shorten_guides,
+}];
+
+/// Most rounds of changes: a guide gives way by this many times [`SHORTER_MM`].
+const MOST_ROUNDS: usize = 400;
+/// By how much a guide is made shorter at a time.
+const SHORTER_MM: f64 = 0.5;
+
+/// A text that this version reads, and what was changed for it. A file that is read as it is comes back as it is.
+pub(super) fn migrated(name: &str, text: &str) -> Result<(String, Vec<String>), Failure> {
+    if is_lumped(text) {
+        Machine::parse(name, text, &[]).map_err(|report| Failure::Input(report.to_string()))?;
+        return Ok((text.to_string(), Vec::new()));
+    }
+    let mut changed = Vec::new();
+    let mut now = text.to_string();
+    for _ in 0..MOST_ROUNDS {
+        let drive = Drive::parse(name, &now, &[]).map_err(|report| Failure::Input(report.to_string()))?;
+        let report = match compile(&drive) {
+            Ok(_) => return Ok((now, told(changed))),
+            Err(AssemblyError::Input(report)) => report,
+            Err(other) => return Err(super::assembly_failure(other)),
+        };
+        let mut document: DocumentMut = now.parse().map_err(|e| Failure::Input(format!("{name}: {e}")))?;
+        let before = changed.len();
+        for change in &CHANGES {
+            let done = (change.apply)(&mut document, &drive, &report);
+            changed.extend(done.into_iter().map(|what| (what, change.refused)));
+        }
+        if changed.len() == before {
+            return Err(Failure::Input(report.to_string()));
+        }
+        now = document.to_string();
+    }
+    Err(Failure::Input(format!("`{name}` is still refused after {MOST_ROUNDS} changes; `pitchline check` says why")))
+}
+
+/// Each kind of change once, with its reason, the last state of every value.
+fn told(changes: Vec<(String, &'static str)>) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for (what, reason) in changes {
+        let line = format!("{what}: {reason}");
+        let path = |line: &str| line.split(" = ").next().unwrap_or_default().to_string();
+        lines.retain(|other| path(other) != path(&line));
+        lines.push(line);
+    }
+    lines
+}
+
+/// Guides that run through a sprocket at an end of their span end a little earlier there.
+fn shorten_guides(document: &mut DocumentMut, drive: &Drive, report: &Report) -> Vec<String> {
+    let mut changed = Vec::new();
+    for guide in &drive.guides {
+        let chain = drive.sprockets.get(guide.span).map_or(0, |s| s.chain);
+        let own = drive.sprockets_of(chain);
+        let next = if guide.span + 1 < own.end { guide.span + 1 } else { own.start };
+        for (key, sprocket) in [("start_mm", guide.span), ("end_mm", next)] {
+            let Some(sprocket) = drive.sprockets.get(sprocket) else { continue };
+            let title = runs_through(&guide.name, &sprocket.name);
+            if report.diags.iter().all(|d| d.title != title) {
+                continue;
+            }
+            let at = ["guides", "fixed", guide.name.as_str()];
+            if let Some(table) = table_at(document, &at) {
+                let mm = number(table.get(key)).unwrap_or(0.0) + SHORTER_MM;
+                put(table, key, mm);
+                changed.push(format!("guides.fixed.{}.{key} = {mm}", guide.name));
+            }
+        }
+    }
+    changed
+}
+
+fn table_at<'a>(document: &'a mut DocumentMut, path: &[&str]) -> Option<&'a mut dyn toml_edit::TableLike> {
+    let mut item: &mut Item = document.as_item_mut();
+    for key in path {
+        item = item.as_table_like_mut()?.get_mut(key)?;
+    }
+    item.as_table_like_mut()
+}
+
+fn number(item: Option<&Item>) -> Option<f64> {
+    let item = item?;
+    item.as_float().or_else(|| item.as_integer().map(|i| i as f64))
+}
+
+/// Puts a number in place of one, with the spaces and the comment beside it.
+fn put(table: &mut dyn toml_edit::TableLike, key: &str, number: f64) {
+    let whole = number == number.trunc() && number.abs() < 1e15;
+    let mut new = if whole { Value::from(number as i64) } else { Value::from(number) };
+    match table.get_mut(key).and_then(Item::as_value_mut) {
+        Some(old) => {
+            *new.decor_mut() = old.decor().clone();
+            *old = new;
+        }
+        None => {
+            table.insert(key, value(new));
+        }
+    }
+}
