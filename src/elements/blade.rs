@@ -315,28 +315,35 @@ impl Blade {
         }
     }
 
-    /// Where a straight edge touches that touches the drawn contour at `place`: where the contour turns away from it as much as the bending
-    /// turns it back. How much further that is, at most `most_m` to either side, what the drawn contour falls away up to there [m], and the point.
+    /// Where a straight edge that touches the drawn contour at `place` touches the bent one: where the contour turns away from it as much as the
+    /// bending turns it back, at most as far as `range` says. How much further that is [m]; None: beyond that range.
     #[inline(always)]
-    fn further(&self, bent: &Deflection, (place, point): (f64, BladePoint), most_m: f64) -> (f64, f64, BladePoint) {
-        let (mut further_m, mut drop_m, mut at) = (0.0, 0.0, point);
+    fn further_m(&self, bent: &Deflection, place: f64, range: (f64, f64)) -> Result<f64, f64> {
+        let mut at = if range.0 > 0.0 {
+            range.0
+        } else if range.1 < 0.0 {
+            range.1
+        } else {
+            0.0
+        };
+        let least = MOST_FLATTENED / self.drawn_radius_m;
         for _ in 0..NEWTON_STEPS {
-            let (turned, _, curvature) = self.fall(place, place + further_m);
-            let bends_away = curvature - bent.bend_at(&at);
-            let least = MOST_FLATTENED / self.drawn_radius_m;
-            let bends_away = if bends_away > least { bends_away } else { least };
-            further_m -= (turned - bent.slope_at(&at)) / bends_away;
-            further_m = if further_m > most_m { most_m } else { further_m };
-            further_m = if further_m < 0.0 - most_m { 0.0 - most_m } else { further_m };
-            at = self.point(place + further_m);
+            let point = self.point(place + at);
+            let (turned, _, curvature) = self.fall(place, place + at);
+            let bends_away = curvature - bent.bend_at(&point);
+            let wanted = at - (turned - bent.slope_at(&point)) / if bends_away > least { bends_away } else { least };
+            let next = if wanted < range.0 { range.0 } else { wanted };
+            let next = if next > range.1 { range.1 } else { next };
+            if (next - at).abs() < SAME_PLACE_M {
+                return if next == wanted { Ok(next) } else { Err(next) };
+            }
+            at = next;
         }
-        if further_m != 0.0 {
-            (_, drop_m, _) = self.fall(place, place + further_m);
-        }
-        (further_m, drop_m, at)
+        Ok(at)
     }
 
-    /// A touch of the drawn contour as it is on the bent one, and its point: `centre`, `along`: of the link, in the rail's frame.
+    /// A touch of the drawn contour as it is on the bent one, with its point and the direction in which that point is bent. `centre`, `along`: of the
+    /// link, in the rail's frame.
     pub fn bent_touch(
         &self,
         body: &RailBody,
@@ -344,33 +351,140 @@ impl Blade {
         (centre, along, lever_m): (Vec2, Vec2, f64),
         touch: PlateTouch,
     ) -> (PlateTouch, BladePoint, Vec2) {
-        let on_axis = centre + along * touch.along_m;
-        let (s, normal) = self.place(body, touch.piece, on_axis, touch.normal);
-        let point = self.point(s);
-        let (w, slope) = (bent.value_at(&point), bent.slope_at(&point));
-        let mut out = touch;
-        let radius_m = if touch.body_radius_m == 0.0 { 0.0 } else { touch.body_radius_m };
-        if touch.is_flat {
-            let sense = along.dot(&perp(touch.normal));
-            if radius_m != 0.0 {
-                let most_m = lever_m - touch.along_m.abs();
-                let (further_m, drop_m, moved) = self.further(bent, (s, point), most_m);
-                out.penetration_m += bent.value_at(&moved) * normal.dot(&touch.normal) - drop_m;
-                out.along_m += further_m * sense;
-                out.body_radius_m = self.bent_radius_m(bent, s + further_m, &moved);
-                return (out, moved, normal);
+        match body.pieces[touch.piece] {
+            Piece::Arc { centre: c, radius_m, from, .. } if radius_m > 0.0 => {
+                // An edge that bends round: flat in between the joints, or at one of them.
+                let side = perp(along);
+                let normal = if side.dot(&touch.normal) < 0.0 { -side } else { side };
+                let place = self.starts[touch.piece] + radius_m * signed_angle(from, normal);
+                let sense = along.dot(&perp(normal));
+                let foot = (c - centre).dot(&along);
+                let ends = [(-lever_m - foot) * sense, (lever_m - foot) * sense];
+                let range = if ends[0] < ends[1] { (ends[0], ends[1]) } else { (ends[1], ends[0]) };
+                match self.further_m(bent, place, range) {
+                    Ok(further_m) => {
+                        let point = self.point(place + further_m);
+                        let (_, drop_m, _) = self.fall(place, place + further_m);
+                        let drawn_m = radius_m + body.plate_radius_m - (centre - c).dot(&normal);
+                        let touch = PlateTouch {
+                            penetration_m: drawn_m + bent.value_at(&point) - drop_m,
+                            normal,
+                            along_m: foot + sense * further_m,
+                            body_radius_m: self.bent_radius_m(bent, place + further_m, &point),
+                            is_flat: true,
+                            ..touch
+                        };
+                        (touch, point, normal)
+                    }
+                    Err(further_m) => {
+                        let along_m = if (foot + sense * further_m) > 0.0 { lever_m } else { 0.0 - lever_m };
+                        self.end_touch(body, bent, centre + along * along_m, (along_m, place + further_m), touch)
+                    }
+                }
             }
-            out.penetration_m += w * normal.dot(&touch.normal);
-            return (out, point, normal);
+            Piece::Arc { radius_m, .. } if radius_m == 0.0 => self.point_touch(body, bent, (centre, along), touch),
+            Piece::EdgeSupport { .. } => self.point_touch(body, bent, (centre, along), touch),
+            Piece::Line { .. } | Piece::Arc { .. } => {
+                let joint = centre + along * touch.along_m;
+                let (place, normal) = self.place(body, touch.piece, joint, touch.normal);
+                self.leaning_touch(body, bent, (place, normal), touch)
+            }
         }
-        let leaning = slope * lean(radius_m, body.plate_radius_m - touch.penetration_m);
+    }
+
+    /// The round end of a plate about `joint`, near a place of the contour.
+    fn end_touch(
+        &self,
+        body: &RailBody,
+        bent: &Deflection,
+        joint: Vec2,
+        (along_m, near): (f64, f64),
+        touch: PlateTouch,
+    ) -> (PlateTouch, BladePoint, Vec2) {
+        // The elements of the profile stand behind the corner at its beginning.
+        let mut k = self.bends.partition_point(|(end, _)| *end <= near).min(self.bends.len() - 1);
+        let mut tried = None;
+        loop {
+            let (penetration_m, normal) = match body.pieces[k + 1] {
+                Piece::Arc { centre, radius_m, .. } => {
+                    let (from, sense) = (joint - centre, radius_m.signum());
+                    let distance_m = from.norm();
+                    (radius_m + body.plate_radius_m - sense * distance_m, from * (sense / distance_m))
+                }
+                Piece::Line { start, along, .. } => {
+                    let normal = -perp(along);
+                    (body.plate_radius_m - (joint - start).dot(&normal), normal)
+                }
+                Piece::EdgeSupport { .. } => (touch.penetration_m, touch.normal),
+            };
+            let place = match body.pieces[k + 1] {
+                Piece::Arc { radius_m, from, .. } => self.starts[k + 1] + radius_m * signed_angle(from, normal),
+                Piece::Line { .. } | Piece::EdgeSupport { .. } => self.place(body, k + 1, joint, normal).0,
+            };
+            let begin = if k == 0 { f64::NEG_INFINITY } else { self.bends[k - 1].0 };
+            let end = if k + 1 == self.bends.len() { f64::INFINITY } else { self.bends[k].0 };
+            let next = if place < begin {
+                k.checked_sub(1)
+            } else if place > end {
+                Some(k + 1)
+            } else {
+                None
+            };
+            match next {
+                Some(other) if tried != Some(other) => (tried, k) = (Some(k), other),
+                Some(_) | None => {
+                    let radius_m = 1.0 / self.bends[k].1;
+                    let (piece, is_flat) = (k + 1, false);
+                    let touch = PlateTouch { penetration_m, normal, along_m, body_radius_m: radius_m, is_flat, piece };
+                    return self.leaning_touch(body, bent, (place, normal), touch);
+                }
+            }
+        }
+    }
+
+    /// A round end on a line or an arc: the bent contour leans under it.
+    #[inline(always)]
+    fn leaning_touch(
+        &self,
+        body: &RailBody,
+        bent: &Deflection,
+        (place, own): (f64, Vec2),
+        touch: PlateTouch,
+    ) -> (PlateTouch, BladePoint, Vec2) {
+        let point = self.point(place);
+        let leaning = bent.slope_at(&point) * lean(touch.body_radius_m, body.plate_radius_m - touch.penetration_m);
         let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
-        out.penetration_m = (touch.penetration_m + w * normal.dot(&touch.normal)) * scale;
-        out.normal = (touch.normal - perp(touch.normal) * leaning) * scale;
-        if radius_m != 0.0 {
-            out.body_radius_m = self.bent_radius_m(bent, s, &point);
-        }
-        (out, point, normal)
+        let touch = PlateTouch {
+            penetration_m: (touch.penetration_m + bent.value_at(&point)) * scale,
+            normal: (touch.normal - perp(touch.normal) * leaning) * scale,
+            body_radius_m: self.bent_radius_m(bent, place, &point),
+            ..touch
+        };
+        (touch, point, own)
+    }
+
+    /// A point of the contour, its end or an edge support, which moves with the bending.
+    fn point_touch(
+        &self,
+        body: &RailBody,
+        bent: &Deflection,
+        (centre, along): (Vec2, Vec2),
+        touch: PlateTouch,
+    ) -> (PlateTouch, BladePoint, Vec2) {
+        let (at, place, own) = match body.pieces[touch.piece] {
+            Piece::EdgeSupport { point, normal } => (point, self.starts[touch.piece], normal),
+            Piece::Arc { centre, .. } | Piece::Line { start: centre, .. } => {
+                let (place, own) = self.place(body, touch.piece, centre, touch.normal);
+                (centre, place, own)
+            }
+        };
+        let point = self.point(place);
+        let moved = at + own * bent.value_at(&point);
+        let along_m = if touch.is_flat { (moved - centre).dot(&along) } else { touch.along_m };
+        let from = centre + along * along_m - moved;
+        let distance_m = from.norm();
+        let penetration_m = body.plate_radius_m - distance_m;
+        (PlateTouch { penetration_m, normal: from / distance_m, along_m, ..touch }, point, own)
     }
 
     /// Radius of curvature of the bent contour at a place [m], as [`PlateTouch::body_radius_m`].
@@ -388,49 +502,46 @@ impl Blade {
         (part, levers): (PlatePart, &LaneBlock),
         motion: &FrameMotion,
         bent: &BladeMotion,
-        (found, lanes): (&RailContactLanes, &mut Lanes),
+        (found, lanes): (&mut RailContactLanes, &mut Lanes),
         out: &mut BladeLanes,
     ) {
         let (c, s) = (motion.cos, motion.sin);
         let into = |x: f64, y: f64| Vec2::new(c * x + s * y, c * y - s * x);
+        let back = |v: Vec2| Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y);
         for i in 0..LANES {
             if !found.here[i] {
                 continue;
             }
+            let (e, at) = (into(lanes.cos[i], lanes.sin[i]), lanes.lever[i]);
             let piece = found.piece[i] as usize;
-            let n = Vec2::new(lanes.normal_x[i], lanes.normal_y[i]);
-            let (place, own) = self.place(body, piece, into(lanes.x[i], lanes.y[i]), into(n.x, n.y));
-            let mut point = self.point(place);
-            let (w, slope) = (bent.way.value_at(&point), bent.way.slope_at(&point));
-            let own = Vec2::new(c * own.x - s * own.y, s * own.x + c * own.y);
-            let along = perp(n);
-            let radius_m = match body.pieces[piece] {
-                Piece::Arc { radius_m, .. } => radius_m,
-                Piece::Line { .. } => f64::INFINITY,
-                Piece::EdgeSupport { .. } => 0.0,
+            let drawn = PlateTouch {
+                piece,
+                penetration_m: lanes.penetration[i],
+                normal: into(lanes.normal_x[i], lanes.normal_y[i]),
+                along_m: at,
+                body_radius_m: match body.pieces[piece] {
+                    Piece::Arc { radius_m, .. } => radius_m,
+                    Piece::Line { .. } => f64::INFINITY,
+                    Piece::EdgeSupport { .. } => 0.0,
+                },
+                is_flat: part == PlatePart::Edge && found.link_radius[i].is_infinite(),
             };
-            let flat = part == PlatePart::Edge && found.link_radius[i].is_infinite();
-            if flat && radius_m != 0.0 {
-                let most_m = levers[i] - lanes.lever[i].abs();
-                let (further_m, drop_m, moved) = self.further(&bent.way, (place, point), most_m);
-                let by = further_m * (lanes.cos[i] * along.x + lanes.sin[i] * along.y);
-                lanes.penetration[i] += bent.way.value_at(&moved) * own.dot(&n) - drop_m;
-                lanes.lever[i] += by;
-                lanes.x[i] += by * lanes.cos[i];
-                lanes.y[i] += by * lanes.sin[i];
-                lanes.vx[i] -= lanes.omega[i] * by * lanes.sin[i];
-                lanes.vy[i] += lanes.omega[i] * by * lanes.cos[i];
-                point = moved;
-            } else if flat {
-                lanes.penetration[i] += w * own.dot(&n);
-            } else {
-                let leaning = slope * lean(radius_m, body.plate_radius_m - lanes.penetration[i]);
-                let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
-                let leant = (n - along * leaning) * scale;
-                lanes.penetration[i] = (lanes.penetration[i] + w * own.dot(&n)) * scale;
-                (lanes.normal_x[i], lanes.normal_y[i]) = (leant.x, leant.y);
-                lanes.curvature[i] += bent.way.bend_at(&point);
-            }
+            let centre = into(lanes.x[i], lanes.y[i]) - e * at;
+            let (touch, point, own) = self.bent_touch(body, &bent.way, (centre, e, levers[i]), drawn);
+            let (n, own, by) = (back(touch.normal), back(own), touch.along_m - at);
+            let along = perp(n);
+            lanes.penetration[i] = touch.penetration_m;
+            (lanes.normal_x[i], lanes.normal_y[i]) = (n.x, n.y);
+            lanes.lever[i] = touch.along_m;
+            lanes.x[i] += by * lanes.cos[i];
+            lanes.y[i] += by * lanes.sin[i];
+            lanes.vx[i] -= lanes.omega[i] * by * lanes.sin[i];
+            lanes.vy[i] += lanes.omega[i] * by * lanes.cos[i];
+            found.link_radius[i] = if touch.is_flat { f64::INFINITY } else { body.plate_radius_m };
+            found.piece[i] = touch.piece as f64;
+            // Of a joint's path over the bent contour, from its centre of curvature.
+            let reach_m = touch.body_radius_m + body.plate_radius_m - touch.penetration_m;
+            lanes.curvature[i] = if touch.is_flat || reach_m.is_infinite() { 0.0 } else { 0.0 - 1.0 / reach_m };
             let slide = (lanes.vx[i] * along.x + lanes.vy[i] * along.y)
                 + motion.omega * (lanes.y[i] * along.x - lanes.x[i] * along.y);
             let speed = bent.speed.value_at(&point);
@@ -506,8 +617,9 @@ fn weighted(weights: &[f64; 4], value: &[f64], slope: &[f64], element: usize) ->
         + weights[3] * slope[element + 1]
 }
 
-/// Of the place of a straight edge on a bent contour: the third leaves less than a nanometre where no joint of arcs lies between.
-const NEWTON_STEPS: usize = 3;
+/// Steps towards the place of a straight edge, and how near two of them end [m]. Three are enough on one arc, five over its end.
+const NEWTON_STEPS: usize = 12;
+const SAME_PLACE_M: f64 = 1e-12;
 /// Curvature below which a contour counts as straight [1/m].
 const STRAIGHT_PER_M: f64 = 1e-6;
 
@@ -519,6 +631,12 @@ const MOST_FLATTENED: f64 = 0.2;
 #[inline(always)]
 fn lean(radius_m: f64, height_m: f64) -> f64 {
     if radius_m.is_infinite() { 1.0 } else { radius_m / (radius_m + height_m) }
+}
+
+/// Angle from one direction to another one, counterclockwise positive [rad].
+#[inline(always)]
+fn signed_angle(from: Vec2, to: Vec2) -> f64 {
+    crate::units::atan2(cross(from, to), from.dot(&to))
 }
 
 /// Angle between two directions, never negative [rad].

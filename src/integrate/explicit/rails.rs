@@ -82,7 +82,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             if let Some(blade) = &rail.blade {
                 for (i, part) in PlatePart::ALL.into_iter().enumerate() {
                     let levers = take(&model.chain.lever, at);
-                    let own = (&found[i], &mut lanes[i]);
+                    let own = (&mut found[i], &mut lanes[i]);
                     blade.shape.bend_lanes(body, (part, &levers), &swing, bent, own, &mut on_blade[i]);
                 }
             }
