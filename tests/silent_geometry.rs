@@ -579,7 +579,7 @@ fn links_touch_teeth_where_a_search_over_every_element_finds_it() {
         let placed = place(&drive).unwrap_or_else(|e| panic!("{e}"));
         let model = Model::build(&drive, &placed, 0.0).unwrap_or_else(|e| panic!("{e}"));
         let Toothing::Silent(sprocket) = &model.sprockets[0].geometry else { panic!("teeth of a silent chain") };
-        let Some(LinkContour::Flanks(rows)) = &model.contour else { panic!("flanks") };
+        let Some(LinkContour::Flanks(rows)) = &model.contours[0] else { panic!("flanks") };
         let tau = sprocket.pitch_angle_rad();
         let (mut compared, mut worst) = (0, 0.0_f64);
         // A lattice that matches no symmetry of the teeth.
@@ -599,7 +599,8 @@ fn links_touch_teeth_where_a_search_over_every_element_finds_it() {
                     front,
                     row: 0,
                 };
-                let Some(touch) = body.touch(model.contour.as_ref().expect("flanks"), &pose, (1.0, 0.0), 0.2e-3) else {
+                let Some(touch) = body.touch(model.contours[0].as_ref().expect("flanks"), &pose, (1.0, 0.0), 0.2e-3)
+                else {
                     continue;
                 };
                 let side = if front == outer { [4, 5] } else { [2, 1] };
