@@ -253,6 +253,18 @@ fn backs_of_abutment_links_run_on_rails() {
 }
 
 #[test]
+fn abutments_need_a_face_where_their_backs_are_pressed() {
+    let text = common::abutments_on_a_rail();
+    let (head, tail) = text.split_once("[guides.fixed.slack]").expect("a guide");
+    let (_, arm) = tail.split_once("[arms.press]").expect("an arm");
+    let report = Drive::parse("t.toml", &format!("{head}[arms.press]{arm}"), &[]).expect_err("no face").to_string();
+    assert!(report.contains("guide `back` outside") && report.contains("--> t.toml"), "{report}");
+    let inside =
+        Drive::parse("t.toml", &text.replace("side = \"outside\"", "side = \"inside\""), &[]).expect_err("inside");
+    assert!(inside.to_string().contains("straight faces"), "{inside}");
+}
+
+#[test]
 fn every_chain_has_its_own_keys_preload_and_spans() {
     let text = two_stages("silent-20-40", "bush-20-40");
     // Keys of gaps that seat bushes belong to sprockets of bush chains alone.

@@ -231,6 +231,18 @@ impl Drive {
                     "make them for the sprocket with the fewest teeth",
                 );
             }
+            // Where something presses on the backs of the links, a face holds their abutments.
+            let is_held = |span: usize| self.guides.iter().any(|g| g.span == span && g.side == GuideSide::Inside);
+            let fixed = self.guides.iter().map(|g| ("fixed", &g.name, g.side, g.span));
+            let on_backs = fixed.chain(self.rails.iter().map(|r| ("rail", &r.name, r.side, r.span)));
+            for (kind, name, _, _) in on_backs.filter(|(.., side, span)| *side == GuideSide::Outside && !is_held(*span))
+            {
+                mistakes.add(
+                    &format!("guides.{kind}.{name}"),
+                    format!("abutments lie inside the loop, and guide `{name}` outside"),
+                    "set its `side` to \"inside\", or give its span a straight guide inside too",
+                );
+            }
         }
         let contours = match self.chain {
             ChainSpec::Bush(_) => Vec::new(),
