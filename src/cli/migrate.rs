@@ -116,8 +116,8 @@ fn number(item: Option<&Item>) -> Option<f64> {
 
 /// Puts a number in place of one, with the spaces and the comment beside it.
 fn put(table: &mut dyn toml_edit::TableLike, key: &str, number: f64) {
-    let whole = number == number.trunc() && number.abs() < 1e15;
-    let mut new = if whole { Value::from(number as i64) } else { Value::from(number) };
+    // As it is written: a whole number has no point.
+    let Ok(mut new) = format!("{number}").parse::<Value>() else { return };
     match table.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => {
             *new.decor_mut() = old.decor().clone();
