@@ -542,7 +542,8 @@ fn drives_of_former_versions_are_read_or_migrated() {
             let changed: Vec<(&str, &str)> = before.lines().zip(after.lines()).filter(|(a, b)| a != b).collect();
             assert_eq!(before.lines().count(), after.lines().count(), "{name}");
             for (a, b) in &changed {
-                assert!(a.starts_with("start_mm") || a.starts_with("end_mm"), "{a} became {b}");
+                let keys = ["start_mm", "end_mm", "end_radius_mm"];
+                assert!(keys.iter().any(|key| a.starts_with(key)), "{a} became {b}");
                 let comment = |line: &str| line.find('#').map(|at| line[at..].to_string());
                 assert_eq!(comment(a), comment(b));
             }
@@ -555,7 +556,7 @@ fn drives_of_former_versions_are_read_or_migrated() {
         let printed = pitchline(&["check", shown, "--migrate"]);
         assert_eq!(stdout(&printed), after);
     }
-    assert_eq!(refused, [("2026-11-21-bush-20-40.toml".to_string(), 4)]);
+    assert_eq!(refused, [("2026-11-21-bush-20-40.toml".to_string(), 6)]);
     // What no migration knows is told as ever, and no file is written.
     let wrong = folder.path().join("wrong.toml");
     let text = std::fs::read_to_string(old.join("2026-11-21-bush-20-40.toml")).expect("a text");

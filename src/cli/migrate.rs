@@ -29,6 +29,8 @@ const CHANGES: [Change; 1] = [Change {
 const MOST_ROUNDS: usize = 400;
 /// By how much a guide is made shorter at a time.
 const SHORTER_MM: f64 = 0.5;
+/// Radius of a guide's ends before it is made shorter: larger ones reach far round the sprocket. Those of the bundled drives.
+const END_RADIUS_MM: f64 = 15.0;
 
 /// A text that this version reads, and what was changed for it. A file that is read as it is comes back as it is.
 pub(super) fn migrated(name: &str, text: &str) -> Result<(String, Vec<String>), Failure> {
@@ -71,10 +73,10 @@ fn told(changes: Vec<(String, &'static str)>) -> Vec<String> {
     lines
 }
 
-/// Guides that run through a sprocket at an end of their span end a little earlier there.
+/// Guides that run through a sprocket at an end of their span get narrower ends, and then end a little earlier there.
 fn shorten_guides(document: &mut DocumentMut, drive: &Drive, report: &Report) -> Vec<String> {
     let mut changed = Vec::new();
-    for guide in &drive.guides {
+    'guides: for guide in &drive.guides {
         let chain = drive.sprockets.get(guide.span).map_or(0, |s| s.chain);
         let own = drive.sprockets_of(chain);
         let next = if guide.span + 1 < own.end { guide.span + 1 } else { own.start };
@@ -85,11 +87,15 @@ fn shorten_guides(document: &mut DocumentMut, drive: &Drive, report: &Report) ->
                 continue;
             }
             let at = ["guides", "fixed", guide.name.as_str()];
-            if let Some(table) = table_at(document, &at) {
-                let mm = number(table.get(key)).unwrap_or(0.0) + SHORTER_MM;
-                put(table, key, mm);
-                changed.push(format!("guides.fixed.{}.{key} = {mm}", guide.name));
+            let Some(table) = table_at(document, &at) else { continue };
+            if number(table.get("end_radius_mm")).is_some_and(|mm| mm > END_RADIUS_MM) {
+                put(table, "end_radius_mm", END_RADIUS_MM);
+                changed.push(format!("guides.fixed.{}.end_radius_mm = {END_RADIUS_MM}", guide.name));
+                continue 'guides;
             }
+            let mm = number(table.get(key)).unwrap_or(0.0) + SHORTER_MM;
+            put(table, key, mm);
+            changed.push(format!("guides.fixed.{}.{key} = {mm}", guide.name));
         }
     }
     changed
@@ -110,8 +116,8 @@ fn number(item: Option<&Item>) -> Option<f64> {
 
 /// Puts a number in place of one, with the spaces and the comment beside it.
 fn put(table: &mut dyn toml_edit::TableLike, key: &str, number: f64) {
-    let whole = number == number.trunc() && number.abs() < 1e15;
-    let mut new = if whole { Value::from(number as i64) } else { Value::from(number) };
+    // As it is written: a whole number has no point.
+    let Ok(mut new) = format!("{number}").parse::<Value>() else { return };
     match table.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => {
             *new.decor_mut() = old.decor().clone();

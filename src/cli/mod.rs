@@ -33,10 +33,13 @@ use clap::{ArgMatches, Args, Command};
 use std::io::{Read, Write};
 use std::path::Path;
 
+/// What a verb does with its arguments.
+type RunVerb = Box<dyn Fn(&ArgMatches) -> Result<Outcome, Failure>>;
+
 /// A verb: a row of [`verbs`].
 struct Verb {
     command: Command,
-    run: Box<dyn Fn(&ArgMatches) -> Result<Outcome, Failure>>,
+    run: RunVerb,
 }
 
 /// A verb with its name, what it does in a line, and its file's arguments and function.
