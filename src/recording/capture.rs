@@ -19,6 +19,7 @@ use crate::elements::tooth_contact::LANES;
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
+use crate::integrate::{VectorKernel, vectorised};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -155,6 +156,7 @@ impl Camera {
         frame.state_hash = state.hash();
         frame.crank_angle_rad = model.crank_angle_rad(state.step);
         fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
+        frame.round_to_stored(scratch.isa);
         frame
     }
 
@@ -447,31 +449,60 @@ fn sum_of(n: usize, term: impl Fn(usize) -> f64) -> f64 {
 }
 
 /// Sum over the loops.
+#[inline(always)]
 fn each_loop(chain: &ChainModel, of: impl FnMut(&Range<usize>) -> f64) -> f64 {
-    chain.loops.iter().map(of).sum()
+    let (mut of, mut sum) = (of, 0.0);
+    for own in &chain.loops {
+        sum += of(own);
+    }
+    sum
 }
 
 /// All energies at the node; losses and work since the State's ledger was opened.
 fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
+    vectorised(node.scratch.isa, LedgerKernel { node, links, rows })
+}
+
+/// Sums over columns.
+struct LedgerKernel<'a> {
+    node: &'a Node<'a>,
+    links: &'a Links,
+    rows: &'a SortedContacts,
+}
+
+impl VectorKernel for LedgerKernel<'_> {
+    type Output = Energy;
+
+    #[inline(always)]
+    fn run(self) -> Energy {
+        sum_energies(self.node, self.links, self.rows)
+    }
+}
+
+#[inline(always)]
+fn sum_energies(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     let Node { model, state, scratch, .. } = *node;
     let (c, h) = (&model.chain, model.step_s);
     let mut first_link = 0;
     let kinetic_j = each_loop(c, |own| {
-        let first = first_link;
-        first_link += own.len();
-        sum_of(own.len(), |k| {
-            let (i, lane) = (first + k, own.start + k);
-            let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
-            let held = c.inverse_mass[lane] == 0.0;
-            let omega = links.omega_rad_s[i];
-            if held { 0.0 } else { 0.5 * (c.mass[lane] * v2 + c.inertia[lane] * omega * omega) }
+        let n = own.len();
+        let (vx, vy) = (&links.vx_m_s[first_link..][..n], &links.vy_m_s[first_link..][..n]);
+        let omega = &links.omega_rad_s[first_link..][..n];
+        let (mass, inertia) = (&c.mass[own.clone()][..n], &c.inertia[own.clone()][..n]);
+        let inverse_mass = &c.inverse_mass[own.clone()][..n];
+        first_link += n;
+        sum_of(n, |k| {
+            let v2 = vx[k] * vx[k] + vy[k] * vy[k];
+            let of_link = 0.5 * (mass[k] * v2 + inertia[k] * omega[k] * omega[k]);
+            if inverse_mass[k] == 0.0 { 0.0 } else { of_link }
         })
     });
     let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
     let elastic_joint_j = each_loop(c, |own| {
         let joint = c.joint(own.start);
-        let stored = |j: usize| joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored;
-        sum_of(own.len(), |k| stored(own.start + k))
+        let n = own.len();
+        let [front_x, rear_x, front_y, rear_y] = [front_x, rear_x, front_y, rear_y].map(|v| &v[own.clone()][..n]);
+        sum_of(n, |k| joint.force(front_x[k] - rear_x[k], front_y[k] - rear_y[k], 0.0, 0.0).stored)
     });
     let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
     shafts::add_energies(model, state, scratch, &mut e);
@@ -486,7 +517,10 @@ fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     let (pin_damping, pin_friction) = scratch.joint_powers();
     let own = |column: &[f64]| match column {
         [] => 0.0,
-        column => each_loop(c, |own| sum_of(own.len(), |k| column[own.start + k])),
+        column => each_loop(c, |own| {
+            let column = &column[own.clone()];
+            sum_of(column.len(), |k| column[k])
+        }),
     };
     e.lost_pin_damping_j = own(&state.lost_pin_damping) + 0.5 * h * own(pin_damping);
     e.lost_pin_friction_j = own(&state.lost_pin_friction) + 0.5 * h * own(pin_friction);

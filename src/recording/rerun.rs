@@ -1,5 +1,6 @@
-//! The `.rrd` view of a recording, for the Rerun viewer. Numbers of every frame are stored in f64 under `state`; the
-//! drawing (f32, millimetres) and the curves are derived from them. Rows are collected in blocks, because one message
+//! The `.rrd` view of a recording, for the Rerun viewer. Numbers are stored in f32 under `state`: of contacts and rotors every
+//! frame, of links and joints with every picture. The drawing (millimetres) and the curves are derived from them. All digits of
+//! every frame are in the archive. Rows are collected in blocks, because one message
 //! per block and entity is thirty times cheaper than one per row. The file is written on its own thread, one block
 //! behind: each block waits for the one before and checks whether it was written. A live viewer gets the same rows, in
 //! smaller blocks.
@@ -105,7 +106,7 @@ impl RerunSink {
             header: header.clone(),
             stream: Some(stream),
             recording,
-            clock: PictureClock::new(view),
+            clock: PictureClock::new(view.picture_interval_s),
             scale,
             has_layout: false,
             last_crank_udeg: 0,
@@ -175,7 +176,8 @@ impl RerunSink {
             table::send(stream, &mut self.curve_times, self.curves.tables())?;
         }
         if pictures {
-            table::send(stream, &mut self.picture_times, self.pictures.tables())?;
+            let tables = self.pictures.tables().chain(self.numbers.tables_beside_pictures());
+            table::send(stream, &mut self.picture_times, tables)?;
         }
         if events {
             table::send(stream, &mut self.event_times, [&mut self.events])?;
@@ -212,6 +214,7 @@ impl Sink for RerunSink {
         if self.clock.due(frame.t_s) {
             self.picture_times.push(frame.t_s, frame.step, self.last_crank_udeg);
             self.pictures.push(frame, &self.header, self.scale);
+            self.numbers.push_beside_picture(frame);
         }
         self.send_blocks(false)
     }
@@ -429,7 +432,7 @@ mod tests {
     fn numbers_of_every_frame_come_back_to_the_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.rrd");
-        let view = ViewOptions { picture_interval_s: 0.01 };
+        let view = ViewOptions::every(0.01);
         let mut sink = RerunSink::create(&path, &header(), view).unwrap();
         // Two full blocks and a partial one.
         let n = 2 * NUMBER_ROWS as u64 + 3;
