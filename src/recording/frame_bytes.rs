@@ -19,6 +19,8 @@ fn len(stored: Stored, values: &ColumnValues<'_>) -> usize {
         (Stored::derived, _) | (_, ColumnValues::Text(_)) => 0,
         (Stored::double, ColumnValues::F64(values)) => 8 * values.len(),
         (_, ColumnValues::F64(values)) => 4 * values.len(),
+        // One byte each, as far as all are below 128.
+        (_, ColumnValues::U32(values)) if values.iter().fold(0, |all, v| all | v) < 128 => values.len(),
         (_, ColumnValues::U32(values)) => of(&mut values.iter().map(|v| u64::from(*v))),
         (_, ColumnValues::U64(values)) => of(&mut values.iter().copied()),
         (_, ColumnValues::Bool(values)) => values.len(),
