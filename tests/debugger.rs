@@ -116,10 +116,10 @@ fn verify_says_which_frame_is_not_reproduced() {
         let stop = AtomicBool::new(false);
         verify(&mut Replay::open(&changed).expect("opens"), &stop, |_| ()).expect("runs").expect("ends")
     };
-    // One bit of one position.
+    // One bit of one position: the last one that is stored.
     let flip = |i: usize, f: &mut Frame| {
         if i == 77 {
-            f.links.x_m[12] = f64::from_bits(f.links.x_m[12].to_bits() ^ 1);
+            f.links.x_m[12] = f64::from_bits(f.links.x_m[12].to_bits() ^ (1 << 13));
         }
     };
     let verdict = write(&whole.header, &flip, false);

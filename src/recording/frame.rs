@@ -7,8 +7,8 @@
 
 use super::columns::schema::{derived, double, double40, double48, float, string, uint32, uint64};
 use super::columns::{
-    Column, ColumnKind, ColumnValues, FINE_TAG, Holds, MessageInfo, Rows, Stored, TableInfo, ValuesMut, columns_of, record,
-    tables,
+    Column, ColumnKind, ColumnValues, FINE_TAG, Holds, MessageInfo, Rows, Stored, TableInfo, ValuesMut, columns_of,
+    record, tables,
 };
 use super::{frame_bytes, stored_floats};
 use crate::integrate::Isa;

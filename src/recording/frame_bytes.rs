@@ -82,12 +82,9 @@ fn put(isa: Isa, column: &Column, values: &ColumnValues<'_>, out: &mut Vec<u8>) 
                     *to = (*from as f32).to_le_bytes();
                 }
             }
-            Stored::double
-            | Stored::derived
-            | Stored::uint32
-            | Stored::uint64
-            | Stored::bool
-            | Stored::string => put_doubles(tag, values, out),
+            Stored::double | Stored::derived | Stored::uint32 | Stored::uint64 | Stored::bool | Stored::string => {
+                put_doubles(tag, values, out)
+            }
         },
         // Usually all values are below 128 and take one byte each.
         ColumnValues::U32(values) if len == values.len() => {

@@ -8,7 +8,7 @@
 //! /pitchline/keyframe  Keyframe              /pitchline/event  Event
 //! /pitchline/impact    Impact, two tooth periods after its first contact
 //! ```
-//! Frames are in chunks of their own, which are not compressed: their floats do not repeat. All else is in chunks that are. A
+//! Frames and keyframes are in chunks of their own, which are not compressed: their floats do not repeat. All else is in chunks that are. A
 //! program that shows curves and pictures thus reads a tenth of the file.
 //!
 //! Chunks are closed every [`FRAMES_PER_CHUNK`] frames and written whole. A killed run thus leaves a file that is
@@ -79,7 +79,7 @@ pub struct McapSink {
     output: OutputFile,
     /// None after an error: nothing more is written; what was written remains.
     archive: Option<ArchiveFile<File>>,
-    /// Frames, and all else.
+    /// Frames and keyframes, and all else.
     numbers: OpenChunk,
     others: OpenChunk,
     header: Header,
@@ -132,7 +132,7 @@ impl McapSink {
         for (i, (topic, schema)) in TOPICS.iter().enumerate() {
             let descriptor = scene::schema(schema).unwrap_or(Cow::Borrowed(DESCRIPTOR));
             let channel = archive.channel(&mut self.others, topic, schema, &descriptor);
-            assert_eq!(usize::from(channel), i, "channels have the numbers of their topics");
+            assert_eq!(channel, channel_of(i));
         }
         let outlines = scene::outlines(&self.header);
         let header = std::mem::take(&mut self.header);
@@ -142,10 +142,10 @@ impl McapSink {
         self.flush()
     }
 
-    /// Puts a message that is no frame into its chunk.
+    /// Puts a message that is no frame and no keyframe into its chunk.
     fn put(&mut self, topic: usize, t_ns: u64, message: &impl Message) {
         let sequence = self.next_sequence();
-        self.others.message(topic as u16, sequence, t_ns, |out| message.encode_raw(out));
+        self.others.message(channel_of(topic), sequence, t_ns, |out| message.encode_raw(out));
     }
 
     fn next_sequence(&mut self) -> u32 {
@@ -173,13 +173,14 @@ impl McapSink {
     fn write_frame(&mut self, frame: &Frame) -> std::io::Result<()> {
         let t_ns = nanoseconds(frame.t_s);
         let (sequence, isa) = (self.next_sequence(), self.isa);
-        self.numbers.message(FRAME as u16, sequence, t_ns, |out| frame.put_bytes(isa, out));
+        self.numbers.message(channel_of(FRAME), sequence, t_ns, |out| frame.put_bytes(isa, out));
         self.put(SIGNALS, t_ns, &Signals::of(frame, self.header.bodies.len()));
         if self.clock.due(frame.t_s) {
             let sequence = self.next_sequence();
             let (transforms, header) = (&self.transforms, &self.header);
-            self.others
-                .message(TRANSFORMS as u16, sequence, t_ns, |out| transforms.put_bytes(header, frame, t_ns, out));
+            self.others.message(channel_of(TRANSFORMS), sequence, t_ns, |out| {
+                transforms.put_bytes(header, frame, t_ns, out);
+            });
             self.put(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
         }
         self.frames += 1;
@@ -194,6 +195,11 @@ impl McapSink {
     }
 }
 
+/// Number of a topic's channel.
+fn channel_of(topic: usize) -> u16 {
+    topic as u16 + 1
+}
+
 fn failed_before() -> std::io::Error {
     std::io::Error::other("an earlier write failed")
 }
@@ -204,7 +210,9 @@ impl Sink for McapSink {
     }
 
     fn keyframe(&mut self, keyframe: &Keyframe) -> anyhow::Result<()> {
-        self.put(KEYFRAME, nanoseconds(keyframe.step as f64 * self.header.step_s), keyframe);
+        // Behind the frame of its step.
+        let (sequence, t_ns) = (self.next_sequence(), nanoseconds(keyframe.step as f64 * self.header.step_s));
+        self.numbers.message(channel_of(KEYFRAME), sequence, t_ns, |out| keyframe.encode_raw(out));
         self.guarded(McapSink::flush_where_due)
     }
 

@@ -415,21 +415,25 @@ mod tests {
     }
 
     /// Rows of a component in order, read back with the crate's decoder.
-    fn rows(path: &Path, entity: &str, component: &'static str) -> Vec<Vec<f64>> {
+    fn rows<T>(path: &Path, entity: &str, of_chunk: impl Fn(&Chunk) -> Vec<Vec<T>>) -> Vec<Vec<T>> {
         let file = std::io::BufReader::new(File::open(path).unwrap());
         let mut rows = Vec::new();
         for message in DecoderApp::decode_lazy(file) {
             let LogMsg::ArrowMsg(_, message) = message.unwrap() else { continue };
             let chunk = Chunk::from_arrow_msg(&message).unwrap();
             if chunk.entity_path().to_string() == entity {
-                rows.extend(chunk.iter_slices::<f64>(component.into()).map(<[f64]>::to_vec));
+                rows.extend(of_chunk(&chunk));
             }
         }
         rows
     }
 
+    fn floats(path: &Path, entity: &str, component: &'static str) -> Vec<Vec<f32>> {
+        rows(path, entity, |chunk| chunk.iter_slices::<f32>(component.into()).map(<[f32]>::to_vec).collect())
+    }
+
     #[test]
-    fn numbers_of_every_frame_come_back_to_the_bit() {
+    fn numbers_come_back_with_seven_digits() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.rrd");
         let view = ViewOptions::every(0.01);
@@ -439,11 +443,16 @@ mod tests {
         (0..n).for_each(|step| sink.frame(&frame(step)).unwrap());
         let bytes = sink.finish().unwrap();
         assert_eq!(bytes, std::fs::metadata(&path).unwrap().len());
-        let expected: Vec<Vec<f64>> = (0..n).map(|step| frame(step).links.x_m).collect();
-        assert_eq!(rows(&path, "/state/links", "link:x_m"), expected);
-        let lengths: Vec<usize> = rows(&path, "/state/contacts", "contact:age_s").iter().map(Vec::len).collect();
+        let shown = |step: u64| frame(step).links.x_m.iter().map(|v| *v as f32).collect::<Vec<f32>>();
+        // Links with every picture, of which there is one for ten frames; contacts of every frame.
+        let expected: Vec<Vec<f32>> = (0..n).step_by(10).map(shown).collect();
+        assert_eq!(floats(&path, "/state/links", "link:x_m"), expected);
+        let lengths: Vec<usize> = floats(&path, "/state/contacts", "contact:age_s").iter().map(Vec::len).collect();
         assert_eq!(lengths, (0..n).map(|step| (step % 2) as usize).collect::<Vec<_>>());
-        assert_eq!(rows(&path, "/plots/contacts", "Scalars:scalars").len() as u64, n);
+        let curves = rows(&path, "/plots/contacts", |chunk| {
+            chunk.iter_slices::<f64>("Scalars:scalars".into()).map(<[f64]>::to_vec).collect()
+        });
+        assert_eq!(curves.len() as u64, n);
     }
 
     #[test]

@@ -209,10 +209,10 @@ impl<W: Write> ArchiveFile<W> {
         self.write_small()
     }
 
-    /// Adds a topic with protobuf messages to a chunk; returns the number of its channel, which is that of the call, from 0.
+    /// Adds a topic with protobuf messages to a chunk; returns the number of its channel, which is that of the call, from 1.
     pub fn channel(&mut self, chunk: &mut OpenChunk, topic: &str, schema: &str, descriptor: &[u8]) -> u16 {
         let contents = &mut self.contents;
-        let (schema_id, id) = (contents.n_schemas + 1, contents.n_channels);
+        let (schema_id, id) = (contents.n_schemas + 1, contents.n_channels + 1);
         let records = [&mut chunk.content, &mut contents.schemas];
         for out in records {
             record(out, op::SCHEMA, |out| {

@@ -113,7 +113,9 @@ impl EntityTable {
 
     pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
         match &mut self.columns[column].values {
-            ComponentValues::F32(values) | ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => values,
+            ComponentValues::F32(values) | ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => {
+                values
+            }
             ComponentValues::F64(_)
             | ComponentValues::U16(_)
             | ComponentValues::U64(_)
