@@ -401,7 +401,7 @@ macro_rules! tables {
             impl prost::Message for $TableInfo {
                 fn encode_raw(&self, out: &mut impl prost::bytes::BufMut) {
                     let mut bytes = Vec::new();
-                    frame_bytes::put_columns(Isa::Baseline, Self::TABLE.message.columns, &self.values(), &mut bytes);
+                    frame_bytes::put_table(Self::TABLE.message.columns, &self.values(), &mut bytes);
                     out.put_slice(&bytes);
                 }
 

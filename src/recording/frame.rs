@@ -10,8 +10,7 @@ use super::columns::{
     Column, ColumnKind, ColumnValues, FINE_TAG, Holds, MessageInfo, Rows, Stored, TableInfo, ValuesMut, columns_of,
     record, tables,
 };
-use super::{frame_bytes, stored_floats};
-use crate::integrate::Isa;
+use super::frame_bytes;
 
 /// Version of the recording's layout. A reader refuses others and says so: docs/recording-format.md lists what differs.
 pub const FORMAT_VERSION: u32 = 4;
@@ -351,17 +350,6 @@ pub fn channels() -> impl Iterator<Item = &'static Column> {
 }
 
 impl Frame {
-    /// Rounds every column to what it stores, and computes those that are not stored. A taken frame thereby has the bits of
-    /// the frame that is read.
-    pub fn round_to_stored(&mut self, isa: Isa) {
-        self.each_table_mut(|table, columns| {
-            for (column, values) in table.message.columns.iter().zip(columns) {
-                values.all_f64(|values| stored_floats::round(isa, column.stored, values));
-            }
-        });
-        self.derive();
-    }
-
     /// Computes the columns that are not stored.
     pub fn derive(&mut self) {
         let c = &mut self.contacts;

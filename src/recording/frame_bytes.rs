@@ -3,7 +3,7 @@
 
 use super::columns::{Column, ColumnValues, FINE_TAG, Stored};
 use super::frame::Frame;
-use super::stored_floats::{SplitColumn, join};
+use super::stored_floats::{SplitColumn, join, round};
 use crate::integrate::{Isa, vectorised};
 use prost::DecodeError;
 use prost::bytes::Buf;
@@ -113,11 +113,27 @@ fn put_doubles(tag: u32, values: &[f64], out: &mut Vec<u8>) {
 }
 
 /// Appends the columns of a table, which stand in the order of their tags.
-pub fn put_columns(isa: Isa, columns: &[Column], values: &[ColumnValues<'_>], out: &mut Vec<u8>) {
+fn put_columns(isa: Isa, columns: &[Column], values: &[ColumnValues<'_>], out: &mut Vec<u8>) {
     columns.iter().zip(values).for_each(|(column, values)| put(isa, column, values, out));
 }
 
+/// The same without a choice of vector unit.
+pub fn put_table(columns: &[Column], values: &[ColumnValues<'_>], out: &mut Vec<u8>) {
+    put_columns(Isa::Baseline, columns, values, out);
+}
+
 impl Frame {
+    /// Rounds every column to what it stores, and computes those that are not stored. A taken frame thereby has the bits of
+    /// the frame that is read.
+    pub fn round_to_stored(&mut self, isa: Isa) {
+        self.each_table_mut(|table, columns| {
+            for (column, values) in table.message.columns.iter().zip(columns) {
+                values.all_f64(|values| round(isa, column.stored, values));
+            }
+        });
+        self.derive();
+    }
+
     /// Appends what `prost::Message::encode_raw` would. Of values that are not rounded ([`Frame::round_to_stored`]) the digits
     /// behind are cut off.
     pub fn put_bytes(&self, isa: Isa, out: &mut Vec<u8>) {
