@@ -79,10 +79,7 @@ impl<const BITS: u32, const BYTES: usize> VectorKernel for SplitColumn<'_, BITS,
         for ((value, coarse), fine) in self.values.iter().zip(self.coarse).zip(self.fine) {
             let (float, behind) = split::<BITS>(*value);
             *coarse = float.to_le_bytes();
-            let behind = behind.to_le_bytes();
-            for i in 0..BYTES {
-                fine[i] = behind[i];
-            }
+            fine.copy_from_slice(&behind.to_le_bytes()[..BYTES]);
         }
     }
 }
