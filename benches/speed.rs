@@ -18,6 +18,8 @@ static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned
 
 /// Runs of each kind.
 const RUNS: usize = 5;
+/// Runs without and with recording, by turns.
+const RUNS_BY_TURNS: usize = 9;
 
 /// CPU time of this process so far [s]: all of it, and the system's part; by /proc (0 where there is none).
 fn cpu_s() -> [f64; 2] {
@@ -133,17 +135,7 @@ fn main() {
         );
     }
     let folder = tempfile::tempdir().expect("a folder");
-    for names in [vec!["a.mcap"], vec!["b.mcap", "b.rrd"]] {
-        if names.iter().any(|n| !pitchline::recording::extensions().iter().any(|e| n.ends_with(e))) {
-            continue;
-        }
-        let paths: Vec<_> = names.iter().map(|n| folder.path().join(n)).collect();
-        let [cpu, system, most] = recorded(&drive(&[]), &a, duration, &paths);
-        println!(
-            "with {}: {cpu:.2} CPU s per simulated s, {system:.2} of them the system's; the highest {most:.2}",
-            names.join(" and ")
-        );
-    }
+    recorded_beside_bare(&drive(&[]), &a, duration, folder.path());
     // All kinds of chains, each beside the bush chain's in the same run.
     for isa in Isa::available().into_iter().filter(|isa| *isa != Isa::Baseline) {
         let mut bush_s = None;
@@ -185,26 +177,64 @@ fn main() {
     }
 }
 
-/// CPU time of a run with a frame every 50 us in each of these files.
+/// What recording costs: runs without and with outputs by turns, so that all meet the same load of the machine; medians. User
+/// time is the program's own work, the system's is the copying of bytes into files.
+fn recorded_beside_bare(drive: &Drive, a: &Assembly, duration_s: f64, folder: &std::path::Path) {
+    let written = |name: &str| pitchline::recording::extensions().iter().any(|e| name.ends_with(e));
+    let kinds: Vec<Vec<&str>> = [vec![], vec!["a.mcap"], vec!["b.mcap", "b.rrd"]]
+        .into_iter()
+        .filter(|k| k.iter().all(|n| written(n)))
+        .collect();
+    let mut times: Vec<Vec<[f64; 2]>> = vec![Vec::new(); kinds.len()];
+    for _ in 0..RUNS_BY_TURNS {
+        for (names, times) in kinds.iter().zip(&mut times) {
+            let paths: Vec<_> = names.iter().map(|n| folder.join(n)).collect();
+            times.push(recorded_once(drive, a, duration_s, &paths));
+        }
+    }
+    let median = |times: &[[f64; 2]], of: fn(&[f64; 2]) -> f64| {
+        let mut all: Vec<f64> = times.iter().map(of).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    let (whole, user): (fn(&[f64; 2]) -> f64, fn(&[f64; 2]) -> f64) = (|t| t[0], |t| t[0] - t[1]);
+    let bare = [median(&times[0], whole), median(&times[0], user)];
+    for (names, times) in kinds.iter().zip(&times) {
+        let (cpu, user) = (median(times, whole), median(times, user));
+        println!(
+            "with {}: {:.2} CPU s per simulated s, {:.2} times the run without; user time {:.2} s, {:.2} times",
+            if names.is_empty() { "nothing recorded".to_string() } else { names.join(" and ") },
+            cpu / duration_s,
+            cpu / bare[0],
+            user / duration_s,
+            user / bare[1],
+        );
+    }
+}
+
+/// CPU time of a run with a frame every 50 us in each of these files: the lowest of several runs, as [`lowest`].
 fn recorded(drive: &Drive, a: &Assembly, duration_s: f64, paths: &[PathBuf]) -> [f64; 3] {
+    let mut runs: Vec<[f64; 2]> = (0..RUNS).map(|_| recorded_once(drive, a, duration_s, paths)).collect();
+    runs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    [runs[0][0], runs[0][1], runs[RUNS - 1][0]]
+}
+
+/// CPU time of one such run, and the system's part of it [s].
+fn recorded_once(drive: &Drive, a: &Assembly, duration_s: f64, paths: &[PathBuf]) -> [f64; 2] {
     let span = RunLength::new(duration_s, 50e-6, a.model.step_s);
     let header = capture::header(drive, &a.model, &a.report, span.steps_per_frame);
-    lowest(
-        || {
-            paths.iter().for_each(|p| _ = std::fs::remove_file(p));
-            a.state.clone()
-        },
-        |mut state| {
-            let mut sinks: Vec<_> =
-                paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
-            let mut scratch = Scratch::new(&a.model);
-            let stop = AtomicBool::new(false);
-            run(&a.model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
-            for sink in &mut sinks {
-                sink.finish().expect("finishes");
-            }
-        },
-    )
+    paths.iter().for_each(|p| _ = std::fs::remove_file(p));
+    let mut state = a.state.clone();
+    let before = cpu_s();
+    let mut sinks: Vec<_> = paths.iter().map(|p| create(p, &header, ViewOptions::default()).expect("opens")).collect();
+    let mut scratch = Scratch::new(&a.model);
+    let stop = AtomicBool::new(false);
+    run(&a.model, &mut state, &mut scratch, &header, span, &mut sinks, &stop, |_| {}).expect("runs");
+    for sink in &mut sinks {
+        sink.finish().expect("finishes");
+    }
+    let after = cpu_s();
+    [after[0] - before[0], after[1] - before[1]]
 }
 
 /// CPU time of so many steps, without recording.

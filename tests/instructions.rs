@@ -138,3 +138,49 @@ fn a_breakpoint_takes_few_instructions() {
         assert!(share < measured + 1.0, "{expression}: {share:.1} %");
     }
 }
+
+/// Outputs of a run, how many times the instructions of a bare run it may take (AVX2 path) and took when last measured, and the
+/// durations between which they are counted [ms]: the view is written in blocks of 1024 frames of 50 us.
+type RecordedRun = (&'static [&'static str], f64, f64, [u32; 2]);
+
+/// What recording may cost.
+const RECORDED: [RecordedRun; 2] = [(&["a.mcap"], 1.6, 1.49, [10, 30]), (&["b.mcap", "b.rrd"], 2.5, 1.84, [52, 104])];
+
+#[test]
+fn recording_is_cheap() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let per_ms = |outputs: &[String], [few, many]: [u32; 2]| {
+        Some((count_recorded(many, outputs)? - count_recorded(few, outputs)?) / f64::from(many - few))
+    };
+    let Some(bare) = per_ms(&["--no-output".to_string()], [10, 30]) else {
+        readers::skip("no valgrind");
+        return;
+    };
+    for (names, limit, measured, durations) in RECORDED {
+        if !names.iter().all(|n| pitchline::recording::extensions().iter().any(|e| n.ends_with(e))) {
+            continue;
+        }
+        let path = |name: &&str| folder.path().join(name).display().to_string();
+        let outputs: Vec<String> = names.iter().flat_map(|name| ["-o".to_string(), path(name)]).collect();
+        let times = per_ms(&outputs, durations).expect("counted before") / bare;
+        println!("{names:?}: {times:.2} times the instructions of a bare run, {measured} when last measured");
+        assert!(times < limit && times < 1.1 * measured, "{names:?}: {times:.2}");
+    }
+}
+
+/// Instructions of a run of the bush drive with these outputs, by callgrind.
+fn count_recorded(duration_ms: u32, outputs: &[String]) -> Option<f64> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = Command::new("valgrind")
+        .arg("--tool=callgrind")
+        .arg(format!("--callgrind-out-file={}", folder.path().join("out").display()))
+        .arg(env!("CARGO_BIN_EXE_pitchline"))
+        .args(["run", "bush-20-40", "--json", "--every", "50us", "--duration", &format!("{duration_ms}ms")])
+        .args(["--set", "run.run_in_ms=0", "--set", "run.settle_ms=0"])
+        .args(outputs)
+        .output()
+        .ok()?;
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert!(out.status.success(), "{said}");
+    said.lines().find_map(|l| l.split_once("Collected : "))?.1.trim().parse().ok()
+}

@@ -10,11 +10,23 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 
+def with_fine(coarse, fine):
+    """Values of a column whose mantissas continue in another field: of floats, and their next 8 or 16 bits."""
+    bits = 8 * len(fine) // len(coarse)
+    for value, behind in zip(coarse, struct.unpack(f"<{len(coarse)}{'BH'[bits // 16]}", fine)):
+        whole = struct.unpack("<Q", struct.pack("<d", value))[0] | behind << 29 - bits
+        yield struct.unpack("<d", struct.pack("<Q", whole))[0]
+
+
 def numbers(message):
     """All numbers of a message in the order of its schema, the state hash left out."""
     for field in message.DESCRIPTOR.fields:
         value = getattr(message, field.name)
-        if field.name == "state_hash":
+        if field.name == "state_hash" or field.name.endswith("_fine"):
+            continue
+        fine = getattr(message, field.name + "_fine", b"")
+        if fine:
+            yield from with_fine(value, fine)
             continue
         if field.message_type is not None:
             yield from numbers(value)

@@ -10,7 +10,7 @@ use pitchline::assemble::Assembly;
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera};
-use pitchline::recording::columns::ColumnValues;
+use pitchline::recording::columns::{ColumnValues, Stored};
 use pitchline::recording::frame::{Frame, Header, LinkInfo};
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::simulate::{RunLength, run};
@@ -64,8 +64,8 @@ fn mcap_gives_back_every_value_to_the_bit() {
         last.contacts.link.len(),
         last.encoded_len()
     );
-    // measured: 1.19 times the values, with header, keyframes, scenes and transforms.
-    assert!(bytes / n < 1.3 * last.encoded_len() as f64);
+    // measured: 1.25 times the values, with header, keyframes, scenes and transforms.
+    assert!(bytes / n < 1.4 * last.encoded_len() as f64);
 }
 
 #[test]
@@ -149,7 +149,9 @@ fn mcap_core_reads_every_frame() {
     let found = read["frames"].as_array().expect("frames");
     assert_eq!(found.len(), frames.len());
     for (row, frame) in found.iter().zip(&frames) {
-        let expected = [frame.step as f64, frame.t_s, frame.links.x_m[0], frame.links.x_m.len() as f64];
+        // A float, and what is behind it in another field.
+        let coarse = f64::from_bits(frame.links.x_m[0].to_bits() >> 29 << 29);
+        let expected = [frame.step as f64, frame.t_s, coarse, frame.links.x_m.len() as f64];
         for (k, value) in expected.into_iter().enumerate() {
             let read = row[k].as_str().and_then(|text| text.parse::<f64>().ok());
             assert_eq!(read, Some(value), "step {}", frame.step);
@@ -181,7 +183,10 @@ fn values(f: &Frame) -> Vec<f64> {
         }
     };
     let mut all = vec![f.step as f64, f.t_s, f.crank_angle_rad];
-    f.each_table(|_, columns| all.extend(columns.iter().flat_map(numbers)));
+    f.each_table(|table, columns| {
+        let stored = table.message.columns.iter().zip(columns).filter(|(c, _)| c.stored != Stored::derived);
+        all.extend(stored.flat_map(|(_, values)| numbers(values)));
+    });
     let mut energy: Vec<_> = f.energy.accounts().collect();
     energy.sort_by_key(|(account, _)| account.tag);
     all.extend(energy.iter().map(|(_, value_j)| value_j));
@@ -353,7 +358,8 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
 }
 
 /// Other contact laws, unequal links, joints with clearance or friction, separate guides, sensors: every source of
-/// force is in the columns of a frame. measured: 3e-14 of the largest force, 1e-13 of the largest moment.
+/// force is in the columns of a frame. measured: 8e-11 of the largest force, 2e-10 of the largest moment: accelerations are stored
+/// with 32 bits.
 #[test]
 fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\

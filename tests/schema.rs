@@ -2,7 +2,7 @@
 //! `docs/recording-format.md` hold what `src/recording/frame.rs` lists, and `assets/pitchline.desc` is the output of a protobuf
 //! compiler for the proto file. With PITCHLINE_WRITE_SCHEMA set, the tests write all three.
 
-use pitchline::recording::columns::{Column, Holds, MessageInfo};
+use pitchline::recording::columns::{Column, FINE_TAG, Holds, MessageInfo, Stored};
 use pitchline::recording::frame::{Frame, TABLES, channels, messages};
 use prost::Message;
 use std::path::PathBuf;
@@ -48,10 +48,15 @@ fn proto(message: &MessageInfo) -> String {
     columns.sort_by_key(|c| c.tag);
     let repeated = TABLES.iter().any(|t| t.message == *message);
     let mut text = format!("// {}\nmessage {} {{\n", message.about, message.struct_name);
-    for column in columns {
-        let Column { tag, name, schema_type, .. } = column;
+    for column in columns.iter().filter(|c| c.stored != Stored::derived) {
+        let Column { tag, name, stored, .. } = column;
         let label = if repeated { "repeated " } else { "" };
-        text += &format!("  // {}\n  {label}{schema_type} {name} = {tag};\n", with_unit(column));
+        text += &format!("  // {}\n  {label}{} {name} = {tag};\n", with_unit(column), stored.schema_type());
+    }
+    for column in columns.iter().filter(|c| c.stored.fine_bytes() > 0) {
+        let (bits, name) = (8 * column.stored.fine_bytes(), column.name);
+        text += &format!("  // The {bits} bits of the mantissa behind each value of {name}, little-endian.\n");
+        text += &format!("  bytes {name}_fine = {};\n", column.tag + FINE_TAG);
     }
     text + "}\n"
 }
@@ -77,13 +82,21 @@ fn schema_and_documentation_hold_the_columns_of_frames() {
         std::fs::write(path("assets/pitchline.desc"), &descriptor).expect("writable");
     }
     assert!(std::fs::read(path("assets/pitchline.desc")).expect("a descriptor") == descriptor, "{ADVICE} a descriptor");
-    let mut table = "| column | unit | holds | meaning |\n|---|---|---|---|\n".to_string();
-    for Column { channel, unit, holds, meaning, .. } in channels() {
+    let mut table = "| column | unit | holds | stored as | meaning |\n|---|---|---|---|---|\n".to_string();
+    for Column { channel, unit, holds, stored, meaning, .. } in channels() {
         let holds = match holds {
             Holds::Node => "at the node",
             Holds::Step => "over the step",
         };
-        table += &format!("| `{channel}` | {unit} | {holds} | {meaning} |\n");
+        let stored = match stored {
+            Stored::double48 => "float and 16 bits",
+            Stored::double40 => "float and 8 bits",
+            Stored::derived => "not stored",
+            Stored::double | Stored::float | Stored::uint32 | Stored::uint64 | Stored::bool | Stored::string => {
+                stored.schema_type()
+            }
+        };
+        table += &format!("| `{channel}` | {unit} | {holds} | {stored} | {meaning} |\n");
     }
     hold("docs/recording-format.md", "| column | unit |", "\n\n", &(table + "\n"));
 }
@@ -94,6 +107,7 @@ fn columns_of_frames_are_in_the_order_of_their_tags() {
     for table in TABLES {
         let tags = table.message.columns.iter().map(|c| c.tag);
         assert!(tags.eq(1..=table.message.columns.len() as u32), "{} has tags out of order", table.message.name);
+        assert!(table.message.columns.len() as u32 <= FINE_TAG, "{} has more columns than tags", table.message.name);
     }
     for message in messages() {
         for column in message.columns {

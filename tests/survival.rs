@@ -329,7 +329,7 @@ fn recordings_of_the_longest_chains_can_be_read() {
         *column = vec![0.5; rows];
     }
     c.stick = vec![true; rows];
-    let view = ViewOptions { picture_interval_s: 1.0 };
+    let view = ViewOptions::every(1.0);
     let mut sink = create(&path, &header, view).expect("opens");
     for step in 0..mcap::FRAMES_PER_CHUNK {
         (frame.step, frame.t_s) = (step, step as f64 * 1e-6);

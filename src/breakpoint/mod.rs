@@ -2,8 +2,8 @@
 //!
 //! A hit is a contact, link or joint that fulfils the expression and did not do so in the step before; or an impact
 //! that fulfils it; or, if the expression refers to none of these, the step in which it becomes true. Hits are the same
-//! as in a scan over frames of all steps, because both read the columns of the step. Only energies are summed in
-//! another order than in frames; where rounding could decide, a frame is taken.
+//! as in a scan over frames of all steps, because both read the columns of the step; those of frames are rounded to what
+//! is stored. Only energies are summed in another order than in frames; where rounding could decide, a frame is taken.
 
 mod columns;
 mod extremes;

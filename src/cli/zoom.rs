@@ -71,7 +71,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     let parent = Some(replay.parent(&visit.state, false));
     let ledger_origin = replay.origin;
     let header = Header { steps_per_frame, parent, ledger_origin, ..replay.header().clone() };
-    let view = ViewOptions { picture_interval_s: 0.0 };
+    let view = ViewOptions::every(0.0);
     let mut sinks = open(&outputs, &header, view)?;
     let job = Job {
         header: &header,

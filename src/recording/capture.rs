@@ -17,11 +17,13 @@ use crate::drive::Drive;
 use crate::elements::body_frame::{BodyFrame, Shift};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::end_contact::EndShape;
+use crate::elements::link_joint::LinkJoint;
 use crate::elements::rail_contact::law_radius_m;
-use crate::elements::tooth_contact::LANES;
+use crate::elements::tooth_contact::{LANES, LaneBlock, take};
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
+use crate::integrate::{VectorKernel, vectorised};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
 use crate::units::direction;
@@ -161,6 +163,7 @@ impl Camera {
         frame.state_hash = state.hash();
         frame.crank_angle_rad = model.crank_angle_rad(state.step);
         fill(&mut frame.sensors, model.sensors.iter().map(|s| crate::sensing::read(model, state, scratch, *s)));
+        frame.round_to_stored(scratch.isa);
         frame
     }
 
@@ -232,9 +235,12 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let origin = sprocket.frame.origin_at(&state.coordinates.angle);
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
-        for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| model.chain.is_link(*j)) {
+        for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| memory.age[*j] != 0.0) {
+            if !model.chain.is_link(j) || !scratch.is_contact(ContactGroup::Bushes, j) {
+                continue;
+            }
             let (link, front) = model.chain.bush_carrier(j);
-            if memory.age[j] == 0.0 || !scratch.is_contact(ContactGroup::Bushes, j) || !node.is_asked(link) {
+            if !node.is_asked(link) {
                 continue;
             }
             let p = node.end(link, front);
@@ -266,10 +272,12 @@ fn guide_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     for (k, guide) in model.guides.iter().enumerate().filter(|(_, g)| g.body.touches_plates) {
         let b = &guide.body;
         let (up, origin) = (perp(b.along), guide.frame.origin_at(&state.coordinates.angle));
-        for link in scratch.links_near(model, k).filter(|i| node.is_asked(*i)) {
-            for front in [false, true] {
-                let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
-                if scratch.memory(part).age[link] == 0.0 || !scratch.is_contact(part, link) {
+        for front in [false, true] {
+            let part = ContactGroup::Guides(2 * b.side + usize::from(!front));
+            // Most links near a guide do not touch it.
+            let ages = &scratch.memory(part).age;
+            for link in scratch.links_near(model, k).filter(|link| ages[*link] != 0.0) {
+                if !node.is_asked(link) || !scratch.is_contact(part, link) {
                     continue;
                 }
                 let p = node.end(link, front);
@@ -437,82 +445,177 @@ fn fill_rotors(node: &Node<'_>, rotors: &mut Rotors) {
     fill(&mut rotors.outer_torque_nm, outer);
 }
 
+/// Terms of a sum over the lanes of a loop.
+trait LaneTerms {
+    fn count(&self) -> usize;
+    fn block(&self, at: usize) -> LaneBlock;
+    fn one(&self, k: usize) -> f64;
+}
+
 /// Sum in eight parts: of one part, every term waits for the one before.
 #[inline(always)]
-fn sum_of(n: usize, term: impl Fn(usize) -> f64) -> f64 {
+fn sum_of(terms: &impl LaneTerms) -> f64 {
+    let n = terms.count();
     let mut parts = [0.0; LANES];
     let whole = n - n % LANES;
     for at in (0..whole).step_by(LANES) {
+        let block = terms.block(at);
         for i in 0..LANES {
-            parts[i] += term(at + i);
+            parts[i] += block[i];
         }
     }
     for i in whole..n {
-        parts[i - whole] += term(i);
+        parts[i - whole] += terms.one(i);
     }
     parts.iter().sum()
 }
 
-/// Sum over the loops.
-fn each_loop(chain: &ChainModel, of: impl FnMut(&Range<usize>) -> f64) -> f64 {
-    chain.loops.iter().map(of).sum()
+/// Values of a column.
+struct ColumnTerms<'a>(&'a [f64]);
+
+impl LaneTerms for ColumnTerms<'_> {
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    #[inline(always)]
+    fn block(&self, at: usize) -> LaneBlock {
+        take(self.0, at)
+    }
+
+    #[inline(always)]
+    fn one(&self, k: usize) -> f64 {
+        self.0[k]
+    }
+}
+
+/// Kinetic energies of links: velocities, mass, inertia, inverse mass.
+struct KineticTerms<'a>([&'a [f64]; 6]);
+
+#[inline(always)]
+fn kinetic(vx: f64, vy: f64, omega: f64, [mass, inertia, inverse_mass]: [f64; 3]) -> f64 {
+    let energy_j = 0.5 * (mass * (vx * vx + vy * vy) + inertia * omega * omega);
+    if inverse_mass == 0.0 { 0.0 } else { energy_j }
+}
+
+impl LaneTerms for KineticTerms<'_> {
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.0[0].len()
+    }
+
+    #[inline(always)]
+    fn block(&self, at: usize) -> LaneBlock {
+        let [vx, vy, omega, mass, inertia, inverse_mass] = self.0.map(|column| take(column, at));
+        let mut block = [0.0; LANES];
+        for i in 0..LANES {
+            block[i] = kinetic(vx[i], vy[i], omega[i], [mass[i], inertia[i], inverse_mass[i]]);
+        }
+        block
+    }
+
+    #[inline(always)]
+    fn one(&self, k: usize) -> f64 {
+        let [vx, vy, omega, inertial @ ..] = self.0.map(|column| column[k]);
+        kinetic(vx, vy, omega, inertial)
+    }
+}
+
+/// Elastic energies of joints, whose ends are at x, x, y, y.
+struct StretchTerms<'a>(&'a LinkJoint, [&'a [f64]; 4]);
+
+impl LaneTerms for StretchTerms<'_> {
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.1[0].len()
+    }
+
+    #[inline(always)]
+    fn block(&self, at: usize) -> LaneBlock {
+        let mut block = [0.0; LANES];
+        for i in 0..LANES {
+            block[i] = self.one(at + i);
+        }
+        block
+    }
+
+    #[inline(always)]
+    fn one(&self, k: usize) -> f64 {
+        let [front_x, rear_x, front_y, rear_y] = self.1.map(|column| column[k]);
+        self.0.force(front_x - rear_x, front_y - rear_y, 0.0, 0.0).stored
+    }
+}
+
+/// Sum over the loops of a column that all lanes have; zero of one that is not kept.
+#[inline(always)]
+fn sum_own(chain: &ChainModel, column: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for own in chain.loops.iter().filter(|_| !column.is_empty()) {
+        sum += sum_of(&ColumnTerms(&column[own.clone()]));
+    }
+    sum
 }
 
 /// All energies at the node; losses and work since the State's ledger was opened.
 fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
-    let Node { model, state, scratch, .. } = *node;
-    let (c, h) = (&model.chain, model.step_s);
-    let mut first_link = 0;
-    let kinetic_j = each_loop(c, |own| {
-        let first = first_link;
-        first_link += own.len();
-        sum_of(own.len(), |k| {
-            let (i, lane) = (first + k, own.start + k);
-            let v2 = links.vx_m_s[i] * links.vx_m_s[i] + links.vy_m_s[i] * links.vy_m_s[i];
-            let held = c.inverse_mass[lane] == 0.0;
-            let omega = links.omega_rad_s[i];
-            if held { 0.0 } else { 0.5 * (c.mass[lane] * v2 + c.inertia[lane] * omega * omega) }
-        })
-    });
-    let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
-    let elastic_joint_j = each_loop(c, |own| {
-        let joint = c.joint(own.start);
-        let stored = |j: usize| joint.force(front_x[j] - rear_x[j], front_y[j] - rear_y[j], 0.0, 0.0).stored;
-        sum_of(own.len(), |k| stored(own.start + k))
-    });
-    let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
-    shafts::add_energies(model, state, scratch, &mut e);
-    let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
-    if let Some(oil) = &model.oil {
-        e.elastic_oil_j = oil.stored_j(&state.oil);
-        e.lost_oil_j = state.oil.lost_j.iter().sum();
-        e.work_oil_j = state.oil.work_j.iter().sum();
-    }
-    e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
-    (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
-    let (pin_damping, pin_friction) = scratch.joint_powers();
-    let own = |column: &[f64]| match column {
-        [] => 0.0,
-        column => each_loop(c, |own| sum_of(own.len(), |k| column[own.start + k])),
-    };
-    e.lost_pin_damping_j = own(&state.lost_pin_damping) + 0.5 * h * own(pin_damping);
-    e.lost_pin_friction_j = own(&state.lost_pin_friction) + 0.5 * h * own(pin_friction);
-    // Totals before and after this step: at the node in its middle, their mean.
-    // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
-    let lost = |past: &[f64], now: &[f64]| 0.5 * (own(past) + own(now));
-    for part in ContactGroup::in_model(model) {
-        let (past, now) = (part.past_memory(state), scratch.memory(part));
-        let (damping, friction) =
-            (lost(&past.lost_damping, &now.lost_damping), lost(&past.lost_friction, &now.lost_friction));
-        if part.is_on_guides() {
-            e.lost_guide_damping_j += damping;
-            e.lost_guide_friction_j += friction;
-        } else {
-            e.lost_contact_damping_j += damping;
-            e.lost_contact_friction_j += friction;
+    vectorised(node.scratch.isa, LedgerKernel { node, links, rows })
+}
+
+struct LedgerKernel<'a> {
+    node: &'a Node<'a>,
+    links: &'a Links,
+    rows: &'a SortedContacts,
+}
+
+impl VectorKernel for LedgerKernel<'_> {
+    type Output = Energy;
+
+    #[inline(always)]
+    fn run(self) -> Energy {
+        let LedgerKernel { node, links, rows } = self;
+        let Node { model, state, scratch, .. } = *node;
+        let (c, h) = (&model.chain, model.step_s);
+        let [(front_x, rear_x), (front_y, rear_y)] = scratch.joint_ends();
+        let (mut kinetic_j, mut elastic_joint_j, mut first) = (0.0, 0.0, 0);
+        for own in &c.loops {
+            let n = own.len();
+            let [vx, vy, omega] = [&links.vx_m_s, &links.vy_m_s, &links.omega_rad_s].map(|v| &v[first..first + n]);
+            let [mass, inertia, inverse_mass] = [&c.mass, &c.inertia, &c.inverse_mass].map(|v| &v[own.clone()]);
+            kinetic_j += sum_of(&KineticTerms([vx, vy, omega, mass, inertia, inverse_mass]));
+            let ends = [front_x, rear_x, front_y, rear_y].map(|v| &v[own.clone()]);
+            elastic_joint_j += sum_of(&StretchTerms(c.joint(own.start), ends));
+            first += n;
         }
+        let mut e = Energy { kinetic_j, elastic_joint_j, ..Energy::default() };
+        shafts::add_energies(model, state, scratch, &mut e);
+        let [stored_j, damping_j, friction_j] = touches::energies(model, state, scratch);
+        if let Some(oil) = &model.oil {
+            e.elastic_oil_j = oil.stored_j(&state.oil);
+            e.lost_oil_j = state.oil.lost_j.iter().sum();
+            e.work_oil_j = state.oil.work_j.iter().sum();
+        }
+        e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
+        (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
+        let (pin_damping, pin_friction) = scratch.joint_powers();
+        e.lost_pin_damping_j = sum_own(c, &state.lost_pin_damping) + 0.5 * h * sum_own(c, pin_damping);
+        e.lost_pin_friction_j = sum_own(c, &state.lost_pin_friction) + 0.5 * h * sum_own(c, pin_friction);
+        // Totals before and after this step: at the node in its middle, their mean.
+        // Behind the last link of a loop stands a ghost of its first: what that loses is nobody's.
+        for part in ContactGroup::in_model(model) {
+            let (past, now) = (part.past_memory(state), scratch.memory(part));
+            let damping = 0.5 * (sum_own(c, &past.lost_damping) + sum_own(c, &now.lost_damping));
+            let friction = 0.5 * (sum_own(c, &past.lost_friction) + sum_own(c, &now.lost_friction));
+            if part.is_on_guides() {
+                e.lost_guide_damping_j += damping;
+                e.lost_guide_friction_j += friction;
+            } else {
+                e.lost_contact_damping_j += damping;
+                e.lost_contact_friction_j += friction;
+            }
+        }
+        e
     }
-    e
 }
 
 /// The ledger since `origin`; stored energies stay absolute.

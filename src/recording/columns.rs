@@ -14,8 +14,8 @@ pub struct Column {
     pub name: &'static str,
     /// With its table, e.g. `links.x_m`: the name in [`super::frame::Header::channels`].
     pub channel: &'static str,
-    /// Type in the schema.
-    pub schema_type: &'static str,
+    /// How it is stored.
+    pub stored: Stored,
     pub unit: &'static str,
     pub holds: Holds,
     pub kind: ColumnKind,
@@ -29,6 +29,60 @@ impl Column {
         self.name.trim_end_matches("_j").replace('_', " ")
     }
 }
+
+/// How a column of messages is stored. In memory all floats are f64, with the bits that their column stores
+/// ([`super::stored_floats`]).
+#[allow(non_camel_case_types)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stored {
+    /// All 64 bits.
+    double,
+    /// A float and two bytes of what it leaves: 12 digits.
+    double48,
+    /// A float and one byte of what it leaves: 10 digits.
+    double40,
+    /// 7 digits.
+    float,
+    /// Not at all: computed from other columns when a frame is taken, and again when it is read ([`super::frame::Frame::derive`]).
+    derived,
+    uint32,
+    uint64,
+    bool,
+    string,
+}
+
+impl Stored {
+    /// Its type in the schema.
+    pub fn schema_type(self) -> &'static str {
+        match self {
+            Stored::double => "double",
+            Stored::double48 | Stored::double40 | Stored::float => "float",
+            Stored::derived => "",
+            Stored::uint32 => "uint32",
+            Stored::uint64 => "uint64",
+            Stored::bool => "bool",
+            Stored::string => "string",
+        }
+    }
+
+    /// Bytes beside the float of each value, in a field of their own whose number is larger by [`FINE_TAG`].
+    pub fn fine_bytes(self) -> usize {
+        match self {
+            Stored::double48 => 2,
+            Stored::double40 => 1,
+            Stored::double
+            | Stored::float
+            | Stored::derived
+            | Stored::uint32
+            | Stored::uint64
+            | Stored::bool
+            | Stored::string => 0,
+        }
+    }
+}
+
+/// Number of the field with the fine bytes of a column, less that of the column. No table has as many columns.
+pub const FINE_TAG: u32 = 32;
 
 /// When a value holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -229,6 +283,14 @@ pub enum ValuesMut<'a> {
 }
 
 impl ValuesMut<'_> {
+    /// Changes a column of floats as a whole.
+    pub fn all_f64(&mut self, f: impl FnOnce(&mut [f64])) {
+        match self {
+            ValuesMut::F64(v) => f(v),
+            ValuesMut::U32(_) | ValuesMut::U64(_) | ValuesMut::Bool(_) | ValuesMut::Text(_) => {}
+        }
+    }
+
     /// Changes the values of a column of floats.
     pub fn each_f64(&mut self, f: impl FnMut(&mut f64)) {
         match self {
@@ -263,10 +325,14 @@ macro_rules! from_slices {
 }
 from_slices!(F64(f64), U32(u32), U64(u64), Bool(bool), Text(String));
 
-/// Rust's types by their names in the schema.
+/// Types in memory by how they are stored.
 #[allow(non_camel_case_types)]
 pub mod schema {
     pub type double = f64;
+    pub type double48 = f64;
+    pub type double40 = f64;
+    pub type float = f64;
+    pub type derived = f64;
     pub type uint32 = u32;
     pub type uint64 = u64;
     pub type string = String;
@@ -283,7 +349,7 @@ macro_rules! columns_of {
                 tag: $tag,
                 name: stringify!($column),
                 channel: concat!(stringify!($name), ".", stringify!($column)),
-                schema_type: stringify!($type),
+                stored: Stored::$type,
                 unit: $unit,
                 holds: Holds::$holds,
                 kind: ColumnKind::$kind,
@@ -354,9 +420,42 @@ macro_rules! tables {
 
         $(
             #[doc = $about]
-            #[derive(Clone, PartialEq, prost::Message)]
+            #[derive(Clone, Debug, Default, PartialEq)]
             pub struct $TableInfo {
-                $(#[doc = concat!($meaning, " [", $unit, "]")] #[prost($type, repeated, tag = $tag)] pub $column: Vec<$type>,)+
+                $(#[doc = concat!($meaning, " [", $unit, "]")] pub $column: Vec<$type>,)+
+            }
+
+            impl prost::Message for $TableInfo {
+                fn encode_raw(&self, out: &mut impl prost::bytes::BufMut) {
+                    let mut bytes = Vec::new();
+                    frame_bytes::put_table(Self::TABLE.message.columns, &self.values(), &mut bytes);
+                    out.put_slice(&bytes);
+                }
+
+                fn merge_field(
+                    &mut self,
+                    tag: u32,
+                    wire_type: prost::encoding::WireType,
+                    from: &mut impl prost::bytes::Buf,
+                    context: prost::encoding::DecodeContext,
+                ) -> Result<(), prost::DecodeError> {
+                    let (column, is_fine) = if tag > FINE_TAG { (tag - FINE_TAG, true) } else { (tag, false) };
+                    match column {
+                        $($tag => {
+                            let part = frame_bytes::ColumnPart { stored: Stored::$type, is_fine, wire_type };
+                            frame_bytes::MergeColumn::merge(&mut self.$column, part, from, context)
+                        })+
+                        _ => prost::encoding::skip_field(wire_type, tag, from, context),
+                    }
+                }
+
+                fn encoded_len(&self) -> usize {
+                    frame_bytes::columns_len(Self::TABLE.message.columns, &self.values())
+                }
+
+                fn clear(&mut self) {
+                    $(self.$column.clear();)+
+                }
             }
 
             impl $TableInfo {

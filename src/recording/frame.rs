@@ -5,13 +5,14 @@
 //! reads it has to ask the model. A column, an account of the ledger, or a field of an impact is one row below (see
 //! [`super::columns`]); where it is computed, `capture.rs` fills it.
 
-use super::columns::schema::{double, string, uint32, uint64};
+use super::columns::schema::{derived, double, double40, double48, float, string, uint32, uint64};
 use super::columns::{
-    Column, ColumnKind, ColumnValues, Holds, MessageInfo, Rows, TableInfo, ValuesMut, columns_of, record, tables,
+    Column, ColumnKind, ColumnValues, FINE_TAG, Holds, MessageInfo, Rows, Stored, TableInfo, ValuesMut, columns_of,
+    record, tables,
 };
+use super::frame_bytes;
 
-/// Version of the recording's layout. A reader refuses others and says so: in version 1 forces were those of the instant, and
-/// accelerations were missing.
+/// Version of the recording's layout. A reader refuses others and says so: docs/recording-format.md lists what differs.
 pub const FORMAT_VERSION: u32 = 4;
 
 /// `Contacts::body` of frames index into [`Header::bodies`].
@@ -321,22 +322,22 @@ pub struct Channel {
 tables! {
     /// Pose, velocity and acceleration of every link at its centre of mass.
     5 links: Links, a row per Link {
-        1 x_m: double, "m", Node, Value, "Centre of mass, x.";
-        2 y_m: double, "m", Node, Height, "Centre of mass, y.";
-        3 angle_rad: double, "rad", Node, Value, "Heading of the link, rear pin to front pin, in [-pi, pi].";
-        4 vx_m_s: double, "m/s", Node, Value, "Velocity of the centre of mass, x.";
-        5 vy_m_s: double, "m/s", Node, Value, "Velocity of the centre of mass, y.";
-        6 omega_rad_s: double, "rad/s", Node, Value, "Angular velocity, counterclockwise positive.";
-        7 ax_m_s2: double, "m/s2", Step, Value, "Acceleration of the centre of mass, x; mean over the step.";
-        8 ay_m_s2: double, "m/s2", Step, Value, "Acceleration of the centre of mass, y; mean over the step.";
-        9 alpha_rad_s2: double, "rad/s2", Step, Value, "Angular acceleration, counterclockwise positive; mean over the step.";
+        1 x_m: double48, "m", Node, Value, "Centre of mass, x.";
+        2 y_m: double48, "m", Node, Height, "Centre of mass, y.";
+        3 angle_rad: double48, "rad", Node, Value, "Heading of the link, rear pin to front pin, in [-pi, pi].";
+        4 vx_m_s: float, "m/s", Node, Value, "Velocity of the centre of mass, x.";
+        5 vy_m_s: float, "m/s", Node, Value, "Velocity of the centre of mass, y.";
+        6 omega_rad_s: float, "rad/s", Node, Value, "Angular velocity, counterclockwise positive.";
+        7 ax_m_s2: double40, "m/s2", Step, Value, "Acceleration of the centre of mass, x; mean over the step.";
+        8 ay_m_s2: double40, "m/s2", Step, Value, "Acceleration of the centre of mass, y; mean over the step.";
+        9 alpha_rad_s2: double40, "rad/s2", Step, Value, "Angular acceleration, counterclockwise positive; mean over the step.";
     }
 
     /// Joint `j` joins the front end of link `j` to the rear end of the link ahead (`LinkInfo.ahead`).
     6 joints: Joints, a row per Joint {
-        1 force_x_n: double, "N", Step, Value, "Force on link `j + 1` at joint `j`, mean over the step; link `j` feels the opposite.";
-        2 force_y_n: double, "N", Step, Value, "As force_x_n, y.";
-        3 friction_torque_nm: double, "N m", Step, Value, "Friction torque on link `j + 1`; mean over the step.";
+        1 force_x_n: double48, "N", Step, Value, "Force on link `j + 1` at joint `j`, mean over the step; link `j` feels the opposite.";
+        2 force_y_n: double48, "N", Step, Value, "As force_x_n, y.";
+        3 friction_torque_nm: double40, "N m", Step, Value, "Friction torque on link `j + 1`; mean over the step.";
     }
 
     /// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
@@ -346,21 +347,21 @@ tables! {
         3 body: uint32, "1", Node, Body, "Index into `Header::bodies`.";
         4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.";
         5 segment: uint32, "1", Node, Segment, "Element of the body: 0 seat, 1 and 2 flank on the clockwise and counterclockwise side of the gap, 3 tip corner, 4 tip land, 5 guide face, 6 and 7 its lead-in and lead-out, 8 ring, 9 arc and 10 end of a rail.";
-        6 point_body_x_m: double, "m", Node, Value, "Foot of the contact on the body's contour.";
-        7 point_body_y_m: double, "m", Node, Height, "Foot of the contact on the body's contour, y.";
-        8 point_link_x_m: double, "m", Node, Value, "Deepest point of the link's contour.";
-        9 point_link_y_m: double, "m", Node, Height, "Deepest point of the link's contour, y.";
-        10 normal_x: double, "1", Node, Value, "Unit normal out of the body, towards the link.";
-        11 normal_y: double, "1", Node, Value, "Unit normal out of the body, y.";
-        12 penetration_m: double, "m", Node, Value, "Depth of overlap along the normal at the instant; negative where the contact pushes within the step only.";
-        13 approach_speed_m_s: double, "m/s", Node, Value, "Closing speed along the normal when the contact was first touched; foreseen while the penetration is negative.";
-        14 normal_speed_m_s: double, "m/s", Node, Value, "Rate of penetration at the instant.";
-        15 tangential_speed_m_s: double, "m/s", Step, Value, "Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) that friction works with.";
-        16 normal_force_n: double, "N", Step, Value, "Force on the link along the normal, never negative; mean over the step.";
-        17 tangential_force_n: double, "N", Step, Value, "Friction force on the link along the tangent; mean over the step.";
+        6 point_body_x_m: derived, "m", Node, Value, "Foot of the contact on the body's contour: point_link + normal x penetration.";
+        7 point_body_y_m: derived, "m", Node, Height, "Foot of the contact on the body's contour, y.";
+        8 point_link_x_m: double48, "m", Node, Value, "Deepest point of the link's contour.";
+        9 point_link_y_m: double48, "m", Node, Height, "Deepest point of the link's contour, y.";
+        10 normal_x: double48, "1", Node, Value, "Unit normal out of the body, towards the link.";
+        11 normal_y: double48, "1", Node, Value, "Unit normal out of the body, y.";
+        12 penetration_m: float, "m", Node, Value, "Depth of overlap along the normal at the instant; negative where the contact pushes within the step only.";
+        13 approach_speed_m_s: float, "m/s", Node, Value, "Closing speed along the normal when the contact was first touched; foreseen while the penetration is negative.";
+        14 normal_speed_m_s: float, "m/s", Node, Value, "Rate of penetration at the instant.";
+        15 tangential_speed_m_s: float, "m/s", Step, Value, "Sliding speed of the link over the body along the tangent (normal turned by +90 degrees) that friction works with.";
+        16 normal_force_n: double48, "N", Step, Value, "Force on the link along the normal, never negative; mean over the step.";
+        17 tangential_force_n: double48, "N", Step, Value, "Friction force on the link along the tangent; mean over the step.";
         18 stick: bool, "1", Step, Value, "True while the friction is below its limit.";
-        19 age_s: double, "s", Node, Value, "Time since first touch.";
-        20 instant_force_n: double, "N", Node, Value, "What the contact law gives at the instant, never negative.";
+        19 age_s: float, "s", Node, Value, "Time since first touch.";
+        20 instant_force_n: float, "N", Node, Value, "What the contact law gives at the instant, never negative.";
     }
 
     /// One row per coordinate that turns, in the order of `Header::coordinates`: sprockets and shafts, then arms, then shafts without sprockets.
@@ -496,6 +497,17 @@ pub fn channels() -> impl Iterator<Item = &'static Column> {
 }
 
 impl Frame {
+    /// Computes the columns that are not stored.
+    pub fn derive(&mut self) {
+        let c = &mut self.contacts;
+        let foot = |foot: &mut Vec<f64>, tip: &[f64], normal: &[f64], depth: &[f64]| {
+            foot.clear();
+            foot.extend(tip.iter().zip(normal).zip(depth).map(|((tip, normal), depth)| tip + normal * depth));
+        };
+        foot(&mut c.point_body_x_m, &c.point_link_x_m, &c.normal_x, &c.penetration_m);
+        foot(&mut c.point_body_y_m, &c.point_link_y_m, &c.normal_y, &c.penetration_m);
+    }
+
     /// All values by the names of their channels, but the hash of the State.
     pub fn columns(&self) -> Vec<(&'static str, ColumnValues<'_>)> {
         let one = std::slice::from_ref;

@@ -20,6 +20,7 @@ pub mod reader;
 #[cfg(feature = "rerun")]
 #[doc(hidden)]
 pub mod rerun;
+mod stored_floats;
 #[doc(hidden)]
 pub mod table;
 #[doc(hidden)]
@@ -62,14 +63,22 @@ pub trait Sink {
 /// How densely the sinks draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewOptions {
-    /// Smallest time between two pictures (Foxglove scene and transforms, Rerun link poses) [s]. Numbers are recorded
-    /// with every frame regardless.
+    /// Smallest time between two pictures of viewers [s]: of the .rrd and of live runs.
     pub picture_interval_s: f64,
+    /// The same of the MCAP archive [s], whose pictures are for the Foxglove app and take more room.
+    pub archive_interval_s: f64,
+}
+
+impl ViewOptions {
+    /// The same time between pictures everywhere [s].
+    pub fn every(interval_s: f64) -> ViewOptions {
+        ViewOptions { picture_interval_s: interval_s, archive_interval_s: interval_s }
+    }
 }
 
 impl Default for ViewOptions {
     fn default() -> ViewOptions {
-        ViewOptions { picture_interval_s: 200e-6 }
+        ViewOptions { picture_interval_s: 200e-6, archive_interval_s: 400e-6 }
     }
 }
 
@@ -100,13 +109,13 @@ pub fn create(path: &Path, header: &Header, view: ViewOptions) -> anyhow::Result
 /// Takes a picture only every so often: true when `t_s` has reached the next picture's time.
 #[derive(Clone, Copy, Debug)]
 pub struct PictureClock {
-    interval_s: f64,
+    pub interval_s: f64,
     next_s: f64,
 }
 
 impl PictureClock {
-    pub fn new(view: ViewOptions) -> PictureClock {
-        PictureClock { interval_s: view.picture_interval_s, next_s: f64::NEG_INFINITY }
+    pub fn new(interval_s: f64) -> PictureClock {
+        PictureClock { interval_s, next_s: f64::NEG_INFINITY }
     }
 
     pub fn due(&mut self, t_s: f64) -> bool {

@@ -378,6 +378,7 @@ impl Reader {
                 Topic::Frame if wanted.frames => {
                     frame.clear();
                     frame.merge(data)?;
+                    frame.derive();
                     check(&frame, &stated)?;
                     check_time(frame.step, frame.t_s, (step_s, t_ns))?;
                     gaps.extend(rhythm.gap(frame.step, longest)?);

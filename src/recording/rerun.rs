@@ -1,5 +1,6 @@
-//! The `.rrd` view of a recording, for the Rerun viewer. Numbers of every frame are stored in f64 under `state`; the
-//! drawing (f32, millimetres) and the curves are derived from them. Rows are collected in blocks, because one message
+//! The `.rrd` view of a recording, for the Rerun viewer. Numbers are stored in f32 under `state`: of contacts and rotors every
+//! frame, of links and joints with every picture. The drawing (millimetres) and the curves are derived from them. All digits of
+//! every frame are in the archive. Rows are collected in blocks, because one message
 //! per block and entity is thirty times cheaper than one per row. The file is written on its own thread, one block
 //! behind: each block waits for the one before and checks whether it was written. A live viewer gets the same rows, in
 //! smaller blocks.
@@ -105,7 +106,7 @@ impl RerunSink {
             header: header.clone(),
             stream: Some(stream),
             recording,
-            clock: PictureClock::new(view),
+            clock: PictureClock::new(view.picture_interval_s),
             scale,
             has_layout: false,
             last_crank_udeg: 0,
@@ -175,7 +176,8 @@ impl RerunSink {
             table::send(stream, &mut self.curve_times, self.curves.tables())?;
         }
         if pictures {
-            table::send(stream, &mut self.picture_times, self.pictures.tables())?;
+            let tables = self.pictures.tables().chain(self.numbers.tables_beside_pictures());
+            table::send(stream, &mut self.picture_times, tables)?;
         }
         if events {
             table::send(stream, &mut self.event_times, [&mut self.events])?;
@@ -212,6 +214,7 @@ impl Sink for RerunSink {
         if self.clock.due(frame.t_s) {
             self.picture_times.push(frame.t_s, frame.step, self.last_crank_udeg);
             self.pictures.push(frame, &self.header, self.scale);
+            self.numbers.push_beside_picture(frame);
         }
         self.send_blocks(false)
     }
@@ -412,35 +415,44 @@ mod tests {
     }
 
     /// Rows of a component in order, read back with the crate's decoder.
-    fn rows(path: &Path, entity: &str, component: &'static str) -> Vec<Vec<f64>> {
+    fn rows<T>(path: &Path, entity: &str, of_chunk: impl Fn(&Chunk) -> Vec<Vec<T>>) -> Vec<Vec<T>> {
         let file = std::io::BufReader::new(File::open(path).unwrap());
         let mut rows = Vec::new();
         for message in DecoderApp::decode_lazy(file) {
             let LogMsg::ArrowMsg(_, message) = message.unwrap() else { continue };
             let chunk = Chunk::from_arrow_msg(&message).unwrap();
             if chunk.entity_path().to_string() == entity {
-                rows.extend(chunk.iter_slices::<f64>(component.into()).map(<[f64]>::to_vec));
+                rows.extend(of_chunk(&chunk));
             }
         }
         rows
     }
 
+    fn floats(path: &Path, entity: &str, component: &'static str) -> Vec<Vec<f32>> {
+        rows(path, entity, |chunk| chunk.iter_slices::<f32>(component.into()).map(<[f32]>::to_vec).collect())
+    }
+
     #[test]
-    fn numbers_of_every_frame_come_back_to_the_bit() {
+    fn numbers_come_back_with_seven_digits() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.rrd");
-        let view = ViewOptions { picture_interval_s: 0.01 };
+        let view = ViewOptions::every(0.01);
         let mut sink = RerunSink::create(&path, &header(), view).unwrap();
         // Two full blocks and a partial one.
         let n = 2 * NUMBER_ROWS as u64 + 3;
         (0..n).for_each(|step| sink.frame(&frame(step)).unwrap());
         let bytes = sink.finish().unwrap();
         assert_eq!(bytes, std::fs::metadata(&path).unwrap().len());
-        let expected: Vec<Vec<f64>> = (0..n).map(|step| frame(step).links.x_m).collect();
-        assert_eq!(rows(&path, "/state/links", "link:x_m"), expected);
-        let lengths: Vec<usize> = rows(&path, "/state/contacts", "contact:age_s").iter().map(Vec::len).collect();
+        let shown = |step: u64| frame(step).links.x_m.iter().map(|v| *v as f32).collect::<Vec<f32>>();
+        // Links with every picture, of which there is one for ten frames; contacts of every frame.
+        let expected: Vec<Vec<f32>> = (0..n).step_by(10).map(shown).collect();
+        assert_eq!(floats(&path, "/state/links", "link:x_m"), expected);
+        let lengths: Vec<usize> = floats(&path, "/state/contacts", "contact:age_s").iter().map(Vec::len).collect();
         assert_eq!(lengths, (0..n).map(|step| (step % 2) as usize).collect::<Vec<_>>());
-        assert_eq!(rows(&path, "/plots/contacts", "Scalars:scalars").len() as u64, n);
+        let curves = rows(&path, "/plots/contacts", |chunk| {
+            chunk.iter_slices::<f64>("Scalars:scalars".into()).map(<[f64]>::to_vec).collect()
+        });
+        assert_eq!(curves.len() as u64, n);
     }
 
     #[test]

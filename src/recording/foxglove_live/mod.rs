@@ -64,7 +64,7 @@ impl FoxgloveSink {
             server: Some(server),
             outlines,
             header: header.clone(),
-            clock: PictureClock::new(view),
+            clock: PictureClock::new(view.picture_interval_s),
             transforms: scene::Transforms::new(header),
             buffer: Vec::new(),
             last_clock: None,

@@ -2,47 +2,74 @@
 
 use super::scene::{ForceScale, body_entity, outline_entity, position_mm, sensors_by_unit, sensors_entity};
 use super::table::{ComponentValues, EntityTable};
-use crate::recording::columns::ColumnKind;
+use crate::recording::columns::{ColumnKind, Rows};
 use crate::recording::frame::{Frame, Header, Links};
 use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
-/// Every number of every frame, in f64.
+/// The numbers of frames: contacts and rotors of every frame, links and joints with every picture.
 pub struct Numbers {
     frame: EntityTable,
-    /// In the order of [`TABLES`]; None: nothing of the drive has a row there.
-    tables: Vec<Option<EntityTable>>,
+    /// Of every frame, and those beside pictures, in the order of their tables; None: nothing of the drive has a row there.
+    often: Vec<Option<EntityTable>>,
+    beside_pictures: Vec<Option<EntityTable>>,
+}
+
+/// Links and joints are most of a frame, and viewers hold numbers from one row to the next, as they do with pictures.
+fn is_beside_pictures(rows: Rows) -> bool {
+    match rows {
+        Rows::Link | Rows::Joint => true,
+        Rows::Contact | Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => false,
+    }
 }
 
 impl Numbers {
     pub fn new(header: &Header) -> Numbers {
         let empty = Frame::default();
-        let mut tables = Vec::new();
+        let (mut often, mut beside_pictures) = (Vec::new(), Vec::new());
         empty.each_table(|table, columns| {
             let names = table.message.columns.iter().map(|column| column.name);
             let columns = names.zip(columns.iter().map(ComponentValues::like)).collect();
             let has_rows = header.row_paths(table.rows).is_none_or(|paths| !paths.is_empty());
             let entity = format!("state/{}", table.message.name);
-            tables.push(has_rows.then(|| EntityTable::numbers(&entity, table.rows.name(), columns)));
+            let to = if is_beside_pictures(table.rows) { &mut beside_pictures } else { &mut often };
+            to.push(has_rows.then(|| EntityTable::numbers(&entity, table.rows.name(), columns)));
         });
         let frame =
             EntityTable::numbers("state/frame", "frame", vec![("state_hash", ComponentValues::U64(Vec::new()))]);
-        Numbers { frame, tables }
+        Numbers { frame, often, beside_pictures }
     }
 
     pub fn push(&mut self, frame: &Frame) {
         self.frame.u64(0).push(frame.state_hash);
         self.frame.end_row(1);
-        let mut tables = self.tables.iter_mut();
-        frame.each_table(|_, columns| {
-            if let Some(Some(table)) = tables.next() {
+        let mut tables = self.often.iter_mut();
+        frame.each_table(|table, columns| {
+            if !is_beside_pictures(table.rows)
+                && let Some(Some(table)) = tables.next()
+            {
+                table.push_row(columns);
+            }
+        });
+    }
+
+    pub fn push_beside_picture(&mut self, frame: &Frame) {
+        let mut tables = self.beside_pictures.iter_mut();
+        frame.each_table(|table, columns| {
+            if is_beside_pictures(table.rows)
+                && let Some(Some(table)) = tables.next()
+            {
                 table.push_row(columns);
             }
         });
     }
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
-        std::iter::once(&mut self.frame).chain(self.tables.iter_mut().flatten())
+        std::iter::once(&mut self.frame).chain(self.often.iter_mut().flatten())
+    }
+
+    pub fn tables_beside_pictures(&mut self) -> impl Iterator<Item = &mut EntityTable> {
+        self.beside_pictures.iter_mut().flatten()
     }
 }
 

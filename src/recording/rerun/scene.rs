@@ -311,18 +311,19 @@ fn readme(header: &Header, scale: ForceScale) -> String {
     let frame_s = step_s * *steps_per_frame as f64;
     let mut text = format!(
         "# {drive_name}\n\nWritten by {program}. Step {:.3} us, one frame every {:.1} us.\n\n\
-         Numbers are SI (m, N, rad, s) in f64; the drawing is in millimetres.\n\n\
+         Numbers are SI (m, N, rad, s) with 7 digits; the drawing is in millimetres.\n\n\
          | where | what |\n|---|---|\n\
          | `chain`, `bodies` | links (blue: inner, brown: outer), sprockets, guides, arms, plungers |\n\
          | `joints/tension` | pins, coloured by tension: white slack, green, yellow, red tight |\n\
          | `contacts/points` | where links touch sprockets and guides, and plungers their arms; yellow to red with the force |\n\
          | `contacts/forces` | force on the link, or of an arm on its plunger, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
          | `state/contacts` | all numbers of all contacts, one row a frame |\n\
-         | `state/links`, `state/joints`, `state/rotors`, `state/sliders`, `state/touches` | poses, speeds, forces and torques, one row a frame |\n\
+         | `state/rotors`, `state/sliders`, `state/touches` | angles, ways, speeds, forces and torques of what turns and slides, one row a frame |\n\
+         | `state/links`, `state/joints` | poses, speeds, accelerations and forces, one row a picture |\n\
          | `state/chambers`, `state/passages` | pressures and flows of oil, one row a frame |\n\
          | `plots` | curves |\n| `events` | what happened when |\n\n\
          Timelines: `sim_time`, `step`, `crank_angle` (driver's turn in micro-degrees). \
-         Numbers are there for every frame; the drawing is held from one picture to the next.\n",
+         Curves, contacts and rotors are there for every frame; the drawing, links and joints are held from one picture to the next.\n",
         step_s * 1e6,
         frame_s * 1e6,
         scale.mm_per_n,

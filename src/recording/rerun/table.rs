@@ -16,6 +16,7 @@ use std::sync::Arc;
 /// Values of a column, all rows one after the other.
 pub enum ComponentValues {
     F64(Vec<f64>),
+    F32(Vec<f32>),
     /// Points and vectors, three numbers each.
     Vec3(Vec<f32>),
     /// Quaternions x, y, z, w.
@@ -100,7 +101,8 @@ impl EntityTable {
     pub fn f64(&mut self, column: usize) -> &mut Vec<f64> {
         match &mut self.columns[column].values {
             ComponentValues::F64(values) => values,
-            ComponentValues::Vec3(_)
+            ComponentValues::F32(_)
+            | ComponentValues::Vec3(_)
             | ComponentValues::Quaternion(_)
             | ComponentValues::U16(_)
             | ComponentValues::U64(_)
@@ -111,7 +113,9 @@ impl EntityTable {
 
     pub fn f32(&mut self, column: usize) -> &mut Vec<f32> {
         match &mut self.columns[column].values {
-            ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => values,
+            ComponentValues::F32(values) | ComponentValues::Vec3(values) | ComponentValues::Quaternion(values) => {
+                values
+            }
             ComponentValues::F64(_)
             | ComponentValues::U16(_)
             | ComponentValues::U64(_)
@@ -126,6 +130,7 @@ impl EntityTable {
         match &mut self.columns[column].values {
             ComponentValues::U16(values) => values,
             ComponentValues::F64(_)
+            | ComponentValues::F32(_)
             | ComponentValues::Vec3(_)
             | ComponentValues::Quaternion(_)
             | ComponentValues::U64(_)
@@ -138,6 +143,7 @@ impl EntityTable {
         match &mut self.columns[column].values {
             ComponentValues::U64(values) => values,
             ComponentValues::F64(_)
+            | ComponentValues::F32(_)
             | ComponentValues::Vec3(_)
             | ComponentValues::Quaternion(_)
             | ComponentValues::U16(_)
@@ -150,6 +156,7 @@ impl EntityTable {
         match &mut self.columns[column].values {
             ComponentValues::Text(values) => values,
             ComponentValues::F64(_)
+            | ComponentValues::F32(_)
             | ComponentValues::Vec3(_)
             | ComponentValues::Quaternion(_)
             | ComponentValues::U16(_)
@@ -190,10 +197,10 @@ pub fn send<'a>(
 }
 
 impl ComponentValues {
-    /// An empty column for such values.
+    /// An empty column for such values: a view shows 7 digits.
     pub fn like(values: &columns::ColumnValues<'_>) -> ComponentValues {
         match values {
-            columns::ColumnValues::F64(_) => ComponentValues::F64(Vec::new()),
+            columns::ColumnValues::F64(_) => ComponentValues::F32(Vec::new()),
             columns::ColumnValues::U32(_) => ComponentValues::U16(Vec::new()),
             columns::ColumnValues::U64(_) => ComponentValues::U64(Vec::new()),
             columns::ColumnValues::Bool(_) => ComponentValues::Bool(Vec::new()),
@@ -203,7 +210,7 @@ impl ComponentValues {
 
     fn extend(&mut self, values: &columns::ColumnValues<'_>) {
         match (self, values) {
-            (ComponentValues::F64(to), columns::ColumnValues::F64(from)) => to.extend_from_slice(from),
+            (ComponentValues::F32(to), columns::ColumnValues::F64(from)) => to.extend(from.iter().map(|v| *v as f32)),
             // No chain has more links or teeth than fit.
             (ComponentValues::U16(to), columns::ColumnValues::U32(from)) => {
                 to.extend(from.iter().map(|v| u16::try_from(*v).unwrap_or(u16::MAX)));
@@ -218,6 +225,7 @@ impl ComponentValues {
     fn take(&mut self) -> ArrayRef {
         match self {
             ComponentValues::F64(values) => Arc::new(Float64Array::from(taken(values))),
+            ComponentValues::F32(values) => Arc::new(Float32Array::from(taken(values))),
             ComponentValues::Vec3(values) => small_vectors(taken(values), 3),
             ComponentValues::Quaternion(values) => small_vectors(taken(values), 4),
             ComponentValues::U16(values) => Arc::new(UInt16Array::from(taken(values))),
