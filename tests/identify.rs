@@ -23,7 +23,6 @@ fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Identificat
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {
-        plant: None,
         threads,
         budget,
         started: std::time::Instant::now(),
@@ -452,7 +451,7 @@ fn records_that_start_at_rest_have_no_start_to_find() {
         let quiet = |_: &str, _: u64| {};
         let started = std::time::Instant::now();
         let context =
-            Context { plant: None, threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
+            Context { threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
         let problem = declared(&measurement, &machine, &data, &context);
         let point = problem.start();
         for part in 0..2 {

@@ -13,7 +13,7 @@ use super::judge::{Residuals, deviance, effective as effective_samples, mean_err
 use super::model::{FittedModel, globals_of, refitted, score, standard_error, without_effect};
 use super::problem::Problem;
 use super::screen::{FitStart, LinearisedBase, screen};
-use super::search::{Context, MAX_EFFECTS, MIN_SCORE_GAIN, SearchResult, Trial};
+use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial};
 use super::stats::Random;
 use super::steady;
 use super::structure::{Detectable, IndistinguishablePair};
@@ -104,7 +104,7 @@ fn smallest_confirmed_set<'a>(
     threads: usize,
 ) -> FittedModel<'a> {
     let mut best = declared;
-    for size in 1..=MAX_EFFECTS {
+    for size in 1..=best.problem.machine.effort().effects {
         if best.is_exhausted() {
             break;
         }
@@ -166,7 +166,7 @@ pub struct RemainingError {
     /// that gains most.
     pub error: f64,
     /// Ratio of the squared errors above the noise floor, all channels scaled by their noise. None if that part is
-    /// negligible, and for a drive with link bodies, whose floor contains more than noise.
+    /// negligible, and where the floor contains more than noise.
     pub above_floor: Option<f64>,
 }
 
@@ -194,7 +194,7 @@ fn remaining_error(on_sensor: bool, problem: &Problem, judged: &HeldOutCompariso
         channels.filter(|(c, _)| !on_sensor || best == Some(*c)).map(of).sum()
     };
     let (now, then) = (above(r), above(b));
-    let above_floor = (problem.plant.is_none() && then > MIN_EXCESS).then(|| now / then);
+    let above_floor = (problem.machine.effort().noise_alone_is_left && then > MIN_EXCESS).then(|| now / then);
     RemainingError { error, above_floor }
 }
 
@@ -539,7 +539,7 @@ fn rivals<'a>(
         let twin = |h: &&Hypothesis| {
             let other = h.identity();
             let is_pair = |a: &IndistinguishablePair| (a.a == id && a.b == other) || (a.b == id && a.a == other);
-            declared.problem.plant.is_none() && !taken(&other) && alike.iter().any(is_pair)
+            declared.problem.machine.effort().is_thorough && !taken(&other) && alike.iter().any(is_pair)
         };
         let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), narrowed(h)]).collect();
         let mut tried: Vec<&Hypothesis> = twins.iter().collect();

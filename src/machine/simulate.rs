@@ -37,6 +37,8 @@ pub enum RunError {
     NoPulse { t_s: f64, pulses: usize },
     /// Number of steps per sample that the run would need.
     Stiff { steps: f64 },
+    /// Why a drive with link bodies is not run with these numbers, or where it broke down.
+    Refused { why: String },
 }
 
 impl std::fmt::Display for RunError {
@@ -49,6 +51,7 @@ impl std::fmt::Display for RunError {
             RunError::Stiff { steps } => {
                 write!(f, "the model is so stiff that it needs {steps:.0} steps for one sample")
             }
+            RunError::Refused { why } => f.write_str(why),
         }
     }
 }
