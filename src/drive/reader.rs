@@ -112,12 +112,7 @@ impl DriveReader {
     }
 
     pub fn root<'a>(&'a self, root: &'a DocumentTable) -> TomlTable<'a> {
-        TomlTable {
-            reader: self,
-            path: String::new(),
-            table: Some(root),
-            place: Place { source: 0, span: 0..0 },
-        }
+        TomlTable { reader: self, path: String::new(), table: Some(root), place: Place { source: 0, span: 0..0 } }
     }
 
     /// Ends the reading: unused overrides are mistakes; with any mistake there is no result.
@@ -342,8 +337,7 @@ impl<'a> TomlTable<'a> {
                 Some(*n)
             }
             _ => {
-                let title =
-                    format!("`{}` = {digits} is outside {} ..= {}", self.join(key), range.start(), range.end());
+                let title = format!("`{}` = {digits} is outside {} ..= {}", self.join(key), range.start(), range.end());
                 self.reader.error(title, place, None);
                 None
             }

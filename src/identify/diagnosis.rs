@@ -152,9 +152,6 @@ fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -
                 | Reads::Acceleration(_)
                 | Reads::Tension(_)
                 | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
                 | Reads::Part(_) => None,
             })?;
             let turn = TAU / marks.max(1) as f64;

@@ -76,7 +76,7 @@ impl<'a> FittedModel<'a> {
             return false;
         }
         let Some(unrepeated) = self.problem.unrepeated(&self.fit.point) else { return false };
-        self.coloured_rms().iter().zip(&unrepeated).all(|(c, u)| c <= u)
+        self.coloured_rms().iter().zip(&unrepeated).all(|(c, u)| *c <= u.size)
     }
 
     /// Whether the remaining error on fitted data is little more than noise.

@@ -5,7 +5,7 @@
 //! and parameters `per = "part"`. Residuals are (model - measured) / weight of the channel. Segments do not share local
 //! parameters, so that the fit eliminates them segment by segment.
 
-use crate::machine::fidelity::RunRequest;
+use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
 use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, RecordSegment};
@@ -237,21 +237,24 @@ impl<'a> Problem<'a> {
 
     /// For every channel, the part that does not repeat itself (root mean square over fitted data), which no model can predict;
     /// None: all repeats itself.
-    pub fn unrepeated(&self, point: &Point) -> Option<Vec<f64>> {
-        let mut squares: Option<Vec<f64>> = None;
+    pub fn unrepeated(&self, point: &Point) -> Option<Vec<UnrepeatedPart>> {
+        let mut squares: Option<Vec<UnrepeatedPart>> = None;
         let parts: Vec<usize> =
             (0..self.data.segments.len()).filter(|k| self.data.segments[*k].judge_from > 0).collect();
         for k in &parts {
             let (values, _) = self.numbers(*k, &point.globals, &point.locals[*k]);
             let Some((_, corner)) = self.corners(*k, &point.globals, &values).into_iter().next() else { continue };
             let Some(unrepeated) = self.machine.unrepeated(&corner, self.runs) else { continue };
-            let squares = squares.get_or_insert_with(|| vec![0.0; self.channels.len()]);
+            let squares = squares.get_or_insert_with(|| vec![UnrepeatedPart::default(); self.channels.len()]);
             for (square, sensor) in squares.iter_mut().zip(&self.channels) {
-                let size = unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
-                *square += size * size / parts.len() as f64;
+                let gain = values[self.machine.sensors[*sensor].gain];
+                let (size, in_mean) = (unrepeated[*sensor].size * gain, unrepeated[*sensor].in_mean * gain);
+                square.size += size * size / parts.len() as f64;
+                square.in_mean += in_mean * in_mean / parts.len() as f64;
             }
         }
-        squares.map(|all| all.into_iter().map(libm::sqrt).collect())
+        let root = |s: UnrepeatedPart| UnrepeatedPart { size: libm::sqrt(s.size), in_mean: libm::sqrt(s.in_mean) };
+        squares.map(|all| all.into_iter().map(root).collect())
     }
 
     /// Residuals of a segment's fitting samples, channel after channel; missing samples give zero.
@@ -490,14 +493,9 @@ fn channel_scale(machine: &Machine, data: &Data, body: usize, speed: bool) -> f6
         let fits = match machine.sensors[channel.sensor].reads {
             Reads::Speed(b) => b == body && speed,
             Reads::Angle(b) => b == body && !speed,
-            Reads::Acceleration(_)
-            | Reads::Pulses { .. }
-            | Reads::Tension(_)
-            | Reads::Reaction(_)
-            | Reads::Span(_)
-            | Reads::Link(_)
-            | Reads::Guide(_)
-            | Reads::Part(_) => false,
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+                false
+            }
         };
         if fits {
             let gain = machine.values[machine.sensors[channel.sensor].gain];

@@ -142,9 +142,6 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &RecordSegment, t_s: 
             | Reads::Pulses { .. }
             | Reads::Tension(_)
             | Reads::Reaction(_)
-            | Reads::Span(_)
-            | Reads::Link(_)
-            | Reads::Guide(_)
             | Reads::Part(_) => {}
         }
     }

@@ -51,6 +51,14 @@ pub struct SearchEffort {
     pub indices: Option<&'static [f64]>,
 }
 
+/// The part of a sensor's readings that differs from period to period, so that no model tells it (root mean square, SI).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UnrepeatedPart {
+    pub size: f64,
+    /// What of it is left in the mean over periods, which a run returns.
+    pub in_mean: f64,
+}
+
 /// Whether an effect may be added at a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RoomForEffect {
@@ -90,9 +98,8 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// One series for every channel, at the samples; for pulses, ln of the intervals.
     fn run(&self, m: &Machine, request: &RunRequest) -> Result<Vec<Vec<f64>>, RunError>;
 
-    /// For every sensor, what of its readings does not repeat itself, so that no model tells it (root mean square, SI); None: all
-    /// repeats itself, or there is no run with these values.
-    fn unrepeated(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Option<Vec<f64>>;
+    /// For every sensor, what of its readings does not repeat itself; None: all repeats itself, or there is no run with these values.
+    fn unrepeated(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>>;
 
     /// Steps that a sample of this task, or the shortest interval between pulses, needs; None: the step does not depend on values.
     fn steps_needed(&self, m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> Option<f64>;

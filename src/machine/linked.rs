@@ -1,12 +1,12 @@
 //! The fidelity with link bodies: steady motion, read off one period of a run that takes a second; runs are kept.
 
-use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort};
+use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use super::links::lcm;
 use super::response::PeriodicResponse;
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
 use super::{Body, BodyMotion, Machine, Reads, Target};
 use crate::drive::Drive;
-use crate::drive::sensors::is_signal;
+use crate::drive::sensors::{SensorReads, is_signal};
 use crate::effects::{Effect, Kind, On, Parameter};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -64,9 +64,8 @@ impl LinkedDrive {
     /// The numbers that turn the file's drive into this machine with these values, in the units of their keys.
     fn numbers(&self, m: &Machine, values: &[f64]) -> Vec<(String, f64)> {
         let mut all = Vec::new();
-        let at_sensors = |path: &str| {
-            path.starts_with("sensors.") || self.drive.signals.iter().any(|s| path.starts_with(&s.path))
-        };
+        let at_sensors =
+            |path: &str| path.starts_with("sensors.") || self.drive.signals.iter().any(|s| path.starts_with(&s.path));
         for ((slot, value), file) in m.slots.iter().zip(values).zip(&self.file) {
             if value != file && !at_sensors(&slot.path) {
                 all.push((slot.path.clone(), value / slot.unit));
@@ -204,7 +203,7 @@ impl Fidelity for LinkedDrive {
                 "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
             );
         }
-        if has_place && m.sensors.iter().any(|s| matches!(s.reads, Reads::Link(_))) {
+        if has_place && self.drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
             return RoomForEffect::Refused(
                 "a gauge that goes round with the chain: where the effect lies to it is not looked for",
             );
@@ -256,8 +255,11 @@ impl Fidelity for LinkedDrive {
         Ok(r.channels.iter().map(of).collect())
     }
 
-    fn unrepeated(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Option<Vec<f64>> {
-        self.response(m, values, runs).as_ref().as_ref().ok().map(|r| r.unrepeated.clone())
+    fn unrepeated(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {
+        let response = self.response(m, values, runs);
+        let r = response.as_ref().as_ref().ok()?;
+        let part = |size: &f64| UnrepeatedPart { size: *size, in_mean: size / libm::sqrt(r.periods as f64) };
+        Some(r.unrepeated.iter().map(part).collect())
     }
 
     fn steps_needed(&self, _m: &Machine, _values: &[f64], _task: &Task, _start: &InitialState) -> Option<f64> {

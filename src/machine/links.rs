@@ -96,11 +96,10 @@ impl Machine {
                 SensorReads::Speed(b) => Reads::Speed(b),
                 SensorReads::Acceleration(b) => Reads::Acceleration(b),
                 SensorReads::Torque(b) => Reads::Reaction(b),
-                SensorReads::Span(k) => Reads::Span(k),
-                SensorReads::Link(i) => Reads::Link(i),
-                SensorReads::Guide(k) => Reads::Guide(k),
                 SensorReads::Slider(_) => Reads::Part(PartQuantity::Displacement),
-                SensorReads::Tip(_) => Reads::Part(PartQuantity::Force),
+                SensorReads::Span(_) | SensorReads::Link(_) | SensorReads::Guide(_) | SensorReads::Tip(_) => {
+                    Reads::Part(PartQuantity::Force)
+                }
                 SensorReads::Pressure(_) => Reads::Part(PartQuantity::Pressure),
                 SensorReads::Flow(_) => Reads::Part(PartQuantity::Flow),
             };

@@ -1,6 +1,6 @@
 //! The lumped fidelity: bodies with one coordinate each, springs between them, any motion from any start, in milliseconds.
 
-use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort};
+use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use super::simulate::{self, InitialState, RunError, Task};
 use super::{Body, BodyMotion, InputKind, Machine, Reads, Target};
 use crate::effects::{Effect, Kind, On, Parameter, Physics};
@@ -77,9 +77,6 @@ impl Fidelity for Lumped {
                 | Reads::Pulses { .. }
                 | Reads::Tension(_)
                 | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
                 | Reads::Part(_) => false,
             }),
             On::Pickup => sensors(&|r| matches!(r, Reads::Pulses { .. })),
@@ -119,7 +116,7 @@ impl Fidelity for Lumped {
         simulate::run(m, r.values, r.task, r.start, r.channels, r.max_steps)
     }
 
-    fn unrepeated(&self, _m: &Machine, _values: &[f64], _runs: &AtomicU64) -> Option<Vec<f64>> {
+    fn unrepeated(&self, _m: &Machine, _values: &[f64], _runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {
         None
     }
 

@@ -28,7 +28,7 @@ use crate::diag::Report;
 use crate::drive::Drive;
 use crate::drive::reader::{DriveReader, Places};
 use crate::effects::{Effect, Parameter};
-use fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort};
+use fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use response::WithoutPeriod;
 use simulate::{InitialState, RunError, Task};
 use std::sync::Arc;
@@ -166,16 +166,12 @@ pub enum Reads {
     Tension(usize),
     /// External force or torque that drives this prescribed body.
     Reaction(usize),
-    /// With link bodies: tension of the span that leaves this body, tension of this link, and force on this guide.
-    Span(usize),
-    Link(usize),
-    Guide(usize),
-    /// With link bodies: of a slider, a chamber or a passage.
+    /// Of a part that is no body here: a span or a link of a chain, a guide, a slider, a chamber, a passage.
     Part(PartQuantity),
 }
 
 #[doc(hidden)]
-/// What a sensor reads of a slider [m, N], of a chamber [Pa] or of a passage [m3/s].
+/// What a sensor reads of such a part [m, N, Pa, m3/s].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartQuantity {
     Displacement,
@@ -322,7 +318,7 @@ impl Machine {
         match self.sensors[sensor].reads {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
             Reads::Pulses { body, .. } => Some(body),
-            Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => None,
+            Reads::Tension(_) | Reads::Part(_) => None,
         }
     }
 }
@@ -367,7 +363,7 @@ impl Machine {
         self.fidelity.run(self, request)
     }
 
-    pub(crate) fn unrepeated(&self, values: &[f64], runs: &AtomicU64) -> Option<Vec<f64>> {
+    pub(crate) fn unrepeated(&self, values: &[f64], runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {
         self.fidelity.unrepeated(self, values, runs)
     }
 

@@ -35,6 +35,8 @@ pub(super) struct PeriodicResponse {
     pub(super) means: Vec<Vec<f64>>,
     /// Root mean square of the non-repeating part.
     pub(super) unrepeated: Vec<f64>,
+    /// Periods in the means.
+    pub(super) periods: usize,
 }
 
 /// Why a drive has no period, so that records cannot be compared with it.
@@ -141,6 +143,7 @@ impl PeriodicResponse {
             pitches_per_s,
             unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
             means: fold.means(),
+            periods: fold.periods,
         })
     }
 

@@ -102,9 +102,6 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialSta
                 | Reads::Acceleration(_)
                 | Reads::Tension(_)
                 | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
                 | Reads::Part(_) => None,
             });
             interval_s / pulses::step_s(&ready, start, *interval_s, marks.unwrap_or(1))
@@ -283,7 +280,7 @@ fn sampled(
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
                 // Only for drives with link bodies.
-                Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => (f64::NAN, 0),
+                Reads::Part(_) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
             angles[c].push(q_before[body]);
@@ -344,9 +341,6 @@ pub fn through_sensor(
         | Reads::Pulses { .. }
         | Reads::Tension(_)
         | Reads::Reaction(_)
-        | Reads::Span(_)
-        | Reads::Link(_)
-        | Reads::Guide(_)
         | Reads::Part(_) => 1,
     };
     for p in m.placed.iter().filter(|p| p.target == Target::Sensor(sensor)) {

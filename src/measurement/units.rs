@@ -115,7 +115,6 @@ pub fn shows(m: &Machine, sensor: usize) -> (MeasuredQuantity, &'static str) {
                 if turns { (MeasuredQuantity::Torque, "N m") } else { (MeasuredQuantity::Force, "N") }
             }
         },
-        Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (MeasuredQuantity::Force, "N"),
         Reads::Part(PartQuantity::Displacement) => (MeasuredQuantity::Length, "m"),
         Reads::Part(PartQuantity::Force) => (MeasuredQuantity::Force, "N"),
         Reads::Part(PartQuantity::Pressure) => (MeasuredQuantity::Pressure, "Pa"),
