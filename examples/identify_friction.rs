@@ -36,7 +36,6 @@ pub fn report(path: &Path) -> Result<String, Box<dyn Error>> {
         stop: &stop,
         progress: &|_, _| (),
         runs: &runs,
-        plant: None,
     };
     let found = identify(&measurement, &machine, &data, &context)?;
     let mut told = format!("{:?}\n", found.outcome);

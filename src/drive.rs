@@ -7,6 +7,7 @@
 pub mod bearings;
 mod chains;
 mod check;
+mod document;
 mod effects;
 pub mod mechanism;
 mod read;
@@ -26,9 +27,11 @@ use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::sprocket::GapForm;
+use document::DocumentTable;
 use mechanism::{OilSpec, SliderSpec};
 use reader::{DriveReader, Places};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Bundled drives: name and text.
 pub const BUNDLED: [(&str, &str); 12] = [
@@ -142,6 +145,8 @@ pub struct Drive {
     pub run: RunSpec,
     /// Where every value stands in the file, for errors.
     pub places: Places,
+    /// The file as it was parsed.
+    pub(crate) document: Arc<DocumentTable>,
 }
 
 /// The chain, of one type.
@@ -523,13 +528,28 @@ impl Drive {
     /// All mistakes at once, each with its place in the text or in an override.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Drive, Report> {
         let reader = DriveReader::new(name, text, overrides);
-        let root = reader.parse(text)?;
-        let drive = read::drive(&reader.root(&root));
-        drop(root);
-        let places = reader.finish()?;
+        let document = Arc::new(reader.parse(text)?);
+        let drive = Drive::read(reader, &document)?;
         let stem = std::path::Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or(name);
-        let drive =
-            Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), places, ..drive };
+        Ok(Drive { name: stem.to_string(), text: text.to_string(), overrides: overrides.to_vec(), document, ..drive })
+    }
+
+    /// This drive with other numbers, by their paths, in the units of their keys; a table of effects may be new. Ranges and checks are
+    /// those of the file's reader; no text is written or parsed.
+    ///
+    /// # Errors
+    /// A number is outside its range, the numbers do not fit each other, or the drive has no such number.
+    pub fn with_numbers(&self, numbers: &[(String, f64)]) -> Result<Drive, Report> {
+        let reader = DriveReader::new(&self.name, &self.text, &self.overrides).with_numbers(numbers);
+        let drive = Drive::read(reader, &self.document)?;
+        let (name, text, overrides) = (self.name.clone(), self.text.clone(), self.overrides.clone());
+        Ok(Drive { name, text, overrides, document: self.document.clone(), ..drive })
+    }
+
+    /// Reads and checks; name, text and document are the caller's.
+    fn read(reader: DriveReader, document: &DocumentTable) -> Result<Drive, Report> {
+        let drive = read::drive(&reader.root(document));
+        let drive = Drive { places: reader.finish()?, ..drive };
         drive.check_chains()?;
         drive.check_train()?;
         for chain in 0..drive.chains() {

@@ -756,3 +756,58 @@ fn every_kind_of_sensor_is_a_row_that_is_read() {
         }
     }
 }
+
+/// A fit sets numbers, a user writes texts: every number of a drive means the same both ways, inside its range and outside.
+#[test]
+fn numbers_are_read_as_texts_are() {
+    use pitchline::drive::{BUNDLED, Drive};
+    let titles = |r: &pitchline::diag::Report| {
+        r.to_string().lines().filter(|l| l.starts_with("error")).map(str::to_string).collect::<Vec<_>>()
+    };
+    let (mut read, mut refused) = (0, 0);
+    for name in ["bush-20-40", "silent-20-40", "tensioner-20-40"] {
+        let text = BUNDLED.iter().find(|(bundled, _)| *bundled == name).expect("bundled").1;
+        let drive = Drive::parse(name, text, &[]).expect("a drive");
+        for (path, n) in drive.places.numbers() {
+            for x in [n.value / n.unit, 1.001 * n.value / n.unit, n.low - 1.0, n.high + 1.0, 0.5] {
+                let shown = if x == x.trunc() && x.abs() < 1e9 { format!("{x:.0}") } else { format!("{x:?}") };
+                let set = Drive::parse(name, text, &[format!("{path}={shown}")]);
+                match (drive.with_numbers(&[(path.to_string(), x)]), set) {
+                    (Ok(mut number), Ok(set)) => {
+                        (number.overrides, number.places) = (set.overrides.clone(), set.places.clone());
+                        assert_eq!(format!("{number:?}"), format!("{set:?}"), "{name} {path} = {x}");
+                        read += 1;
+                    }
+                    (Err(number), Err(set)) => {
+                        assert_eq!(titles(&number), titles(&set), "{name} {path} = {x}");
+                        assert!(!titles(&number).is_empty(), "{number}");
+                        refused += 1;
+                    }
+                    (number, set) => panic!("{name} {path} = {x}: {:?}, {:?}", number.err(), set.err()),
+                }
+            }
+        }
+    }
+    assert!(read > 200 && refused > 100, "{read} read, {refused} refused");
+}
+
+/// Records are compared over periods: orders that come back within a few turns have one, other motions are refused where they stand.
+#[test]
+fn a_motion_without_a_period_is_refused_with_its_place() {
+    use pitchline::machine::Machine;
+    let text = pitchline::drive::BUNDLED[0].1;
+    let with = |more: &str| Machine::of_file("bush.toml", &text.replace("speed_rpm = 3000", more)).map(|_| ());
+    for orders in ["[1, 2]", "[1.5]", "[0.3333333333333333, 2]", "[0.25]"] {
+        with(&format!("speed_rpm = 3000\norders = {orders}\namplitudes_deg = {orders}")).expect("a period");
+    }
+    let odd =
+        with("speed_rpm = 3000\norders = [1.41421356]\namplitudes_deg = [0.1]").expect_err("no period").to_string();
+    assert!(odd.contains("order 1.41421356 does not come back within 12 turns"), "{odd}");
+    assert!(odd.contains("orders = [1.41421356]"), "{odd}");
+    let table = text
+        .replace("[speeds.constant.driver]", "[speeds.table.driver]")
+        .replace("speed_rpm = 3000", "times_s = [0, 1]\nspeeds_rpm = [1000, 3000]");
+    let told = Machine::of_file("bush.toml", &table).expect_err("no period").to_string();
+    assert!(told.contains("the speed of `driver` changes with time"), "{told}");
+    assert!(told.contains("[speeds.constant.driver]"), "{told}");
+}

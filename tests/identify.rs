@@ -22,15 +22,8 @@ fn identified(path: &Path, threads: usize, budget: Budget) -> Result<Identificat
         load(&measurement, &machine, &folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
-    let context = Context {
-        plant: None,
-        threads,
-        budget,
-        started: std::time::Instant::now(),
-        stop: &stop,
-        progress: &quiet,
-        runs: &runs,
-    };
+    let context =
+        Context { threads, budget, started: std::time::Instant::now(), stop: &stop, progress: &quiet, runs: &runs };
     identify(&measurement, &machine, &data, &context).map_err(|e| e.to_string())
 }
 
@@ -451,8 +444,7 @@ fn records_that_start_at_rest_have_no_start_to_find() {
         let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
         let quiet = |_: &str, _: u64| {};
         let started = std::time::Instant::now();
-        let context =
-            Context { plant: None, threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
+        let context = Context { threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
         let problem = declared(&measurement, &machine, &data, &context);
         let point = problem.start();
         for part in 0..2 {

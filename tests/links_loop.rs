@@ -47,3 +47,24 @@ fn teeth_that_divide_the_links_leave_a_long_link_and_runout_open() {
     assert!(set.contains(&"effects.pitch_error.found") && set.contains(&"effects.sprocket_runout.driver"), "{set:?}");
     assert!(r.next_experiment.iter().any(|e| e.contains("shifted by one link")), "{:?}", r.next_experiment);
 }
+
+/// A shaft that turns one way only: its friction is a constant load. A score by chance must not decide between them.
+#[test]
+fn friction_of_a_shaft_that_turns_one_way_is_left_open_beside_a_constant_load() {
+    let case = CASES.iter().find(|c| c.name == "friction of the driven shaft").expect("the case");
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), bush(), case, 11);
+    let path = folder.path().join("measured.toml");
+    let text = std::fs::read_to_string(&path).expect("the measurement");
+    let only = "[candidates]\nonly = [\"constant_torque\", \"coulomb_friction\"]\n";
+    std::fs::write(&path, text + only).expect("written");
+    let r = identified(folder.path(), 2).expect("identified");
+    assert_eq!((r.outcome, r.effects.len()), (IdentificationVerdict::Ambiguous, 1));
+    let e = &r.effects[0];
+    let mut set: Vec<&str> = e.rivals.iter().map(|r| r.path.as_str()).chain([e.path.as_str()]).collect();
+    set.sort_unstable();
+    assert_eq!(set, ["effects.constant_torque.driven", "effects.coulomb_friction.driven"]);
+    let size = e.parameters.iter().find(|p| p.path.ends_with("torque_nm")).expect("its size").value;
+    // measured 1.998
+    assert!((size - 2.0).abs() < 0.02, "{size}");
+}

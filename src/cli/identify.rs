@@ -1,8 +1,6 @@
 //! `pitchline identify`: compares measured records with a drive.
 
 use super::{Failure, Outcome, print_json, print_out};
-use crate::drive::Drive;
-use crate::identify::plant::Plant;
 use crate::identify::report::{IdentificationReport, IdentificationVerdict};
 use crate::identify::search::{Budget, Context};
 use crate::identify::{identify, text};
@@ -100,8 +98,6 @@ fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
 struct IdentifyInput {
     measurement: Measurement,
     machine: Machine,
-    /// The drive, if it has link bodies.
-    links: Option<Drive>,
     data: Data,
 }
 
@@ -119,17 +115,7 @@ fn read(path: &Path, memory: usize) -> Result<IdentifyInput, Failure> {
             (path.display().to_string(), read_text(&path, "drive file")?)
         }
     };
-    let (machine, links) = if crate::machine::is_lumped(&text) {
-        (Machine::parse(&name, &text, &[]).map_err(input)?, None)
-    } else {
-        let drive = Drive::parse(&name, &text, &[]).map_err(input)?;
-        if drive.chains() > 1 {
-            let text =
-                format!("drive `{}` has several chains, which cannot be held against records yet", measurement.drive);
-            return Err(Failure::Input(text));
-        }
-        (Machine::of_links(&drive), Some(drive))
-    };
+    let machine = Machine::of_file(&name, &text).map_err(input)?;
     if machine.sensors.is_empty() {
         let help = "add `[sensors.tachometer.SPROCKET]`; `pitchline sensors` lists the kinds";
         return Err(Failure::Input(format!("drive `{}` has no sensors\nhelp: {help}", measurement.drive)));
@@ -138,7 +124,7 @@ fn read(path: &Path, memory: usize) -> Result<IdentifyInput, Failure> {
         DataError::File(report) => Failure::Input(report.to_string()),
         DataError::World(text) => Failure::Input(text),
     })?;
-    Ok(IdentifyInput { measurement, machine, links, data })
+    Ok(IdentifyInput { measurement, machine, data })
 }
 
 /// Refuses outputs that are inputs.
@@ -165,7 +151,7 @@ fn check_outputs(args: &IdentifyArgs, measurement: &Measurement) -> Result<(), F
 }
 
 pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
-    let IdentifyInput { measurement, machine, links, data } = read(&args.measurement, args.memory)?;
+    let IdentifyInput { measurement, machine, data } = read(&args.measurement, args.memory)?;
     check_outputs(args, &measurement)?;
     for w in &data.warnings {
         eprintln!("warning: {w}");
@@ -183,9 +169,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
         bar.set_message(stage.to_string());
         bar.set_position(runs);
     };
-    let plant = links.map(|drive| Plant::new(&drive, &machine, &data));
     let context = Context {
-        plant: plant.as_ref(),
         threads: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         budget: args.budget.unwrap_or(Budget { runs: None, seconds: None }),
         started: Instant::now(),

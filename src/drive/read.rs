@@ -22,6 +22,7 @@ use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
 use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
 pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
@@ -92,7 +93,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
-    let places = Places::empty();
+    let (places, document) = (Places::empty(), Arc::default());
     let (name, text, overrides) = (String::new(), String::new(), Vec::new());
     Drive {
         name,
@@ -125,6 +126,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         signals,
         run,
         places,
+        document,
     }
 }
 

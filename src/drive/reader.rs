@@ -1,27 +1,39 @@
 //! Reads typed values out of a TOML document and remembers where each stood.
 
+use super::document::{DocumentTable, DocumentValue};
 use crate::diag::{Diag, Place, Report, SourceText, nearest};
-use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
-use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// An override from the command line.
-struct Override<'t> {
+/// An override: from the command line, or a number of a fit.
+struct Override {
     path: String,
-    value: DeValue<'t>,
+    value: DocumentValue,
     place: Place,
     used: Cell<bool>,
 }
 
+/// A number of a file as its reader takes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FileNumber {
+    /// In SI.
+    pub value: f64,
+    /// SI value of the key's unit.
+    pub unit: f64,
+    /// Range, in the key's unit.
+    pub low: f64,
+    pub high: f64,
+}
+
 /// A document being read: values, mistakes and places.
-pub struct DriveReader<'t> {
+pub struct DriveReader {
     sources: Vec<SourceText>,
-    overrides: Vec<Override<'t>>,
+    overrides: Vec<Override>,
     diags: RefCell<Vec<Diag>>,
     places: RefCell<BTreeMap<String, Place>>,
+    numbers: RefCell<BTreeMap<String, FileNumber>>,
     /// Every path that some reader asked for.
     asked: RefCell<BTreeSet<String>>,
 }
@@ -29,15 +41,15 @@ pub struct DriveReader<'t> {
 /// A table of the document, or one that is absent.
 #[derive(Clone)]
 pub struct TomlTable<'a> {
-    reader: &'a DriveReader<'a>,
+    reader: &'a DriveReader,
     path: String,
-    table: Option<&'a DeTable<'a>>,
+    table: Option<&'a DocumentTable>,
     place: Place,
 }
 
-impl<'t> DriveReader<'t> {
+impl DriveReader {
     /// Takes the texts; overrides that are no `path=value` are mistakes at once.
-    pub fn new(name: &str, text: &str, overrides: &'t [String]) -> DriveReader<'t> {
+    pub fn new(name: &str, text: &str, overrides: &[String]) -> DriveReader {
         let mut sources = vec![SourceText { name: name.to_string(), text: text.to_string() }];
         let mut parsed = Vec::new();
         let mut diags = Vec::new();
@@ -65,15 +77,28 @@ impl<'t> DriveReader<'t> {
             overrides: parsed,
             diags: RefCell::new(diags),
             places: RefCell::default(),
+            numbers: RefCell::default(),
             asked: RefCell::default(),
         }
     }
 
+    /// Takes numbers too, by path, in the units of their keys: they replace what the text and the overrides say.
+    pub fn with_numbers(mut self, numbers: &[(String, f64)]) -> DriveReader {
+        let number = |(path, x): &(String, f64)| Override {
+            path: path.clone(),
+            value: DocumentValue::from_number(*x),
+            place: Place { source: 0, span: 0..0 },
+            used: Cell::new(false),
+        };
+        self.overrides.extend(numbers.iter().map(number));
+        self
+    }
+
     /// Parses the document; syntax errors end the reading, since what follows them cannot be trusted.
-    pub fn parse<'d>(&self, text: &'d str) -> Result<Spanned<DeTable<'d>>, Report> {
+    pub fn parse(&self, text: &str) -> Result<DocumentTable, Report> {
         let (root, errors) = DeTable::parse_recoverable(text);
         if errors.is_empty() {
-            return Ok(root);
+            return Ok(DocumentTable::from_toml(root.get_ref()));
         }
         let diags = errors
             .iter()
@@ -86,13 +111,8 @@ impl<'t> DriveReader<'t> {
         Err(Report::new(self.sources.clone(), diags))
     }
 
-    pub fn root<'a>(&'a self, root: &'a Spanned<DeTable<'a>>) -> TomlTable<'a> {
-        TomlTable {
-            reader: self,
-            path: String::new(),
-            table: Some(root.get_ref()),
-            place: Place { source: 0, span: 0..0 },
-        }
+    pub fn root<'a>(&'a self, root: &'a DocumentTable) -> TomlTable<'a> {
+        TomlTable { reader: self, path: String::new(), table: Some(root), place: Place { source: 0, span: 0..0 } }
     }
 
     /// Ends the reading: unused overrides are mistakes; with any mistake there is no result.
@@ -112,7 +132,8 @@ impl<'t> DriveReader<'t> {
         drop(asked);
         let diags = self.diags.into_inner();
         if diags.is_empty() {
-            Ok(Places { sources: self.sources, places: self.places.into_inner(), within: String::new() })
+            let (places, numbers) = (self.places.into_inner(), self.numbers.into_inner());
+            Ok(Places { sources: self.sources, places, numbers, within: String::new() })
         } else {
             Err(Report::new(self.sources, diags))
         }
@@ -128,13 +149,14 @@ impl<'t> DriveReader<'t> {
 pub struct Places {
     pub sources: Vec<SourceText>,
     places: BTreeMap<String, Place>,
+    numbers: BTreeMap<String, FileNumber>,
     /// Path of the table whose values are looked for before those of the document.
     within: String,
 }
 
 impl Places {
     pub fn empty() -> Places {
-        Places { sources: Vec::new(), places: BTreeMap::new(), within: String::new() }
+        Places { sources: Vec::new(), places: BTreeMap::new(), numbers: BTreeMap::new(), within: String::new() }
     }
 
     /// The same where values of one chain of several stand in a table of its own.
@@ -168,13 +190,18 @@ impl Places {
         Report::new(self.sources.clone(), diags)
     }
 
+    /// Every number that was given, by its path.
+    pub fn numbers(&self) -> impl Iterator<Item = (&str, FileNumber)> {
+        self.numbers.iter().map(|(path, number)| (path.as_str(), *number))
+    }
+
     /// All paths that stand in the document.
     pub fn paths(&self) -> impl Iterator<Item = &str> {
         self.places.keys().map(String::as_str)
     }
 }
 
-fn parse_override(given: &str) -> Result<(String, DeValue<'_>, usize), String> {
+fn parse_override(given: &str) -> Result<(String, DocumentValue, usize), String> {
     let Some((path, value)) = given.split_once('=') else {
         return Err(format!("`{given}` has no `=`"));
     };
@@ -184,10 +211,10 @@ fn parse_override(given: &str) -> Result<(String, DeValue<'_>, usize), String> {
         return Err(format!("`{given}` lacks a path or a value"));
     }
     let parsed = match DeValue::parse(value) {
-        Ok(v) => v.into_inner(),
+        Ok(v) => DocumentValue::from_toml(v.get_ref()),
         // A bare word is text.
         Err(_) if value.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-') => {
-            DeValue::String(Cow::Owned(value.to_string()))
+            DocumentValue::Text(value.to_string())
         }
         Err(e) => return Err(format!("`{value}` is no TOML value: {}", e.message())),
     };
@@ -215,16 +242,19 @@ impl<'a> TomlTable<'a> {
     }
 
     /// Value and place of `key`: the override, else what the file says.
-    fn value(&self, key: &str) -> Option<(&'a DeValue<'a>, Place)> {
+    fn value(&self, key: &str) -> Option<(&'a DocumentValue, Place)> {
         let path = self.join(key);
         self.reader.asked.borrow_mut().insert(path.clone());
+        let in_file = self.table.and_then(|t| t.0.get(key));
         let found = if let Some(o) = self.reader.overrides.iter().rev().find(|o| o.path == path) {
             for o in self.reader.overrides.iter().filter(|o| o.path == path) {
                 o.used.set(true);
             }
-            Some((&o.value, o.place.clone()))
+            // A number of a fit stands where the file has it.
+            let span = in_file.filter(|_| o.place.source == 0).map(|v| v.span.clone());
+            Some((&o.value, span.map_or_else(|| o.place.clone(), |span| Place { source: 0, span })))
         } else {
-            self.table.and_then(|t| t.get(key)).map(|v| (v.get_ref(), Place { source: 0, span: v.span() }))
+            in_file.map(|v| (&v.value, Place { source: 0, span: v.span.clone() }))
         };
         if let Some((_, place)) = &found {
             self.reader.places.borrow_mut().insert(path, place.clone());
@@ -241,8 +271,8 @@ impl<'a> TomlTable<'a> {
         }
     }
 
-    fn wrong_type(&self, key: &str, found: &DeValue<'_>, wanted: &str, place: Place) {
-        let title = format!("`{}` is {}, expected {wanted}", self.join(key), type_name(found));
+    fn wrong_type(&self, key: &str, found: &DocumentValue, wanted: &str, place: Place) {
+        let title = format!("`{}` is {}, expected {wanted}", self.join(key), found.type_name());
         self.reader.error(title, place, None);
     }
 
@@ -259,16 +289,13 @@ impl<'a> TomlTable<'a> {
     /// A number in the unit of its name, times `unit`; inside `range` (in the unit of its name).
     pub fn number(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<f64> {
         let (value, place) = self.value(key)?;
-        let number = match value {
-            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
-            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok().map(|i| i as f64),
-            other => {
-                self.wrong_type(key, other, "a number", place);
-                return None;
-            }
-        };
+        if !matches!(value, DocumentValue::Number(_) | DocumentValue::Whole(..)) {
+            self.wrong_type(key, value, "a number", place);
+            return None;
+        }
+        let number = value.number();
         match number {
-            Some(n) if range.contains(&n) => Some(n * unit),
+            Some(n) if range.contains(&n) => Some(self.keep_number(key, n, unit, (*range.start(), *range.end()))),
             _ => {
                 let shown = number.map_or_else(|| "too large a number".to_string(), |n| n.to_string());
                 let title = format!("`{}` = {shown} is outside {} ..= {}", self.join(key), range.start(), range.end());
@@ -276,6 +303,13 @@ impl<'a> TomlTable<'a> {
                 None
             }
         }
+    }
+
+    /// Keeps a number, given in the unit of its key, for those who ask for all numbers; returns it in SI.
+    fn keep_number(&self, key: &str, given: f64, unit: f64, (low, high): (f64, f64)) -> f64 {
+        let value = given * unit;
+        self.reader.numbers.borrow_mut().insert(self.join(key), FileNumber { value, unit, low, high });
+        value
     }
 
     /// As [`TomlTable::number`]; absence is a mistake and gives NaN.
@@ -295,15 +329,17 @@ impl<'a> TomlTable<'a> {
     /// A whole number inside `range`.
     pub fn integer(&self, key: &str, range: RangeInclusive<i64>) -> Option<i64> {
         let (value, place) = self.value(key)?;
-        let DeValue::Integer(i) = value else {
+        let DocumentValue::Whole(number, digits) = value else {
             self.wrong_type(key, value, "a whole number", place);
             return None;
         };
-        match i64::from_str_radix(i.as_str(), i.radix()) {
-            Ok(n) if range.contains(&n) => Some(n),
+        match number {
+            Some(n) if range.contains(n) => {
+                self.keep_number(key, *n as f64, 1.0, (*range.start() as f64, *range.end() as f64));
+                Some(*n)
+            }
             _ => {
-                let title =
-                    format!("`{}` = {} is outside {} ..= {}", self.join(key), i.as_str(), range.start(), range.end());
+                let title = format!("`{}` = {digits} is outside {} ..= {}", self.join(key), range.start(), range.end());
                 self.reader.error(title, place, None);
                 None
             }
@@ -323,7 +359,7 @@ impl<'a> TomlTable<'a> {
     pub fn text(&self, key: &str) -> Option<String> {
         let (value, place) = self.value(key)?;
         match value {
-            DeValue::String(s) => Some(s.to_string()),
+            DocumentValue::Text(s) => Some(s.clone()),
             other => {
                 self.wrong_type(key, other, "a text in quotes", place);
                 None
@@ -352,22 +388,17 @@ impl<'a> TomlTable<'a> {
     /// A list of numbers, each as [`TomlTable::number`] takes it.
     pub fn list(&self, key: &str, unit: f64, range: RangeInclusive<f64>) -> Option<Vec<f64>> {
         let (value, place) = self.value(key)?;
-        let DeValue::Array(items) = value else {
+        let DocumentValue::List(items) = value else {
             self.wrong_type(key, value, "a list of numbers", place);
             return None;
         };
-        let number = |v: &DeValue<'_>| match v {
-            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
-            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok().map(|i| i as f64),
-            _ => None,
-        };
         let mut out = Vec::new();
         for item in items {
-            match number(item.get_ref()).filter(|n| range.contains(n)) {
+            match item.value.number().filter(|n| range.contains(n)) {
                 Some(n) => out.push(n * unit),
                 None => {
                     // What stands in an override is the whole of its value.
-                    let place = if place.source == 0 { Place { source: 0, span: item.span() } } else { place };
+                    let place = if place.source == 0 { Place { source: 0, span: item.span.clone() } } else { place };
                     let (low, high) = (range.start(), range.end());
                     let title = format!("`{}` holds something that is no number in {low} ..= {high}", self.join(key));
                     self.reader.error(title, place, None);
@@ -381,16 +412,17 @@ impl<'a> TomlTable<'a> {
     /// A list of texts.
     pub fn texts(&self, key: &str) -> Option<Vec<String>> {
         let (value, place) = self.value(key)?;
-        let DeValue::Array(array) = value else {
+        let DocumentValue::List(array) = value else {
             self.wrong_type(key, value, "a list", place);
             return None;
         };
         let mut texts = Vec::new();
         for item in array.iter() {
-            match item.get_ref() {
-                DeValue::String(s) => texts.push(s.to_string()),
+            match &item.value {
+                DocumentValue::Text(s) => texts.push(s.clone()),
                 other => {
-                    self.wrong_type(key, other, "a list of texts", Place { source: place.source, span: item.span() })
+                    let place = Place { source: place.source, span: item.span.clone() };
+                    self.wrong_type(key, other, "a list of texts", place);
                 }
             }
         }
@@ -401,16 +433,16 @@ impl<'a> TomlTable<'a> {
     pub fn table(&self, key: &str) -> TomlTable<'a> {
         let path = self.join(key);
         let absent = TomlTable { reader: self.reader, path: path.clone(), table: None, place: self.place.clone() };
-        let Some(value) = self.table.and_then(|t| t.get(key)) else {
+        let Some(entry) = self.table.and_then(|t| t.0.get(key)) else {
             // Values below it may still come from overrides.
             self.reader.asked.borrow_mut().insert(path);
             return absent;
         };
-        let place = Place { source: 0, span: value.span() };
+        let place = Place { source: 0, span: entry.span.clone() };
         self.reader.asked.borrow_mut().insert(path.clone());
         self.reader.places.borrow_mut().insert(path, place.clone());
-        match value.get_ref() {
-            DeValue::Table(t) => TomlTable { table: Some(t), place, ..absent },
+        match &entry.value {
+            DocumentValue::Table(t) => TomlTable { table: Some(t), place, ..absent },
             other => {
                 self.wrong_type(key, other, "a table", place);
                 absent
@@ -421,9 +453,7 @@ impl<'a> TomlTable<'a> {
     /// The tables inside this one, in the order of the file.
     pub fn tables(&self) -> Vec<(String, TomlTable<'a>)> {
         let Some(table) = self.table else { return Vec::new() };
-        let mut keys: Vec<_> = table.keys().collect();
-        keys.sort_by_key(|k| k.span().start);
-        keys.iter().map(|k| (k.get_ref().to_string(), self.table(k.get_ref()))).collect()
+        table.keys_in_order().into_iter().map(|key| (key.to_string(), self.table(key))).collect()
     }
 
     /// As [`TomlTable::tables`], and those that only overrides name: effects are added to a drive that way.
@@ -442,13 +472,8 @@ impl<'a> TomlTable<'a> {
     /// Every key of this table with its number, in the order of the file; what is no number is a mistake.
     pub fn numbers(&self) -> Vec<(String, f64)> {
         let Some(table) = self.table else { return Vec::new() };
-        let mut keys: Vec<_> = table.keys().collect();
-        keys.sort_by_key(|k| k.span().start);
-        let read = |k: &&Spanned<Cow<'_, str>>| {
-            let key = k.get_ref().to_string();
-            self.number(&key, 1.0, -1e300..=1e300).map(|n| (key, n))
-        };
-        keys.iter().filter_map(read).collect()
+        let read = |key: &str| self.number(key, 1.0, -1e300..=1e300).map(|n| (key.to_string(), n));
+        table.keys_in_order().into_iter().filter_map(read).collect()
     }
 
     /// A mistake at the value `key`.
@@ -461,7 +486,7 @@ impl<'a> TomlTable<'a> {
     pub fn flag(&self, key: &str) -> Option<bool> {
         let (value, place) = self.value(key)?;
         match value {
-            DeValue::Boolean(b) => Some(*b),
+            DocumentValue::Flag(b) => Some(*b),
             other => {
                 self.wrong_type(key, other, "true or false", place);
                 None
@@ -479,14 +504,14 @@ impl<'a> TomlTable<'a> {
             .filter_map(|p| p.strip_prefix(prefix.as_str()))
             .filter(|rest| !rest.is_empty() && !rest.contains('.'))
             .collect();
-        for key in table.keys() {
-            let name = key.get_ref().as_ref();
+        for (name, entry) in &table.0 {
+            let name = name.as_str();
             // A quoted key may hold dots.
             if known.contains(&name) || asked.contains(&self.join(name)) {
                 continue;
             }
             let title = format!("unknown key `{}`", self.join(name));
-            let place = Place { source: 0, span: key.span() };
+            let place = Place { source: 0, span: entry.key_span.clone() };
             self.reader.diags.borrow_mut().push(Diag { title, place, help: Some(suggestion(name, &known)) });
         }
     }
@@ -538,15 +563,3 @@ const UNIT_SUFFIXES: [&str; 30] = [
     "_s",
     "_pa",
 ];
-
-fn type_name(value: &DeValue<'_>) -> &'static str {
-    match value {
-        DeValue::String(_) => "a text",
-        DeValue::Integer(_) => "a whole number",
-        DeValue::Float(_) => "a number",
-        DeValue::Boolean(_) => "true or false",
-        DeValue::Datetime(_) => "a date",
-        DeValue::Array(_) => "a list",
-        DeValue::Table(_) => "a table",
-    }
-}

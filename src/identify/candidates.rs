@@ -1,11 +1,10 @@
 //! Candidate hypotheses: every effect at every possible place, with starting values of a suitable size.
 
 use super::fit::cost_at;
-use super::plant::{has_place, nominal_speed};
 use super::problem::{Global, Law, Local, Point, Problem};
 use super::screen::FitStart;
-use crate::drive::sensors::is_signal;
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics, Scale, Twin, sign_blind};
+use crate::machine::fidelity::RoomForEffect;
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
 use crate::measurement::CandidateSpec;
@@ -24,8 +23,8 @@ pub struct Hypothesis {
     pub rows: Vec<&'static Parameter>,
     /// Scale of every parameter, SI.
     pub scales: Vec<f64>,
-    /// Whether the drive has link bodies.
-    pub on_links: bool,
+    /// Whether each record also determines the place of the effect.
+    pub has_place: bool,
     /// Number of parameters that each segment has for this effect: its internal state at the start, and the initial
     /// state of an added body. For pulse data, whose segments are many and short, an added body starts in the state of
     /// the body it is attached to.
@@ -60,8 +59,7 @@ impl Hypothesis {
 
     /// Number of additional parameters in a fit, for the given number of records and segments.
     pub fn freedom(&self, records: usize, parts: usize) -> usize {
-        // With link bodies each record also determines the place of the effect.
-        let places = if self.on_links && has_place(self.effect) { records } else { 0 };
+        let places = if self.has_place { records } else { 0 };
         let numbers: usize = self
             .rows
             .iter()
@@ -98,8 +96,8 @@ impl Sizes {
     pub fn new(problem: &Problem, point: &Point) -> Sizes {
         let m = &problem.machine;
         let data = problem.data;
-        if m.linked.is_some() {
-            return Sizes::of_links(problem);
+        if let Some(speeds) = m.mean_speeds(&m.values) {
+            return Sizes::of_steady_motion(problem, &speeds);
         }
         let mut all = m.clone();
         all.sensors.clear();
@@ -120,7 +118,7 @@ impl Sizes {
         let mut probe = problem.clone();
         probe.machine = all;
         for (k, s) in data.segments.iter().enumerate() {
-            let inertia = |b: usize| m.values[m.bodies[b].inertia];
+            let inertia = |b: usize| m.bodies[b].inertia.map_or(1.0, |slot| m.values[slot]);
             match &s.task.samples {
                 Samples::Times { step_s, t_s, .. } => {
                     sample_s = sample_s.min(*step_s);
@@ -163,8 +161,8 @@ impl Sizes {
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
     }
 
-    /// Sizes for a drive with link bodies, whose runs give most sizes; only effects on signals need these.
-    fn of_links(problem: &Problem) -> Sizes {
+    /// Sizes where mean speeds are known without a run, and runs give most other sizes.
+    fn of_steady_motion(problem: &Problem, speeds: &[f64]) -> Sizes {
         let (m, data) = (&problem.machine, problem.data);
         let mut signal = vec![1.0; m.sensors.len()];
         for (c, channel) in data.channels.iter().enumerate() {
@@ -177,7 +175,7 @@ impl Sizes {
                 length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
             }
         }
-        let speed: Vec<f64> = (0..m.bodies.len()).map(|b| nominal_speed(m, &m.values, b).abs()).collect();
+        let speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
         // What the declared loads take, as a torque on every shaft.
         let load_nm = |b: usize| m.slot(&format!("loads.constant.{}.torque_nm", m.bodies[b].name)).map(|s| m.values[s]);
         let power_w: f64 = (0..m.bodies.len()).filter_map(|b| Some(load_nm(b)?.abs() * speed[b])).sum();
@@ -204,7 +202,7 @@ impl Sizes {
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
-        let inertia = m.bodies.get(body).map_or(1.0, |b| m.values[b.inertia]);
+        let inertia = m.bodies.get(body).and_then(|b| b.inertia).map_or(1.0, |slot| m.values[slot]);
         let (stiffness, tension) = match target {
             Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
             Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => (1.0, 1.0),
@@ -235,14 +233,7 @@ impl Sizes {
             Scale::PerInput => 1.0 / input,
             Scale::SampleTime => self.sample_s,
             Scale::Rate => self.rate,
-            // With link bodies: large enough to exceed the non-repeating part.
-            Scale::Micrometre10 => {
-                if m.linked.is_some() {
-                    30e-6
-                } else {
-                    10e-6
-                }
-            }
+            Scale::Micrometre10 => m.effort().small_length_m,
         }
     }
 }
@@ -315,23 +306,11 @@ pub fn all(
             if effect.parameters.iter().any(|p| p.kind == Kind::Given) {
                 continue;
             }
-            if let Some(linked) = &m.linked {
-                if linked.declared.contains(&path) {
-                    leave("declared already");
-                    continue;
-                }
-                if m.placed.iter().any(|p| p.path == path) {
-                    continue;
-                }
-                let placed = m.placed.iter().any(|p| has_place(p.effect));
-                if has_place(effect) && placed {
-                    leave(
-                        "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
-                    );
-                    continue;
-                }
-                if has_place(effect) && m.sensors.iter().any(|s| matches!(s.reads, Reads::Link(_))) {
-                    leave("a gauge that goes round with the chain: where the effect lies to it is not looked for");
+            match m.room_for(effect, &path) {
+                RoomForEffect::Free => {}
+                RoomForEffect::Taken => continue,
+                RoomForEffect::Refused(why) => {
+                    leave(why);
                     continue;
                 }
             }
@@ -367,17 +346,15 @@ pub fn all(
                         p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
                     }
                     Kind::Whole => p.starts.to_vec(),
-                    // Indices 0 and 1 differ; indices that are further apart only repeat these cases.
-                    Kind::Index if m.linked.is_some() => vec![0.0, 1.0],
-                    Kind::Index => p.starts.to_vec(),
+                    Kind::Index => m.effort().indices.unwrap_or(p.starts).to_vec(),
                     Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
             }
             forms.truncate(MAX_FORMS);
             for values in forms {
-                // With link bodies the response is evaluated at the starting value, so that this is the scale.
-                let scales = match m.linked.is_some() && !is_signal(effect) {
+                // The response is evaluated at the starting value, so that this is the scale.
+                let scales = match m.shows_at_start_alone(effect) {
                     true => values.iter().map(|v| v.abs()).collect(),
                     false => scales.clone(),
                 };
@@ -388,7 +365,7 @@ pub fn all(
                     values,
                     rows: rows.clone(),
                     scales,
-                    on_links: m.linked.is_some(),
+                    has_place: m.has_place(effect),
                     own_locals,
                 };
                 let there = m.placed.iter().any(|p| {
@@ -437,7 +414,7 @@ pub fn with_stable_start<'a>(
     };
     let whole = sized(1.0);
     let has_size = h.rows.iter().any(|r| matches!(r.kind, Kind::Amplitude | Kind::PerMark));
-    if problem.plant.is_some() || !has_size {
+    if !problem.machine.effort().is_thorough || !has_size {
         return whole;
     }
     let cost = |(problem, point): &(Problem, Point)| cost_at(problem, point, threads);

@@ -35,7 +35,7 @@ pub fn compare_held_out(
         left_out: Vec::new(),
     };
     let ratio = judge::mean_error(&with.residuals().judge) / judge::mean_error(&without.residuals().judge).max(1e-300);
-    if with.problem.plant.is_some() || effects.is_empty() || (ratio - 1.0).abs() > SIMILAR_ERROR_SHARE {
+    if !with.problem.machine.effort().is_thorough || effects.is_empty() || (ratio - 1.0).abs() > SIMILAR_ERROR_SHARE {
         return usual;
     }
     let idle = effects.iter().map(|e| switched_off(with, *e)).collect::<Option<Vec<_>>>();

@@ -112,7 +112,7 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
             .flatten()
             .collect();
     let channels = (0..problem.channels.len()).map(|c| channel(problem, &parts, &bodies, c)).collect();
-    let mut forces = if problem.plant.is_some() { Vec::new() } else { unnamed::forces(model, threads) };
+    let mut forces = unnamed::forces(model, threads);
     forces.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
     forces.retain(|f| f.share > MIN_SHARE);
     forces.truncate(MAX_LINES);
@@ -125,15 +125,15 @@ fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -
     let n = s.judge_from;
     let weighted = problem.residuals(k, &fit.point.globals, &fit.point.locals[k]);
     let residuals: Vec<Vec<f64>> = weighted.chunks(n.max(1)).map(<[f64]>::to_vec).collect();
+    let (numbers, _) = problem.numbers(k, &fit.point.globals, &fit.point.locals[k]);
+    if let (Samples::Times { t_s, .. }, Some(speeds)) = (&s.task.samples, problem.machine.mean_speeds(&numbers)) {
+        let steady = |b: &usize| {
+            let v = speeds[*b];
+            BodyMotionSamples { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
+        };
+        return Some(SegmentResiduals { residuals, moves: bodies.iter().map(steady).collect() });
+    }
     match &s.task.samples {
-        Samples::Times { t_s, .. } if problem.plant.is_some() => {
-            let (numbers, _) = problem.numbers(k, &fit.point.globals, &fit.point.locals[k]);
-            let steady = |b: &usize| {
-                let v = super::plant::nominal_speed(&problem.machine, &numbers, *b);
-                BodyMotionSamples { q: t_s[..n].iter().map(|t| t * v).collect(), v: vec![v; n] }
-            };
-            Some(SegmentResiduals { residuals, moves: bodies.iter().map(steady).collect() })
-        }
         Samples::Times { .. } => {
             let reads: Vec<Reads> = bodies.iter().flat_map(|b| [Reads::Angle(*b), Reads::Speed(*b)]).collect();
             let shown = problem.with_sensors(&reads);
@@ -152,9 +152,6 @@ fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -
                 | Reads::Acceleration(_)
                 | Reads::Tension(_)
                 | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
                 | Reads::Part(_) => None,
             })?;
             let turn = TAU / marks.max(1) as f64;

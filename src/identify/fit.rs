@@ -28,8 +28,6 @@ pub struct Fit {
     pub jacobians: Vec<DMatrix<f64>>,
 }
 
-/// A fit has converged when a step lowers the cost by less than this fraction.
-const CONVERGED: f64 = 2e-6;
 /// After a step that lowers the cost by more than this fraction of the predicted decrease, the Jacobian gets a rank-one
 /// update (Broyden 1965) instead of new differences, at most so many times in a row. This costs one run instead of one
 /// for every parameter.
@@ -40,8 +38,6 @@ const STILL_FALLING: usize = 3;
 /// At the iteration limit a fit has also converged if the last two iterations lowered its cost by no more than this
 /// fraction.
 const STALLED_DECREASE: f64 = 1e-4;
-/// Maximum number of steps for a drive with link bodies, whose model is nearly linear in the unknowns.
-const LINKED_ITERATIONS: usize = 8;
 
 /// Residuals and derivatives of one segment.
 struct SegmentJacobian {
@@ -104,11 +100,8 @@ pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
     let mut jacobian = linearised(problem, &point, &parts, residuals, options);
     // Number of rank-one updates since the Jacobian was last differenced.
     let mut updates = 0;
-    let (converges, most) = match problem.plant {
-        // The non-repeating part hides smaller steps.
-        Some(_) => (1e-4, options.iterations.min(LINKED_ITERATIONS)),
-        None => (CONVERGED, options.iterations),
-    };
+    let effort = problem.machine.effort();
+    let (converges, most) = (effort.converged_share, options.iterations.min(effort.iterations));
     let mut taken = 0;
     let mut costs = vec![cost];
     while taken < most || (taken < STILL_FALLING * most && falls(&costs)) {

@@ -19,8 +19,6 @@ pub mod judge;
 #[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
-pub mod plant;
-#[doc(hidden)]
 pub mod problem;
 pub mod report;
 #[doc(hidden)]
@@ -76,7 +74,7 @@ pub fn identify(
     context: &Context,
 ) -> Result<IdentificationReport, DeclaredModelFails> {
     let own = judge::held_out_segments(data);
-    let problem = search::declared(measurement, machine, data, context);
+    let problem = search::declared(measurement, &machine.for_noise(noise_of_sensors(machine, data)), data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
         if let Err(cause) = problem.model(k, &start.globals, &start.locals[k], false) {
@@ -99,11 +97,7 @@ pub fn identify(
     if !report.effects.is_empty() {
         report.diagnosis_after = Some(diagnosis::diagnose(&found.best, context.threads));
     }
-    if report.outcome == IdentificationVerdict::None
-        && !report.explained
-        && !context.must_end()
-        && context.plant.is_none()
-    {
+    if report.outcome == IdentificationVerdict::None && !report.explained && !context.must_end() {
         context.report("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
@@ -111,4 +105,14 @@ pub fn identify(
     report.budget_spent = cut_short && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);
     Ok(report)
+}
+
+/// Noise of the channel of every sensor, in SI units of its reading; 0: no channel reads it.
+fn noise_of_sensors(machine: &Machine, data: &Data) -> Vec<f64> {
+    let mut noise = vec![0.0; machine.sensors.len()];
+    for c in &data.channels {
+        let gain = machine.values[machine.sensors[c.sensor].gain].abs();
+        noise[c.sensor] = c.noise / gain.max(1e-300);
+    }
+    noise
 }

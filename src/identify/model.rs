@@ -70,14 +70,13 @@ impl<'a> FittedModel<'a> {
         self.fit_residuals.iter().map(of).collect()
     }
 
-    /// Whether a drive with link bodies has at least one effect and its remaining error is no larger than its
-    /// non-repeating part.
+    /// Whether it has at least one effect and its remaining error is no larger than the part that does not repeat itself.
     pub fn is_exhausted(&self) -> bool {
-        if self.problem.plant.is_none() || self.effects.is_empty() {
+        if self.effects.is_empty() {
             return false;
         }
-        let unrepeated = self.problem.unrepeated(&self.fit.point);
-        self.coloured_rms().iter().zip(&unrepeated).all(|(c, u)| c <= u)
+        let Some(unrepeated) = self.problem.unrepeated(&self.fit.point) else { return false };
+        self.coloured_rms().iter().zip(&unrepeated).all(|(c, u)| *c <= u.size)
     }
 
     /// Whether the remaining error on fitted data is little more than noise.
@@ -106,7 +105,7 @@ impl<'a> FittedModel<'a> {
 /// Up to this multiple of the noise a model counts as near the floor.
 const NEAR_FLOOR: f64 = 1.5;
 
-/// Maximum number of times that a fit of a drive with link bodies restarts from slightly shifted records.
+/// Maximum number of times that a fit of a motion with a period restarts from slightly shifted records.
 const MAX_REALIGNMENTS: usize = 3;
 
 /// Fits, weights the channels by their residuals, and fits again.
@@ -122,7 +121,7 @@ pub fn fit_model<'a>(
     let mut found = fit(&problem, start, options);
     for _ in 0..MAX_REALIGNMENTS {
         let mut point = found.point.clone();
-        if problem.plant.is_none() || !problem.realign(&mut point, threads) {
+        if !problem.realign(&mut point, threads) {
             break;
         }
         found = fit(&problem, &point, options);

@@ -5,12 +5,12 @@
 //! and parameters `per = "part"`. Residuals are (model - measured) / weight of the channel. Segments do not share local
 //! parameters, so that the fit eliminates them segment by segment.
 
-use super::plant::Plant;
-use crate::machine::simulate::{InitialState, RunError, Samples, run};
+use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
+use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU64;
 
 /// A parameter that is free for all records, or for one.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +26,7 @@ pub struct Global {
 /// A parameter that every segment has for itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Local {
-    /// Position of a drive with link bodies in its period [pitches].
+    /// Position in the period of a motion that has one [pitches].
     Travel,
     /// Initial angle and speed; for a body that an effect adds, relative to its host.
     Angle {
@@ -73,8 +73,6 @@ impl Law {
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
     pub machine: Machine,
-    /// Runs drives with link bodies.
-    pub plant: Option<&'a Plant>,
     pub data: &'a Data,
     pub channels: Vec<usize>,
     /// One for every channel; residuals are divided by it.
@@ -83,7 +81,7 @@ pub struct Problem<'a> {
     pub locals: Vec<Local>,
     /// Fixed parameters: record (None: all), slot and value. They override values that records set.
     pub fixed: Vec<(Option<usize>, usize, f64)>,
-    /// For a drive with link bodies: average over all pairs of links, to find the position of a record.
+    /// Average over all pairs of links, to find where in the period a record starts.
     pub folded: bool,
     /// Steps per sample beyond which a model counts as too stiff.
     pub max_steps: f64,
@@ -192,22 +190,17 @@ impl<'a> Problem<'a> {
     ) -> Result<Vec<Vec<f64>>, RunError> {
         let s = &self.data.segments[segment];
         let (values, start) = self.numbers(segment, globals, locals);
-        if let Some(plant) = self.plant {
-            let task = if fitting { s.fitting_task() } else { s.task.clone() };
-            let corners = self.corners(segment, globals, &values);
-            return plant.samples(
-                (&self.machine, &values),
-                (&corners, self.folded),
-                (&task, &start),
-                &self.channels,
-                self.runs,
-            );
-        }
-        self.runs.fetch_add(1, Ordering::Relaxed);
-        if fitting && s.judge_from < s.len() && s.judge_from > 0 {
-            return run(&self.machine, &values, &s.fitting_task(), &start, &self.channels, self.max_steps);
-        }
-        run(&self.machine, &values, &s.task, &start, &self.channels, self.max_steps)
+        let shorter = (fitting && s.judge_from < s.len() && s.judge_from > 0).then(|| s.fitting_task());
+        self.machine.run(&RunRequest {
+            values: &values,
+            corners: &self.corners(segment, globals, &values),
+            folded: self.folded,
+            task: shorter.as_ref().unwrap_or(&s.task),
+            start: &start,
+            channels: &self.channels,
+            max_steps: self.max_steps,
+            runs: self.runs,
+        })
     }
 
     /// The problem with additional sensors of unit gain, which become its only channels.
@@ -242,24 +235,26 @@ impl<'a> Problem<'a> {
         all.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)))
     }
 
-    /// For every channel, the non-repeating part of a drive with link bodies (root mean square over fitted data), which
-    /// no model can predict.
-    pub fn unrepeated(&self, point: &Point) -> Vec<f64> {
-        let mut squares = vec![0.0; self.channels.len()];
-        let Some(plant) = self.plant else { return squares };
+    /// For every channel, the part that does not repeat itself (root mean square over fitted data), which no model can predict;
+    /// None: all repeats itself.
+    pub fn unrepeated(&self, point: &Point) -> Option<Vec<UnrepeatedPart>> {
+        let mut squares: Option<Vec<UnrepeatedPart>> = None;
         let parts: Vec<usize> =
             (0..self.data.segments.len()).filter(|k| self.data.segments[*k].judge_from > 0).collect();
         for k in &parts {
             let (values, _) = self.numbers(*k, &point.globals, &point.locals[*k]);
             let Some((_, corner)) = self.corners(*k, &point.globals, &values).into_iter().next() else { continue };
-            let response = plant.response(&self.machine, &corner, self.runs);
-            let Ok(response) = response.as_ref() else { continue };
+            let Some(unrepeated) = self.machine.unrepeated(&corner, self.runs) else { continue };
+            let squares = squares.get_or_insert_with(|| vec![UnrepeatedPart::default(); self.channels.len()]);
             for (square, sensor) in squares.iter_mut().zip(&self.channels) {
-                let size = response.unrepeated[*sensor] * values[self.machine.sensors[*sensor].gain];
-                *square += size * size / parts.len() as f64;
+                let gain = values[self.machine.sensors[*sensor].gain];
+                let (size, in_mean) = (unrepeated[*sensor].size * gain, unrepeated[*sensor].in_mean * gain);
+                square.size += size * size / parts.len() as f64;
+                square.in_mean += in_mean * in_mean / parts.len() as f64;
             }
         }
-        squares.into_iter().map(libm::sqrt).collect()
+        let root = |s: UnrepeatedPart| UnrepeatedPart { size: libm::sqrt(s.size), in_mean: libm::sqrt(s.in_mean) };
+        squares.map(|all| all.into_iter().map(root).collect())
     }
 
     /// Residuals of a segment's fitting samples, channel after channel; missing samples give zero.
@@ -282,8 +277,7 @@ impl<'a> Problem<'a> {
         out
     }
 
-    /// Difference step of a scaled global. The response of the links is known only up to its non-repeating part, so
-    /// that their step is large.
+    /// Difference step of a scaled global: large where runs lie on a grid.
     pub fn difference(&self, global: usize, x: f64) -> f64 {
         match self.spacing(global) {
             // Within a grid cell the model is linear.
@@ -292,19 +286,15 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Grid spacing of runs with link bodies for this scaled global; None if it does not affect the links.
+    /// Grid spacing of runs for this scaled global; None: every value is run.
     fn spacing(&self, global: usize) -> Option<f64> {
-        self.plant?;
         let g = &self.globals[global];
-        let placed = self.machine.placed.iter().find(|p| p.slots.contains(&g.slot));
-        let by_signal = placed.is_some_and(|p| crate::drive::sensors::is_signal(p.effect));
-        let gain = self.machine.sensors.iter().any(|s| s.gain == g.slot);
-        (!by_signal && !gain).then_some(if placed.is_some() && !g.law.logarithm { 0.5 } else { 0.05 })
+        self.machine.grid(g.slot, g.law.logarithm)
     }
 
-    /// Parameter sets for which links are simulated, with weights that add up to one: a corner of the grid cell that
-    /// contains `globals`, and its neighbours. The model interpolates linearly between them. A fit is then smooth
-    /// although the non-repeating part differs in every run, and few runs are needed.
+    /// Parameter sets that are run, with weights that add up to one: a corner of the grid cell that contains `globals`, and its
+    /// neighbours. The model interpolates linearly between them. A fit is then smooth although the part that does not repeat itself
+    /// differs in every run, and few runs are needed. Without a grid: `values` alone.
     fn corners(&self, segment: usize, globals: &[f64], values: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut corner = values.to_vec();
         let mut steps = Vec::new();
@@ -327,7 +317,7 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// The globals rounded to their grids, so that links are simulated once.
+    /// The globals rounded to their grids, so that one run serves.
     pub fn snapped(&self, globals: &[f64]) -> Vec<f64> {
         let snap = |(i, x): (usize, &f64)| self.spacing(i).map_or(*x, |s| libm::round(x / s) * s);
         globals.iter().enumerate().map(snap).collect()
@@ -341,14 +331,11 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Finds the position in the period, and the angles, at which every segment of a drive with link bodies starts:
-    /// first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
+    /// Finds the position in the period, and the angles, at which every segment of a motion with a period starts: first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
     /// the pair of links, and the exact position.
     pub fn find_start_positions(&self, point: &mut Point, threads: usize) {
-        if self.plant.is_none() {
-            return;
-        }
-        let pairs = (self.machine.repeats() / 2).max(1);
+        let Some(pitches) = self.machine.period_pitches() else { return };
+        let pairs = (pitches / 2).max(1);
         let folded = Problem { folded: true, ..self.clone() };
         point.locals = super::fit::parallel(self.data.segments.len(), threads, |k| {
             let best =
@@ -389,7 +376,8 @@ impl<'a> Problem<'a> {
     /// Tries every other pair of links at which a segment may start, and positions slightly ahead and behind, further
     /// than a gradient reaches where impacts are sharp. Returns whether a better position was found.
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
-        let pairs = (self.machine.repeats() / 2).max(1) as i32;
+        let Some(pitches) = self.machine.period_pitches() else { return false };
+        let pairs = (pitches / 2).max(1) as i32;
         let found = super::fit::parallel(self.data.segments.len(), threads, |k| {
             let (before, mut at) = self.best_place(k, &point.globals, &point.locals[k], 0.0, 0..=0);
             let mut cost = before;
@@ -412,7 +400,7 @@ impl<'a> Problem<'a> {
     pub fn reversed_locals(&self, segment: usize, locals: &[f64], as_shown: bool) -> Option<Vec<f64>> {
         let s = &self.data.segments[segment];
         let moves = |l: &Local| matches!(l, Local::Speed { .. } | Local::Angle { .. });
-        if s.at_rest || self.plant.is_some() || !self.locals.iter().any(|l| matches!(l, Local::Speed { .. })) {
+        if s.at_rest || !self.locals.iter().any(|l| matches!(l, Local::Speed { .. })) {
             return None;
         }
         let shown = if as_shown { self.local_start(s) } else { locals.to_vec() };
@@ -464,7 +452,7 @@ impl<'a> Problem<'a> {
     /// Local parameters of segments: initial states of freely moving bodies, as far as the data determine them.
     pub fn default_locals(machine: &Machine, data: &Data) -> Vec<Local> {
         let mut locals = Vec::new();
-        if machine.linked.is_some() {
+        if machine.period_pitches().is_some() {
             locals.push(Local::Travel);
             let read = |b: usize| data.channels.iter().any(|c| machine.sensors[c.sensor].reads == Reads::Angle(b));
             locals.extend((0..machine.bodies.len()).filter(|b| read(*b)).map(|body| Local::Angle { body, scale: 1.0 }));
@@ -505,14 +493,9 @@ fn channel_scale(machine: &Machine, data: &Data, body: usize, speed: bool) -> f6
         let fits = match machine.sensors[channel.sensor].reads {
             Reads::Speed(b) => b == body && speed,
             Reads::Angle(b) => b == body && !speed,
-            Reads::Acceleration(_)
-            | Reads::Pulses { .. }
-            | Reads::Tension(_)
-            | Reads::Reaction(_)
-            | Reads::Span(_)
-            | Reads::Link(_)
-            | Reads::Guide(_)
-            | Reads::Part(_) => false,
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+                false
+            }
         };
         if fits {
             let gain = machine.values[machine.sensors[channel.sensor].gain];

@@ -302,7 +302,10 @@ fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
 }
 
 fn floors(best: &FittedModel, data: &Data) -> Vec<Floor> {
-    let (unrepeated, coloured) = (best.problem.unrepeated(&best.fit.point), best.coloured_rms());
+    let unrepeated = best.problem.unrepeated(&best.fit.point);
+    let unrepeated: Vec<f64> =
+        unrepeated.map_or_else(|| vec![0.0; data.channels.len()], |all| all.iter().map(|u| u.size).collect());
+    let coloured = best.coloured_rms();
     data.channels
         .iter()
         .enumerate()

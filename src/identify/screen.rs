@@ -32,7 +32,7 @@ pub struct FitStart {
     pub values: Vec<f64>,
     /// One for each record.
     pub phases: Vec<f64>,
-    /// One for each segment of a drive with link bodies [pitches]; empty: unchanged.
+    /// One for each segment of a motion with a period [pitches]; empty: unchanged.
     pub travels: Vec<f64>,
 }
 
@@ -190,8 +190,8 @@ pub fn screen(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesi
             ScreeningResult { idle: idle && idle_when_reversed(problem, base, &fit.point, h), ..none }
         });
     }
-    if problem.plant.is_some() && !crate::drive::sensors::is_signal(h.effect) {
-        return screen_links(problem, base, fit, h).unwrap_or(none);
+    if problem.machine.shows_at_start_alone(h.effect) {
+        return screen_on_loop(problem, base, fit, h).unwrap_or(none);
     }
     let mut columns = Vec::new();
     // Meaning of each column: amplitude, record of its phase, cosine or sine.
@@ -302,13 +302,14 @@ fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h
     })
 }
 
-/// Screens a hypothesis on links, joints, teeth or guides: its amplitude, and for every segment the best place on the
+/// Screens a hypothesis in a motion with a period, as of links, joints, teeth or guides: its amplitude, and for every segment the best place on the
 /// loop, from one run for each operating point.
-fn screen_links(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> Option<ScreeningResult> {
+fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> Option<ScreeningResult> {
     let amplitude = *h.amplitudes().first()?;
     let mut with = problem.clone();
     (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
-    let places = if super::plant::has_place(h.effect) { (with.machine.repeats() / 2).max(1) } else { 1 };
+    let pairs = with.machine.period_pitches().map_or(1, |pitches| (pitches / 2).max(1));
+    let places = if h.has_place { pairs } else { 1 };
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
     // For every segment and place: product with the residual, and square.
     let mut sizes: Vec<Vec<(f64, f64)>> = Vec::new();

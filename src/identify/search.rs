@@ -8,7 +8,6 @@ use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, FitOptions, fit, parallel};
 use super::judge;
 use super::model::{FittedModel, fit_model, score};
-use super::plant::Plant;
 use super::problem::{Global, Law, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::stats::{self, Random};
@@ -16,7 +15,7 @@ use super::structure::{self, Detectable, IndistinguishablePair};
 use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
-use crate::machine::simulate::{MAX_STEPS, steps_needed};
+use crate::machine::simulate::MAX_STEPS;
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::measurement::{FitScope, Measurement};
 use crate::units::within;
@@ -49,8 +48,6 @@ pub struct Context<'a> {
     pub progress: Progress<'a>,
     /// Counts model runs.
     pub runs: &'a AtomicU64,
-    /// Simulates the drive if it has link bodies.
-    pub plant: Option<&'a Plant>,
 }
 
 impl Context<'_> {
@@ -104,18 +101,8 @@ pub struct SearchResult<'a> {
     pub cut_short: bool,
 }
 
-/// Sets kept after each round; later rounds keep fewer.
-const BEAM: [usize; 3] = [6, 3, 2];
 /// A set whose score is worse than the best by more than this is dropped.
 const MAX_SCORE_GAP: f64 = 60.0;
-/// Hypotheses that are fitted in a round for each set.
-const FITTED: usize = 6;
-/// The same for drives with link bodies, whose runs take a second each, and their maximum number of effects.
-const LINKED_BEAM: usize = 2;
-const LINKED_FITTED: usize = 4;
-const LINKED_EFFECTS: usize = 2;
-/// Maximum number of effects.
-pub const MAX_EFFECTS: usize = 4;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
 /// Held-out data, shams and standard errors are stricter conditions that it must also meet.
 pub const MIN_SCORE_GAIN: f64 = 3.0;
@@ -155,7 +142,6 @@ pub fn declared<'a>(
     }
     let mut problem = Problem {
         machine: machine.clone(),
-        plant: context.plant,
         fixed: Vec::new(),
         folded: false,
         data,
@@ -166,10 +152,10 @@ pub fn declared<'a>(
         max_steps: MAX_STEPS,
         runs: context.runs,
     };
-    if problem.plant.is_none() {
-        let start = problem.start();
+    let start = problem.start();
+    if let Some(needed) = steps_needed_at(&problem, &start) {
         // Ranges from the measurement may be used to their ends.
-        let mut most = FILE_STIFFNESS_FACTOR * steps_needed_at(&problem, &start);
+        let mut most = FILE_STIFFNESS_FACTOR * needed;
         for spec in &measurement.fit {
             let own = (0..problem.globals.len()).filter(|g| machine.slots[problem.globals[*g].slot].path == spec.path);
             for g in own {
@@ -177,7 +163,7 @@ pub fn declared<'a>(
                 for bound in [spec.low, spec.high].into_iter().flatten().filter(|x| x.is_finite() && *x != 0.0) {
                     let mut at = start.clone();
                     at.globals[g] = problem.globals[g].law.scaled(bound * unit);
-                    most = most.max(steps_needed_at(&problem, &at));
+                    most = steps_needed_at(&problem, &at).map_or(most, |needed| most.max(needed));
                 }
             }
         }
@@ -207,9 +193,8 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> F
     problem.reverse_better_starts(&mut start, context.threads);
     let mut best = fit_model(problem.clone(), &start, own, Vec::new(), context.threads, 60);
     let mut random = Random::new(7);
-    for _ in 0..4 {
-        // A drive with link bodies is too costly to restart, and its parameters are close to the true ones.
-        if context.must_end() || problem.globals.is_empty() || problem.plant.is_some() {
+    for _ in 0..problem.machine.effort().restarts {
+        if context.must_end() || problem.globals.is_empty() {
             break;
         }
         let mut other = start.clone();
@@ -234,9 +219,7 @@ pub fn search<'a>(
 ) -> SearchResult<'a> {
     context.report("fitting the declared model");
     let mut declared = baseline(problem, own, context);
-    if declared.problem.plant.is_none() {
-        set_step_limit(&mut declared.problem, &declared.fit.point);
-    }
+    set_step_limit(&mut declared.problem, &declared.fit.point);
     // Detectable sizes and indistinguishable pairs are those at the declared model, where the search also begins.
     let base = LinearisedBase::new(&declared.problem, &declared.fit);
     let first = screened(measurement, &declared, &base, context);
@@ -252,9 +235,8 @@ pub fn search<'a>(
     let file = declared.problem.start();
     let mut all: Vec<FittedModel<'a>> = vec![declared.clone()];
     let mut cut_short = false;
-    let linked = declared.problem.plant.is_some();
-    let most_effects = if linked { LINKED_EFFECTS } else { MAX_EFFECTS };
-    for round in 1..=most_effects {
+    let effort = declared.problem.machine.effort();
+    for round in 1..=effort.effects {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {
             if model.is_exhausted() {
@@ -309,7 +291,7 @@ pub fn search<'a>(
             kept.push(id);
             new
         });
-        next.truncate(if linked { LINKED_BEAM } else { BEAM[(round - 1).min(BEAM.len() - 1)] });
+        next.truncate(effort.beam[(round - 1).min(effort.beam.len() - 1)]);
         let lead = next.first().map_or(f64::MAX, |m| score(m, &effective));
         next.retain(|m| score(m, &effective) <= lead + MAX_SCORE_GAP);
         let before = beam.iter().map(|m| score(m, &effective)).fold(f64::MAX, f64::min);
@@ -342,7 +324,7 @@ const FAR_FROM_FILE: f64 = 0.7;
 fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
     let logarithms = (0..file.globals.len()).filter(|g| declared.globals[*g].law.logarithm);
     let far = logarithms.map(|g| (file.globals[g] - at.globals[g]).abs()).fold(0.0, f64::max);
-    declared.plant.is_none() && far >= FAR_FROM_FILE
+    declared.machine.effort().restarts > 0 && far >= FAR_FROM_FILE
 }
 
 /// Without a stated uncertainty, a parameter this far from its file value is implausible: a factor of 5.
@@ -480,26 +462,28 @@ const FILE_STIFFNESS_FACTOR: f64 = 16.0;
 /// An added effect may need this multiple of the steps of the fitted model.
 const ADDED_STIFFNESS_FACTOR: f64 = 4.0;
 
-/// Steps per sample that a run needs with these parameters, at least one.
-fn steps_needed_at(problem: &Problem, point: &Point) -> f64 {
+/// Steps per sample that a run needs with these parameters, at least one; None: the step does not depend on them.
+fn steps_needed_at(problem: &Problem, point: &Point) -> Option<f64> {
     let of = |(k, s): (usize, &RecordSegment)| {
         let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
-        steps_needed(&problem.machine, &values, &s.task, &start)
+        problem.machine.steps_needed(&values, &s.task, &start)
     };
-    problem.data.segments.iter().enumerate().map(of).fold(1.0, f64::max)
+    problem.data.segments.iter().enumerate().filter_map(of).reduce(f64::max).map(|steps| steps.max(1.0))
 }
 
 /// Whether a fit is near the limit of steps per sample.
 pub fn is_at_step_limit(declared: &FittedModel) -> bool {
-    declared.problem.plant.is_none()
-        && steps_needed_at(&declared.problem, &declared.fit.point) > 0.9 * declared.problem.max_steps
+    let needed = steps_needed_at(&declared.problem, &declared.fit.point);
+    needed.is_some_and(|steps| steps > 0.9 * declared.problem.max_steps)
 }
 
 /// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.
 fn set_step_limit(problem: &mut Problem, fitted: &Point) {
-    let most =
-        ADDED_STIFFNESS_FACTOR * steps_needed_at(problem, &problem.start()).max(steps_needed_at(problem, fitted));
-    problem.max_steps = within(most, 16.0, problem.max_steps);
+    let file = problem.start();
+    let needed = [&file, fitted].into_iter().filter_map(|at| steps_needed_at(problem, at)).reduce(f64::max);
+    if let Some(needed) = needed {
+        problem.max_steps = within(ADDED_STIFFNESS_FACTOR * needed, 16.0, problem.max_steps);
+    }
 }
 
 /// Hypotheses for a model, with their screening results.
@@ -585,7 +569,7 @@ fn extend_by_one_effect<'a>(
             if others == 0 {
                 linear += 1;
             }
-            if linear > if model.problem.plant.is_some() { LINKED_FITTED } else { FITTED } {
+            if linear > model.problem.machine.effort().fitted {
                 continue;
             }
         }

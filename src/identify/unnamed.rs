@@ -12,7 +12,7 @@ use crate::effects::{
     BodyAt, BodyLaw, Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, coulomb_friction,
     quadratic_drag, viscous_friction,
 };
-use crate::machine::{BodyMotion, Target};
+use crate::machine::{Machine, Target};
 use crate::measurement::segments::Data;
 use serde::Serialize;
 
@@ -76,6 +76,12 @@ fn effect(index: usize) -> &'static Effect {
     &rows[index]
 }
 
+/// Bodies that an unnamed force may act on.
+fn bodies(m: &Machine) -> Vec<usize> {
+    let of = |(_, target)| if let Target::Body(b) = target { Some(b) } else { None };
+    m.targets(effect(0)).into_iter().filter_map(of).collect()
+}
+
 /// Maximum number of terms of a formula.
 const MAX_TERMS: usize = 3;
 
@@ -83,10 +89,7 @@ const MAX_TERMS: usize = 3;
 pub fn search<'a>(best: &FittedModel<'a>, own: &'a Data, context: &Context<'_>) -> Option<Unnamed> {
     let m = &best.problem.machine;
     let mut found: Option<(FittedModel<'a>, usize, Vec<usize>)> = None;
-    for (b, body) in m.bodies.iter().enumerate() {
-        if body.motion != BodyMotion::Free || body.path.starts_with("effects.") {
-            continue;
-        }
+    for b in bodies(m) {
         let mut model = best.clone();
         let mut terms: Vec<usize> = Vec::new();
         while terms.len() < MAX_TERMS && !context.must_end() {
@@ -132,7 +135,7 @@ pub fn search<'a>(best: &FittedModel<'a>, own: &'a Data, context: &Context<'_>) 
 pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
     let h = &model.effects[which];
     let (Target::Body(body), Physics::BodyForce(law)) = (h.target, h.effect.physics) else { return Vec::new() };
-    if model.problem.plant.is_some() || h.phase().is_some() {
+    if !bodies(&model.problem.machine).contains(&body) || h.phase().is_some() {
         return Vec::new();
     }
     let path = placed_path(model, which);
@@ -167,9 +170,11 @@ const OWN_FORM: [(&Effect, &str); 3] =
 /// Share of a model's remaining error that a small force of every term on every free body would remove.
 pub fn forces(model: &FittedModel, threads: usize) -> Vec<StateLine> {
     let m = &model.problem.machine;
-    let free = (0..m.bodies.len())
-        .filter(|b| m.bodies[*b].motion == BodyMotion::Free && !m.bodies[*b].path.starts_with("effects."));
-    let all: Vec<(usize, usize)> = free.flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t))).collect();
+    let all: Vec<(usize, usize)> =
+        bodies(m).into_iter().flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t))).collect();
+    if all.is_empty() {
+        return Vec::new();
+    }
     let base = LinearisedBase::new(&model.problem, &model.fit);
     let sizes = super::candidates::Sizes::new(&model.problem, &model.fit.point);
     parallel(all.len(), threads, |i| {
@@ -188,7 +193,7 @@ fn hypothesis(model: &FittedModel, body: usize, term: usize, scale: f64) -> Hypo
         values: vec![0.1 * scale],
         rows: vec![&effect(term).parameters[0]],
         scales: vec![scale],
-        on_links: false,
+        has_place: false,
         own_locals: 0,
     }
 }

@@ -19,7 +19,7 @@ pub type Begin = (usize, usize);
 /// channels do not determine the motion of all bodies.
 pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
     let (m, data) = (&problem.machine, problem.data);
-    if problem.plant.is_some() || problem.locals.iter().any(|l| matches!(l, Local::Slot { .. })) {
+    if problem.locals.iter().any(|l| matches!(l, Local::Slot { .. } | Local::Travel)) {
         return None;
     }
     let (mut stretches, mut begins) = (Vec::new(), Vec::new());
@@ -142,9 +142,6 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &RecordSegment, t_s: 
             | Reads::Pulses { .. }
             | Reads::Tension(_)
             | Reads::Reaction(_)
-            | Reads::Span(_)
-            | Reads::Link(_)
-            | Reads::Guide(_)
             | Reads::Part(_) => {}
         }
     }

@@ -219,7 +219,7 @@ impl<'a> PreparedMachine<'a> {
 }
 
 fn inertia(body: &Body, values: &[f64]) -> f64 {
-    let whole = values[body.inertia];
+    let whole = body.inertia.map_or(1.0, |slot| values[slot]);
     match body.minus {
         // Remainder of a body that was split: never zero.
         Some(far) => (whole - values[far]).max(1e-3 * whole),

@@ -1,25 +1,22 @@
 //! A drive with link bodies in the form that measured records need: shafts, sensors, parameters and places for effects.
 //! Its motion is left to the simulation of the links.
 
-use super::{Body, BodyMotion, ChainLoop, LinkedDrive, Machine, PlacedEffect, Reads, Sensor, Slot, Target};
-use crate::drive::sensors::{SensorReads, is_signal};
+use super::linked::LinkedDrive;
+use super::response::turns_of_orders;
+use super::{Body, BodyMotion, ChainLoop, Machine, PlacedEffect, Reads, Sensor, Slot, Target};
+use crate::drive::sensors::SensorReads;
 use crate::drive::shafts::Moving;
 use crate::drive::{Drive, OuterSpec};
-use crate::effects::{Effect, Kind, On, Parameter, parameter_at};
+use crate::effects::parameter_at;
 use crate::units::RPM;
-
-/// Whether drives with link bodies have this parameter of an effect. The position of a sprocket or the chain at the
-/// start of a record is found as the record's travel, so that effects on links have no phase of their own.
-pub(super) fn accepts(effect: &Effect, p: &Parameter) -> bool {
-    is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
-}
+use std::sync::Arc;
 
 /// Greatest common divisor.
 pub fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-fn lcm(a: u32, b: u32) -> u32 {
+pub(super) fn lcm(a: u32, b: u32) -> u32 {
     let (a, b) = (a.max(1), b.max(1));
     (a / gcd(a, b)).saturating_mul(b)
 }
@@ -34,7 +31,11 @@ impl Machine {
             places: drive.places.clone(),
             ..Machine::empty(drive.title.clone())
         };
-        numbers_of_the_file(&mut m, &drive.text);
+        for (path, n) in drive.places.numbers() {
+            let (low, high) = parameter_at(path).map_or((n.low, n.high), |p| (p.low, p.high));
+            m.slots.push(Slot { path: path.to_string(), unit: n.unit, low, high });
+            m.values.push(n.value);
+        }
         let mut slot = |path: String, unit: f64, value: f64| match m.slots.iter().position(|s| s.path == path) {
             Some(known) => {
                 (m.slots[known].unit, m.values[known]) = (unit, value);
@@ -51,10 +52,11 @@ impl Machine {
             let (inertia, motion) = match s.outer {
                 OuterSpec::Speed { speed_rad_s } => {
                     let speed = slot(format!("speeds.constant.{}.speed_rpm", s.name), RPM, speed_rad_s);
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, 1.0), BodyMotion::Constant(speed))
+                    (None, BodyMotion::Constant(speed))
                 }
                 OuterSpec::Load { inertia_kg_m2, .. } => {
-                    (slot(format!("sprockets.{}.inertia_kg_m2", s.name), 1.0, inertia_kg_m2), BodyMotion::Free)
+                    let path = format!("sprockets.{}.inertia_kg_m2", s.name);
+                    (Some(slot(path, 1.0, inertia_kg_m2)), BodyMotion::Free)
                 }
             };
             m.bodies.push(Body {
@@ -80,7 +82,7 @@ impl Machine {
             m.bodies.push(Body {
                 name: path.split_once('.').map_or(path.clone(), |(_, name)| name.to_string()),
                 slides: false,
-                inertia: slot(format!("{path}.inertia_kg_m2"), 1.0, inertia_kg_m2),
+                inertia: Some(slot(format!("{path}.inertia_kg_m2"), 1.0, inertia_kg_m2)),
                 path,
                 minus: None,
                 teeth: None,
@@ -94,12 +96,13 @@ impl Machine {
                 SensorReads::Speed(b) => Reads::Speed(b),
                 SensorReads::Acceleration(b) => Reads::Acceleration(b),
                 SensorReads::Torque(b) => Reads::Reaction(b),
-                SensorReads::Span(k) => Reads::Span(k),
-                SensorReads::Link(i) => Reads::Link(i),
-                SensorReads::Guide(k) => Reads::Guide(k),
-                SensorReads::Slider(_) | SensorReads::Tip(_) | SensorReads::Pressure(_) | SensorReads::Flow(_) => {
-                    Reads::Part(s.reads.unit())
-                }
+                SensorReads::Span(_)
+                | SensorReads::Link(_)
+                | SensorReads::Guide(_)
+                | SensorReads::Slider(_)
+                | SensorReads::Tip(_)
+                | SensorReads::Pressure(_)
+                | SensorReads::Flow(_) => Reads::Part(s.reads.unit()),
             };
             let (name, path, unit) = (s.name.clone(), s.path.clone(), s.unit.clone());
             m.sensors.push(Sensor { name, path, reads, gain, unit });
@@ -110,52 +113,8 @@ impl Machine {
             let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
             m.placed.push(PlacedEffect { effect: s.effect, path, target, slots });
         }
-        m.linked = Some(LinkedDrive {
-            guides: drive.guides.iter().map(|g| g.name.clone()).collect(),
-            repeats: repeats(drive),
-            declared: declared(&drive.places),
-            turns_as: turns_as(drive),
-        });
+        m.fidelity = Arc::new(LinkedDrive::new(drive, &m, repeats(drive), declared(&drive.places), turns_as(drive)));
         m
-    }
-
-    /// Period in pitches of a drive with link bodies, including all effects placed on it.
-    pub fn repeats(&self) -> u32 {
-        let declared = self.linked.as_ref().map_or(2, |l| l.repeats);
-        self.placed.iter().fold(declared, |all, p| match p.target {
-            // Friction and drag are the same all round.
-            Target::Body(b) if p.effect.differs_round_turn() => lcm(all, self.bodies[b].teeth.unwrap_or(1)),
-            Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, self.chain.as_ref().map_or(1, |c| c.links)),
-            Target::Body(_)
-            | Target::Spring(_)
-            | Target::Input(_)
-            | Target::Sensor(_)
-            | Target::Chain
-            | Target::Guide(_) => all,
-        })
-    }
-
-    pub(super) fn targets_on_links(&self, linked: &LinkedDrive, effect: &Effect) -> Vec<(String, Target)> {
-        if is_signal(effect) {
-            let turns = |r: Reads| matches!(r, Reads::Angle(_) | Reads::Speed(_));
-            let all = self.sensors.iter().enumerate();
-            let fits = all.filter(|(_, s)| effect.on == On::Sensor || turns(s.reads));
-            return fits.map(|(i, s)| (s.name.clone(), Target::Sensor(i))).collect();
-        }
-        match effect.links {
-            Some(On::Sprocket) => self.bodies_by(&|b| b.teeth.is_some()),
-            Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
-            Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
-            Some(On::Body) => self.bodies_by(&|b| b.motion == BodyMotion::Free),
-            Some(On::Prescribed) => self.bodies_by(&|b| b.motion != BodyMotion::Free),
-            Some(On::Guide) => linked.guides.iter().enumerate().map(|(i, g)| (g.clone(), Target::Guide(i))).collect(),
-            Some(On::Span | On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
-        }
-    }
-
-    fn bodies_by(&self, fits: &dyn Fn(&Body) -> bool) -> Vec<(String, Target)> {
-        let all = self.bodies.iter().enumerate().filter(|(_, b)| fits(b));
-        all.map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
     }
 }
 
@@ -163,32 +122,6 @@ impl Machine {
 fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
     let bare = drive.bare_shafts().into_iter().map(|k| drive.sprocket_turning(Moving::Shaft(k)));
     (0..drive.sprockets.len()).map(Some).chain(bare).chain(drive.arms.iter().map(|_| None)).collect()
-}
-
-/// Adds every number of the file by its path, in the unit of its key.
-fn numbers_of_the_file(m: &mut Machine, text: &str) {
-    fn add_numbers(prefix: &str, value: &toml::Value, m: &mut Machine) {
-        let mut leaf = |number: f64| {
-            let path = prefix.to_string();
-            let (low, high) = parameter_at(&path).map_or((f64::MIN, f64::MAX), |p| (p.low, p.high));
-            m.slots.push(Slot { path, unit: 1.0, low, high });
-            m.values.push(number);
-        };
-        match value {
-            toml::Value::Integer(n) => leaf(*n as f64),
-            toml::Value::Float(x) => leaf(*x),
-            toml::Value::Table(table) => {
-                for (key, value) in table {
-                    let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-                    add_numbers(&path, value, m);
-                }
-            }
-            _ => {}
-        }
-    }
-    if let Ok(table) = text.parse::<toml::Table>() {
-        add_numbers("", &toml::Value::Table(table), m);
-    }
 }
 
 /// Tables of effects that the file declares.
@@ -214,9 +147,10 @@ fn repeats(drive: &Drive) -> u32 {
         all = lcm(all, links);
     }
     let motion = &drive.train.motion;
-    if !motion.harmonics.is_empty() || !drive.train.order_loads.is_empty() {
-        // Orders are of the driver; half ones take two turns. Others are refused where records are compared.
-        all = lcm(all, 2 * teeth(drive.driver()));
+    let orders = motion.harmonics.iter().chain(drive.train.order_loads.iter().flat_map(|l| &l.harmonics));
+    if orders.clone().next().is_some() {
+        // Orders are of the driver; half ones take two turns. Those without a period are refused where records are compared.
+        all = lcm(all, turns_of_orders(orders).unwrap_or(2) * teeth(drive.driver()));
     }
     let train = &drive.train;
     if !train.motion.fluctuations.is_empty() {

@@ -8,19 +8,30 @@
 //! g is the radius at a span's end, or 1 for a coupling. Every parameter is a slot of one list, found by its path in
 //! the file, so that a fit changes a machine by writing into a list.
 
+#[doc(hidden)]
+pub mod fidelity;
 mod forces;
+mod linked;
 mod links;
+mod lumped;
 mod place;
 mod pulses;
 mod read;
+mod response;
 #[doc(hidden)]
 pub mod simulate;
 
 pub use links::gcd;
 
 use crate::diag::Report;
+use crate::drive::Drive;
 use crate::drive::reader::{DriveReader, Places};
-use crate::effects::Effect;
+use crate::effects::{Effect, Parameter};
+use fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use response::WithoutPeriod;
+use simulate::{InitialState, RunError, Task};
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 /// A checked lumped drive.
 #[derive(Clone, Debug)]
@@ -47,8 +58,8 @@ pub struct Machine {
     pub placed: Vec<PlacedEffect>,
     /// The chain, where bodies have teeth; None: no effect of a chain is searched.
     pub chain: Option<ChainLoop>,
-    /// For a drive with link bodies: data that the lumped form does not contain.
-    pub linked: Option<LinkedDrive>,
+    /// What differs between a lumped machine and one with link bodies.
+    fidelity: Arc<dyn Fidelity>,
     /// Where every value stands in the file, for errors.
     pub places: Places,
 }
@@ -73,8 +84,8 @@ pub struct Body {
     pub path: String,
     /// Moves along a line instead of round an axis.
     pub slides: bool,
-    /// Slot of its inertia or mass.
-    pub inertia: usize,
+    /// Slot of its inertia or mass; None: no number of the file says it.
+    pub inertia: Option<usize>,
     /// Slot of the inertia that an added second body has taken from it.
     pub minus: Option<usize>,
     pub teeth: Option<u32>,
@@ -154,11 +165,7 @@ pub enum Reads {
     Tension(usize),
     /// External force or torque that drives this prescribed body.
     Reaction(usize),
-    /// With link bodies: tension of the span that leaves this body, tension of this link, and force on this guide.
-    Span(usize),
-    Link(usize),
-    Guide(usize),
-    /// With link bodies: what has no place in a lumped drive, with its SI unit.
+    /// Of a part that is no body here, with its SI unit: a span or a link of a chain, a guide, a slider, a chamber, a passage.
     Part(&'static str),
 }
 
@@ -205,19 +212,6 @@ pub struct ChainLoop {
     pub leader: usize,
 }
 
-#[doc(hidden)]
-/// Data of a drive with link bodies besides its shafts, as far as measured records need them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LinkedDrive {
-    pub guides: Vec<String>,
-    /// Period of the declared drive in pitches.
-    pub repeats: u32,
-    /// Paths of effects that the drive file declares.
-    pub declared: Vec<String>,
-    /// Per body: the sprocket whose teeth tell its mean speed; None: it does not turn on.
-    pub turns_as: Vec<Option<usize>>,
-}
-
 /// Whether a drive file has `fidelity = "lumped"`, in any TOML notation. In a file with errors, the readable part is
 /// used.
 pub fn is_lumped(text: &str) -> bool {
@@ -240,6 +234,25 @@ impl Machine {
         Ok(Machine { name: stem.to_string(), text: text.to_string(), places, ..machine })
     }
 
+    /// The machine of a drive file of either fidelity. `name` is what errors call the text.
+    ///
+    /// # Errors
+    /// All mistakes at once, each with its place in the text.
+    pub fn of_file(name: &str, text: &str) -> Result<Machine, Report> {
+        if is_lumped(text) {
+            return Machine::parse(name, text, &[]);
+        }
+        let drive = Drive::parse(name, text, &[])?;
+        if drive.chains() > 1 {
+            let title = format!("drive `{name}` has several chains, which cannot be held against records yet");
+            return Err(drive.places.report(vec![drive.places.error("chains", title, None)]));
+        }
+        if let Some(WithoutPeriod { path, title, help }) = response::without_period(&drive) {
+            return Err(drive.places.report(vec![drive.places.error(&path, title, Some(help))]));
+        }
+        Ok(Machine::of_links(&drive))
+    }
+
     /// A machine without content.
     fn empty(title: String) -> Machine {
         Machine {
@@ -254,9 +267,15 @@ impl Machine {
             sensors: Vec::new(),
             placed: Vec::new(),
             chain: None,
-            linked: None,
+            fidelity: Arc::new(lumped::Lumped),
             places: Places::empty(),
         }
+    }
+
+    /// The same for records with this noise of every sensor [SI of its reading]; 0: no record reads it.
+    pub fn for_noise(&self, noise: Vec<f64>) -> Machine {
+        let fidelity = self.fidelity.for_noise(noise).unwrap_or_else(|| self.fidelity.clone());
+        Machine { fidelity, ..self.clone() }
     }
 
     /// Index of the slot with this path.
@@ -288,8 +307,61 @@ impl Machine {
         match self.sensors[sensor].reads {
             Reads::Angle(b) | Reads::Speed(b) | Reads::Acceleration(b) | Reads::Reaction(b) => Some(b),
             Reads::Pulses { body, .. } => Some(body),
-            Reads::Tension(_) | Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => None,
+            Reads::Tension(_) | Reads::Part(_) => None,
         }
+    }
+}
+
+/// The questions of [`Fidelity`], asked of a machine.
+impl Machine {
+    /// All possible targets of an effect, with their names.
+    pub fn targets(&self, effect: &Effect) -> Vec<(String, Target)> {
+        self.fidelity.targets(self, effect)
+    }
+
+    fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
+        self.fidelity.accepts(effect, p)
+    }
+
+    pub(crate) fn room_for(&self, effect: &Effect, path: &str) -> RoomForEffect {
+        self.fidelity.room_for(self, effect, path)
+    }
+
+    pub(crate) fn has_place(&self, effect: &Effect) -> bool {
+        self.fidelity.has_place(effect)
+    }
+
+    pub(crate) fn shows_at_start_alone(&self, effect: &Effect) -> bool {
+        self.fidelity.shows_at_start_alone(effect)
+    }
+
+    pub(crate) fn period_pitches(&self) -> Option<u32> {
+        self.fidelity.period_pitches(self)
+    }
+
+    /// Mean speed of every body, where it is known without a run [rad/s].
+    pub(crate) fn mean_speeds(&self, values: &[f64]) -> Option<Vec<f64>> {
+        (0..self.bodies.len()).map(|b| self.fidelity.mean_speed(self, values, b)).collect()
+    }
+
+    pub(crate) fn grid(&self, slot: usize, logarithm: bool) -> Option<f64> {
+        self.fidelity.grid(self, slot, logarithm)
+    }
+
+    pub(crate) fn run(&self, request: &RunRequest) -> Result<Vec<Vec<f64>>, RunError> {
+        self.fidelity.run(self, request)
+    }
+
+    pub(crate) fn unrepeated(&self, values: &[f64], runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {
+        self.fidelity.unrepeated(self, values, runs)
+    }
+
+    pub(crate) fn steps_needed(&self, values: &[f64], task: &Task, start: &InitialState) -> Option<f64> {
+        self.fidelity.steps_needed(self, values, task, start)
+    }
+
+    pub(crate) fn effort(&self) -> &'static SearchEffort {
+        self.fidelity.effort()
     }
 }
 

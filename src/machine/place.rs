@@ -1,75 +1,9 @@
-//! Placing effects on a machine: possible targets, keys of the parameters, and added parts.
+//! Placing effects on a machine: keys of the parameters, and added parts.
 
-use super::{Body, BodyMotion, End, InputKind, Machine, PlacedEffect, Reads, Slot, Spring, Target, links};
-use crate::effects::{EFFECTS, Effect, Kind, On, Parameter, Physics};
+use super::{Body, BodyMotion, End, Machine, PlacedEffect, Reads, Slot, Spring, Target};
+use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics};
 
 impl Machine {
-    /// All possible targets of an effect, with their names.
-    pub fn targets(&self, effect: &Effect) -> Vec<(String, Target)> {
-        if let Some(linked) = &self.linked {
-            return self.targets_on_links(linked, effect);
-        }
-        if matches!(effect.physics, Physics::LinksOnly) {
-            return Vec::new();
-        }
-        // Parts that were added by effects carry no effects of their own.
-        let by_angle = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
-        let declared = |path: &str| !path.starts_with("effects.");
-        let bodies = |fits: &dyn Fn(&Body) -> bool| {
-            let all = self.bodies.iter().enumerate();
-            all.filter(|(_, b)| declared(&b.path) && fits(b)).map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
-        };
-        let sensors = |fits: &dyn Fn(&Reads) -> bool| {
-            let all = self.sensors.iter().enumerate();
-            all.filter(|(_, s)| fits(&s.reads)).map(|(i, s)| (s.name.clone(), Target::Sensor(i))).collect()
-        };
-        let sprung = |i: usize| self.springs.iter().any(|s| s.ends.iter().any(|e| e.body == i));
-        match effect.on {
-            On::Body => bodies(&|b| b.motion == BodyMotion::Free && !(b.slides && by_angle)),
-            // A measured speed already contains its fluctuation.
-            On::Prescribed => bodies(&|b| matches!(b.motion, BodyMotion::Constant(_)) && !b.slides),
-            On::Sprocket => {
-                let all = self.bodies.iter().enumerate();
-                all.filter(|(i, b)| b.teeth.is_some() && sprung(*i))
-                    .map(|(i, b)| (b.name.clone(), Target::Body(i)))
-                    .collect()
-            }
-            On::Span => {
-                let all = self.springs.iter().enumerate().filter(|(_, s)| declared(&s.path));
-                all.map(|(i, s)| (s.name.clone(), Target::Spring(i))).collect()
-            }
-            On::Chain | On::Joints => {
-                let located = self.springs.iter().any(|s| s.links.is_some());
-                let needs = effect.on == On::Chain;
-                if self.chain.is_some() && (located || !needs) {
-                    vec![("chain".to_string(), Target::Chain)]
-                } else {
-                    Vec::new()
-                }
-            }
-            On::Guide => Vec::new(),
-            On::Input => {
-                let all = self.inputs.iter().enumerate();
-                all.filter(|(_, i)| matches!(i.kind, InputKind::Force(_)))
-                    .map(|(k, i)| (i.name.clone(), Target::Input(k)))
-                    .collect()
-            }
-            On::Sensor => sensors(&|r| !matches!(r, Reads::Pulses { .. })),
-            On::AngleSensor => sensors(&|r| match r {
-                Reads::Angle(b) | Reads::Speed(b) => !self.bodies[*b].slides,
-                Reads::Acceleration(_)
-                | Reads::Pulses { .. }
-                | Reads::Tension(_)
-                | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
-                | Reads::Part(_) => false,
-            }),
-            On::Pickup => sensors(&|r| matches!(r, Reads::Pulses { .. })),
-        }
-    }
-
     /// Keys of an effect's parameters on this target, with their rows.
     pub fn keys(&self, effect: &'static Effect, target: Target) -> Vec<(String, &'static Parameter)> {
         let slides = match target {
@@ -77,7 +11,7 @@ impl Machine {
             Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => false,
         };
         let mut keys = Vec::new();
-        for p in effect.parameters.iter().filter(|p| self.linked.is_none() || links::accepts(effect, p)) {
+        for p in effect.parameters.iter().filter(|p| self.accepts(effect, p)) {
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
                 let reads = if let Target::Sensor(s) = target { self.sensors.get(s).map(|s| s.reads) } else { None };
@@ -135,7 +69,7 @@ impl Machine {
             name: format!("{name} behind {path}"),
             path: path.to_string(),
             slides,
-            inertia,
+            inertia: Some(inertia),
             minus: None,
             teeth: None,
             motion: BodyMotion::Free,

@@ -60,7 +60,7 @@ fn bodies(root: &TomlTable<'_>, m: &mut Machine) {
             };
             speed.finish();
             let needs = if motion == BodyMotion::Free { None } else { Some(1.0) };
-            let inertia = slot(m, &t, key, 1.0, (1e-12, 1e9), needs);
+            let inertia = Some(slot(m, &t, key, 1.0, (1e-12, 1e9), needs));
             let teeth = t.integer("teeth", 5..=1000).map(|z| z as u32);
             if m.bodies.iter().any(|b| b.name == name) {
                 t.error(format!("two bodies are called `{name}`"), Some("give one of them another name".into()));

@@ -37,6 +37,8 @@ pub enum RunError {
     NoPulse { t_s: f64, pulses: usize },
     /// Number of steps per sample that the run would need.
     Stiff { steps: f64 },
+    /// Why a drive with link bodies is not run with these numbers, or where it broke down.
+    Refused { why: String },
 }
 
 impl std::fmt::Display for RunError {
@@ -49,6 +51,7 @@ impl std::fmt::Display for RunError {
             RunError::Stiff { steps } => {
                 write!(f, "the model is so stiff that it needs {steps:.0} steps for one sample")
             }
+            RunError::Refused { why } => f.write_str(why),
         }
     }
 }
@@ -99,9 +102,6 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialSta
                 | Reads::Acceleration(_)
                 | Reads::Tension(_)
                 | Reads::Reaction(_)
-                | Reads::Span(_)
-                | Reads::Link(_)
-                | Reads::Guide(_)
                 | Reads::Part(_) => None,
             });
             interval_s / pulses::step_s(&ready, start, *interval_s, marks.unwrap_or(1))
@@ -280,7 +280,7 @@ fn sampled(
                 Reads::Reaction(b) => (work.at_node[b], b),
                 Reads::Pulses { body, .. } => (0.0, body),
                 // Only for drives with link bodies.
-                Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) | Reads::Part(..) => (f64::NAN, 0),
+                Reads::Part(_) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
             angles[c].push(q_before[body]);
@@ -341,9 +341,6 @@ pub fn through_sensor(
         | Reads::Pulses { .. }
         | Reads::Tension(_)
         | Reads::Reaction(_)
-        | Reads::Span(_)
-        | Reads::Link(_)
-        | Reads::Guide(_)
         | Reads::Part(_) => 1,
     };
     for p in m.placed.iter().filter(|p| p.target == Target::Sensor(sensor)) {

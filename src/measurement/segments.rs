@@ -493,14 +493,8 @@ pub fn first_guess(
                     known[b] = true;
                 }
             }
-            Reads::Acceleration(_)
-            | Reads::Pulses { .. }
-            | Reads::Tension(_)
-            | Reads::Reaction(_)
-            | Reads::Span(_)
-            | Reads::Link(_)
-            | Reads::Guide(_)
-            | Reads::Part(_) => {}
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+            }
         }
     }
     // Bodies on the same springs move along with bodies whose motion is known.

@@ -115,7 +115,6 @@ pub fn shows(m: &Machine, sensor: usize) -> (MeasuredQuantity, &'static str) {
                 if turns { (MeasuredQuantity::Torque, "N m") } else { (MeasuredQuantity::Force, "N") }
             }
         },
-        Reads::Span(_) | Reads::Link(_) | Reads::Guide(_) => (MeasuredQuantity::Force, "N"),
         Reads::Part(unit) => {
             let known = UNITS.iter().find(|(name, ..)| *name == unit);
             (known.map_or(MeasuredQuantity::Force, |(_, quantity, _)| *quantity), unit)

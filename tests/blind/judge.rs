@@ -47,7 +47,6 @@ fn report_of(c: &Case) -> Result<IdentificationReport, String> {
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let quiet = |_: &str, _: u64| {};
     let context = Context {
-        plant: None,
         threads: 1,
         budget: Budget { runs: None, seconds: None },
         started: std::time::Instant::now(),

@@ -2,7 +2,6 @@
 
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::identify::identify;
-use pitchline::identify::plant::Plant;
 use pitchline::identify::report::IdentificationReport;
 use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
@@ -208,7 +207,6 @@ pub fn identified(folder: &Path, threads: usize) -> Result<IdentificationReport,
     let machine = Machine::of_links(&drive);
     let data =
         load(&measurement, &machine, folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
-    let plant = Plant::new(&drive, &machine, &data);
     let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
     let verbose = std::env::var_os("PITCHLINE_VERBOSE").is_some();
     let started = std::time::Instant::now();
@@ -218,7 +216,6 @@ pub fn identified(folder: &Path, threads: usize) -> Result<IdentificationReport,
         }
     };
     let context = Context {
-        plant: Some(&plant),
         threads,
         budget: Budget { runs: None, seconds: None },
         started,

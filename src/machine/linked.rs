@@ -1,0 +1,284 @@
+//! The fidelity with link bodies: steady motion, read off one period of a run that takes a second; runs are kept.
+
+use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use super::links::lcm;
+use super::response::PeriodicResponse;
+use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
+use super::{Body, BodyMotion, Machine, Reads, Target};
+use crate::drive::Drive;
+use crate::drive::sensors::{SensorReads, is_signal};
+use crate::effects::{Effect, Kind, On, Parameter};
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// What a run was made with: paths of numbers that differ from the file's, and their bits.
+type ChangedNumbers = Vec<(String, u64)>;
+
+/// A drive with link bodies behind the machine that records see.
+#[derive(Debug)]
+pub(super) struct LinkedDrive {
+    drive: Drive,
+    /// Values of the machine as the file has them.
+    file: Vec<f64>,
+    /// Period of the declared drive in pitches.
+    repeats: u32,
+    /// Paths of effects that the drive file declares.
+    declared: Vec<String>,
+    /// Per body: the sprocket whose teeth tell its mean speed; None: it does not turn on.
+    turns_as: Vec<Option<usize>>,
+    /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
+    noise: Vec<f64>,
+    known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, String>>>>,
+}
+
+const EFFORT: SearchEffort = SearchEffort {
+    beam: [2; 3],
+    fitted: 4,
+    effects: 2,
+    // A drive with link bodies is too costly to restart, and its parameters are close to the true ones.
+    restarts: 0,
+    is_thorough: false,
+    // The non-repeating part hides smaller steps; the model is nearly linear in the unknowns.
+    converged_share: 1e-4,
+    iterations: 8,
+    noise_alone_is_left: false,
+    // Large enough to exceed the non-repeating part.
+    small_length_m: 30e-6,
+    // Indices 0 and 1 differ; indices that are further apart only repeat these cases.
+    indices: Some(&[0.0, 1.0]),
+};
+
+impl LinkedDrive {
+    pub(super) fn new(
+        drive: &Drive,
+        m: &Machine,
+        repeats: u32,
+        declared: Vec<String>,
+        turns_as: Vec<Option<usize>>,
+    ) -> LinkedDrive {
+        let (drive, file, noise, known) = (drive.clone(), m.values.clone(), Vec::new(), Mutex::default());
+        LinkedDrive { drive, file, repeats, declared, turns_as, noise, known }
+    }
+
+    /// The numbers that turn the file's drive into this machine with these values, in the units of their keys.
+    fn numbers(&self, m: &Machine, values: &[f64]) -> Vec<(String, f64)> {
+        let mut all = Vec::new();
+        let at_sensors =
+            |path: &str| path.starts_with("sensors.") || self.drive.signals.iter().any(|s| path.starts_with(&s.path));
+        for ((slot, value), file) in m.slots.iter().zip(values).zip(&self.file) {
+            if value != file && !at_sensors(&slot.path) {
+                all.push((slot.path.clone(), value / slot.unit));
+            }
+        }
+        for p in m.placed.iter().filter(|p| !is_signal(p.effect)) {
+            for ((key, row), slot) in m.keys(p.effect, p.target).iter().zip(&p.slots) {
+                let value = values[*slot] / row.unit;
+                let value = if row.kind.is_whole() { libm::round(value) } else { value };
+                all.push((format!("{}.{key}", p.path), value));
+            }
+        }
+        all
+    }
+
+    /// One period of the drive with these values.
+    fn response(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<PeriodicResponse, String>> {
+        let numbers = self.numbers(m, values);
+        let key: ChangedNumbers = numbers.iter().map(|(path, x)| (path.clone(), (x + 0.0).to_bits())).collect();
+        if let Ok(known) = self.known.lock()
+            && let Some(response) = known.get(&key)
+        {
+            return response.clone();
+        }
+        runs.fetch_add(1, Ordering::Relaxed);
+        let drive = self.drive.with_numbers(&numbers).map_err(|e| e.to_string());
+        let pitches = self.pitches(m);
+        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, pitches, &self.noise)));
+        if let Ok(mut known) = self.known.lock() {
+            known.insert(key, response.clone());
+        }
+        response
+    }
+
+    /// Period in pitches, with all effects that are placed.
+    fn pitches(&self, m: &Machine) -> u32 {
+        m.placed.iter().fold(self.repeats, |all, p| match p.target {
+            // Friction and drag are the same all round.
+            Target::Body(b) if p.effect.differs_round_turn() => lcm(all, m.bodies[b].teeth.unwrap_or(1)),
+            Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, m.chain.as_ref().map_or(1, |c| c.links)),
+            Target::Body(_)
+            | Target::Spring(_)
+            | Target::Input(_)
+            | Target::Sensor(_)
+            | Target::Chain
+            | Target::Guide(_) => all,
+        })
+    }
+
+    /// Chain speed divided by the teeth of the sprocket that a body turns as fast as [rad/s].
+    fn speed(&self, m: &Machine, values: &[f64], body: usize) -> f64 {
+        let driver = m.bodies.iter().find_map(|b| match b.motion {
+            BodyMotion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
+            BodyMotion::Free | BodyMotion::Measured(_) => None,
+        });
+        let Some((speed, teeth)) = driver else { return 0.0 };
+        let like = self.turns_as[body];
+        like.map_or(0.0, |like| speed * f64::from(teeth) / f64::from(m.bodies[like].teeth.unwrap_or(1)))
+    }
+
+    /// A channel at the samples.
+    fn channel(
+        &self,
+        (m, values): (&Machine, &[f64]),
+        response: &PeriodicResponse,
+        (t_s, step_s): (&[f64], f64),
+        start: &InitialState,
+        sensor: usize,
+    ) -> Vec<f64> {
+        let clock = clock(m, values);
+        let gain = values[m.sensors[sensor].gain];
+        let body = m.body_of(sensor);
+        let speed = body.map_or(0.0, |b| self.speed(m, values, b));
+        let turns = matches!(m.sensors[sensor].reads, Reads::Angle(_));
+        let at = |t: f64| {
+            let mean = response.at(sensor, start.travel + t * response.pitches_per_s);
+            if turns { mean + start.q[body.unwrap_or(0)] + speed * t } else { mean }
+        };
+        let altered = m.placed.iter().any(|p| p.target == Target::Sensor(sensor));
+        if !altered {
+            return t_s.iter().map(|t| gain * at(t / (1.0 + clock))).collect();
+        }
+        // Signal effects need evenly spaced nodes, finer than the samples.
+        let h = 0.25 * step_s;
+        let last = t_s.last().copied().unwrap_or(0.0) / (1.0 + clock);
+        let nodes = libm::ceil(last / h) as usize + 3;
+        let series = (0..nodes).map(|i| gain * at(i as f64 * h)).collect();
+        let turned: Vec<f64> = (0..nodes).map(|i| speed * i as f64 * h).collect();
+        let series = through_sensor(m, values, sensor, series, &turned, h);
+        t_s.iter().map(|t| between(&series, t / (1.0 + clock) / h)).collect()
+    }
+}
+
+impl Fidelity for LinkedDrive {
+    fn targets(&self, m: &Machine, effect: &Effect) -> Vec<(String, Target)> {
+        if is_signal(effect) {
+            let turns = |r: Reads| matches!(r, Reads::Angle(_) | Reads::Speed(_));
+            let all = m.sensors.iter().enumerate();
+            let fits = all.filter(|(_, s)| effect.on == On::Sensor || turns(s.reads));
+            return fits.map(|(i, s)| (s.name.clone(), Target::Sensor(i))).collect();
+        }
+        let bodies = |fits: &dyn Fn(&Body) -> bool| {
+            let all = m.bodies.iter().enumerate().filter(|(_, b)| fits(b));
+            all.map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
+        };
+        match effect.links {
+            Some(On::Sprocket) => bodies(&|b| b.teeth.is_some()),
+            Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
+            Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
+            Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free),
+            Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free),
+            Some(On::Guide) => {
+                self.drive.guides.iter().enumerate().map(|(i, g)| (g.name.clone(), Target::Guide(i))).collect()
+            }
+            Some(On::Span | On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
+        }
+    }
+
+    /// The position of a sprocket or the chain at the start of a record is found as the record's travel, so that effects on links
+    /// have no phase of their own.
+    fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
+        is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
+    }
+
+    fn room_for(&self, m: &Machine, effect: &Effect, path: &str) -> RoomForEffect {
+        if self.declared.iter().any(|d| d == path) {
+            return RoomForEffect::Refused("declared already");
+        }
+        if m.placed.iter().any(|p| p.path == path) {
+            return RoomForEffect::Taken;
+        }
+        let has_place = self.has_place(effect);
+        if has_place && m.placed.iter().any(|p| self.has_place(p.effect)) {
+            return RoomForEffect::Refused(
+                "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
+            );
+        }
+        if has_place && self.drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
+            return RoomForEffect::Refused(
+                "a gauge that goes round with the chain: where the effect lies to it is not looked for",
+            );
+        }
+        RoomForEffect::Free
+    }
+
+    fn has_place(&self, effect: &Effect) -> bool {
+        effect.links == Some(On::Chain) || effect.differs_round_turn()
+    }
+
+    fn shows_at_start_alone(&self, effect: &Effect) -> bool {
+        !is_signal(effect)
+    }
+
+    fn period_pitches(&self, m: &Machine) -> Option<u32> {
+        Some(self.pitches(m))
+    }
+
+    fn mean_speed(&self, m: &Machine, values: &[f64], body: usize) -> Option<f64> {
+        Some(self.speed(m, values, body))
+    }
+
+    /// The response of the links is known only up to its non-repeating part: a fit is smooth on a grid, and needs few runs.
+    fn grid(&self, m: &Machine, slot: usize, logarithm: bool) -> Option<f64> {
+        let placed = m.placed.iter().find(|p| p.slots.contains(&slot));
+        let at_sensor = placed.is_some_and(|p| is_signal(p.effect)) || m.sensors.iter().any(|s| s.gain == slot);
+        (!at_sensor).then_some(if placed.is_some() && !logarithm { 0.5 } else { 0.05 })
+    }
+
+    /// The weighted mean of the runs with the values of the corners.
+    fn run(&self, m: &Machine, r: &RunRequest) -> Result<Vec<Vec<f64>>, RunError> {
+        let mut response: Option<PeriodicResponse> = None;
+        for (weight, values) in r.corners {
+            let run = self.response(m, values, r.runs);
+            let run = run.as_ref().as_ref().map_err(|why| RunError::Refused { why: why.clone() })?;
+            match &mut response {
+                None if *weight == 1.0 => response = Some(run.clone()),
+                None => response = Some(run.scaled_by(*weight)),
+                Some(response) => response.add(run, *weight),
+            }
+        }
+        let Some(response) = response else { return Err(RunError::Diverged { t_s: 0.0 }) };
+        let response = &if r.folded { response.folded() } else { response };
+        let Samples::Times { t_s, step_s, .. } = &r.task.samples else {
+            return Err(RunError::NoPulse { t_s: 0.0, pulses: 0 });
+        };
+        let of = |sensor: &usize| self.channel((m, r.values), response, (t_s, *step_s), r.start, *sensor);
+        Ok(r.channels.iter().map(of).collect())
+    }
+
+    fn unrepeated(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {
+        let response = self.response(m, values, runs);
+        let r = response.as_ref().as_ref().ok()?;
+        let part = |size: &f64| UnrepeatedPart { size: *size, in_mean: size / libm::sqrt(r.periods as f64) };
+        Some(r.unrepeated.iter().map(part).collect())
+    }
+
+    fn steps_needed(&self, _m: &Machine, _values: &[f64], _task: &Task, _start: &InitialState) -> Option<f64> {
+        None
+    }
+
+    fn for_noise(&self, noise: Vec<f64>) -> Option<Arc<dyn Fidelity>> {
+        Some(Arc::new(LinkedDrive {
+            drive: self.drive.clone(),
+            file: self.file.clone(),
+            repeats: self.repeats,
+            declared: self.declared.clone(),
+            turns_as: self.turns_as.clone(),
+            noise,
+            known: Mutex::default(),
+        }))
+    }
+
+    fn effort(&self) -> &'static SearchEffort {
+        &EFFORT
+    }
+}

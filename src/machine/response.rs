@@ -1,0 +1,231 @@
+//! Sensor readings of a drive with link bodies in steady, periodic operation: one period of each.
+//!
+//! A drive at constant speed repeats itself after a whole number of pitches: two, if only inner and outer links differ;
+//! one loop of the chain with one odd link; one revolution of a sprocket with one odd tooth. Sensor readings are folded
+//! on that period. The mean over periods is the model output; the variation from period to period cannot be predicted,
+//! because the spans of a fast chain move chaotically: two runs whose preload differs by 1e-5 N have only this mean in
+//! common after 0.2 s at 3000 rpm. The position in the period at which a record starts is one parameter, its travel in
+//! pitches.
+
+use super::simulate::{between, cubic};
+use crate::drive::Drive;
+use crate::drive::sensors::SensorReads;
+use crate::elements::driver_motion::Harmonic;
+use crate::sensing::Tracer;
+
+/// Settling time after the drive's own run-in [s], for transients of its start.
+const SETTLE_S: f64 = 0.06;
+/// Shortest and longest duration that is folded [s].
+const SHORTEST_S: f64 = 0.3;
+const LONGEST_S: f64 = 1.6;
+/// Folding continues until the standard error of the mean is below this fraction of a channel's noise.
+const MEAN_ERROR_SHARE: f64 = 0.15;
+/// Minimum number of readings per two pitches, and the time between two [s].
+const MIN_BINS: usize = 64;
+const BIN_S: f64 = 5e-6;
+/// Maximum number of readings of a long period, to limit memory over hundreds of runs; two pitches keep their minimum.
+const MAX_BINS: usize = 1 << 16;
+
+/// Result of a run: one period of every sensor.
+#[derive(Clone, Debug)]
+pub(super) struct PeriodicResponse {
+    pub(super) pitches: f64,
+    pub(super) pitches_per_s: f64,
+    /// One series of bins over a period for every sensor, SI; angles minus their mean rotation.
+    pub(super) means: Vec<Vec<f64>>,
+    /// Root mean square of the non-repeating part.
+    pub(super) unrepeated: Vec<f64>,
+    /// Periods in the means.
+    pub(super) periods: usize,
+}
+
+/// Why a drive has no period, so that records cannot be compared with it.
+pub(super) struct WithoutPeriod {
+    pub(super) path: String,
+    pub(super) title: String,
+    pub(super) help: String,
+}
+
+/// Why this drive has no period; None: it has one.
+pub(super) fn without_period(drive: &Drive) -> Option<WithoutPeriod> {
+    let motion = &drive.train.motion;
+    let driver = &drive.sprockets[drive.driver()];
+    let turned = driver.shaft.map_or(&driver.name, |k| &drive.shafts[k].name);
+    if motion.speeds.len() > 1 {
+        return Some(WithoutPeriod {
+            path: format!("speeds.table.{turned}"),
+            title: format!("the speed of `{turned}` changes with time"),
+            help: format!(
+                "records are compared over periods of a steady motion: give the drive `[speeds.constant.{turned}]`, cut the records where the speed is constant, and let each set its own `speeds.constant.{turned}.speed_rpm`"
+            ),
+        });
+    }
+    let loads = drive.train.order_loads.iter().map(|l| (&l.path, &l.harmonics));
+    let speeds = ["constant", "table"].map(|kind| format!("speeds.{kind}.{turned}"));
+    let own = speeds.iter().find(|path| drive.places.span(path).is_some()).unwrap_or(&speeds[0]);
+    let odd = |(path, all): (&String, &Vec<Harmonic>)| {
+        let apart = all.iter().find(|h| turns_of_orders(std::iter::once(*h)).is_none())?;
+        Some((path.clone(), apart.order))
+    };
+    let first = loads.clone().chain([(own, &motion.harmonics)]).find_map(odd);
+    let all = loads.clone().flat_map(|(_, all)| all).chain(&motion.harmonics);
+    let (path, title) = match (first, turns_of_orders(all)) {
+        (Some((path, order)), _) => (path, format!("order {order} does not come back within {MAX_TURNS} turns")),
+        (None, None) => (own.clone(), format!("the orders together do not come back within {MAX_TURNS} turns")),
+        (None, Some(_)) => return None,
+    };
+    let help = "records are compared over periods: give orders that are wholes, halves, thirds and so on".to_string();
+    Some(WithoutPeriod { path: format!("{path}.orders"), title, help })
+}
+
+/// Maximum number of turns of the driver after which orders come back.
+const MAX_TURNS: u32 = 12;
+/// Deviation of an order from a fraction of whole numbers, relative to one order.
+const ORDER_TOLERANCE: f64 = 1e-9;
+
+/// Turns of the driver after which all these orders come back, at least two; None: more than can be folded.
+pub(super) fn turns_of_orders<'a>(orders: impl Iterator<Item = &'a Harmonic> + Clone) -> Option<u32> {
+    let is_whole = |x: f64| (x - libm::round(x)).abs() <= ORDER_TOLERANCE * x.abs().max(1.0);
+    (2..=MAX_TURNS).find(|turns| orders.clone().all(|h| is_whole(f64::from(*turns) * h.order)))
+}
+
+impl PeriodicResponse {
+    /// Runs a drive that repeats itself after this many pitches. `noise` of every sensor [SI], 0: nobody reads it.
+    pub(super) fn of(drive: &Drive, repeats: u32, noise: &[f64]) -> Result<PeriodicResponse, String> {
+        if let Some(WithoutPeriod { title, help, .. }) = without_period(drive) {
+            return Err(format!("{title}; {help}"));
+        }
+        let pitches = f64::from(repeats);
+        let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
+        let period_s = pitches / pitches_per_s;
+        let pairs = (repeats / 2).max(1);
+        let pair_s = period_s / f64::from(pairs);
+        let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
+        let mut tracer = Tracer::new(drive, bin_s)?;
+        tracer.run_for(SETTLE_S)?;
+        tracer.clear_readings();
+        let turning: Vec<Option<f64>> = drive
+            .sensors
+            .iter()
+            .map(|s| match s.reads {
+                SensorReads::Angle(k) => Some(tracer.nominal_speed(k)),
+                SensorReads::Speed(_)
+                | SensorReads::Acceleration(_)
+                | SensorReads::Torque(_)
+                | SensorReads::Span(_)
+                | SensorReads::Link(_)
+                | SensorReads::Guide(_)
+                | SensorReads::Slider(_)
+                | SensorReads::Tip(_)
+                | SensorReads::Pressure(_)
+                | SensorReads::Flow(_) => None,
+            })
+            .collect();
+        // The number of bins is an integer for every two pitches, because waves are also folded on these.
+        let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;
+        let mut fold = PeriodFold::new(drive.sensors.len(), bins);
+        let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
+        loop {
+            // Two readings beyond the end, for the cubic interpolation.
+            tracer.run_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
+            fold.add_periods(&tracer, &turning, period_s, wanted);
+            let sure = (0..drive.sensors.len()).all(|s| {
+                let noise = noise.get(s).copied().unwrap_or(0.0);
+                noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < MEAN_ERROR_SHARE * noise
+            });
+            if sure || 2.0 * wanted as f64 * period_s > LONGEST_S {
+                break;
+            }
+            wanted *= 2;
+        }
+        Ok(PeriodicResponse {
+            pitches,
+            pitches_per_s,
+            unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
+            means: fold.means(),
+            periods: fold.periods,
+        })
+    }
+
+    /// The mean over all pairs of links: the response of a drive whose links and teeth are all alike.
+    pub(super) fn folded(&self) -> PeriodicResponse {
+        let pairs = (self.pitches / 2.0) as usize;
+        let fold = |means: &Vec<f64>| -> Vec<f64> {
+            let n = means.len() / pairs.max(1);
+            (0..n).map(|b| (0..pairs).map(|p| means[p * n + b]).sum::<f64>() / pairs as f64).collect()
+        };
+        if pairs < 2 || self.means.iter().any(|w| w.len() % pairs != 0) {
+            return self.clone();
+        }
+        PeriodicResponse { pitches: 2.0, means: self.means.iter().map(fold).collect(), ..self.clone() }
+    }
+
+    pub(super) fn scaled_by(&self, weight: f64) -> PeriodicResponse {
+        let mut all = self.clone();
+        all.means.iter_mut().flatten().for_each(|x| *x *= weight);
+        all
+    }
+
+    pub(super) fn add(&mut self, other: &PeriodicResponse, weight: f64) {
+        for (own, other) in self.means.iter_mut().zip(&other.means) {
+            own.iter_mut().zip(other).for_each(|(x, y)| *x += weight * y);
+        }
+    }
+
+    /// Mean of a sensor at a position in the period [pitches]: cubic through four bins.
+    pub(super) fn at(&self, sensor: usize, pitches: f64) -> f64 {
+        let means = &self.means[sensor];
+        let n = means.len();
+        let x = pitches / self.pitches;
+        let at = (x - libm::floor(x)) * n as f64;
+        let low = libm::floor(at);
+        let (x, low) = (at - low, low as usize);
+        let value = |k: usize| means[(low + n + k - 1) % n];
+        let (a, b, c, d) = (value(0), value(1), value(2), value(3));
+        cubic([a, b, c, d], x)
+    }
+}
+
+/// Sums over periods.
+struct PeriodFold {
+    periods: usize,
+    sums: Vec<Vec<f64>>,
+    squares: Vec<Vec<f64>>,
+}
+
+impl PeriodFold {
+    fn new(sensors: usize, bins: usize) -> PeriodFold {
+        PeriodFold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
+    }
+
+    /// Adds the new periods up to `until`.
+    fn add_periods(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
+        for period in self.periods..until {
+            for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
+                let bins = sums.len();
+                let series = tracer.readings(s);
+                for (b, (sum, square)) in sums.iter_mut().zip(squares.iter_mut()).enumerate() {
+                    let t_s = (period as f64 + b as f64 / bins as f64) * period_s;
+                    let turned = turning[s].map_or(0.0, |w| w * t_s);
+                    let value = between(series, t_s / tracer.step_s()) - turned;
+                    *sum += value;
+                    *square += value * value;
+                }
+            }
+        }
+        self.periods = until;
+    }
+
+    /// Root mean square over bins of the deviation from period to period.
+    fn unrepeated(&self, sensor: usize) -> f64 {
+        let n = self.periods as f64;
+        let pairs = self.sums[sensor].iter().zip(&self.squares[sensor]);
+        let total: f64 = pairs.map(|(s, q)| ((q - s * s / n) / (n - 1.0).max(1.0)).max(0.0)).sum();
+        libm::sqrt(total / self.sums[sensor].len() as f64)
+    }
+
+    fn means(&self) -> Vec<Vec<f64>> {
+        let n = self.periods as f64;
+        self.sums.iter().map(|s| s.iter().map(|x| x / n).collect()).collect()
+    }
+}
