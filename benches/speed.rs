@@ -192,15 +192,20 @@ fn recorded_beside_bare(drive: &Drive, a: &Assembly, duration_s: f64, folder: &s
             times.push(recorded_once(drive, a, duration_s, &paths));
         }
     }
-    let median = |times: &[[f64; 2]], of: fn(&[f64; 2]) -> f64| {
-        let mut all: Vec<f64> = times.iter().map(of).collect();
+    let middle = |mut all: Vec<f64>| {
         all.sort_by(f64::total_cmp);
         all[all.len() / 2]
     };
-    let (whole, user): (fn(&[f64; 2]) -> f64, fn(&[f64; 2]) -> f64) = (|t| t[0], |t| t[0] - t[1]);
-    let bare = [median(&times[0], whole), median(&times[0], user)];
+    // User and system, and user alone.
+    let medians = |times: &[[f64; 2]]| {
+        [
+            middle(times.iter().map(|[whole, _]| *whole).collect()),
+            middle(times.iter().map(|[whole, system]| whole - system).collect()),
+        ]
+    };
+    let bare = medians(&times[0]);
     for (names, times) in kinds.iter().zip(&times) {
-        let (cpu, user) = (median(times, whole), median(times, user));
+        let [cpu, user] = medians(times);
         println!(
             "with {}: {:.2} CPU s per simulated s, {:.2} times the run without; user time {:.2} s, {:.2} times",
             if names.is_empty() { "nothing recorded".to_string() } else { names.join(" and ") },
