@@ -98,6 +98,13 @@ pub struct Deflection {
     slope: Vec<f64>,
 }
 
+/// A mode as the beam's matrices give it: square of its angular frequency, mass, deflection and slope by node.
+struct EigenMode {
+    square: f64,
+    mass_kg: f64,
+    shape: DVector<f64>,
+}
+
 /// Why a blade has no modes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoModes;
@@ -128,11 +135,11 @@ impl Blade {
                 Piece::Arc { .. } | Piece::EdgeSupport { .. } => {}
             }
         }
-        let (frequencies, shapes, masses) = blade.eigen(beam).ok_or(NoModes)?;
-        let highest = frequencies.last().copied().unwrap_or(0.0);
-        for ((w2, shape), mass_kg) in frequencies.iter().zip(shapes).zip(masses) {
+        let modes = blade.eigen(beam).ok_or(NoModes)?;
+        let highest = modes.last().map_or(0.0, |mode| mode.square);
+        for EigenMode { square, mass_kg, shape } in modes {
             // A blade on one pin turns as a whole.
-            let stiffness_n_per_m = if *w2 > 1e-9 * highest { w2 * mass_kg } else { 0.0 };
+            let stiffness_n_per_m = if square > 1e-9 * highest { square * mass_kg } else { 0.0 };
             let damping_n_s_per_m = 2.0 * beam.damping_ratio * libm::sqrt(stiffness_n_per_m * mass_kg);
             let value = shape.iter().step_by(2).copied().collect();
             let slope = shape.iter().skip(1).step_by(2).copied().collect();
@@ -164,8 +171,8 @@ impl Blade {
         push_n
     }
 
-    /// Squares of the lowest angular frequencies, shapes (deflection and slope by node) and masses [kg].
-    fn eigen(&self, beam: &Beam) -> Option<(Vec<f64>, Vec<DVector<f64>>, Vec<f64>)> {
+    /// The lowest modes.
+    fn eigen(&self, beam: &Beam) -> Option<Vec<EigenMode>> {
         let n = 2 * self.nodes.len();
         let (mut stiffness, mut mass) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
         for (k, pair) in self.nodes.windows(2).enumerate() {
@@ -210,7 +217,7 @@ impl Blade {
         let eigen = whole.symmetric_eigen();
         let mut order: Vec<usize> = (0..free.len()).collect();
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-        let (mut squares, mut shapes, mut masses) = (Vec::new(), Vec::new(), Vec::new());
+        let mut modes = Vec::new();
         for i in order.into_iter().take(beam.modes.min(MAX_MODES)) {
             let x = lower.tr_solve_lower_triangular(&eigen.eigenvectors.column(i).into_owned())?;
             let mut shape = DVector::zeros(n);
@@ -219,12 +226,11 @@ impl Blade {
             }
             let largest = shape.iter().step_by(2).copied().reduce(|a, b| if b.abs() > a.abs() { b } else { a })?;
             shape /= largest;
-            squares.push(eigen.eigenvalues[i].max(0.0));
-            shapes.push(shape);
             // y has the length 1, so the mass is that of the scale.
-            masses.push(1.0 / (largest * largest));
+            let (square, mass_kg) = (eigen.eigenvalues[i].max(0.0), 1.0 / (largest * largest));
+            modes.push(EigenMode { square, mass_kg, shape });
         }
-        Some((squares, shapes, masses))
+        Some(modes)
     }
 
     /// The point at a place along the contour [m].
@@ -280,7 +286,7 @@ impl Blade {
         let start = self.starts[piece];
         match body.pieces[piece] {
             Piece::Line { start: from, along, .. } => (start + (foot - from).dot(&along), normal),
-            Piece::Arc { radius_m, from, to, .. } if radius_m == 0.0 => (start, if start == 0.0 { to } else { from }),
+            Piece::Arc { radius_m: 0.0, from, to, .. } => (start, if start == 0.0 { to } else { from }),
             Piece::Arc { radius_m, from, .. } => (start + radius_m.abs() * angle(from, normal), normal),
             Piece::EdgeSupport { normal, .. } => (start, normal),
         }
@@ -382,7 +388,7 @@ impl Blade {
                     }
                 }
             }
-            Piece::Arc { radius_m, .. } if radius_m == 0.0 => self.point_touch(body, bent, (centre, along), touch),
+            Piece::Arc { radius_m: 0.0, .. } => self.point_touch(body, bent, (centre, along), touch),
             Piece::EdgeSupport { .. } => self.point_touch(body, bent, (centre, along), touch),
             Piece::Line { .. } | Piece::Arc { .. } => {
                 let joint = centre + along * touch.along_m;
