@@ -171,10 +171,11 @@ mod tests {
             shifts: vec![Shift { coordinate: 1, direction: along }, Shift { coordinate: 2, direction: across }],
         };
         let (at, speed, acceleration) = ([0.4, 1e-3, -2e-3], [30.0, 0.5, -0.2], [100.0, 3.0, 5.0]);
+        let turn = crate::geometry::unit(at[0]);
         let columns = CoordinateColumns {
             at: &at,
-            cos: &[at[0].cos(), 1.0, 1.0],
-            sin: &[at[0].sin(), 0.0, 0.0],
+            cos: &[turn.x, 1.0, 1.0],
+            sin: &[turn.y, 0.0, 0.0],
             speed: &speed,
             acceleration: &acceleration,
             step_s: 0.0,

@@ -227,7 +227,7 @@ mod tests {
                 let s2: f64 = 1.0 - k * k;
                 let scale = b.viscosity_pa_s * omega.abs() * b.radius_m * b.length_m.powi(3) / b.clearance_m.powi(2);
                 let inwards = scale * k * k / (s2 * s2);
-                let across = scale * PI * k / (4.0 * s2.powf(1.5)) * omega.signum();
+                let across = scale * PI * k / (4.0 * (s2 * s2.sqrt())) * omega.signum();
                 let expected = perp(radial) * across - radial * inwards;
                 assert!((force - expected).norm() < 1e-12 * expected.norm(), "{k} {omega}: {force} {expected}");
                 let back = b.locus(-force, omega).expect("the film bears it");
