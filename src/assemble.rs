@@ -332,8 +332,18 @@ fn float_journals(drive: &Drive, model: &Model, at: Equilibrium) -> Result<Equil
             let load = bearing.to_world([forces[0], forces[1]]);
             let speed_rad_s = model.coordinates[*turn].nominal_speed_rad_s;
             let Some(way) = film.locus(load, speed_rad_s) else {
-                let title = format!("its film cannot bear {:.0} N at {:.0} rpm", load.norm(), speed_rad_s / RPM);
-                let help = "make the bearing longer or its clearance smaller, or take a thicker oil".to_string();
+                let (title, help) = if speed_rad_s == 0.0 {
+                    (
+                        "its shaft stands still, and a film bears nothing then".to_string(),
+                        "take `[bearings.elastic.NAME]`",
+                    )
+                } else {
+                    (
+                        format!("its film cannot bear {:.0} N at {:.0} rpm", load.norm(), speed_rad_s / RPM),
+                        "make the bearing longer or its clearance smaller, or take a thicker oil",
+                    )
+                };
+                let help = help.to_string();
                 let diag = drive.places.error(&bearing.path, title, Some(help));
                 return Err(AssemblyError::Input(drive.places.report(vec![diag])));
             };
@@ -473,6 +483,14 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
         let own = first..first + drive.links_of(chain);
         first = own.end;
         let tension_n = at.tensions_n[own].iter().copied().fold(0.0, f64::max);
+        if *drive.preload_of(chain) == PreloadSpec::Blade && tension_n < MIN_TENSION_N {
+            let blade = model.rails.iter().find(|r| r.chain == chain && r.blade.is_some());
+            return refuse(
+                blade.map_or_else(|| "preload.moves".into(), |r| format!("guides.rail.{}.bending", r.name)),
+                "the blade does not tighten the chain".into(),
+                "give it `free_radii_mm` that are more curved than it is drawn",
+            );
+        }
         if let PreloadSpec::Arm(arm) = *drive.preload_of(chain)
             && tension_n < MIN_TENSION_N
         {

@@ -51,8 +51,8 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             s.name
         )));
     }
-    if !drive.arms.is_empty() || !drive.rails.is_empty() || drive.chains() > 1 {
-        let text = "arms, rails and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets";
+    if !drive.arms.is_empty() || !drive.rails.is_empty() || !drive.bearings.is_empty() || drive.chains() > 1 {
+        let text = "arms, rails, bearings and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets that stand";
         return Err(LumpError::Form(text.into()));
     }
     let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;

@@ -124,13 +124,14 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
         }
         "bodies" => {
             let names = ["body", "path", "rotor", "coordinate", "x_m", "y_m", "angle_rad", "teeth"];
-            let more = ["slider", "kind", "kind_name", "low_stop", "high_stop"];
+            let more = ["slider", "bearing", "kind", "kind_name", "low_stop", "high_stop"];
             let row = |(i, b): (usize, &pitchline::recording::frame::BodyInfo)| {
                 let place = [b.coordinate.map_or(-1.0, f64::from), b.x_m, b.y_m, b.angle_rad].map(float);
                 let head = [whole(i as u64), words(&b.path), Cell::Truth(b.rotor)];
                 let kind = [whole(b.kind), words(frame::BodyKind::name(b.kind))];
                 let tail = [b.low_stop.unwrap_or(f64::NAN), b.high_stop.unwrap_or(f64::NAN)].map(float);
-                let slider = [whole(b.teeth), float(b.slider.map_or(-1.0, f64::from))];
+                let bearing = b.shifts.first().map_or(-1.0, |shift| f64::from(shift.slider));
+                let slider = [whole(b.teeth), float(b.slider.map_or(-1.0, f64::from)), float(bearing)];
                 head.into_iter().chain(place).chain(slider).chain(kind).chain(tail).collect()
             };
             (names.into_iter().chain(more).collect(), recording.header.bodies.iter().enumerate().map(row).collect())

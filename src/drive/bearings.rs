@@ -101,6 +101,10 @@ impl CarriedNames<'_> {
                 if self.rails[k].arm.is_some() {
                     t.error(format!("rail `{name}` turns with an arm"), Some("name a rail without an arm".into()));
                 }
+                if self.rails[k].bending.is_some() {
+                    let help = "hold it softly by `springs_mm` of its bending".to_string();
+                    t.error(format!("rail `{name}` bends, and stands on its supports"), Some(help));
+                }
             }
         }
         on

@@ -63,14 +63,17 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     guide_table.finish();
     let carried = CarriedNames { sprockets: &sprockets, shafts: &shafts, guides: &guides, rails: &rails };
     let bearings = bearings::read_bearings(root, &carried);
-    let blades: Vec<&str> = rails.iter().filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect();
-    let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades));
+    let blades = |chain: usize| -> Vec<&str> {
+        let on_chain = |r: &&RailSpec| sprockets.get(r.span).is_some_and(|s| s.chain == chain);
+        rails.iter().filter(on_chain).filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect()
+    };
+    let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
     let mut more = Vec::new();
     for (index, (_, t)) in chains.iter().enumerate().skip(1) {
         let (chain, links, scatter, joint) = read_links(&t.table("chain"));
         let (tooth_contact, guide_contact, ring_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
-        let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades));
+        let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades(index)));
         more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, preload });
     }
     chains.iter().for_each(|(_, t)| t.finish());
@@ -667,11 +670,20 @@ fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<Be
         Support::Clamp => 2,
         Support::Pin | Support::Spring(_) => 1,
     };
+    supports.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if supports.windows(2).any(|s| s[1].0 - s[0].0 < CLOSEST_SUPPORTS * length_m) {
+        t.error("two supports stand at one place".into(), Some("keep one of them".into()));
+    }
     if supports.iter().map(|(_, s)| holds(s)).sum::<i32>() < 2 {
         t.error("nothing holds the blade".into(), Some("give two `pins_mm`, or one of `clamps_mm`".into()));
     }
     let curvature = |r: f64| if r == 0.0 { 0.0 } else { 1.0 / r };
+    let too_tight = |r: &f64| *r != 0.0 && r.abs() < SMALLEST_FREE_RADIUS_M;
     let free = t.list("free_radii_mm", MM, -1e6..=1e6).map(|all| all.into_iter().map(curvature).collect::<Vec<_>>());
+    if t.list("free_radii_mm", MM, -1e6..=1e6).is_some_and(|all| all.iter().any(too_tight)) {
+        let help = format!("0 is straight; else at least {} mm", SMALLEST_FREE_RADIUS_M / MM);
+        t.error_at("free_radii_mm", "a blade is not bent so much".into(), Some(help));
+    }
     if free.as_ref().is_some_and(|free| free.len() != lengths_m.len()) {
         t.error_at("free_radii_mm", format!("a rail of {} stretches", lengths_m.len()), Some("give as many".into()));
     }
@@ -687,6 +699,10 @@ fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<Be
     Some(bending)
 }
 
+/// Least distance of two supports, as a share of the blade's length.
+const CLOSEST_SUPPORTS: f64 = 1e-3;
+/// Least radius of a blade without load [m].
+const SMALLEST_FREE_RADIUS_M: f64 = 1e-3;
 /// Damping ratio of a blade where none is given. assumed: PA66 at 100 degrees Celsius has a loss factor of 0.05 to 0.1.
 const DEFAULT_BLADE_DAMPING: f64 = 0.03;
 /// Modes of a blade where no number is given: with four, a cantilever's tip is soft to 0.1 %.
@@ -736,7 +752,7 @@ fn read_preload(
         None => names.len().saturating_sub(1),
         Some(name) => names.iter().position(|n| n == name).unwrap_or_else(|| {
             t.error(
-                format!("`preload.moves` = \"{name}\" is no sprocket, no arm and no rail that bends"),
+                format!("`preload.moves` = \"{name}\" is no sprocket and no arm"),
                 Some(format!(
                     "sprockets here: {}; arms: {}",
                     names.join(", "),

@@ -6,9 +6,9 @@
 //! P_k = EI integral (1/R - 1/R_free) phi_k'' ds    what bends the free blade into the drawn shape; R > 0 convex towards the chain
 //! Q_chain = -sum (F . N) phi_k(s)                  F on the link, N the contour's normal at s
 //! ```
-//! A point of the contour moves by w N. What touches it sees a gap that is smaller by w, a normal that leans by the slope of w (ends of plates), or
-//! touches where the bending leans as much as the arc falls away (straight edges of plates): both are the derivative of the gap, so that force times way is
-//! what the modes receive. Terms of the order of the slope squared are left out beside one: 0.3 % at a slope of 0.05.
+//! A point X of the contour moves to B = X + w N. A straight edge of a plate touches the point B that lies highest towards it, a round end the point
+//! that is nearest to its joint, each found by Newton's method on the whole bent contour. The gap's derivatives are thereby the normal, at the point
+//! that touches, and phi_k N . n, without approximation: force times way is what link and modes receive.
 //!
 //! Modes are those of an Euler-Bernoulli beam along the contour, with pins, clamps and springs, by cubic elements (Hermite): frequencies err by
 //! less than 1e-5 with [`ELEMENTS`] of them. The beam is not tensioned by the chain and does not stretch; supports slide along the contour.
@@ -23,8 +23,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Most modes of a blade.
 pub const MAX_MODES: usize = 8;
-/// Elements of a blade, besides those that supports add.
+/// Elements of a blade, besides those that supports add, and the share of one within which a support stands at the blade's end.
 const ELEMENTS: usize = 40;
+const SAME_NODE: f64 = 0.05;
 
 /// A blade as it is made.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +106,17 @@ struct EigenMode {
     shape: DVector<f64>,
 }
 
+/// A point of the bent contour in the rail's frame, its first and second derivative over the place, and where it lies.
+#[derive(Clone, Copy)]
+struct BentPoint {
+    at: Vec2,
+    first: Vec2,
+    second: Vec2,
+    point: BladePoint,
+    /// The drawn contour's normal, in which it is bent.
+    normal: Vec2,
+}
+
 /// Why a blade has no modes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoModes;
@@ -113,10 +125,17 @@ impl Blade {
     /// Modes of a beam along the contour of a rail.
     pub fn new(body: &RailBody, beam: &Beam) -> Result<Blade, NoModes> {
         let (starts, length_m) = starts(body);
-        let mut nodes: Vec<f64> = (0..=ELEMENTS).map(|k| length_m * k as f64 / ELEMENTS as f64).collect();
-        nodes.extend(beam.supports.iter().map(|(at, _)| at.clamp(0.0, length_m)));
+        // Supports are nodes; a regular one that is nearer to them than half an element gives way, because short elements are stiff.
+        let element_m = length_m / ELEMENTS as f64;
+        let end = |at: f64| if length_m - at < SAME_NODE * element_m { length_m } else { at };
+        let supports = beam.supports.iter().map(|(at, _)| end(if *at < SAME_NODE * element_m { 0.0 } else { *at }));
+        let mut nodes: Vec<f64> = supports.chain([0.0, length_m]).collect();
         nodes.sort_by(f64::total_cmp);
-        nodes.dedup_by(|b, a| *b - *a < 1e-6 * length_m);
+        nodes.dedup();
+        let held = nodes.clone();
+        let is_free = |at: &f64| held.iter().all(|h| (h - at).abs() > 0.5 * element_m);
+        nodes.extend((1..ELEMENTS).map(|k| k as f64 * element_m).filter(is_free));
+        nodes.sort_by(f64::total_cmp);
         let mut blade = Blade {
             nodes,
             modes: Vec::new(),
@@ -136,10 +155,14 @@ impl Blade {
             }
         }
         let modes = blade.eigen(beam).ok_or(NoModes)?;
-        let highest = modes.last().map_or(0.0, |mode| mode.square);
-        for EigenMode { square, mass_kg, shape } in modes {
-            // A blade on one pin turns as a whole.
-            let stiffness_n_per_m = if square > 1e-9 * highest { square * mass_kg } else { 0.0 };
+        // What no support holds moves as a whole.
+        let holds = |support: &Support| match support {
+            Support::Clamp => 2,
+            Support::Pin | Support::Spring(_) => 1,
+        };
+        let rigid = 2_usize.saturating_sub(beam.supports.iter().map(|(_, s)| holds(s)).sum());
+        for (k, EigenMode { square, mass_kg, shape }) in modes.into_iter().enumerate() {
+            let stiffness_n_per_m = if k < rigid { 0.0 } else { square * mass_kg };
             let damping_n_s_per_m = 2.0 * beam.damping_ratio * libm::sqrt(stiffness_n_per_m * mass_kg);
             let value = shape.iter().step_by(2).copied().collect();
             let slope = shape.iter().skip(1).step_by(2).copied().collect();
@@ -292,60 +315,85 @@ impl Blade {
         }
     }
 
-    /// From a place of the drawn contour to another one: by what angle the contour turns away from its tangent [rad], how far it falls below it [m],
-    /// and its curvature there [1/m].
+    /// The bent contour at a place: the point, its derivatives over the place along the drawn contour, and the drawn normal there.
     #[inline(always)]
-    fn fall(&self, from: f64, to: f64) -> (f64, f64, f64) {
-        let (mut angle, mut drop_m, mut at) = (0.0, 0.0, from);
-        let forwards = to >= from;
-        let last = self.bends.len() - 1;
-        let mut k = self.bends.partition_point(|(end, _)| *end <= from).min(last);
-        loop {
-            let (end, curvature) = self.bends[k];
-            let begin = if k == 0 { f64::NEG_INFINITY } else { self.bends[k - 1].0 };
-            let stop = if forwards {
-                if k == last || to < end { to } else { end }
-            } else if k == 0 || to > begin {
-                to
-            } else {
-                begin
-            };
-            let way = stop - at;
-            drop_m += angle * way + 0.5 * curvature * way * way;
-            angle += curvature * way;
-            at = stop;
-            if stop == to {
-                return (angle, drop_m, curvature);
+    fn bent_at(&self, body: &RailBody, bent: &Deflection, s: f64) -> BentPoint {
+        let k = self.bends.partition_point(|(end, _)| *end <= s).min(self.bends.len() - 1);
+        let curvature = self.bends[k].1;
+        let way = s - self.starts[k + 1];
+        // The elements of the profile stand behind the corner at its beginning.
+        let (at, normal) = match body.pieces[k + 1] {
+            Piece::Line { start, along, .. } => (start + along * way, -perp(along)),
+            Piece::Arc { centre, radius_m, from, .. } => {
+                let (sin, cos) = crate::units::sin_cos(way * curvature);
+                let normal = Vec2::new(cos * from.x - sin * from.y, sin * from.x + cos * from.y);
+                (centre + normal * radius_m, normal)
             }
-            k = if forwards { k + 1 } else { k - 1 };
+            Piece::EdgeSupport { point, normal } => (point, normal),
+        };
+        let (point, along) = (self.point(s), perp(normal));
+        let (w, slope, bend) = (bent.value_at(&point), bent.slope_at(&point), bent.bend_at(&point));
+        let stretched = 1.0 + curvature * w;
+        BentPoint {
+            at: at + normal * w,
+            first: along * stretched + normal * slope,
+            second: along * (2.0 * curvature * slope) + normal * (bend - curvature * stretched),
+            point,
+            normal,
         }
     }
 
-    /// Where a straight edge that touches the drawn contour at `place` touches the bent one: where the contour turns away from it as much as the
-    /// bending turns it back, at most as far as `range` says. How much further that is [m]; None: beyond that range.
+    /// The point of the bent contour that lies highest in a direction, from a place near it.
     #[inline(always)]
-    fn further_m(&self, bent: &Deflection, place: f64, range: (f64, f64)) -> Result<f64, f64> {
-        let mut at = if range.0 > 0.0 {
-            range.0
-        } else if range.1 < 0.0 {
-            range.1
-        } else {
-            0.0
-        };
+    fn highest(&self, body: &RailBody, bent: &Deflection, direction: Vec2, near: f64) -> (f64, BentPoint) {
         let least = MOST_FLATTENED / self.drawn_radius_m;
-        for _ in 0..NEWTON_STEPS {
-            let point = self.point(place + at);
-            let (turned, _, curvature) = self.fall(place, place + at);
-            let bends_away = curvature - bent.bend_at(&point);
-            let wanted = at - (turned - bent.slope_at(&point)) / if bends_away > least { bends_away } else { least };
-            let next = if wanted < range.0 { range.0 } else { wanted };
-            let next = if next > range.1 { range.1 } else { next };
-            if (next - at).abs() < SAME_PLACE_M {
-                return if next == wanted { Ok(next) } else { Err(next) };
+        self.newton(body, bent, near, |p| {
+            let falls = -p.second.dot(&direction);
+            p.first.dot(&direction) / if falls > least { falls } else { least }
+        })
+    }
+
+    /// The point of the bent contour that is nearest to a joint, from a place near it.
+    #[inline(always)]
+    fn nearest(&self, body: &RailBody, bent: &Deflection, joint: Vec2, near: f64) -> (f64, BentPoint) {
+        self.newton(body, bent, near, |p| {
+            let (from, least) = (joint - p.at, MOST_FLATTENED * p.first.norm_squared());
+            let rises = p.first.norm_squared() - from.dot(&p.second);
+            from.dot(&p.first) / if rises > least { rises } else { least }
+        })
+    }
+
+    #[inline(always)]
+    fn newton(
+        &self,
+        body: &RailBody,
+        bent: &Deflection,
+        near: f64,
+        step: impl Fn(&BentPoint) -> f64,
+    ) -> (f64, BentPoint) {
+        let length_m = self.bends[self.bends.len() - 1].0;
+        let inside = |s: f64| {
+            if s < 0.0 {
+                0.0
+            } else if s > length_m {
+                length_m
+            } else {
+                s
             }
-            at = next;
+        };
+        let mut s = inside(near);
+        let mut p = self.bent_at(body, bent, s);
+        for _ in 0..NEWTON_STEPS {
+            let by = step(&p);
+            let by = if by > LONGEST_WAY_M { LONGEST_WAY_M } else { by };
+            let next = inside(s + if by < 0.0 - LONGEST_WAY_M { 0.0 - LONGEST_WAY_M } else { by });
+            if (next - s).abs() < SAME_PLACE_M {
+                break;
+            }
+            s = next;
+            p = self.bent_at(body, bent, s);
         }
-        Ok(at)
+        (s, p)
     }
 
     /// A touch of the drawn contour as it is on the bent one, with its point and the direction in which that point is bent. `centre`, `along`: of the
@@ -357,116 +405,43 @@ impl Blade {
         (centre, along, lever_m): (Vec2, Vec2, f64),
         touch: PlateTouch,
     ) -> (PlateTouch, BladePoint, Vec2) {
+        let near = self.place(body, touch.piece, centre + along * touch.along_m, touch.normal).0;
+        let mut along_m = touch.along_m;
         match body.pieces[touch.piece] {
-            Piece::Arc { centre: c, radius_m, from, .. } if radius_m > 0.0 => {
+            Piece::Arc { radius_m, .. } if radius_m > 0.0 => {
                 // An edge that bends round: flat in between the joints, or at one of them.
                 let side = perp(along);
                 let normal = if side.dot(&touch.normal) < 0.0 { -side } else { side };
-                let place = self.starts[touch.piece] + radius_m * signed_angle(from, normal);
-                let sense = along.dot(&perp(normal));
-                let foot = (c - centre).dot(&along);
-                let ends = [(-lever_m - foot) * sense, (lever_m - foot) * sense];
-                let range = if ends[0] < ends[1] { (ends[0], ends[1]) } else { (ends[1], ends[0]) };
-                match self.further_m(bent, place, range) {
-                    Ok(further_m) => {
-                        let point = self.point(place + further_m);
-                        let (_, drop_m, _) = self.fall(place, place + further_m);
-                        let drawn_m = radius_m + body.plate_radius_m - (centre - c).dot(&normal);
-                        let touch = PlateTouch {
-                            penetration_m: drawn_m + bent.value_at(&point) - drop_m,
-                            normal,
-                            along_m: foot + sense * further_m,
-                            body_radius_m: self.bent_radius_m(bent, place + further_m, &point),
-                            is_flat: true,
-                            ..touch
-                        };
-                        (touch, point, normal)
-                    }
-                    Err(further_m) => {
-                        let along_m = if (foot + sense * further_m) > 0.0 { lever_m } else { 0.0 - lever_m };
-                        self.end_touch(body, bent, centre + along * along_m, (along_m, place + further_m), touch)
-                    }
+                let (place, p) = self.highest(body, bent, normal, near);
+                along_m = (p.at - centre).dot(&along);
+                if along_m.abs() <= lever_m {
+                    let penetration_m = body.plate_radius_m - (centre - p.at).dot(&normal);
+                    let body_radius_m = self.bent_radius_m(bent, place, &p.point);
+                    let touch = PlateTouch { penetration_m, normal, along_m, body_radius_m, is_flat: true, ..touch };
+                    return (touch, p.point, p.normal);
                 }
+                along_m = if along_m > 0.0 { lever_m } else { 0.0 - lever_m };
             }
-            Piece::Arc { radius_m: 0.0, .. } => self.point_touch(body, bent, (centre, along), touch),
-            Piece::EdgeSupport { .. } => self.point_touch(body, bent, (centre, along), touch),
-            Piece::Line { .. } | Piece::Arc { .. } => {
-                let joint = centre + along * touch.along_m;
-                let (place, normal) = self.place(body, touch.piece, joint, touch.normal);
-                self.leaning_touch(body, bent, (place, normal), touch)
+            Piece::Arc { radius_m: 0.0, .. } | Piece::EdgeSupport { .. } => {
+                return self.point_touch(body, bent, (centre, along), touch);
             }
+            Piece::Line { .. } | Piece::Arc { .. } => {}
         }
-    }
-
-    /// The round end of a plate about `joint`, near a place of the contour.
-    fn end_touch(
-        &self,
-        body: &RailBody,
-        bent: &Deflection,
-        joint: Vec2,
-        (along_m, near): (f64, f64),
-        touch: PlateTouch,
-    ) -> (PlateTouch, BladePoint, Vec2) {
-        // The elements of the profile stand behind the corner at its beginning.
-        let mut k = self.bends.partition_point(|(end, _)| *end <= near).min(self.bends.len() - 1);
-        let mut tried = None;
-        loop {
-            let (penetration_m, normal) = match body.pieces[k + 1] {
-                Piece::Arc { centre, radius_m, .. } => {
-                    let (from, sense) = (joint - centre, radius_m.signum());
-                    let distance_m = from.norm();
-                    (radius_m + body.plate_radius_m - sense * distance_m, from * (sense / distance_m))
-                }
-                Piece::Line { start, along, .. } => {
-                    let normal = -perp(along);
-                    (body.plate_radius_m - (joint - start).dot(&normal), normal)
-                }
-                Piece::EdgeSupport { .. } => (touch.penetration_m, touch.normal),
-            };
-            let place = match body.pieces[k + 1] {
-                Piece::Arc { radius_m, from, .. } => self.starts[k + 1] + radius_m * signed_angle(from, normal),
-                Piece::Line { .. } | Piece::EdgeSupport { .. } => self.place(body, k + 1, joint, normal).0,
-            };
-            let begin = if k == 0 { f64::NEG_INFINITY } else { self.bends[k - 1].0 };
-            let end = if k + 1 == self.bends.len() { f64::INFINITY } else { self.bends[k].0 };
-            let next = if place < begin {
-                k.checked_sub(1)
-            } else if place > end {
-                Some(k + 1)
-            } else {
-                None
-            };
-            match next {
-                Some(other) if tried != Some(other) => (tried, k) = (Some(k), other),
-                Some(_) | None => {
-                    let radius_m = 1.0 / self.bends[k].1;
-                    let (piece, is_flat) = (k + 1, false);
-                    let touch = PlateTouch { penetration_m, normal, along_m, body_radius_m: radius_m, is_flat, piece };
-                    return self.leaning_touch(body, bent, (place, normal), touch);
-                }
-            }
-        }
-    }
-
-    /// A round end on a line or an arc: the bent contour leans under it.
-    #[inline(always)]
-    fn leaning_touch(
-        &self,
-        body: &RailBody,
-        bent: &Deflection,
-        (place, own): (f64, Vec2),
-        touch: PlateTouch,
-    ) -> (PlateTouch, BladePoint, Vec2) {
-        let point = self.point(place);
-        let leaning = bent.slope_at(&point) * lean(touch.body_radius_m, body.plate_radius_m - touch.penetration_m);
-        let scale = 1.0 / (1.0 + leaning * leaning).sqrt();
+        let joint = centre + along * along_m;
+        let (place, p) = self.nearest(body, bent, joint, near);
+        let from = joint - p.at;
+        let distance_m = from.norm();
+        // A joint behind the contour is deeper than a plate's radius.
+        let sense = if from.dot(&p.normal) < 0.0 { -1.0 } else { 1.0 };
         let touch = PlateTouch {
-            penetration_m: (touch.penetration_m + bent.value_at(&point)) * scale,
-            normal: (touch.normal - perp(touch.normal) * leaning) * scale,
-            body_radius_m: self.bent_radius_m(bent, place, &point),
+            penetration_m: body.plate_radius_m - sense * distance_m,
+            normal: from * (sense / distance_m),
+            along_m,
+            body_radius_m: self.bent_radius_m(bent, place, &p.point),
+            is_flat: false,
             ..touch
         };
-        (touch, point, own)
+        (touch, p.point, p.normal)
     }
 
     /// A point of the contour, its end or an edge support, which moves with the bending.
@@ -495,7 +470,8 @@ impl Blade {
 
     /// Radius of curvature of the bent contour at a place [m], as [`PlateTouch::body_radius_m`].
     fn bent_radius_m(&self, bent: &Deflection, place: f64, point: &BladePoint) -> f64 {
-        let curvature = self.fall(place, place).2 - bent.bend_at(point);
+        let k = self.bends.partition_point(|(end, _)| *end <= place).min(self.bends.len() - 1);
+        let curvature = self.bends[k].1 - bent.bend_at(point);
         if curvature.abs() < STRAIGHT_PER_M { f64::INFINITY } else { 1.0 / curvature }
     }
 
@@ -598,6 +574,11 @@ pub struct BladeLanes {
 }
 
 impl Deflection {
+    /// Largest deflection of the nodes [m].
+    pub fn most_m(&self) -> f64 {
+        self.value.iter().fold(0.0, |most, w| f64::max(most, w.abs()))
+    }
+
     #[inline(always)]
     pub fn value_at(&self, at: &BladePoint) -> f64 {
         weighted(&at.value, &self.value, &self.slope, at.element)
@@ -623,8 +604,9 @@ fn weighted(weights: &[f64; 4], value: &[f64], slope: &[f64], element: usize) ->
         + weights[3] * slope[element + 1]
 }
 
-/// Steps towards the place of a straight edge, and how near two of them end [m]. Three are enough on one arc, five over its end.
+/// Steps towards a place of the bent contour, the longest of them, and how near two of them end [m]. Three are enough on one arc, five over its end.
 const NEWTON_STEPS: usize = 12;
+const LONGEST_WAY_M: f64 = 5e-3;
 const SAME_PLACE_M: f64 = 1e-12;
 /// Curvature below which a contour counts as straight [1/m].
 const STRAIGHT_PER_M: f64 = 1e-6;
@@ -632,18 +614,6 @@ const STRAIGHT_PER_M: f64 = 1e-6;
 /// Share of an arc's curvature that bending may leave, before a straight edge touches it at many points at once. assumed: blades of tensioners
 /// keep a half of it and more.
 const MOST_FLATTENED: f64 = 0.2;
-
-/// Slope as a joint at `height_m` over the contour sees it: R / (R + height).
-#[inline(always)]
-fn lean(radius_m: f64, height_m: f64) -> f64 {
-    if radius_m.is_infinite() { 1.0 } else { radius_m / (radius_m + height_m) }
-}
-
-/// Angle from one direction to another one, counterclockwise positive [rad].
-#[inline(always)]
-fn signed_angle(from: Vec2, to: Vec2) -> f64 {
-    crate::units::atan2(cross(from, to), from.dot(&to))
-}
 
 /// Angle between two directions, never negative [rad].
 fn angle(from: Vec2, to: Vec2) -> f64 {
@@ -753,6 +723,14 @@ mod tests {
         let sprung = Blade::new(&body(None), &beam(supports, 8)).expect("modes");
         let off = deflection(&sprung, 0.5 * LENGTH_M, 10.0) / (10.0 / (2.0 * stiffness)) - 1.0;
         assert!(off.abs() < 5e-3, "{off}");
+        // A support near a node, or near the end, is as one there.
+        for eps in [1e-3, 1e-5, 1e-7] {
+            let supports = vec![(eps * LENGTH_M, Support::Pin), ((1.0 - eps) * LENGTH_M, Support::Pin)];
+            let near = Blade::new(&body(None), &beam(supports, 3)).expect("modes");
+            for (f, exact) in frequencies(&near).iter().zip(frequencies(&pinned)) {
+                assert!((f / exact - 1.0).abs() < 5.0 * eps + 1e-6, "{eps}: {f} {exact}");
+            }
+        }
         // Without supports a blade floats: two modes without stiffness.
         let floating = Blade::new(&body(None), &beam(Vec::new(), 3)).expect("modes");
         assert_eq!(floating.modes[1].stiffness_n_per_m, 0.0);

@@ -108,9 +108,13 @@ impl PlainBearing {
     /// Torque of the film on the journal [N m] beside a force of the film.
     pub fn torque_nm(&self, way: Vec2, force: Vec2, omega: f64) -> f64 {
         let k = (way.norm() / self.clearance_m).min(LARGEST_ECCENTRICITY);
-        let couette = 2.0 * PI * self.viscosity_pa_s * self.radius_m.powi(3) * self.length_m
-            / (self.clearance_m * (1.0 - k * k).sqrt());
-        -0.5 * cross(way, force) - couette * omega
+        -0.5 * cross(way, force) - self.drag_nm_s(k) * omega
+    }
+
+    /// Drag of the shear flow over the speed at an eccentricity e/c [N m s/rad].
+    pub fn drag_nm_s(&self, eccentricity: f64) -> f64 {
+        2.0 * PI * self.viscosity_pa_s * self.radius_m.powi(3) * self.length_m
+            / (self.clearance_m * (1.0 - eccentricity * eccentricity).sqrt())
     }
 
     /// What a step does to a journal.

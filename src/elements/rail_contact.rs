@@ -102,6 +102,17 @@ impl RailBody {
     /// Where a part of a plate is nearest to the rail; None where it is not over any piece of its kind, or deeper than a plate's radius: on
     /// the other side of the loop. `centre`, `heading`: of the link, in the rail's frame; `lever_m`: from there to its joints.
     pub fn touch(&self, part: PlatePart, centre: Vec2, heading: Vec2, lever_m: f64) -> Option<PlateTouch> {
+        self.touch_bent(part, (centre, heading), lever_m, 0.0)
+    }
+
+    /// As [`RailBody::touch`], of a rail that may be bent back by `bent_m`.
+    pub fn touch_bent(
+        &self,
+        part: PlatePart,
+        (centre, heading): (Vec2, Vec2),
+        lever_m: f64,
+        bent_m: f64,
+    ) -> Option<PlateTouch> {
         let r = self.plate_radius_m;
         let touch = |(piece, p): (usize, &Piece)| -> Option<PlateTouch> {
             let end = |sign: f64| (sign * lever_m, centre + heading * (sign * lever_m));
@@ -160,7 +171,7 @@ impl RailBody {
                 Piece::Line { .. } | Piece::Arc { .. } | Piece::EdgeSupport { .. } => None,
             }
         };
-        let deep = |t: &PlateTouch| t.penetration_m < r;
+        let deep = |t: &PlateTouch| t.penetration_m < r + bent_m;
         // The nearest surface: of two that a part is over, the one that it is less far above.
         self.pieces
             .iter()
@@ -193,16 +204,17 @@ pub struct RailContactLanes {
 }
 
 /// Geometry and kinematics of one part of the plates of a block of links. The lanes hold the links' centres from the rail's origin, their
-/// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place.
+/// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place. `bent_m`: how far behind
+/// where it is drawn the rail may lie.
 #[inline(always)]
 pub fn find_contacts(
-    body: &RailBody,
+    (body, bent_m): (&RailBody, f64),
     part: PlatePart,
     swing: FrameMotion,
     link_alpha: &LaneBlock,
     lanes: &mut Lanes,
 ) -> RailContactLanes {
-    let mut nearest = NearestPieces::new(body.plate_radius_m, swing, lanes);
+    let mut nearest = NearestPieces::new((body.plate_radius_m, body.plate_radius_m + bent_m), swing, lanes);
     for (index, piece) in body.pieces.iter().enumerate() {
         match *piece {
             Piece::Line { start, along, length_m } if part != PlatePart::Edge => {
@@ -223,6 +235,7 @@ pub fn find_contacts(
 /// The nearest piece of every lane so far, in the rail's frame.
 struct NearestPieces {
     plate_radius_m: f64,
+    deepest_m: f64,
     /// Centre and heading of the link, and half its pitch.
     x: LaneBlock,
     y: LaneBlock,
@@ -242,7 +255,7 @@ struct NearestPieces {
 
 impl NearestPieces {
     #[inline(always)]
-    fn new(plate_radius_m: f64, swing: FrameMotion, lanes: &Lanes) -> NearestPieces {
+    fn new((plate_radius_m, deepest_m): (f64, f64), swing: FrameMotion, lanes: &Lanes) -> NearestPieces {
         let FrameMotion { cos: c, sin: s, .. } = swing;
         let zero = [0.0; LANES];
         let (mut x, mut y, mut heading_x, mut heading_y) = (zero, zero, zero, zero);
@@ -254,6 +267,7 @@ impl NearestPieces {
         }
         NearestPieces {
             plate_radius_m,
+            deepest_m,
             x,
             y,
             heading_x,
@@ -292,7 +306,7 @@ impl NearestPieces {
         (nx, ny): (f64, f64),
         (bend, radius): (f64, f64),
     ) {
-        if (p < self.plate_radius_m) & (!self.here[i] | (p > self.depth[i])) {
+        if (p < self.deepest_m) & (!self.here[i] | (p > self.depth[i])) {
             (self.depth[i], self.place[i], self.here[i]) = (p, at, true);
             (self.normal_x[i], self.normal_y[i], self.bend[i], self.radius[i]) = (nx, ny, bend, radius);
             self.piece[i] = index as f64;
@@ -526,7 +540,7 @@ mod tests {
                         (lanes.cos[i], lanes.sin[i]) = (heading.x, heading.y);
                         lanes.lever[i] = LEVER_M;
                     }
-                    let found = find_contacts(&body, part, swing, &[0.0; LANES], &mut lanes);
+                    let found = find_contacts((&body, 0.0), part, swing, &[0.0; LANES], &mut lanes);
                     for (i, (centre, heading)) in links.iter().enumerate() {
                         let (c, h) = (rotated(*centre, -angle), rotated(*heading, -angle));
                         let t = body.touch(part, c, h, LEVER_M);
@@ -587,7 +601,7 @@ mod tests {
                     (lanes.omega, lanes.lever) = ([omega; LANES], [LEVER_M; LANES]);
                     (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / 3e-3; LANES], [1.0 / 6e-8; LANES]);
                     let swing = FrameMotion::turning(Vec2::zeros(), (1.0, 0.0), swing_omega, swing_alpha);
-                    let found = find_contacts(&body, part, swing, &[alpha; LANES], &mut lanes);
+                    let found = find_contacts((&body, 0.0), part, swing, &[alpha; LANES], &mut lanes);
                     let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                     forces_on_body(
                         &body.law,
@@ -644,7 +658,7 @@ mod tests {
                 let turn = unit(angle);
                 let speed = omega + 0.5 * h * alpha;
                 let swing = FrameMotion::turning(Vec2::zeros(), (turn.x, turn.y), speed, alpha);
-                let found = find_contacts(&body, PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
+                let found = find_contacts((&body, 0.0), PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
                 let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                 let mobility = BodyMobility { inverse_inertia: 1.0 / inertia, inverse_mass: [0.0; 3] };
                 forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, mobility), &mut lanes);

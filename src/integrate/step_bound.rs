@@ -21,6 +21,7 @@ use crate::elements::coordinate::Coordinate;
 use crate::elements::end_contact::{EndBody, LinkContour};
 use crate::elements::touch::TouchShape;
 use crate::model::{Model, flank_radii};
+use std::f64::consts::PI;
 
 /// One bound and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +48,9 @@ const STABLE_SEARCH: f64 = 0.95;
 const REFINEMENTS: u32 = 4;
 /// Share of the other bounds at which the search ends, whatever grows there: the step is a fortieth of any period.
 const MIN_SEARCHED: f64 = 0.1;
+
+/// Share of the clearance at which the drag of films bounds the step. assumed: films bear up to 0.95 of it.
+const DRAG_ECCENTRICITY: f64 = 0.95;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
@@ -119,6 +123,13 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
             let [stiffness, damping] = contact_bounds(&b.name, &b.law, radii, contour_mobility);
             let longer = if has_abutments { CONTACT_OF_ABUTMENTS / CONTACT } else { 1.0 };
             bounds.extend([StepBound { step_s: longer * stiffness.step_s, ..stiffness }, damping]);
+            let own = axis_mobility(model, &b.frame);
+            if own > 0.0 {
+                // Both ends of all links that can lie on it push the axis at once.
+                let ends = 2.0 * (2.0 * PI * b.distance_bound_m(arm) / (2.0 * c.lever[c.loops[chain].start]) + 1.0);
+                let name = format!("{} on its bearing", b.name);
+                bounds.extend(contact_bounds(&name, &b.law, radii, contour_mobility + ends * own));
+            }
         }
     }
     for g in model.guides.iter().filter(|g| g.chain == chain && g.body.touches_plates) {
@@ -192,11 +203,12 @@ fn body_bounds(
 
 /// Largest inverse mass with which the axis of a frame gives way in any direction [1/kg].
 fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
-    let [xx, _, yy] = frame.mobility(&model.coordinates).inverse_mass;
-    xx + yy
+    let [xx, xy, yy] = frame.mobility(&model.coordinates).inverse_mass;
+    0.5 * (xx + yy) + libm::hypot(0.5 * (xx - yy), xy)
 }
 
-/// Bounds of the springs of bearings and of the modes of blades. Their dampers and films are taken implicitly.
+/// Bounds of the springs of bearings and of the modes of blades, and of the drag of films. Dampers, and films against the way of the axis, are
+/// taken implicitly.
 fn bearing_bounds(model: &Model) -> Vec<StepBound> {
     let ways = model.bearings.iter().flat_map(|b| b.ways);
     let modes = model.rails.iter().flat_map(|r| r.blade.iter().flat_map(|b| b.modes()));
@@ -205,7 +217,12 @@ fn bearing_bounds(model: &Model) -> Vec<StepBound> {
         step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
         cause: c.path.clone(),
     };
-    springs.map(bound).collect()
+    let drags = model.bearings.iter().filter_map(|b| {
+        let (film, turn) = b.film.as_ref()?;
+        let rate = film.drag_nm_s(DRAG_ECCENTRICITY) * model.coordinates[*turn].inverse_inertia();
+        (rate > 0.0).then(|| StepBound { step_s: CONTACT_DAMPING / rate, cause: format!("drag of {}", b.path) })
+    });
+    springs.map(bound).chain(drags).collect()
 }
 
 /// Bounds of couplings and loads.

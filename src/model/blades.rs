@@ -46,8 +46,10 @@ impl RailModel {
         (centre, along): (Vec2, Vec2),
         lever_m: f64,
     ) -> Option<(PlateTouch, Option<(BladePoint, Vec2)>)> {
-        let touch = self.body.touch(part, centre, along, lever_m)?;
-        let Some((blade, bent)) = self.blade.as_ref().zip(bent) else { return Some((touch, None)) };
+        let Some((blade, bent)) = self.blade.as_ref().zip(bent) else {
+            return Some((self.body.touch(part, centre, along, lever_m)?, None));
+        };
+        let touch = self.body.touch_bent(part, (centre, along), lever_m, bent.most_m())?;
         let (touch, point, normal) = blade.shape.bent_touch(&self.body, bent, (centre, along, lever_m), touch);
         Some((touch, Some((point, normal))))
     }

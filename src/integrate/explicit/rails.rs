@@ -156,6 +156,7 @@ fn find_contacts(
     found: &mut [RailContactLanes; 3],
 ) {
     let body = &model.rails[k].body;
+    let bent_m = model.rails[k].most_bent_m(&state.coordinates.angle);
     let alpha = take(&scratch.wrapped.alpha, at);
     load(model, state, scratch, at, (&swing, !model.rails[k].frame.shifts.is_empty()), &mut lanes[0]);
     if shared {
@@ -169,7 +170,7 @@ fn find_contacts(
         *other = first[0];
     }
     for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(found)) {
-        *found = rail_contact::find_contacts(body, part, swing, &alpha, lanes);
+        *found = rail_contact::find_contacts((body, bent_m), part, swing, &alpha, lanes);
     }
 }
 
@@ -348,7 +349,7 @@ mod tests {
                 (lanes.x, lanes.y) = ([centre.x; LANES], [centre.y; LANES]);
                 (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                 lanes.lever = [lever_m; LANES];
-                *found = rail_contact::find_contacts(&body, part, swing, &[0.0; LANES], lanes);
+                *found = rail_contact::find_contacts((&body, 0.0), part, swing, &[0.0; LANES], lanes);
             }
             for (lanes, age) in lanes.iter_mut().zip(held) {
                 (lanes.age, lanes.normal_force) = ([age; LANES], [age; LANES]);

@@ -2,7 +2,7 @@
 
 use super::watch::{ContactBlock, ObservedStep};
 use super::{ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
-use crate::elements::body_frame::{BodyMobility, FrameMotion};
+use crate::elements::body_frame::FrameMotion;
 use crate::elements::tooth_contact::{
     self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
 };
@@ -60,7 +60,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let FrameMotion { cos, sin, omega, .. } = motion;
     let turning = SprocketMotion { cos, sin, omega };
     let mobility = frame.mobility(&model.coordinates);
-    let yields = mobility != BodyMobility::default();
+    // A sprocket on a fixed axis gives way by a hundredth of what a link does: its contacts take the link's mass alone.
     let moves = !frame.shifts.is_empty();
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
@@ -136,7 +136,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             let near = tooth_contact::any_within(reach_m, lanes);
             if near {
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
-                if yields {
+                if moves {
                     let sliding = FrictionInput { mu, stick_speed: stick, radius };
                     let (radii, body_motion) = ([radius; LANES], (omega, mobility));
                     tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, body_motion, lanes);
