@@ -282,5 +282,5 @@ fn every_chain_has_its_own_keys_preload_and_spans() {
     assert!((a.report.preload_n - 300.0).abs() < 0.1, "{}", a.report.preload_n);
     let second = &a.report.preloads[1];
     assert!(second.chain == "second" && (second.mean_n - 220.0).abs() < 0.1, "{second:?}");
-    assert!(a.report.lines().iter().any(|l| l.starts_with("preload at rest of second = 220.0 N")));
+    assert!(a.report.lines().iter().any(|l| l.starts_with("preload of chain second at rest = 220.0 N")));
 }

@@ -1,5 +1,6 @@
 //! A drive of several chains: what belongs to each, which drives which, and what turns.
 
+use super::bearings::BearingSpec;
 use super::mechanism::PassageLaw;
 use super::{ChainSpec, Drive, OuterSpec, PreloadSpec};
 use crate::recording::columns::Rows;
@@ -189,6 +190,12 @@ impl Drive {
                     paths.extend(self.single_chain(chain).sliders.iter().map(|s| format!("sliders.{}", s.name)));
                 }
                 paths.extend(balls().map(|p| p.path.clone()));
+                let sides = |b: &BearingSpec| ["along", "across"].map(|side| format!("{}.{side}", b.path));
+                paths.extend(self.bearings.iter().flat_map(sides));
+                for (rail, bending) in self.rails.iter().filter_map(|r| Some((r, r.bending.as_ref()?))) {
+                    let mode = |n: usize| format!("guides.rail.{}.bending.{n}", rail.name);
+                    paths.extend((1..=bending.modes).map(mode));
+                }
             }
             Rows::Touch => {
                 for chain in 0..self.chains() {

@@ -65,7 +65,8 @@ pub struct RerunSink {
     clock: PictureClock,
     scale: ForceScale,
     has_layout: bool,
-    last_crank_udeg: i64,
+    /// Times of the last frames [s], and the crank's angle then.
+    last_cranks_udeg: std::collections::VecDeque<(f64, i64)>,
     number_times: Times,
     curve_times: Times,
     picture_times: Times,
@@ -109,7 +110,7 @@ impl RerunSink {
             clock: PictureClock::new(view.picture_interval_s),
             scale,
             has_layout: false,
-            last_crank_udeg: 0,
+            last_cranks_udeg: std::collections::VecDeque::new(),
             number_times: Times::default(),
             curve_times: Times::default(),
             picture_times: Times::default(),
@@ -206,13 +207,17 @@ impl Sink for RerunSink {
         if !self.has_layout {
             self.send_layout(&close_ups(&self.header, frame))?;
         }
-        self.last_crank_udeg = (frame.crank_angle_rad.to_degrees() * 1e6).round() as i64;
-        self.number_times.push(frame.t_s, frame.step, self.last_crank_udeg);
+        let crank_udeg = (frame.crank_angle_rad.to_degrees() * 1e6).round() as i64;
+        if self.last_cranks_udeg.len() == REMEMBERED_FRAMES {
+            self.last_cranks_udeg.pop_front();
+        }
+        self.last_cranks_udeg.push_back((frame.t_s, crank_udeg));
+        self.number_times.push(frame.t_s, frame.step, crank_udeg);
         self.numbers.push(frame);
-        self.curve_times.push(frame.t_s, frame.step, self.last_crank_udeg);
+        self.curve_times.push(frame.t_s, frame.step, crank_udeg);
         self.curves.push(frame, &self.header);
         if self.clock.due(frame.t_s) {
-            self.picture_times.push(frame.t_s, frame.step, self.last_crank_udeg);
+            self.picture_times.push(frame.t_s, frame.step, crank_udeg);
             self.pictures.push(frame, &self.header, self.scale);
             self.numbers.push_beside_picture(frame);
         }
@@ -226,8 +231,9 @@ impl Sink for RerunSink {
 
     fn event(&mut self, event: &Event) -> Result<()> {
         let Event { step, t_s, kind, text, link, body, value } = event;
-        // An event has no crank angle; that of the frame before is close enough to find it.
-        self.event_times.push(*t_s, *step, self.last_crank_udeg);
+        // An event has no crank angle; that of the frame before is close enough to find it. Of an archive events come behind the frames of their chunk.
+        let before = self.last_cranks_udeg.iter().rev().find(|(frame_s, _)| frame_s <= t_s);
+        self.event_times.push(*t_s, *step, before.map_or(0, |(_, crank_udeg)| *crank_udeg));
         self.events.text(0).push(format!("{kind}: {text}"));
         self.events.text(1).push("INFO".to_owned());
         self.events.u64(2).push(u64::from(*link));
@@ -297,6 +303,9 @@ fn recording_id(header: &Header) -> String {
 }
 
 /// Log entries for the viewer, and their numbers.
+/// Frames behind which an event may come: those of a few chunks of an archive.
+const REMEMBERED_FRAMES: usize = 256;
+
 fn events_table() -> EntityTable {
     let columns = vec![
         (TextLog::descriptor_text(), ComponentValues::Text(Vec::new())),

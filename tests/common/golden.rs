@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 /// Texts around a number that differs between runs or machines: wall times, rates, sizes of compressed files.
-const MASKED: [(&str, &str); 7] = [
+const MASKED: [(&str, &str); 8] = [
     (" frames, ", " s ("),
     (" s (", " s per simulated second)"),
     ("of each drive in ", " s\n"),
@@ -12,6 +12,7 @@ const MASKED: [(&str, &str); 7] = [
     (" MB, ", " bytes per frame)"),
     (" rows, ", " MB)"),
     (" (", " MB)"),
+    (" ms, ", " bytes of an unfinished chunk"),
 ];
 
 /// The text with `~` in place of every number that is masked.
