@@ -387,7 +387,8 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
     for phase in 1..PRELOAD_PHASES {
         let rest = rest_configuration(&model, drive, f64::from(phase) / f64::from(PRELOAD_PHASES))?;
         let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
-        loaded_means.push(mean(&solve(&model, unloaded.configuration, 1.0, "loading the drive")?.tensions_n));
+        let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+        loaded_means.push(mean(&float_journals(drive, &model, loaded)?.tensions_n));
     }
     let axis = |preload: &PreloadSpec| match *preload {
         PreloadSpec::Sprocket { moves, .. } => {

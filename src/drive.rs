@@ -17,7 +17,7 @@ pub mod sensors;
 pub mod shafts;
 
 use crate::diag::Report;
-use crate::elements::blade::Support;
+use crate::elements::beam::Beam;
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::AbutmentChain;
@@ -384,24 +384,7 @@ pub struct RailSpec {
     /// Arcs and lines from there.
     pub stretches: Vec<Stretch>,
     /// How it bends; None: it is rigid.
-    pub bending: Option<BendingSpec>,
-}
-
-/// How a rail bends. Places are counted along it, from where the chain arrives [m].
-#[derive(Clone, Debug, PartialEq)]
-pub struct BendingSpec {
-    /// EI [N m2].
-    pub stiffness_n_m2: f64,
-    /// Mass over length [kg/m].
-    pub mass_kg_per_m: f64,
-    /// Curvature of every stretch without load, convex towards the chain positive [1/m]; None: all as drawn.
-    pub free_curvatures_per_m: Option<Vec<f64>>,
-    /// What holds it, and where.
-    pub supports: Vec<(f64, Support)>,
-    /// Damping ratio of every mode.
-    pub damping_ratio: f64,
-    /// Number of modes.
-    pub modes: usize,
+    pub bending: Option<Beam>,
 }
 
 /// How the loop is tightened.

@@ -624,7 +624,7 @@ pub struct GuideTouch {
     pub front: bool,
     pub elastic: Elastic,
     normal: Vec2,
-    /// Of the normal, over the way along the guide [1/m].
+    /// How the normal turns over the way along the guide [1/m].
     bend_per_m: f64,
 }
 

@@ -16,7 +16,7 @@ pub enum Dimension {
     Impulse,
     Pressure,
     Volume,
-    /// Of oil, volume per time.
+    /// Volume of oil per time.
     Flow,
     /// Counts, indices and shares.
     Number,
@@ -107,7 +107,7 @@ pub enum Scope {
     Shaft,
     Arm,
     Slider,
-    /// Of a check valve.
+    /// The ball of a check valve.
     Ball,
     /// Two parts that touch each other and no chain.
     Touch,
@@ -137,7 +137,7 @@ impl Scope {
         Scope::Energy,
     ];
 
-    /// Of an object that the drive file names: the table of frames in which it has a row, and how its path there begins.
+    /// The table of frames in which such an object has a row, and how its path in that table begins; None: the drive file does not name it.
     pub fn named_rows(self) -> Option<(Rows, &'static str)> {
         match self {
             Scope::Contact | Scope::Impact | Scope::Link | Scope::Joint | Scope::Energy | Scope::Run => None,

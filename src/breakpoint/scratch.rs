@@ -297,7 +297,7 @@ impl StepValues<'_> {
         }
     }
 
-    /// Of what slides, by its row.
+    /// A quantity of the slider or ball in this row of `sliders`.
     fn slider(&self, what: What, row: usize) -> Option<f64> {
         let k = self.model.n_turning() + row;
         let forces = || touches::sliding_forces(self.model, self.state, self.scratch, k);
@@ -323,7 +323,7 @@ impl StepValues<'_> {
         }
     }
 
-    /// Of a chamber or a reservoir, or of a passage, by its row.
+    /// A quantity of the chamber or reservoir in this row of `chambers`, or of the passage in this row of `passages`.
     fn oil(&self, what: What, row: usize) -> Option<f64> {
         let oil = self.model.oil.as_ref()?;
         let (q, state) = (&self.state.coordinates.angle, &self.state.oil);

@@ -5,11 +5,11 @@ use super::bearings::{self, CarriedNames};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
-    ArmSpec, BendingSpec, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec,
-    PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
+    ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec, PreloadSpec,
+    RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
 };
 use super::{effects, mechanism, sensors};
-use crate::elements::blade::{MAX_MODES, Support};
+use crate::elements::beam::{Beam, MAX_MODES, Support};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -645,7 +645,7 @@ fn read_rails(guides: &TomlTable<'_>, chains: &[Vec<String>], arms: &[ArmSpec], 
 }
 
 /// `[guides.rail.NAME.bending]`; None where there is none.
-fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<BendingSpec> {
+fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<Beam> {
     if !t.is_present() {
         return None;
     }
@@ -666,31 +666,29 @@ fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<Be
     if let Some((at, _)) = supports.iter().find(|(at, _)| *at > length_m * (1.0 + 1e-9)) {
         t.error(format!("a support at {:.3} mm of a rail {:.3} mm long", at / MM, length_m / MM), None);
     }
-    let holds = |s: &Support| match s {
-        Support::Clamp => 2,
-        Support::Pin | Support::Spring(_) => 1,
-    };
     supports.sort_by(|a, b| a.0.total_cmp(&b.0));
     if supports.windows(2).any(|s| s[1].0 - s[0].0 < CLOSEST_SUPPORTS * length_m) {
         t.error("two supports stand at one place".into(), Some("keep one of them".into()));
     }
-    if supports.iter().map(|(_, s)| holds(s)).sum::<i32>() < 2 {
+    if supports.iter().map(|(_, s)| s.holds()).sum::<usize>() < 2 {
         t.error("nothing holds the blade".into(), Some("give two `pins_mm`, or one of `clamps_mm`".into()));
     }
+    let free_radii_m = t.list("free_radii_mm", MM, -1e6..=1e6);
+    if let Some(all) = &free_radii_m {
+        if all.iter().any(|r| *r != 0.0 && r.abs() < SMALLEST_FREE_RADIUS_M) {
+            let help = format!("0 is straight; else at least {} mm", SMALLEST_FREE_RADIUS_M / MM);
+            t.error_at("free_radii_mm", "a blade is not bent so much".into(), Some(help));
+        }
+        if all.len() != lengths_m.len() {
+            let title = format!("a rail of {} stretches", lengths_m.len());
+            t.error_at("free_radii_mm", title, Some("give as many".into()));
+        }
+    }
     let curvature = |r: f64| if r == 0.0 { 0.0 } else { 1.0 / r };
-    let too_tight = |r: &f64| *r != 0.0 && r.abs() < SMALLEST_FREE_RADIUS_M;
-    let free = t.list("free_radii_mm", MM, -1e6..=1e6).map(|all| all.into_iter().map(curvature).collect::<Vec<_>>());
-    if t.list("free_radii_mm", MM, -1e6..=1e6).is_some_and(|all| all.iter().any(too_tight)) {
-        let help = format!("0 is straight; else at least {} mm", SMALLEST_FREE_RADIUS_M / MM);
-        t.error_at("free_radii_mm", "a blade is not bent so much".into(), Some(help));
-    }
-    if free.as_ref().is_some_and(|free| free.len() != lengths_m.len()) {
-        t.error_at("free_radii_mm", format!("a rail of {} stretches", lengths_m.len()), Some("give as many".into()));
-    }
-    let bending = BendingSpec {
+    let bending = Beam {
         stiffness_n_m2: t.required("stiffness_n_m2", 1.0, 1e-6..=1e6),
         mass_kg_per_m: t.required("mass_kg_per_m", 1.0, 1e-4..=1e3),
-        free_curvatures_per_m: free,
+        free_curvatures_per_m: free_radii_m.map(|all| all.into_iter().map(curvature).collect()),
         supports,
         damping_ratio: t.number("damping_ratio", 1.0, 0.0..=1.0).unwrap_or(DEFAULT_BLADE_DAMPING),
         modes: t.integer("modes", 1..=MAX_MODES as i64).unwrap_or(DEFAULT_MODES) as usize,

@@ -331,7 +331,7 @@ fn tension(t: &TomlTable<'_>, chains: &[Vec<String>]) -> SensorReads {
     if let (Some(link), None) = (link, &span) {
         return SensorReads::Link(link as usize);
     }
-    // Of every sprocket the next one of its chain.
+    // Every sprocket with the next one of its chain.
     let of_chain = |names: &'_ Vec<String>| {
         let next = names.iter().cycle().skip(1).cloned();
         names.iter().cloned().zip(next).collect::<Vec<(String, String)>>()

@@ -50,7 +50,7 @@ pub struct FrameMotion {
     pub origin: Vec2,
     pub velocity: Vec2,
     pub acceleration: Vec2,
-    /// Of its angle.
+    /// Cosine and sine of its angle.
     pub cos: f64,
     pub sin: f64,
     /// [rad/s], and one step before [rad/s2].
@@ -127,7 +127,7 @@ impl BodyFrame {
 }
 
 impl FrameMotion {
-    /// Of a frame that turns about a fixed point.
+    /// Motion of a frame that turns about a fixed point.
     #[inline(always)]
     pub fn turning(origin: Vec2, (cos, sin): (f64, f64), omega: f64, alpha: f64) -> FrameMotion {
         FrameMotion { origin, velocity: Vec2::zeros(), acceleration: Vec2::zeros(), cos, sin, omega, alpha }

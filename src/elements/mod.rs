@@ -2,6 +2,7 @@
 //! own share of the energy ledger.
 
 pub mod arc_lanes;
+pub mod beam;
 pub mod blade;
 pub mod body_frame;
 pub mod contact_law;

@@ -10,7 +10,7 @@
 //! Rates: closing speed v_n = -v_rel . n; tangent t = n turned by +90 degrees; inverse effective masses of the link's end
 //! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
 
-use super::body_frame::BodyMobility;
+use super::body_frame::{BodyMobility, FrameMotion};
 use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
 use super::friction;
 use crate::geometry::Vec2;
@@ -200,6 +200,17 @@ pub struct Lanes {
 }
 
 impl Lanes {
+    /// Takes the motion of a body's origin off the velocities and accelerations.
+    #[inline(always)]
+    pub fn take_off(&mut self, body: &FrameMotion) {
+        for i in 0..LANES {
+            self.vx[i] -= body.velocity.x;
+            self.vy[i] -= body.velocity.y;
+            self.ax[i] -= body.acceleration.x;
+            self.ay[i] -= body.acceleration.y;
+        }
+    }
+
     /// No contact in any lane.
     #[inline(always)]
     pub fn release(&mut self) {

@@ -42,10 +42,11 @@ use scratch::{JointColumn, WINDOW_MARGIN_M};
 pub use watch::{ContactGroups, ContactValue, Extreme, RequiredData};
 
 use super::{Isa, StepError, StepErrorKind};
-use crate::elements::body_frame::CoordinateColumns;
+use crate::elements::body_frame::{BodyFrame, CoordinateColumns};
 use crate::elements::contour_forces::{BlockStep, PastContacts};
 use crate::elements::coordinate::{CoordinateMotion, turned};
 use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, blocks, blocks_mut, take};
+use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::{ContactMemory, LinkState, State};
 
@@ -232,6 +233,36 @@ fn move_out_of_reach(nearest: &[usize], own: usize, lanes: &mut Lanes) {
 #[inline(always)]
 fn write_block(column: &mut [f64], at: usize, values: LaneBlock) {
     column[at..at + LANES].copy_from_slice(&values);
+}
+
+/// Forces of a body's contacts, lane by lane: those on the links, which only a body that shifts needs, and torques on the body.
+#[derive(Default)]
+struct BodyReaction {
+    x: LaneBlock,
+    y: LaneBlock,
+    torque: LaneBlock,
+}
+
+impl BodyReaction {
+    #[inline(always)]
+    fn add(&mut self, shifts: bool, [x, y, torque]: [&LaneBlock; 3]) {
+        for i in 0..LANES {
+            self.torque[i] += torque[i];
+        }
+        if shifts {
+            for i in 0..LANES {
+                self.x[i] += x[i];
+                self.y[i] += y[i];
+            }
+        }
+    }
+
+    /// Gives the opposite of the forces on the links, and the torque, to the coordinates of the body.
+    #[inline(always)]
+    fn give_back(&self, frame: &BodyFrame, forces: &mut [f64]) {
+        let sum = |lanes: &LaneBlock| lanes.iter().sum::<f64>();
+        frame.give_back(Vec2::new(-sum(&self.x), -sum(&self.y)), sum(&self.torque), forces);
+    }
 }
 
 /// Contact memory of one kind of part, a block of lanes at a time: what a step finds, and what it leaves.

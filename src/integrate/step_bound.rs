@@ -6,6 +6,8 @@
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the second evaluation of the joints lifts stability to 3.46
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
+//! axis on a bearing h <= 0.95 / sqrt(N k/m)    N contacts on it at a time; blade: N plates, m its whole mass; springs of both like couplings
+//! film              h <= 0.75 / (drag/J)       drag on its shaft at 0.95 of the clearance
 //! couplings         h <= 0.95 / sqrt(k w), 0.75 / (c w); loads 0.75 / (dQ/dv w): w of the coordinates
 //! oil               h <= 0.95 / sqrt(k_h/m)    k_h = B A^2/V of closed chambers, plungers at their low stops
 //! abutments         h <= 0.92 of where links with several contacts begin to chatter: integrate::link_row
@@ -178,7 +180,8 @@ fn rail_bounds(model: &Model, chain: usize, end_mobility: f64) -> Vec<StepBound>
         let length_m: f64 = rail.rail.profile.elements().iter().map(|e| e.length_m()).sum();
         let plates = length_m / pitch_m + 1.0;
         if of_all > 0.0 {
-            bounds.extend(contact_bounds(&format!("{name} on its arm"), &rail.body.law, radii, plates * of_all));
+            let on = if of_turn > 0.0 { "on its arm" } else { "as it gives way" };
+            bounds.extend(contact_bounds(&format!("{name} {on}"), &rail.body.law, radii, plates * of_all));
         }
     }
     bounds

@@ -165,7 +165,7 @@ pub enum Reads {
     Tension(usize),
     /// External force or torque that drives this prescribed body.
     Reaction(usize),
-    /// Of a part that is no body here, with its SI unit: a span or a link of a chain, a guide, a slider, a chamber, a passage.
+    /// A part that is no body here, a span or a link of a chain, a guide, a slider, a chamber, a passage, with the SI unit of what is read.
     Part(&'static str),
 }
 

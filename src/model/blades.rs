@@ -2,7 +2,7 @@
 
 use super::{Model, RailModel};
 use crate::drive::Drive;
-use crate::elements::blade::{Beam, Blade, BladePoint, Deflection};
+use crate::elements::blade::{Blade, BladePoint, Deflection};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::rail_contact::{PlatePart, PlateTouch};
 use crate::geometry::Vec2;
@@ -64,22 +64,9 @@ impl Model {
             let rail = &self.rails[k];
             let length_m: f64 = spec.stretches.iter().map(|s| s.length_m).sum();
             // The profile may run against the chain.
-            let place = |at_m: f64| if rail.rail.travel < 0.0 { length_m - at_m } else { at_m };
-            let beam = Beam {
-                stiffness_n_m2: bending.stiffness_n_m2,
-                mass_kg_per_m: bending.mass_kg_per_m,
-                free_curvatures_per_m: bending.free_curvatures_per_m.clone().map(|mut free| {
-                    if rail.rail.travel < 0.0 {
-                        free.reverse();
-                    }
-                    free
-                }),
-                supports: bending.supports.iter().map(|(at, support)| (place(*at), *support)).collect(),
-                damping_ratio: bending.damping_ratio,
-                modes: bending.modes,
-            };
+            let beam = if rail.rail.travel < 0.0 { bending.reversed(length_m) } else { bending.clone() };
             // Stiffness and mass are positive, so that there are modes.
-            let Ok(shape) = Blade::new(&rail.body, &beam) else { continue };
+            let Some(shape) = Blade::new(&rail.body, &beam) else { continue };
             let first = self.coordinates.len();
             for (number, mode) in shape.modes.iter().enumerate() {
                 self.coordinates.push(Coordinate {

@@ -13,7 +13,7 @@ use super::flanks;
 use super::guides::BlockForces;
 use super::scratch::{LinkEnds, WrappedColumns};
 use super::watch::{ContactBlock, ObservedStep};
-use super::{ContactGroup, LANES, MemoryBlocks, Scratch, WINDOW_MARGIN_M, Window};
+use super::{BodyReaction, ContactGroup, LANES, MemoryBlocks, Scratch, WINDOW_MARGIN_M, Window};
 use crate::elements::arc_lanes::{EndContactLanes, NO_CONTACT_M};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::contact_law::ContactLaw;
@@ -172,7 +172,7 @@ struct EndContactPass<'a> {
 /// A body in this step.
 struct BodyInStep<'a> {
     body: &'a EndBody,
-    /// Of the links of its chain, and the distance of its farthest point from its link's centre [m].
+    /// Contour of the links that touch it, and the distance of its farthest point from its link's centre [m].
     contour: &'a LinkContour,
     extent_m: f64,
     /// Its frame: place, cosine and sine of its angle, and speeds.
@@ -188,9 +188,8 @@ struct BodyInStep<'a> {
     turned_m: f64,
     /// See [`Query::details`].
     details: bool,
-    /// Of every lane, on the body; and forces on the links where its axis moves.
-    torque: LaneBlock,
-    on_links: [LaneBlock; 2],
+    /// What its contacts give it.
+    given: BodyReaction,
 }
 
 impl<'a> BodyInStep<'a> {
@@ -207,7 +206,6 @@ impl<'a> BodyInStep<'a> {
         let (past_omega, past_alpha) =
             body.frame.turn.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
         let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
-        let torque = [0.0; LANES];
         BodyInStep {
             body,
             contour,
@@ -220,18 +218,7 @@ impl<'a> BodyInStep<'a> {
             past_alpha,
             turned_m,
             details,
-            torque,
-            on_links: [[0.0; LANES]; 2],
-        }
-    }
-}
-
-impl BodyInStep<'_> {
-    #[inline(always)]
-    fn add_forces(&mut self, force_x: &LaneBlock, force_y: &LaneBlock) {
-        for i in 0..LANES {
-            self.on_links[0][i] += force_x[i];
-            self.on_links[1][i] += force_y[i];
+            given: BodyReaction::default(),
         }
     }
 }
@@ -328,9 +315,7 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(
                 }
             }
         }
-        let on_body = meeting.on_links.map(|lanes| -lanes.iter().sum::<f64>());
-        let torque = meeting.torque.iter().sum::<f64>();
-        body.frame.give_back(Vec2::new(on_body[0], on_body[1]), torque, &mut s.chain_torque);
+        meeting.given.give_back(&body.frame, &mut s.chain_torque);
     }
 }
 
@@ -442,12 +427,7 @@ impl EndContactPass<'_> {
                 if UPDATED {
                     self.changes[at].add(&step);
                 }
-                for i in 0..LANES {
-                    meeting.torque[i] += step.torque[i];
-                }
-                if meeting.moves {
-                    meeting.add_forces(&step.force_x, &step.force_y);
-                }
+                meeting.given.add(meeting.moves, [&step.force_x, &step.force_y, &step.torque]);
                 results.memory.store_step(at, &step);
                 (results.rate[at], results.slide[at], results.depth[at]) =
                     (step.rate, step.slide, self.found.penetration);
@@ -464,12 +444,7 @@ impl EndContactPass<'_> {
         if UPDATED {
             self.changes[at].add_lanes(&columns, lanes, [&past[0], &past[1]], &end.own);
         }
-        for i in 0..LANES {
-            meeting.torque[i] += lanes.torque[i];
-        }
-        if meeting.moves {
-            meeting.add_forces(&lanes.force_x, &lanes.force_y);
-        }
+        meeting.given.add(meeting.moves, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
         if WATCHED && let Some(watched) = self.watched {
             observe(self.model, watched, (set, at), &end.own, self.found, lanes);
         }

@@ -2,14 +2,13 @@
 
 use super::watch::ContactBlock;
 use super::{
-    ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, move_out_of_reach, owned_lanes,
-    shift_and_lever, take, write_block,
+    BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, move_out_of_reach,
+    owned_lanes, shift_and_lever, take, write_block,
 };
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::contour_forces::BlockStep;
 use crate::elements::guide_contact;
 use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
-use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
 use std::time::Instant;
@@ -23,7 +22,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
     let frame = &model.guides[k].frame;
     let (motion, mobility) = (frame.motion(&coordinate_columns(model, state)), frame.mobility(&model.coordinates));
     let moves = !frame.shifts.is_empty();
-    let mut on_links = [[0.0; LANES]; 2];
+    let mut given = BodyReaction::default();
     let mut own_lanes = scratch.lanes.take().unwrap_or_default();
     let lanes = &mut *own_lanes;
     for w in 0..scratch.guide_windows[k].len() {
@@ -63,10 +62,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 if moves {
                     let (sliding, radii) = (FrictionInput { mu, stick_speed: stick, radius }, [radius; LANES]);
                     tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, (0.0, mobility), lanes);
-                    for i in 0..LANES {
-                        on_links[0][i] += lanes.force_x[i];
-                        on_links[1][i] += lanes.force_y[i];
-                    }
+                    given.add(true, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
                 } else {
                     tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 }
@@ -99,8 +95,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
         }
     }
-    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
-    frame.give_back(on_body, 0.0, &mut scratch.chain_torque);
+    given.give_back(frame, &mut scratch.chain_torque);
     scratch.lanes = Some(own_lanes);
 }
 
@@ -194,11 +189,6 @@ fn load_ends(
     let alpha = take(&scratch.wrapped.alpha, at);
     shift_and_lever(lanes, &alpha, frame.origin.x, frame.origin.y);
     if moves {
-        for i in 0..LANES {
-            lanes.vx[i] -= frame.velocity.x;
-            lanes.vy[i] -= frame.velocity.y;
-            lanes.ax[i] -= frame.acceleration.x;
-            lanes.ay[i] -= frame.acceleration.y;
-        }
+        lanes.take_off(frame);
     }
 }

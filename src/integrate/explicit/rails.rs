@@ -2,13 +2,14 @@
 
 use super::watch::ContactBlock;
 use super::{
-    ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take, write_block,
+    BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take,
+    write_block,
 };
-use crate::elements::blade::{BladeLanes, BladeMotion, MAX_MODES};
+use crate::elements::beam::MAX_MODES;
+use crate::elements::blade::{BladeLanes, BladeMotion};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::rail_contact::{self, PlatePart, RailContactLanes};
 use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
-use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::{FAR_AWAY_M, State};
 use std::time::Instant;
@@ -47,7 +48,7 @@ impl RailColumns {
 pub(super) struct PlateLanes {
     lanes: [Lanes; 3],
     found: [RailContactLanes; 3],
-    /// Of a rail that bends.
+    /// Where they touch a rail that bends, and how it moves.
     on_blade: [BladeLanes; 3],
     blade: BladeMotion,
 }
@@ -72,7 +73,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         blade.shape.deflection(blade.modes().map(|k| q.omega[k] + half_step * q.alpha[k]), &mut bent.speed);
         blade.shape.deflection(blade.modes().map(|k| q.alpha[k]), &mut bent.acceleration);
     }
-    let (mut torque, mut on_links) = ([0.0; LANES], [[0.0; LANES]; 2]);
+    let mut given = BodyReaction::default();
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
         for block in start / LANES..end / LANES {
@@ -109,15 +110,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 if let Some(blade) = &rail.blade {
                     blade.shape.give_back(lanes, on_blade, &mut modes);
                 }
-                for (sum, own) in torque.iter_mut().zip(lanes.torque) {
-                    *sum += own;
-                }
-                if !rail.frame.shifts.is_empty() {
-                    for i in 0..LANES {
-                        on_links[0][i] += lanes.force_x[i];
-                        on_links[1][i] += lanes.force_y[i];
-                    }
-                }
+                given.add(!rail.frame.shifts.is_empty(), [&lanes.force_x, &lanes.force_y, &lanes.torque]);
                 if WATCHED {
                     observe(model, scratch, k, (at, shared), set, (lanes, found));
                 }
@@ -126,17 +119,16 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             count_query(scratch, k, Some(lanes), begun);
         }
     }
-    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
     if let Some(blade) = &rail.blade {
         for (k, force) in blade.modes().zip(modes) {
             scratch.chain_torque[k] += force;
         }
     }
-    rail.frame.give_back(on_body, torque.iter().sum::<f64>(), &mut scratch.chain_torque);
+    given.give_back(&rail.frame, &mut scratch.chain_torque);
     scratch.plates = Some(own);
 }
 
-/// No point of a blade moves faster than this [m/s].
+/// No point of a blade moves faster than this half a step before the node [m/s].
 #[inline(always)]
 pub(super) fn bending_m_s(model: &Model, state: &State, k: usize) -> f64 {
     let blade = model.rails[k].blade.as_ref();
@@ -298,12 +290,7 @@ fn load(
     }
     load_links(model, scratch, at, lanes);
     if moves {
-        for i in 0..LANES {
-            lanes.vx[i] -= frame.velocity.x;
-            lanes.vy[i] -= frame.velocity.y;
-            lanes.ax[i] -= frame.acceleration.x;
-            lanes.ay[i] -= frame.acceleration.y;
-        }
+        lanes.take_off(frame);
     }
 }
 

@@ -98,7 +98,7 @@ pub struct Scratch {
     pub(super) nearest_end: [Vec<usize>; 3],
     /// Per body and block of the links of its chain, for front and rear ends: what they faced last.
     pub(super) end_blocks: Vec<Vec<[EndBlock; 2]>>,
-    /// Of every chain: distance from a link's centre that no point of its contour and no joint exceeds [m].
+    /// For every chain, the distance from a link's centre that no point of its contour and no joint exceeds [m].
     pub(super) contour_extents_m: Vec<f64>,
     /// The step whose contacts of contours were looked for last.
     pub(super) contour_step: u64,

@@ -1,7 +1,7 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
 use super::watch::{ContactBlock, ObservedStep};
-use super::{ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
+use super::{BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::tooth_contact::{
     self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
@@ -105,7 +105,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         depth: blocks_mut(&mut s.bush_depth, count),
     };
     let lanes: &mut Lanes = s.lanes.get_or_insert_default();
-    let (mut partial, mut on_links) = ([0.0; LANES], [[0.0; LANES]; 2]);
+    let mut given = BodyReaction::default();
     for Window { start, end, shared } in &s.tooth_windows[k] {
         for at in start / LANES..(end / LANES).min(count) {
             let nearest = &s.nearest_sprocket[at * LANES..];
@@ -143,15 +143,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 } else {
                     tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
                 }
-                for (sum, torque) in partial.iter_mut().zip(lanes.torque) {
-                    *sum += torque;
-                }
-                if moves {
-                    for i in 0..LANES {
-                        on_links[0][i] += lanes.force_x[i];
-                        on_links[1][i] += lanes.force_y[i];
-                    }
-                }
+                given.add(moves, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
             } else {
                 lanes.release();
             }
@@ -185,8 +177,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
         }
     }
-    let on_body = Vec2::new(-on_links[0].iter().sum::<f64>(), -on_links[1].iter().sum::<f64>());
-    frame.give_back(on_body, partial.iter().sum::<f64>(), &mut s.chain_torque);
+    given.give_back(frame, &mut s.chain_torque);
 }
 
 /// For observers of every step.
@@ -217,7 +208,7 @@ const JOINT_STRETCH_M: f64 = 0.5e-3;
 fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), lanes: &mut Lanes) {
     let owner = &from.on_front[at];
     let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
-    let (mut vx, mut vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
+    (lanes.vx, lanes.vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
     lanes.omega = select_owner(owner, from.omega, at);
     let (cos, sin, lever) = (select_owner(owner, from.cos, at), select_owner(owner, from.sin, at), from.lever[at]);
     let (mut ax, mut ay) = (select_owner(owner, from.ax, at), select_owner(owner, from.ay, at));
@@ -228,16 +219,6 @@ fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), 
         ax[i] -= alpha[i] * lever[i] * sin[i];
         ay[i] += alpha[i] * lever[i] * cos[i];
     }
-    if moves {
-        for i in 0..LANES {
-            vx[i] -= axis.velocity.x;
-            vy[i] -= axis.velocity.y;
-            ax[i] -= axis.acceleration.x;
-            ay[i] -= axis.acceleration.y;
-        }
-    }
-    lanes.vx = vx;
-    lanes.vy = vy;
     lanes.x = x;
     lanes.y = y;
     lanes.ax = ax;
@@ -247,6 +228,9 @@ fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), 
     lanes.lever = lever;
     lanes.inverse_mass = from.inverse_mass[at];
     lanes.inverse_inertia = from.inverse_inertia[at];
+    if moves {
+        lanes.take_off(axis);
+    }
 }
 
 /// Of the link before each joint where `owner` is one, of that behind it where it is zero.

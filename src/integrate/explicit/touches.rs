@@ -53,10 +53,10 @@ pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratc
 /// Forces along the way of what slides [N], outwards positive; their sum is its mass times its acceleration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SlidingForces {
-    /// Of its spring, damper and loads.
+    /// What its spring, damper, film and loads give.
     pub(crate) spring_n: f64,
     pub(crate) oil_n: f64,
-    /// Of all that it touches.
+    /// What all that it touches gives.
     pub(crate) touch_n: f64,
 }
 

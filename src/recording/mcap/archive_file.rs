@@ -30,9 +30,9 @@ pub struct OpenChunk {
     packing: Packing,
     /// Records one after the other.
     content: Vec<u8>,
-    /// Of each channel the entries of its message index: log time and offset of each message.
+    /// The message index of each channel: log time and offset of each message.
     index: Vec<Vec<[u64; 2]>>,
-    /// Of the messages: earliest and latest log time.
+    /// Earliest and latest log time of the messages.
     bounds: Option<(u64, u64)>,
 }
 
@@ -335,7 +335,7 @@ impl<W: Write> ArchiveFile<W> {
         number(small, (8_u64 + 8 + 4).to_le_bytes());
         number(small, start.to_le_bytes());
         number(small, offsets_start.to_le_bytes());
-        // Of all from the first schema to here.
+        // The checksum covers everything from the first schema to here.
         let crc = crc32fast::hash(small);
         number(small, crc.to_le_bytes());
         small.extend_from_slice(mcap::MAGIC);

@@ -10,7 +10,7 @@ use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 /// The numbers of frames: contacts and rotors of every frame, links and joints with every picture.
 pub struct Numbers {
     frame: EntityTable,
-    /// Of every frame, and those beside pictures, in the order of their tables; None: nothing of the drive has a row there.
+    /// Tables that every frame adds to, and tables that every picture adds to, in the order of frames; None: nothing of the drive has a row there.
     often: Vec<Option<EntityTable>>,
     beside_pictures: Vec<Option<EntityTable>>,
 }
