@@ -13,6 +13,7 @@ use crate::drive::{Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
+use crate::elements::roller_bore::RestingBush;
 use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, cross, rotated, unit};
@@ -706,6 +707,14 @@ fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, AssemblyError>
     for (k, rate) in coordinate_rates.iter().enumerate() {
         state.coordinates.omega[k] = rate * omega;
     }
+    // Rollers move with the links that carry them, as if they were parts of them.
+    for roller in model.chain.all_rollers() {
+        let (link, _) = model.chain.bush_carrier(roller);
+        let l = &mut state.links;
+        let (dx, dy, turning) = (l.x[roller] - l.x[link], l.y[roller] - l.y[link], l.omega[link]);
+        (l.vx[roller], l.vy[roller]) = (l.vx[link] - turning * dy, l.vy[link] + turning * dx);
+        l.omega[roller] = turning;
+    }
     if let Some(oil) = &model.oil {
         oil.fill(&at.configuration.coordinates, &mut state.oil);
     }
@@ -719,12 +728,24 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
     }
+    for roller in model.chain.all_rollers() {
+        let (link, front) = model.chain.bush_carrier(roller);
+        let p = end_of(model, &state, link, front);
+        (state.links.x[roller], state.links.y[roller]) = (p.x, p.y);
+        (state.links.cos[roller], state.links.sin[roller]) = (1.0, 0.0);
+    }
     state.coordinates.angle.copy_from_slice(&q.coordinates);
     wrap_angles(model, &mut state.coordinates.angle);
     for (k, angle) in q.coordinates.iter().enumerate() {
         (state.coordinates.sin[k], state.coordinates.cos[k]) = sin_cos(*angle);
     }
     state
+}
+
+/// One end of a link.
+fn end_of(model: &Model, state: &State, link: usize, front: bool) -> Vec2 {
+    let (l, lever) = (&state.links, model.chain.lever[link] * if front { 1.0 } else { -1.0 });
+    Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link])
 }
 
 /// Takes whole turns off all that turns; off what couplings join, as many.
@@ -747,24 +768,29 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     for sprocket in &model.sprockets {
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         let angle = state.coordinates.angle[sprocket.coordinate];
-        for j in model.chain.loops[sprocket.chain].clone() {
-            let (link, front) = model.chain.bush_carrier(j);
-            let lever = model.chain.lever[link] * if front { 1.0 } else { -1.0 };
-            let l = &state.links;
-            let bush = Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link]);
-            let in_frame = crate::geometry::rotated(bush - sprocket.frame.origin_at(&state.coordinates.angle), -angle);
-            if in_frame.norm() > teeth.tip_radius_m + sprocket.body.bush_radius_m {
+        let bore = model.bores[sprocket.chain].as_ref();
+        let bush = RestingBush::new(&sprocket.body, bore);
+        for lane in model.chain.bush_lanes(sprocket.chain) {
+            let (link, front) = model.chain.bush_carrier(lane);
+            let centre = end_of(model, state, link, front) - sprocket.frame.origin_at(&state.coordinates.angle);
+            let in_frame = crate::geometry::rotated(centre, -angle);
+            if in_frame.norm() > teeth.tip_radius_m + bush.radius_m {
                 continue;
             }
-            let hit = crate::contact::gap_contact(teeth, in_frame, sprocket.body.bush_radius_m);
-            let radii = crate::elements::contact_law::PairRadii {
-                bush_m: sprocket.body.bush_radius_m,
-                body_m: hit.body_radius_m,
-            };
-            let force = sprocket.body.law.elastic(hit.touch.penetration_m, radii).force_n;
-            if force > 0.0 {
-                state.bushes.normal_force[j] = force;
-                state.bushes.age[j] = 1.0;
+            let hit = crate::contact::gap_contact(teeth, in_frame, bush.radius_m);
+            let force = bush.elastic(hit.touch.penetration_m, hit.body_radius_m).force_n;
+            if force <= 0.0 {
+                continue;
+            }
+            state.bushes.normal_force[lane] = force;
+            state.bushes.age[lane] = 1.0;
+            if let Some(bore) = bore {
+                // The tooth holds the roller off its bush, along the normal that all three centres lie on.
+                let out = crate::geometry::rotated(hit.touch.normal, angle);
+                let off = out * (bore.clearance_m + bore.penetration_m(force));
+                (state.links.x[lane], state.links.y[lane]) = (state.links.x[lane] + off.x, state.links.y[lane] + off.y);
+                state.bores.normal_force[lane] = force;
+                state.bores.age[lane] = 1.0;
             }
         }
     }

@@ -69,6 +69,8 @@ pub struct ChainPart {
     pub guide_contact: ContactSpec,
     /// Contact of abutments with rings.
     pub ring_contact: ContactSpec,
+    /// Rollers on their bushes; None: no rollers.
+    pub roller_contact: Option<ContactSpec>,
     /// How this chain is tightened.
     pub preload: PreloadSpec,
 }
@@ -107,6 +109,8 @@ pub struct Drive {
     pub guide_contact: ContactSpec,
     /// Abutments on rings.
     pub ring_contact: ContactSpec,
+    /// Rollers on their bushes; None: no rollers.
+    pub roller_contact: Option<ContactSpec>,
     /// Arms on their stops; None where no arm has any.
     pub stop_contact: Option<ContactSpec>,
     /// The chains behind the first.
@@ -191,7 +195,7 @@ impl ChainSpec {
     /// Diameter of what the teeth seat; zero for a silent chain [m].
     pub fn bush_diameter_m(&self) -> f64 {
         match self {
-            ChainSpec::Bush(c) => c.bush_diameter_m,
+            ChainSpec::Bush(c) => c.seated_diameter_m(),
             ChainSpec::Silent(_) => 0.0,
             ChainSpec::Abutment(c) => c.bush_diameter_m,
         }

@@ -134,7 +134,7 @@ impl ImpactWatch {
             vectorised(scratch.isa, Changes { scratch, of, past, now, changed: &mut self.changed });
             for block in std::mem::take(&mut self.changed) {
                 let at = block * LANES;
-                for lane in (at..(at + LANES).min(n)).filter(|lane| model.chain.is_link(*lane)) {
+                for lane in (at..(at + LANES).min(n)).filter(|lane| model.chain.is_body(*lane)) {
                     if now[lane] == 0.0 && past[lane] > 0.0 {
                         self.parts[p].last[lane] = Some(step.saturating_sub(1));
                     }

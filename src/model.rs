@@ -33,6 +33,7 @@ use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::load::{Load, OrderLoad};
 use crate::elements::rail_contact::RailBody;
+use crate::elements::roller_bore::Bore;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::elements::touch::Touch;
 use crate::geometry::Vec2;
@@ -238,6 +239,8 @@ pub struct Model {
     pub rails: Vec<RailModel>,
     /// Parts that touch each other and no chain.
     pub touches: Vec<Touch>,
+    /// How the rollers of every chain touch their bushes; None: it has none of their own.
+    pub bores: Vec<Option<Bore>>,
     /// Plungers of tensioners.
     pub sliders: Vec<SliderModel>,
     /// Oil of tensioners.
@@ -365,6 +368,7 @@ impl Model {
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
+            bores: vec![build_bore(drive, &placed.rows)],
             contours: vec![placed.contour.clone()],
             end_bodies,
             line_end_m: placed.line_end_m.clone(),
@@ -397,6 +401,7 @@ impl Model {
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
+            bores: vec![None],
             contours: vec![None],
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
@@ -421,6 +426,7 @@ impl Model {
             arms: Vec::new(),
             rails: Vec::new(),
             touches: Vec::new(),
+            bores: Vec::new(),
             sliders: Vec::new(),
             contours: Vec::new(),
             end_bodies: Vec::new(),
@@ -482,6 +488,7 @@ impl Model {
                 RailModel { chain, frame, ..r }
             }));
             joined.touches.extend(model.touches.into_iter().map(|t| Touch { shape: t.shape.renumbered(moved), ..t }));
+            joined.bores.extend(model.bores);
             joined.contours.extend(model.contours);
             joined.line_end_m.extend(model.line_end_m);
             joined.abutments.extend(model.abutments);
@@ -545,6 +552,7 @@ impl Model {
     pub fn layout(&self) -> StateLayout {
         StateLayout {
             loops: self.chain.loops.clone(),
+            rollers: self.chain.rollers.clone(),
             padded_len: self.chain.padded,
             n_coordinates: self.coordinates.len(),
             has_losses: self.has_losses(),
@@ -610,6 +618,19 @@ fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sense: f64) -> 
         is_held_at_rest: false,
     };
     drive.sprockets.iter().zip(sprockets).map(of).collect()
+}
+
+/// How separate rollers touch their bushes.
+fn build_bore(drive: &Drive, rows: &[LinkShape]) -> Option<Bore> {
+    let shape = rows.iter().find_map(|r| r.roller)?;
+    let spec = drive.roller_contact?;
+    Some(Bore {
+        bush_radius_m: shape.bush_radius_m,
+        clearance_m: shape.clearance_m,
+        law: spec.law,
+        friction: spec.friction,
+        stick_speed_m_s: spec.stick_speed_m_s,
+    })
 }
 
 fn build_rails(drive: &Drive, placed: &PlacedDrive, arms: &[ArmModel]) -> Vec<RailModel> {

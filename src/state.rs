@@ -113,6 +113,8 @@ impl OilState {
 pub struct StateLayout {
     /// Lanes of the links of every chain.
     pub loops: Vec<std::ops::Range<usize>>,
+    /// Lanes of the rollers of every chain.
+    pub rollers: Vec<std::ops::Range<usize>>,
     /// With inert lanes.
     pub padded_len: usize,
     pub n_coordinates: usize,
@@ -140,7 +142,7 @@ pub const FAR_AWAY_M: f64 = 1e3;
 pub struct State {
     /// Steps since the recording began.
     pub step: u64,
-    /// Lanes up to the last link.
+    /// Lanes up to the last link or roller.
     pub lanes: usize,
     pub links: LinkState,
     /// Largest friction torque that every joint could have exerted one step back [N m].
@@ -158,6 +160,8 @@ pub struct State {
     pub contour_ends: [ContactMemory; 6],
     /// Parts that touch each other and no chain, in the order of the Model. Empty where a drive has none.
     pub touches: ContactMemory,
+    /// Rollers on their bushes, by the lanes of rollers. Empty where a drive has none.
+    pub bores: ContactMemory,
     /// Oil of chambers. Empty where a drive has none.
     pub oil: OilState,
     pub coordinates: CoordinateState,
@@ -220,10 +224,12 @@ impl State {
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
         let mut x = zeros();
         x.fill(FAR_AWAY_M);
-        layout.loops.iter().for_each(|l| x[l.clone()].fill(0.0));
+        let bodies = || layout.loops.iter().chain(&layout.rollers).filter(|l| !l.is_empty());
+        bodies().for_each(|l| x[l.clone()].fill(0.0));
+        let has_rollers = layout.rollers.iter().any(|r| !r.is_empty());
         State {
             step: 0,
-            lanes: layout.loops.last().map_or(0, |l| l.end),
+            lanes: bodies().map(|l| l.end).max().unwrap_or(0),
             links: LinkState {
                 x,
                 y: zeros(),
@@ -247,6 +253,7 @@ impl State {
             rail_plates: std::array::from_fn(|i| ends(rail_sides[i / 3])),
             contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
             touches: ContactMemory::new(n_touches),
+            bores: ends(has_rollers),
             oil: OilState::new(n_oil),
             coordinates: CoordinateState {
                 angle: of_coordinates(),
@@ -278,6 +285,7 @@ impl State {
             rail_plates,
             contour_ends,
             touches,
+            bores,
             oil,
             coordinates,
         } = self;
@@ -322,11 +330,10 @@ impl State {
             "inner_rear",
             "face_front",
             "face_rear",
-            "touches",
         ];
-        let touches = Some(touches).filter(|t| !t.is_empty());
-        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(touches);
-        for (set, memory) in sets.into_iter().zip(memories) {
+        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends);
+        let more = [("touches", touches), ("bores", bores)].into_iter().filter(|(_, memory)| !memory.is_empty());
+        for (set, memory) in sets.into_iter().zip(memories).chain(more) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             let named = [
                 ("normal_force", normal_force),
@@ -442,6 +449,7 @@ impl State {
             rail_plates,
             contour_ends,
             touches,
+            bores,
             oil,
             coordinates,
         } = self;
@@ -449,8 +457,8 @@ impl State {
         let mut columns: Vec<&mut Vec<f64>> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
         columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
-        let touches = Some(touches).filter(|t| !t.is_empty());
-        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(touches) {
+        let more = [touches, bores].into_iter().filter(|memory| !memory.is_empty());
+        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(more) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }

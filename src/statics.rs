@@ -13,6 +13,7 @@ use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
 use crate::elements::end_contact::{EndTouch, FAR_M};
 use crate::elements::rail_contact::{PlatePart, law_radius_m};
+use crate::elements::roller_bore::RestingBush;
 use crate::elements::touch::Touch;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
@@ -248,7 +249,7 @@ pub fn condensed(model: &Model, at: &Configuration) -> Option<CondensedModel> {
         for b in 0..n {
             let moved: f64 = whole.columns[a].iter().zip(&shapes[b]).map(|(c, x)| c.dot(x)).sum();
             stiffness[(a, b)] = moved + whole.rotors[(a, b)];
-            inertia[(a, b)] = kinetic(model, &shapes[a], &shapes[b]);
+            inertia[(a, b)] = kinetic(model, at, &shapes[a], &shapes[b]);
         }
 
         let own = model.coordinates[a].inverse_inertia();
@@ -258,10 +259,17 @@ pub fn condensed(model: &Model, at: &Configuration) -> Option<CondensedModel> {
 }
 
 /// x M y over the links.
-fn kinetic(model: &Model, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
+fn kinetic(model: &Model, at: &Configuration, x: &[Vector3<f64>], y: &[Vector3<f64>]) -> f64 {
     let c = &model.chain;
     let of = |i: usize| c.mass[i] * (x[i].x * y[i].x + x[i].y * y[i].y) + c.inertia[i] * x[i].z * y[i].z;
-    c.links().map(of).sum()
+    // Rollers go with their bushes.
+    let of_roller = |roller: usize| {
+        let (link, front) = c.bush_carrier(roller);
+        let arm = unit(at.links[link].1) * (c.lever[link] * if front { 1.0 } else { -1.0 });
+        let moved = |v: &Vector3<f64>| Vec2::new(v.x, v.y) + perp(arm) * v.z;
+        c.mass[roller] * moved(&x[link]).dot(&moved(&y[link]))
+    };
+    c.links().map(of).sum::<f64>() + c.all_rollers().map(of_roller).sum::<f64>()
 }
 
 /// The mode of the linearised drive (links, joints, closed contacts; driver held) whose angular frequency is nearest to `near`
@@ -289,7 +297,7 @@ pub fn mode_near(model: &Model, at: &Configuration, near: f64) -> Option<(f64, f
         let rotor_pull = DVector::from_fn(free.len(), |k, _| rotor(k) * rotors[k]);
         (links, rotors) = system.solve(&pull, &rotor_pull, 0.0)?;
         let own: f64 = (0..free.len()).map(|k| rotor(k) * rotors[k] * rotors[k]).sum();
-        let all = own + kinetic(model, &links, &links);
+        let all = own + kinetic(model, at, &links, &links);
         let scale = 1.0 / libm::sqrt(all);
         links.iter_mut().for_each(|x| *x *= scale);
         rotors *= scale;
@@ -364,7 +372,8 @@ impl<'a> StaticProblem<'a> {
         for sprocket in &model.sprockets {
             let columns = FrameColumns::new(&sprocket.frame, free);
             let Some(teeth) = sprocket.geometry.iso() else { continue };
-            let reach = teeth.tip_radius_m + sprocket.body.bush_radius_m;
+            let bush = RestingBush::new(&sprocket.body, model.bores[sprocket.chain].as_ref());
+            let reach = teeth.tip_radius_m + bush.radius_m;
             let origin = sprocket.frame.origin_at(&q.coordinates);
             for j in model.chain.loops[sprocket.chain].clone() {
                 let (link, front) = model.chain.bush_carrier(j);
@@ -375,16 +384,15 @@ impl<'a> StaticProblem<'a> {
                     continue;
                 }
                 let angle = q.coordinates[sprocket.coordinate];
-                let hit = contact::gap_contact(teeth, rotated(offset, -angle), sprocket.body.bush_radius_m);
-                let radii = PairRadii { bush_m: sprocket.body.bush_radius_m, body_m: hit.body_radius_m };
-                let elastic = sprocket.body.law.elastic(hit.touch.penetration_m, radii);
+                let hit = contact::gap_contact(teeth, rotated(offset, -angle), bush.radius_m);
+                let elastic = bush.elastic(hit.touch.penetration_m, hit.body_radius_m);
                 if elastic.force_n > 0.0 {
                     let normal = rotated(hit.touch.normal, angle);
                     // Distance to the centre of curvature decides how the normal turns: convex bodies weaken, concave stiffen.
                     let bend = if hit.body_radius_m < 0.0 {
-                        1.0 / (-hit.body_radius_m - radii.bush_m + hit.touch.penetration_m)
+                        1.0 / (-hit.body_radius_m - bush.radius_m + hit.touch.penetration_m)
                     } else {
-                        -1.0 / (hit.body_radius_m + radii.bush_m - hit.touch.penetration_m)
+                        -1.0 / (hit.body_radius_m + bush.radius_m - hit.touch.penetration_m)
                     };
                     let (arm, turn) = (unit(heading) * lever, columns.turn.map(|c| (c, offset)));
                     columns.add(&mut s, link, |s| add_contact(s, link, arm, normal, elastic, bend, turn));

@@ -31,7 +31,7 @@ use anyhow::{Context, ensure};
 /// One force on the link.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Force {
-    /// `joint`, `contact normal`, `contact friction`.
+    /// `joint`, `roller`, `contact normal`, `contact friction`.
     pub kind: &'static str,
     /// Source of the force, in words.
     pub cause: String,
@@ -172,7 +172,10 @@ fn balance(body: &mut FreeBody, lever_m: f64) {
 fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
     let mut lanes = Vec::new();
     for part in ContactGroup::in_model(model) {
-        let candidates = if part == ContactGroup::Bushes { vec![model.chain.previous(link), link] } else { vec![link] };
+        let candidates = match part {
+            ContactGroup::Bushes => [model.chain.previous(link), link].map(|j| model.chain.bush_lane(j)).to_vec(),
+            ContactGroup::Guides(_) | ContactGroup::Rails(_) | ContactGroup::Contours(_) => vec![link],
+        };
         for lane in candidates {
             let (owner, feature) = part.feature(model, lane);
             if owner == link {
@@ -317,7 +320,8 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
         ContactGroup::Bushes => {
             let sprocket = &model.sprockets[body];
             let (link, front) = model.chain.bush_carrier(lane);
-            let p = joint(link, front);
+            let is_roller = model.chain.is_roller(lane);
+            let p = if is_roller { Vec2::new(l.x[lane], l.y[lane]) } else { joint(link, front) };
             let (cos, sin) = (state.coordinates.cos[sprocket.coordinate], state.coordinates.sin[sprocket.coordinate]);
             let d = p - sprocket.frame.origin_at(&state.coordinates.angle);
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
@@ -396,6 +400,18 @@ fn free_body(
         let cause = format!("{} joint, to link {neighbour}", if front { "front" } else { "rear" });
         forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, torque * sign));
     }
+    for roller in [behind, link].map(|j| model.chain.bush_lane(j)) {
+        let (owner, front) = model.chain.bush_carrier(roller);
+        let bores = &scratch.bores;
+        if !model.chain.is_roller(roller) || owner != link || bores.memory.normal_force[roller] == 0.0 {
+            continue;
+        }
+        // Where the force acts does not matter beside its moment about the axis of the bush.
+        let (at, _) = end_at(model, state, scratch, link, front);
+        let f = -Vec2::new(bores.force_x[roller], bores.force_y[roller]);
+        let cause = format!("{} roller on its bush", if front { "front" } else { "rear" });
+        forces.push(force("roller", cause, at, f, bores.bush_moment[roller]));
+    }
     let mut contacts = Vec::new();
     for lane in lanes {
         let memory = scratch.memory(lane.part);
@@ -410,15 +426,13 @@ fn free_body(
         let (feature, segment) = (Feature::name(lane.feature as u32), Segment::name(touch.segment as u32));
         let place =
             if rotor { format!("{body}, tooth gap {}, {segment}", touch.tooth) } else { format!("{body}, {segment}") };
-        forces.push(force(
-            "contact normal",
-            format!("{feature} on {place}"),
-            touch.point,
-            touch.normal * normal_n,
-            0.0,
-        ));
-        let friction = perp(touch.normal) * friction_n;
-        forces.push(force("contact friction", format!("{feature} on {place}: friction"), touch.point, friction, 0.0));
+        // What a tooth does to a roller the link feels through its bush.
+        if !model.chain.is_roller(lane.lane) {
+            let (on, normal) = (format!("{feature} on {place}"), touch.normal * normal_n);
+            let (rubbing, friction) = (format!("{on}: friction"), perp(touch.normal) * friction_n);
+            forces.push(force("contact normal", on, touch.point, normal, 0.0));
+            forces.push(force("contact friction", rubbing, touch.point, friction, 0.0));
+        }
         let peak = lane.history.iter().fold([0.0; 3], |best, h| if h[1] > best[1] { *h } else { best });
         contacts.push(Contact {
             feature,

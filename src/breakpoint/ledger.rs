@@ -4,7 +4,7 @@
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::{LANES, LaneBlock, blocks, take};
-use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
+use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
 use crate::model::Model;
 use crate::recording::frame::Energy;
@@ -117,7 +117,9 @@ impl Ledger {
             damper_j += state.oil.lost_j.iter().sum::<f64>();
             work_in_j += state.oil.work_j.iter().sum::<f64>();
         }
-        let [touching_j, damping_j, friction_j] = touches::energies(model, state, scratch);
+        let of_touches = touches::energies(model, state, scratch);
+        let of_rollers = rollers::energies(model, state, scratch);
+        let [touching_j, damping_j, friction_j] = std::array::from_fn(|i| of_touches[i] + of_rollers[i]);
         let (elastic_j, lost_j) = (elastic_j + spring_j + touching_j, lost_j + damper_j + damping_j + friction_j);
         let stored_j = kinetic_j + elastic_j;
         let (e, uncertainty_j) = &mut self.now;

@@ -58,7 +58,7 @@ impl Names {
         let Some((wanted, _)) = scope.named_rows() else { return Vec::new() };
         let all: Vec<(&String, usize)> = match wanted {
             Rows::Rotor => self.turning.iter().map(|(path, row)| (path, *row)).collect(),
-            Rows::Link | Rows::Joint | Rows::Contact => Vec::new(),
+            Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact => Vec::new(),
             Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
                 let own = self.rows.iter().filter(|(rows, _)| *rows == wanted);
                 own.flat_map(|(_, paths)| paths.iter().enumerate().map(|(row, path)| (path, row))).collect()
@@ -506,7 +506,7 @@ fn mechanism_column<'a>(frame: &'a Frame, quantity: &Quantity) -> Option<&'a [f6
             What::PressureDrop => &passages.pressure_drop_pa,
             _ => return None,
         },
-        Rows::Link | Rows::Joint | Rows::Contact | Rows::Rotor => return None,
+        Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact | Rows::Rotor => return None,
     };
     Some(column)
 }

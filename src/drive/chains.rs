@@ -47,6 +47,7 @@ impl Drive {
             (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
             (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
                 (part.tooth_contact, part.guide_contact, part.ring_contact);
+            alone.roller_contact = part.roller_contact;
             alone.preload = part.preload;
         }
         alone.more.clear();
@@ -184,7 +185,7 @@ impl Drive {
         let balls = || passages().filter(|p| matches!(p.law, PassageLaw::Check(_)));
         let mut paths = Vec::new();
         match rows {
-            Rows::Link | Rows::Joint | Rows::Contact | Rows::Rotor => {}
+            Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact | Rows::Rotor => {}
             Rows::Slider => {
                 for chain in 0..self.chains() {
                     paths.extend(self.single_chain(chain).sliders.iter().map(|s| format!("sliders.{}", s.name)));

@@ -211,6 +211,24 @@ impl Drive {
                 );
             }
         }
+        if let ChainSpec::Bush(c) = self.chain
+            && let Some(r) = c.rollers
+        {
+            if 0.5 * c.bush_diameter_m + r.clearance_m >= 0.5 * r.diameter_m {
+                mistakes.add(
+                    &format!("{chain}.rollers.diameter_mm"),
+                    "the roller has no wall left about its bush".into(),
+                    "make it larger than `bush_diameter_mm` and the play in its bore",
+                );
+            }
+            if self.roller_contact.is_some_and(|c| matches!(c.law, ContactLaw::HertzLine(_))) {
+                mistakes.add(
+                    "contact.roller.hertz_line",
+                    "bush and bore are too much alike for Hertz's law: its contact would be as wide as the bush".into(),
+                    "take the linear law, or one with a restitution",
+                );
+            }
+        }
     }
 
     /// Contours that lie on one side of the chain, and their laws.

@@ -13,7 +13,7 @@ use crate::elements::beam::{Beam, MAX_MODES, Support};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
-use crate::geometry::chain::bush::{BushChain, RowSpec};
+use crate::geometry::chain::bush::{BushChain, RollerSpec, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
 use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Stretch;
@@ -42,7 +42,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
     let contacts = first.table("contact");
     let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
-    let (tooth_contact, guide_contact, ring_contact) = read_contacts(&first.table("contact"), &chain);
+    let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&first.table("contact"), &chain);
     let read = |t: &TomlTable<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
     let arms = mechanism::read_arms(root, &names);
     let stop_contact = mechanism::read_stops(&stop_table, &arms, read);
@@ -71,10 +71,10 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let mut more = Vec::new();
     for (index, (_, t)) in chains.iter().enumerate().skip(1) {
         let (chain, links, scatter, joint) = read_links(&t.table("chain"));
-        let (tooth_contact, guide_contact, ring_contact) = read_contacts(&t.table("contact"), &chain);
+        let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
         let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades(index)));
-        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, preload });
+        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, roller_contact, preload });
     }
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
@@ -110,6 +110,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         tooth_contact,
         guide_contact,
         ring_contact,
+        roller_contact,
         stop_contact,
         more,
         chain_names,
@@ -159,7 +160,7 @@ fn read_links(t: &TomlTable<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
 }
 
 /// Contacts with sprockets, guides and rings: `[contact]`.
-fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> (ContactSpec, ContactSpec, ContactSpec) {
+fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> ([ContactSpec; 3], Option<ContactSpec>) {
     let width_m = match chain {
         ChainSpec::Bush(c) => c.inner_width_m,
         ChainSpec::Silent(c) => c.pack_thickness_m,
@@ -171,8 +172,13 @@ fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> (ContactSpec, ContactS
         ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
         ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,
     };
+    let rollers = if let ChainSpec::Bush(c) = chain { c.rollers } else { None };
+    let table = t.table("roller");
+    // Rollers that are parts of links do not touch their bushes: what is written of that waits for them to be bodies again.
+    let is_read = rollers.is_some_and(|r| r.is_separate || table.is_present());
+    let roller = is_read.then(|| read_contact(&table, width_m));
     t.finish();
-    (tooth, guide, ring)
+    ([tooth, guide, ring], roller)
 }
 
 /// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.
@@ -298,7 +304,20 @@ fn read_bush_chain(t: &TomlTable<'_>) -> BushChain {
         is_cranked: t.choice("bushes", &[("every_other_link", false), ("every_link", true)]).unwrap_or(false),
         inner: row("inner"),
         outer: row("outer"),
+        rollers: read_rollers(&t.table("rollers")),
     }
+}
+
+fn read_rollers(t: &TomlTable<'_>) -> Option<RollerSpec> {
+    let spec = t.is_present().then(|| RollerSpec {
+        diameter_m: t.required("diameter_mm", MM, 0.3..=200.0),
+        clearance_m: t.required("clearance_um", UM, 0.0..=2000.0),
+        mass_kg: t.number("mass_g", 1e-3, 1e-4..=1e5),
+        inertia_kg_m2: t.number("inertia_g_mm2", 1e-9, 1e-4..=1e9),
+        is_separate: t.choice("body", &[("link", false), ("separate", true)]).unwrap_or(true),
+    });
+    t.finish();
+    spec
 }
 
 fn read_joint(t: &TomlTable<'_>) -> JointSpec {

@@ -337,6 +337,12 @@ fn rates<const YIELDS: u8>(step: f64, (omega, mobility): (f64, BodyMobility), la
     }
 }
 
+/// Rates and effective masses of contacts in seats that do not turn, whose motion has been taken off.
+#[inline(always)]
+pub(super) fn rates_of_seat(step: f64, lanes: &mut Lanes) {
+    rates::<STANDS>(step, (0.0, BodyMobility::default()), lanes);
+}
+
 /// Age and approach speed of a contact after a step, and what it lost.
 #[derive(Clone, Copy)]
 pub(crate) struct ContactUpdate {

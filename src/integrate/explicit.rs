@@ -27,6 +27,7 @@ mod guides;
 mod links;
 mod parts;
 pub(crate) mod rails;
+pub(crate) mod rollers;
 mod scratch;
 pub(crate) mod shafts;
 mod teeth;
@@ -201,6 +202,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for k in 0..model.rails.len() {
         rails::contacts::<WATCHED>(model, state, scratch, k);
     }
+    rollers::contacts(model, state, scratch);
     if model.has_contours() {
         ends::contacts::<WATCHED>(model, state, scratch);
     }
@@ -469,6 +471,9 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
     }
     if !model.touches.is_empty() {
         std::mem::swap(&mut state.touches, &mut scratch.touches);
+    }
+    if model.chain.has_rollers() {
+        std::mem::swap(&mut state.bores, &mut scratch.bores.memory);
     }
     if model.oil.is_some() {
         scratch.places_before.copy_from_slice(&state.coordinates.angle);

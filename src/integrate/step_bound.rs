@@ -5,6 +5,7 @@
 //! contact damping   h <= 0.75 / (c w)          accuracy: the series of the mean force takes c w h as small
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the second evaluation of the joints lifts stability to 3.46
+//! roller            h <= 0.95 / sqrt((k_t + k_b)/m), 0.75 m/(c_t + c_b)   between tooth and bush
 //! arm, its contacts  h <= 0.95 / sqrt(N k d^2/J)   N plates on its rails at a time, d the distance of the furthest from the pivot
 //! axis on a bearing h <= 0.95 / sqrt(N k/m)    N contacts on it at a time; blade: N plates, m its whole mass; springs of both like couplings
 //! film              h <= 0.75 / (drag/J)       drag on its shaft at 0.95 of the clearance
@@ -21,6 +22,7 @@ use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::Coordinate;
 use crate::elements::end_contact::{EndBody, LinkContour};
+use crate::elements::roller_bore::Bore;
 use crate::elements::touch::TouchShape;
 use crate::model::{Model, flank_radii};
 use std::f64::consts::PI;
@@ -117,6 +119,9 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
             f64::from(s.geometry.teeth()),
         ));
     }
+    if let Some(bore) = &model.bores[chain] {
+        bounds.extend(roller_bounds(model, chain, bore));
+    }
     if let Some(contour) = &model.contours[chain] {
         let arm = contour_arm_m(model, chain, contour);
         let contour_mobility = largest(model, chain, |i| c.inverse_mass[i] + arm * arm * c.inverse_inertia[i]);
@@ -159,6 +164,26 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
         step_s: PIN_STIFFNESS / libm::sqrt(joint.stiffness_n_per_m * 4.0 * joint_mobility),
         cause: "stiffness of the joints (chain.joint)".into(),
     });
+    bounds
+}
+
+/// Bounds of rollers: on their bushes, and between a bush and a tooth, where both springs and both dampers hold the roller.
+fn roller_bounds(model: &Model, chain: usize, bore: &Bore) -> Vec<StepBound> {
+    let c = &model.chain;
+    let of_roller = |i: usize| c.inverse_mass[i];
+    let mobility = c.rollers[chain].clone().map(of_roller).fold(0.0, f64::max);
+    let of_bush = largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
+    let mut bounds = contact_bounds("rollers on their bushes", &bore.law, bore.radii(), mobility + of_bush).to_vec();
+    for s in model.sprockets.iter().filter(|s| s.chain == chain && s.geometry.iso().is_some()) {
+        let sum = |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
+        let stiffness = sum(&|law, radii| law.stiffness_at(PEAK_FORCE_N, radii));
+        let damping = sum(&|law, _| law.damping_at(PEAK_FORCE_N)).max(1e-9);
+        let at = format!("rollers between bushes and sprockets.{}", s.name);
+        bounds.extend([
+            StepBound { step_s: CONTACT / libm::sqrt(stiffness * mobility), cause: format!("contact stiffness of {at}") },
+            StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping of {at}") },
+        ]);
+    }
     bounds
 }
 

@@ -1,10 +1,13 @@
 //! The columns of all chains: one value per lane. Closed loops of links stand behind each other, each on blocks of its own; lanes that hold
 //! no link are inert. Behind the last link of a loop its first stands again while joints are computed, before its first link its last
 //! joint: so a whole block is left between two loops, which no window over links reaches.
+//!
+//! Rollers that are bodies of their own stand behind all loops, one for every joint of their chain: links of no length in whose one end sits
+//! the bush that the teeth touch. No joint holds them; what they touch does.
 
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::tooth_contact::LANES;
-use crate::geometry::chain::LinkShape;
+use crate::geometry::chain::{LinkShape, RollerShape};
 use std::ops::Range;
 
 /// All chains: one value per lane, padded.
@@ -14,11 +17,15 @@ pub struct ChainModel {
     pub n_links: usize,
     /// Lanes of the links of every loop.
     pub loops: Vec<Range<usize>>,
-    /// Lanes up to the last link of the last loop.
+    /// Lanes of the rollers of every loop; an empty range where its links have none of their own.
+    pub rollers: Vec<Range<usize>>,
+    /// The rollers of every loop.
+    pub roller_shapes: Vec<Option<RollerShape>>,
+    /// Lanes up to the last link or roller.
     pub lanes: usize,
     /// Length of the columns.
     pub padded: usize,
-    /// Blocks of which every lane holds a link.
+    /// Blocks of which every lane holds a link or a roller.
     full_blocks: Vec<bool>,
     /// Half the pitch [m]: lever of both joints.
     pub lever: Vec<f64>,
@@ -62,12 +69,14 @@ impl ChainModel {
         }
         bush_on_front[0] = on_front(n_links - 1);
         let half_pitch = |i: usize| 0.5 * row(i).pitch_m;
-        ChainModel {
+        let mut chain = ChainModel {
             n_links,
             loops: std::iter::once(0..n_links).collect(),
+            rollers: Vec::new(),
+            roller_shapes: vec![rows.iter().find_map(|r| r.roller)],
             lanes: n_links,
             padded,
-            full_blocks: (0..padded / LANES).map(|b| (b + 1) * LANES <= n_links).collect(),
+            full_blocks: Vec::new(),
             lever: column(&half_pitch, 0.0, padded),
             mass: column(&|i| row(i).mass_kg, 0.0, padded),
             inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
@@ -79,7 +88,45 @@ impl ChainModel {
             bush_inverse_inertia: column(&|j| 1.0 / row(carrier(j)).inertia_kg_m2, 0.0, padded),
             joints: vec![joint],
             tight: Vec::new(),
+        };
+        chain.append_rollers();
+        chain
+    }
+
+    /// Rollers of all loops, behind their links.
+    fn append_rollers(&mut self) {
+        for (own, shape) in self.loops.iter().zip(&self.roller_shapes) {
+            let Some(shape) = shape else {
+                self.rollers.push(0..0);
+                continue;
+            };
+            let first = (self.lanes + 1).next_multiple_of(LANES) + LANES;
+            let rollers = first..first + own.len();
+            self.lanes = rollers.end;
+            self.padded = self.lanes.next_multiple_of(LANES);
+            // `ahead`: by how much a column stands further back.
+            let extend = |column: &mut Vec<f64>, inert: f64, own: f64, more: usize, ahead: usize| {
+                column.resize(self.padded + more, inert);
+                column[rollers.start + ahead..rollers.end + ahead].fill(own);
+            };
+            let (inverse_mass, inverse_inertia) = (1.0 / shape.mass_kg, 1.0 / shape.inertia_kg_m2);
+            extend(&mut self.lever, 0.0, 0.0, 0, 0);
+            extend(&mut self.mass, 0.0, shape.mass_kg, 0, 0);
+            extend(&mut self.inertia, 0.0, shape.inertia_kg_m2, 0, 0);
+            extend(&mut self.inverse_mass, 0.0, inverse_mass, 0, 0);
+            extend(&mut self.inverse_inertia, 0.0, inverse_inertia, 1, 0);
+            extend(&mut self.bush_on_front, 1.0, 1.0, 1, 1);
+            extend(&mut self.bush_lever, 0.0, 0.0, 0, 0);
+            extend(&mut self.bush_inverse_mass, 0.0, inverse_mass, 0, 0);
+            extend(&mut self.bush_inverse_inertia, 0.0, inverse_inertia, 0, 0);
+            self.rollers.push(rollers);
         }
+        self.full_blocks = self.blocks_that_are_full();
+    }
+
+    fn blocks_that_are_full(&self) -> Vec<bool> {
+        let is_full = |at: usize| self.loops.iter().chain(&self.rollers).any(|l| l.start <= at && at + LANES <= l.end);
+        (0..self.padded).step_by(LANES).map(is_full).collect()
     }
 
     /// Chains behind each other.
@@ -101,14 +148,11 @@ impl ChainModel {
         };
         let first = |k: usize| loops[k].start;
         let tight = chains.iter().enumerate().flat_map(|(k, c)| c.tight.iter().map(move |(j, t)| (first(k) + j, *t)));
-        ChainModel {
+        let mut joined = ChainModel {
             n_links: chains.iter().map(|c| c.n_links).sum(),
             lanes,
             padded,
-            full_blocks: (0..padded)
-                .step_by(LANES)
-                .map(|at| loops.iter().any(|l| l.start <= at && at + LANES <= l.end))
-                .collect(),
+            full_blocks: Vec::new(),
             lever: joined(&|c| &c.lever, 0.0, 0),
             mass: joined(&|c| &c.mass, 0.0, 0),
             inertia: joined(&|c| &c.inertia, 0.0, 0),
@@ -120,14 +164,58 @@ impl ChainModel {
             bush_inverse_inertia: joined(&|c| &c.bush_inverse_inertia, 0.0, 0),
             joints: chains.iter().flat_map(|c| c.joints.iter().copied()).collect(),
             tight: tight.collect(),
+            rollers: Vec::new(),
+            roller_shapes: chains.iter().flat_map(|c| c.roller_shapes.iter().copied()).collect(),
             loops,
-        }
+        };
+        joined.append_rollers();
+        joined
     }
 
     /// The loop that a lane belongs to; the last one for lanes behind it.
     #[inline(always)]
     pub fn loop_of(&self, lane: usize) -> usize {
-        self.loops.iter().position(|l| lane < l.end).unwrap_or(self.loops.len().saturating_sub(1))
+        let of_roller = || self.rollers.iter().position(|r| r.contains(&lane));
+        let of_link = self.loops.iter().position(|l| lane < l.end);
+        of_link.or_else(of_roller).unwrap_or(self.loops.len().saturating_sub(1))
+    }
+
+    /// Lanes of what the teeth touch at the joints of a chain: its rollers, where they are bodies, or the bushes by their joints.
+    pub fn bush_lanes(&self, chain: usize) -> Range<usize> {
+        let rollers = &self.rollers[chain];
+        if rollers.is_empty() { self.loops[chain].clone() } else { rollers.clone() }
+    }
+
+    /// Whether any chain has rollers that are bodies.
+    pub fn has_rollers(&self) -> bool {
+        self.rollers.iter().any(|r| !r.is_empty())
+    }
+
+    /// Lanes of all rollers, in the order of the joints of their chains.
+    pub fn all_rollers(&self) -> impl Iterator<Item = usize> + Clone + '_ {
+        self.rollers.iter().cloned().flatten()
+    }
+
+    /// Whether a lane holds a roller.
+    pub fn is_roller(&self, lane: usize) -> bool {
+        self.rollers.iter().any(|r| r.contains(&lane))
+    }
+
+    /// Lane of the joint whose bush carries the roller in this lane; any other lane as it is.
+    pub fn joint_of(&self, lane: usize) -> usize {
+        let own = self.rollers.iter().zip(&self.loops).find(|(r, _)| r.contains(&lane));
+        own.map_or(lane, |(r, l)| l.start + lane - r.start)
+    }
+
+    /// The lane that remembers what the bush of this joint, or its roller, does at the teeth.
+    pub fn bush_lane(&self, joint: usize) -> usize {
+        let own = self.rollers.iter().zip(&self.loops).find(|(r, l)| !r.is_empty() && l.contains(&joint));
+        own.map_or(joint, |(r, l)| r.start + joint - l.start)
+    }
+
+    /// Whether a lane holds a link or a roller.
+    pub fn is_body(&self, lane: usize) -> bool {
+        self.is_link(lane) || self.is_roller(lane)
     }
 
     /// Blocks that hold the links of a loop.
@@ -168,7 +256,7 @@ impl ChainModel {
         if lane == own.start { own.end - 1 } else { lane - 1 }
     }
 
-    /// Which of the lanes from `at` hold links; None: all of them.
+    /// Which of the lanes from `at` hold links or rollers; None: all of them.
     #[inline(always)]
     pub fn link_lanes(&self, at: usize) -> Option<[bool; LANES]> {
         if self.full_blocks[at / LANES] { None } else { Some(self.lanes_with_links(at)) }
@@ -177,7 +265,7 @@ impl ChainModel {
     #[cold]
     #[inline(never)]
     fn lanes_with_links(&self, at: usize) -> [bool; LANES] {
-        std::array::from_fn(|i| self.is_link(at + i))
+        std::array::from_fn(|i| self.is_body(at + i))
     }
 
     /// Number of a link, counted over all loops, and its lane.
@@ -223,8 +311,9 @@ impl ChainModel {
         }
     }
 
-    /// Link that carries the bush of joint `j`, and whether at its front.
+    /// Link that carries the bush of joint `j`, or of the roller in lane `j`, and whether at its front.
     pub fn bush_carrier(&self, j: usize) -> (usize, bool) {
+        let j = self.joint_of(j);
         let front = self.bush_on_front[j + 1] == 1.0;
         (if front { j } else { self.next(j) }, front)
     }

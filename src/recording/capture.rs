@@ -9,7 +9,7 @@ mod mechanism;
 
 use super::frame::{
     BodyInfo, BodyKind, BodyShift, Channel, Contacts, Energy, FORMAT_VERSION, Feature, Frame, Header, LinkInfo, Links,
-    Outline, OutlineCircle, OutlineElement, Rotors, Segment, SensorInfo,
+    Outline, OutlineCircle, OutlineElement, RollerInfo, Rollers, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
 use crate::contact;
@@ -22,7 +22,7 @@ use crate::elements::rail_contact::law_radius_m;
 use crate::elements::tooth_contact::{LANES, LaneBlock, take};
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
-use crate::integrate::explicit::{ContactGroup, Scratch, shafts, touches};
+use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
 use crate::model::{ChainModel, Model};
 use crate::state::State;
@@ -152,6 +152,7 @@ impl Camera {
         let node = Node { model, state, scratch, only: None };
         self.rows.find(&node);
         fill_rotors(&node, &mut frame.rotors);
+        fill_rollers(model, state, scratch, &mut frame.rollers);
         mechanism::fill_sliders(model, state, scratch, &mut frame.sliders);
         mechanism::fill_touches(model, state, scratch, &mut frame.touches);
         mechanism::fill_oil(model, state, scratch, (&mut frame.chambers, &mut frame.passages));
@@ -226,6 +227,28 @@ fn fill_links(model: &Model, state: &State, scratch: &Scratch, links: &mut Links
     as_is(&mut links.alpha_rad_s2, &scratch.alpha);
 }
 
+fn fill_rollers(model: &Model, state: &State, scratch: &Scratch, rollers: &mut Rollers) {
+    let (half, s) = (0.5 * model.step_s, &state.links);
+    let lanes = || model.chain.all_rollers();
+    let as_is = |column: &mut Vec<f64>, v: &[f64]| fill(column, lanes().map(|i| v[i]));
+    let at_node = |column: &mut Vec<f64>, v: &[f64], a: &[f64]| fill(column, lanes().map(|i| v[i] + half * a[i]));
+    as_is(&mut rollers.x_m, &s.x);
+    as_is(&mut rollers.y_m, &s.y);
+    at_node(&mut rollers.vx_m_s, &s.vx, &scratch.ax);
+    at_node(&mut rollers.vy_m_s, &s.vy, &scratch.ay);
+    at_node(&mut rollers.omega_rad_s, &s.omega, &scratch.alpha);
+    as_is(&mut rollers.ax_m_s2, &scratch.ax);
+    as_is(&mut rollers.ay_m_s2, &scratch.ay);
+    as_is(&mut rollers.alpha_rad_s2, &scratch.alpha);
+    let bores = &scratch.bores;
+    as_is(&mut rollers.force_x_n, &bores.force_x);
+    as_is(&mut rollers.force_y_n, &bores.force_y);
+    as_is(&mut rollers.moment_nm, &bores.moment);
+    as_is(&mut rollers.bush_moment_nm, &bores.bush_moment);
+    as_is(&mut rollers.penetration_m, &bores.depth);
+    as_is(&mut rollers.slide_m_s, &bores.slide);
+}
+
 fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
     let Node { model, state, scratch, .. } = *node;
     let memory = scratch.memory(ContactGroup::Bushes);
@@ -236,21 +259,22 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
         let to_world = |v: Vec2| Vec2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y);
         let Some(teeth) = sprocket.geometry.iso() else { continue };
         for (j, tooth) in scratch.joints_near(k).filter(|(j, _)| memory.age[*j] != 0.0) {
-            if !model.chain.is_link(j) || !scratch.is_contact(ContactGroup::Bushes, j) {
+            if !model.chain.is_body(j) || !scratch.is_contact(ContactGroup::Bushes, j) {
                 continue;
             }
             let (link, front) = model.chain.bush_carrier(j);
             if !node.is_asked(link) {
                 continue;
             }
-            let p = node.end(link, front);
+            let is_roller = model.chain.is_roller(j);
+            let p = if is_roller { Vec2::new(state.links.x[j], state.links.y[j]) } else { node.end(link, front) };
             let d = p - origin;
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
             let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
             let pair = Pair {
                 link,
-                feature: if front { Feature::FrontBush } else { Feature::RearBush },
+                feature: Feature::at_teeth(front, is_roller),
                 body: k,
                 radius: sprocket.body.bush_radius_m,
                 law: &sprocket.body.law,
@@ -547,14 +571,26 @@ impl LaneTerms for StretchTerms<'_> {
     }
 }
 
-/// Sum over the loops of a column that all lanes have; zero of one that is not kept.
+/// Sum over links and rollers of a column that all lanes have; zero of one that is not kept.
 #[inline(always)]
 fn sum_own(chain: &ChainModel, column: &[f64]) -> f64 {
     let mut sum = 0.0;
-    for own in chain.loops.iter().filter(|_| !column.is_empty()) {
+    let own = chain.loops.iter().chain(chain.rollers.iter().filter(|r| !r.is_empty()));
+    for own in own.filter(|_| !column.is_empty()) {
         sum += sum_of(&ColumnTerms(&column[own.clone()]));
     }
     sum
+}
+
+/// Kinetic energy of rollers that are bodies of their own [J].
+fn kinetic_of_rollers(model: &Model, state: &State, scratch: &Scratch) -> f64 {
+    let (c, s, half) = (&model.chain, &state.links, 0.5 * model.step_s);
+    let of = |i: usize| {
+        let at_node = |v: &[f64], a: &[f64]| v[i] + half * a[i];
+        let (vx, vy) = (at_node(&s.vx, &scratch.ax), at_node(&s.vy, &scratch.ay));
+        kinetic(vx, vy, at_node(&s.omega, &scratch.alpha), [c.mass[i], c.inertia[i], c.inverse_mass[i]])
+    };
+    c.all_rollers().map(of).sum()
 }
 
 /// All energies at the node; losses and work since the State's ledger was opened.
@@ -597,6 +633,13 @@ impl VectorKernel for LedgerKernel<'_> {
         }
         e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
         (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
+        if c.has_rollers() {
+            let [stored_j, damping_j, friction_j] = rollers::energies(model, state, scratch);
+            e.kinetic_j += kinetic_of_rollers(model, state, scratch);
+            e.elastic_contact_j += stored_j;
+            e.lost_contact_damping_j += damping_j;
+            e.lost_contact_friction_j += friction_j;
+        }
         let (pin_damping, pin_friction) = scratch.joint_powers();
         e.lost_pin_damping_j = sum_own(c, &state.lost_pin_damping) + 0.5 * h * sum_own(c, pin_damping);
         e.lost_pin_friction_j = sum_own(c, &state.lost_pin_friction) + 0.5 * h * sum_own(c, pin_friction);
@@ -670,6 +713,7 @@ pub fn header_of(
             })
             .collect(),
         bodies: bodies(drive, model),
+        rollers: roller_infos(model),
         channels: super::frame::channels()
             .map(|c| Channel { name: c.channel.into(), unit: c.unit.into(), meaning: c.meaning.into() })
             .collect(),
@@ -688,6 +732,23 @@ pub fn header_of(
     };
     mechanism::name_rows(model, &mut header);
     header
+}
+
+/// Rollers that are bodies of their own.
+fn roller_infos(model: &Model) -> Vec<RollerInfo> {
+    let c = &model.chain;
+    let of = |lane: usize| {
+        let shape = c.roller_shapes[c.loop_of(lane)]?;
+        Some(RollerInfo {
+            joint: c.number_of(c.joint_of(lane)) as u32,
+            link: c.number_of(c.bush_carrier(lane).0) as u32,
+            radius_m: shape.radius_m,
+            bore_radius_m: shape.bush_radius_m + shape.clearance_m,
+            mass_kg: c.mass[lane],
+            inertia_kg_m2: c.inertia[lane],
+        })
+    };
+    c.all_rollers().filter_map(of).collect()
 }
 
 /// Sprockets, guides, rails, then what no chain touches.

@@ -166,6 +166,8 @@ pub enum Rows {
     Chamber,
     /// What oil flows through.
     Passage,
+    /// A roller that is a body of its own.
+    Roller,
 }
 
 impl Rows {
@@ -179,6 +181,7 @@ impl Rows {
             Rows::Touch => "touch",
             Rows::Chamber => "chamber",
             Rows::Passage => "passage",
+            Rows::Roller => "roller",
         }
     }
 
@@ -193,13 +196,14 @@ impl Rows {
             Rows::Touch => "touch_path",
             Rows::Chamber => "chamber_path",
             Rows::Passage => "passage_path",
+            Rows::Roller => "roller_path",
         }
     }
 
     /// Whether row i is of the same thing in all frames of a recording.
     pub fn are_fixed(self) -> bool {
         match self {
-            Rows::Link | Rows::Joint | Rows::Rotor => true,
+            Rows::Link | Rows::Joint | Rows::Roller | Rows::Rotor => true,
             Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => true,
             Rows::Contact => false,
         }

@@ -85,13 +85,16 @@ pub struct Header {
     /// Paths of the rows of `Passages`.
     #[prost(string, repeated, tag = "22")]
     pub passages: Vec<String>,
+    /// Rollers that are bodies of their own, in the order of `Rollers`.
+    #[prost(message, repeated, tag = "23")]
+    pub rollers: Vec<RollerInfo>,
 }
 
 impl Header {
     /// Paths in the drive file of what has a row in a table; None where rows have none.
     pub fn row_paths(&self, rows: Rows) -> Option<&[String]> {
         match rows {
-            Rows::Link | Rows::Joint | Rows::Contact => None,
+            Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact => None,
             Rows::Rotor => Some(&self.coordinates),
             Rows::Slider => Some(&self.sliders),
             Rows::Touch => Some(&self.touches),
@@ -343,7 +346,7 @@ tables! {
     /// All contacts that overlap at the instant or push within the step, sorted by link, feature, body.
     7 contacts: Contacts, a row per Contact {
         1 link: uint32, "1", Node, Link, "Index of the link.";
-        2 feature: uint32, "1", Node, Feature, "The part of the link that touches: 0 rear bush, 1 front bush, 2 rear plate end, 3 front plate end, 4 rear abutment, 5 front abutment, 6 trailing flank, 7 leading flank, 8 rear inner flank, 9 front inner flank, 10 plate edge.";
+        2 feature: uint32, "1", Node, Feature, "The part of the link that touches: 0 rear bush, 1 front bush, 2 rear plate end, 3 front plate end, 4 rear abutment, 5 front abutment, 6 trailing flank, 7 leading flank, 8 rear inner flank, 9 front inner flank, 10 plate edge; 11 rear and 12 front roller, which the force acts on instead of the link.";
         3 body: uint32, "1", Node, Body, "Index into `Header::bodies`.";
         4 tooth: uint32, "1", Node, Value, "Tooth gap of a sprocket, counted counterclockwise from its mark; 0 on a guide.";
         5 segment: uint32, "1", Node, Segment, "Element of the body: 0 seat, 1 and 2 flank on the clockwise and counterclockwise side of the gap, 3 tip corner, 4 tip land, 5 guide face, 6 and 7 its lead-in and lead-out, 8 ring, 9 arc and 10 end of a rail.";
@@ -408,22 +411,40 @@ tables! {
         1 flow_m3_s: double, "m3/s", Node, Value, "Flow from its first end to its second.";
         2 pressure_drop_pa: double, "Pa", Node, Value, "Pressure at its first end less that at its second.";
     }
+
+    /// One row per roller that is a body of its own, in the order of `Header::rollers`: where it is, and what its bush does to it.
+    15 rollers: Rollers, a row per Roller {
+        1 x_m: double48, "m", Node, Value, "Its axis, x.";
+        2 y_m: double48, "m", Node, Height, "Its axis, y.";
+        3 vx_m_s: float, "m/s", Node, Value, "Velocity of its axis, x.";
+        4 vy_m_s: float, "m/s", Node, Value, "Velocity of its axis, y.";
+        5 omega_rad_s: float, "rad/s", Node, Value, "Spin, counterclockwise positive.";
+        6 ax_m_s2: double40, "m/s2", Step, Value, "Acceleration of its axis, x; mean over the step.";
+        7 ay_m_s2: double40, "m/s2", Step, Value, "Acceleration of its axis, y; mean over the step.";
+        8 alpha_rad_s2: double40, "rad/s2", Step, Value, "Angular acceleration, counterclockwise positive; mean over the step.";
+        9 force_x_n: double48, "N", Step, Value, "Force of the bush on it, x, mean over the step; the link that carries the bush feels the opposite.";
+        10 force_y_n: double48, "N", Step, Value, "As force_x_n, y.";
+        11 moment_nm: double48, "N m", Step, Value, "Moment of that force about the axis of the roller; mean over the step.";
+        12 bush_moment_nm: double48, "N m", Step, Value, "Moment of the opposite force about the axis of the bush, on its link; mean over the step.";
+        13 penetration_m: float, "m", Node, Value, "How deep bush and bore overlap; negative: the play that is left.";
+        14 slide_m_s: float, "m/s", Step, Value, "Speed at which the bore slides on the bush.";
+    }
 }
 
 record! {
     /// The ledger: what went in, what went out, what is stored, what was lost, since the first frame; and what does not add up.
     #[derive(Copy)]
     energy: Energy {
-        1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links and of all that moves freely: sprockets, shafts, arms, sliders.";
+        1 kinetic_j: double, "J", Node, Kinetic, "Kinetic energy of links, rollers and of all that moves freely: sprockets, shafts, arms, sliders.";
         2 elastic_joint_j: double, "J", Node, Elastic, "Stored in the pin joints.";
-        3 elastic_contact_j: double, "J", Node, Elastic, "Stored in contacts with sprockets and guides, and of parts that touch each other.";
+        3 elastic_contact_j: double, "J", Node, Elastic, "Stored in contacts with sprockets and guides, and of parts and rollers that touch each other.";
         4 work_in_j: double, "J", Node, WorkIn, "Work of the drives.";
         15 work_oil_j: double, "J", Node, WorkIn, "Work of reservoirs of oil: what flows out of them times its enthalpy.";
         5 work_out_j: double, "J", Node, WorkOut, "Work done on the loads.";
         6 lost_pin_damping_j: double, "J", Node, Lost, "Lost to damping in the joints.";
         7 lost_pin_friction_j: double, "J", Node, Lost, "Lost to friction in the joints.";
-        8 lost_contact_damping_j: double, "J", Node, Lost, "Lost to damping at the teeth, and of parts that touch each other.";
-        9 lost_contact_friction_j: double, "J", Node, Lost, "Lost to friction at the teeth, and of parts that touch each other.";
+        8 lost_contact_damping_j: double, "J", Node, Lost, "Lost to damping at the teeth, of rollers on their bushes, and of parts that touch each other.";
+        9 lost_contact_friction_j: double, "J", Node, Lost, "Lost to friction at the teeth, of rollers on their bushes, and of parts that touch each other.";
         10 lost_guide_damping_j: double, "J", Node, Lost, "Lost to damping at guides.";
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
         13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms, sliders, check balls and bearings, and in blades.";
@@ -474,6 +495,19 @@ record! {
 }
 
 record! {
+    /// One roller that is a body of its own.
+    #[derive(Copy)]
+    roller_info: RollerInfo {
+        1 joint: uint32, "1", Node, Link, "Index of the joint whose bush carries it.";
+        2 link: uint32, "1", Node, Link, "Index of the link that has that bush.";
+        3 radius_m: double, "m", Node, Value, "Outside radius.";
+        4 bore_radius_m: double, "m", Node, Value, "Radius of its bore.";
+        5 mass_kg: double, "kg", Node, Value, "Mass.";
+        6 inertia_kg_m2: double, "kg m2", Node, Value, "Moment of inertia about its axis.";
+    }
+}
+
+record! {
     /// One link: its row and rigid-body data.
     #[derive(Copy)]
     link_info: LinkInfo {
@@ -487,7 +521,7 @@ record! {
 
 /// All messages whose columns stand above.
 pub fn messages() -> impl Iterator<Item = MessageInfo> {
-    let records = [Energy::MESSAGE, Event::MESSAGE, Impact::MESSAGE, LinkInfo::MESSAGE];
+    let records = [Energy::MESSAGE, Event::MESSAGE, Impact::MESSAGE, RollerInfo::MESSAGE, LinkInfo::MESSAGE];
     TABLES.iter().map(|table| table.message).chain(records)
 }
 
@@ -625,11 +659,15 @@ pub enum Feature {
     FrontInnerFlank = 9,
     /// A plate on an arc of a rail: its straight edge, or the rounds at its ends.
     PlateEdge = 10,
+    /// The roller on the bush at the rear joint: a body of its own, which the force acts on.
+    RearRoller = 11,
+    /// The roller on the bush at the front joint.
+    FrontRoller = 12,
 }
 
 impl Feature {
     /// Names in the order of the numbers.
-    pub const NAMES: [&str; 11] = [
+    pub const NAMES: [&str; 13] = [
         "rear bush",
         "front bush",
         "rear plate end",
@@ -641,7 +679,24 @@ impl Feature {
         "rear inner flank",
         "front inner flank",
         "plate edge",
+        "rear roller",
+        "front roller",
     ];
+
+    /// What teeth touch at a joint of a link: its bush, or a roller on it.
+    pub fn at_teeth(front: bool, is_roller: bool) -> Feature {
+        match (front, is_roller) {
+            (false, false) => Feature::RearBush,
+            (true, false) => Feature::FrontBush,
+            (false, true) => Feature::RearRoller,
+            (true, true) => Feature::FrontRoller,
+        }
+    }
+
+    /// Whether the force acts on a roller, not on the link whose number stands beside it.
+    pub fn is_roller(feature: u32) -> bool {
+        feature == Feature::RearRoller as u32 || feature == Feature::FrontRoller as u32
+    }
 
     /// In words, of a `Contacts::feature`.
     pub fn name(feature: u32) -> &'static str {

@@ -16,7 +16,7 @@ const MOST_ELEMENTS: usize = 500_000;
 const MOST_TEETH: u32 = 10_000;
 
 /// Repeated fields of [`Header`] by tag, and for those that contain an outline its tag.
-const REPEATED: [(u64, &str); 12] = [
+const REPEATED: [(u64, &str); 13] = [
     (5, "overrides"),
     (8, "links"),
     (9, "outlines"),
@@ -29,6 +29,7 @@ const REPEATED: [(u64, &str); 12] = [
     (20, "touches"),
     (21, "chambers"),
     (22, "passages"),
+    (23, "rollers"),
 ];
 const LINK_OUTLINES: u64 = 9;
 const BODIES: u64 = 10;
@@ -115,6 +116,12 @@ fn check(header: &Header) -> anyhow::Result<()> {
     for (i, link) in header.links.iter().enumerate() {
         ensure!((link.outline as usize) < outlines, "link {i} has outline {} of {outlines}", link.outline);
         ensure!((link.ahead as usize) < header.links.len(), "link {i} is followed by link {}", link.ahead);
+    }
+    for roller in &header.rollers {
+        let place = roller.joint.max(roller.link) as usize;
+        ensure!(place < header.links.len(), "its header has a roller on joint {}", roller.joint);
+        let drawn = [roller.radius_m, roller.bore_radius_m].iter().all(|r| r.is_finite());
+        ensure!(drawn, "its header gives the roller of joint {} no radius", roller.joint);
     }
     let mut rotors_end = false;
     for body in &header.bodies {

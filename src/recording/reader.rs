@@ -545,6 +545,7 @@ impl StatedLengths {
         let links = header.links.len();
         let most = |rows: Rows| match rows {
             Rows::Link | Rows::Joint => links,
+            Rows::Roller => header.rollers.len(),
             Rows::Contact => usize::MAX,
             Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
                 header.row_paths(rows).map_or(0, <[String]>::len)

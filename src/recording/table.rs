@@ -10,17 +10,18 @@ pub use file::{Format, ROWS_PER_GROUP, TableWriter};
 use super::columns::{self, Column, ColumnKind, Rows};
 use super::frame::{
     BodyInfo, BodyKind, Chambers, Contacts, Energy, Event, Feature, Frame, Header, Impact, Joints, LinkInfo, Links,
-    Passages, Rotors, Segment, Sliders, Touches,
+    Passages, RollerInfo, Rollers, Rotors, Segment, Sliders, Touches,
 };
 use file::Store;
 
 /// All tables.
-pub const TABLES: [Table; 14] = [
+pub const TABLES: [Table; 16] = [
     Table { name: "links", source: Source::Table(&Links::TABLE) },
     Table { name: "contacts", source: Source::Table(&Contacts::TABLE) },
     Table { name: "joints", source: Source::Table(&Joints::TABLE) },
     Table { name: "rotors", source: Source::Table(&Rotors::TABLE) },
     Table { name: "sliders", source: Source::Table(&Sliders::TABLE) },
+    Table { name: "rollers", source: Source::Table(&Rollers::TABLE) },
     Table { name: "touches", source: Source::Table(&Touches::TABLE) },
     Table { name: "chambers", source: Source::Table(&Chambers::TABLE) },
     Table { name: "passages", source: Source::Table(&Passages::TABLE) },
@@ -30,6 +31,7 @@ pub const TABLES: [Table; 14] = [
     Table { name: "impacts", source: Source::Impact },
     Table { name: "bodies", source: Source::Body },
     Table { name: "link_info", source: Source::Link },
+    Table { name: "roller_info", source: Source::Roller },
 ];
 
 /// One kind of table.
@@ -53,6 +55,8 @@ enum Source {
     Body,
     /// A row per link of the header.
     Link,
+    /// A row per roller of the header.
+    Roller,
 }
 
 /// A frame, and its index in the recording.
@@ -176,6 +180,7 @@ fn table<'a>(at: &Moment<'a>, wanted: &columns::TableInfo) -> Block<'a> {
             Rows::Link => sheet.columns.push(own("link", "1", "Index of the link.", Count)),
             Rows::Joint => sheet.columns.push(own("joint", "1", joint, Count)),
             Rows::Contact => {}
+            Rows::Roller => sheet.columns.push(own("roller", "1", "Index of the roller.", Count)),
             Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
                 let known = at.header.row_paths(table.rows).unwrap_or_default();
                 let paths = (0..sheet.n).map(|i| known.get(i).map_or("unknown", String::as_str)).collect();
@@ -285,6 +290,12 @@ fn link_info<'a>(header: &'a Header, index: u32, link: &'a LinkInfo) -> Block<'a
     Block { n: 1, columns }
 }
 
+fn roller_info<'a>(header: &'a Header, index: u32, roller: &'a RollerInfo) -> Block<'a> {
+    let mut columns = vec![own("roller", "1", "Index of the roller.", EveryU32(index))];
+    add(&mut columns, header, RollerInfo::MESSAGE.columns, roller.values().into_iter().map(one));
+    Block { n: 1, columns }
+}
+
 /// Name, unit and meaning of a column, and how its values are stored.
 #[derive(Clone, Debug)]
 pub struct ColumnInfo {
@@ -302,6 +313,7 @@ impl Table {
     pub fn columns(&self) -> Vec<ColumnInfo> {
         let (header, frame, happened) = (Header::default(), Frame::default(), Event::default());
         let (one_body, one_link, hit) = (BodyInfo::default(), LinkInfo::default(), Impact::default());
+        let one_roller = RollerInfo::default();
         let rows = match self.source {
             Source::Table(of) => table(&Moment { header: &header, index: 0, frame: &frame }, of),
             Source::Frame(rows) => rows(&Moment { header: &header, index: 0, frame: &frame }),
@@ -309,6 +321,7 @@ impl Table {
             Source::Impact => impact(&header, &hit),
             Source::Body => body(0, &one_body),
             Source::Link => link_info(&header, 0, &one_link),
+            Source::Roller => roller_info(&header, 0, &one_roller),
         };
         rows.columns
             .iter()

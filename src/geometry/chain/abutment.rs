@@ -90,6 +90,7 @@ impl AbutmentChain {
                 plate: plate(self.pitch_m, 0.5 * self.plate_height_m, front, rear)?,
                 plate_end_radius_m: 0.5 * self.plate_height_m,
                 bush_radius_m: bush.then_some(0.5 * self.bush_diameter_m),
+                roller: None,
                 circles: [-0.5, 0.5].map(|x| (Vec2::new(x * pitch_m, 0.0), circle_radius)).to_vec(),
                 mass_kg: self.mass_kg,
                 inertia_kg_m2: self.inertia_kg_m2,

@@ -6,10 +6,13 @@
 //! because all its links are equal. Plates have the contour of a stadium (two arcs about the joints, two straight
 //! edges), so that a plate lies flat on a straight guide. Masses follow from the dimensions unless given: plates minus
 //! their holes, tubes, full cylinders.
+//!
+//! A roller chain has a roller on every bush, which the teeth touch. Rollers are bodies of their own, with play, mass and spin, or parts of the
+//! links that carry them: then their mass sits in the joints, and their spin has no inertia.
 
 use super::super::Vec2;
 use super::super::profile::{Element, Profile, ProfileError};
-use super::LinkShape;
+use super::{LinkShape, RollerShape};
 use std::f64::consts::PI;
 
 /// Dimensions of a bush chain.
@@ -28,6 +31,8 @@ pub struct BushChain {
     pub density_kg_m3: f64,
     /// Cranked links: each carries the bush of its front joint.
     pub is_cranked: bool,
+    /// Rollers on the bushes; None: the bushes themselves seat in the teeth.
+    pub rollers: Option<RollerSpec>,
     pub inner: RowSpec,
     pub outer: RowSpec,
 }
@@ -40,7 +45,39 @@ pub struct RowSpec {
     pub inertia_kg_m2: Option<f64>,
 }
 
+/// Rollers of a roller chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RollerSpec {
+    /// Outside diameter d_1 [m].
+    pub diameter_m: f64,
+    /// Radius of the bore less that of the bush [m].
+    pub clearance_m: f64,
+    /// None: of a tube as long as the inner plates are apart.
+    pub mass_kg: Option<f64>,
+    /// None: of that tube with this mass [kg m2].
+    pub inertia_kg_m2: Option<f64>,
+    /// Bodies of their own; otherwise parts of the links that carry them.
+    pub is_separate: bool,
+}
+
 impl BushChain {
+    /// Diameter of what the teeth seat: of the rollers, or of the bushes where there are none [m].
+    pub fn seated_diameter_m(&self) -> f64 {
+        self.rollers.map_or(self.bush_diameter_m, |r| r.diameter_m)
+    }
+
+    /// The rollers with their masses.
+    pub fn roller(&self) -> Option<RollerShape> {
+        let spec = self.rollers?;
+        let (radius_m, bush_radius_m) = (0.5 * spec.diameter_m, 0.5 * self.bush_diameter_m);
+        let bore_m = bush_radius_m + spec.clearance_m;
+        let tube_kg = PI * (radius_m * radius_m - bore_m * bore_m) * self.inner_width_m * self.density_kg_m3;
+        let mass_kg = spec.mass_kg.unwrap_or(tube_kg);
+        let tube_kg_m2 = 0.5 * mass_kg * (radius_m * radius_m + bore_m * bore_m);
+        let inertia_kg_m2 = spec.inertia_kg_m2.unwrap_or(tube_kg_m2);
+        Some(RollerShape { radius_m, bush_radius_m, clearance_m: spec.clearance_m, mass_kg, inertia_kg_m2 })
+    }
+
     /// The two rows: inner first, outer second. A chain alternates them.
     pub fn rows(&self) -> Result<[LinkShape; 2], ProfileError> {
         Ok([self.row(true)?, self.row(false)?])
@@ -55,6 +92,8 @@ impl BushChain {
         let pin_radius = 0.5 * self.pin_diameter_m;
         let lever = 0.5 * pitch_m;
         let has_bush = inner || self.is_cranked;
+        let roller = self.roller().filter(|_| has_bush);
+        let separate = roller.filter(|_| self.rollers.is_some_and(|r| r.is_separate));
         let (mass, inertia) = if self.is_cranked {
             // A cranked link has the mean mass and inertia of the two rows.
             let [a, b] = [true, false].map(|inner| self.mass_and_inertia(&plate, lever, inner));
@@ -64,15 +103,23 @@ impl BushChain {
         };
         let circle_radius = if has_bush { bush_radius } else { pin_radius };
         let circles = [(-lever, if self.is_cranked { pin_radius } else { circle_radius }), (lever, circle_radius)];
+        let (mut mass_kg, mut inertia_kg_m2) =
+            (spec.mass_kg.unwrap_or(mass), spec.inertia_kg_m2.unwrap_or(inertia));
+        if let Some(r) = roller.filter(|_| separate.is_none()) {
+            let in_joints_kg = r.mass_kg * if self.is_cranked { 1.0 } else { 2.0 };
+            mass_kg += in_joints_kg;
+            inertia_kg_m2 += in_joints_kg * lever * lever;
+        }
         Ok(LinkShape {
             name: if inner { "inner" } else { "outer" },
             pitch_m,
             plate,
             plate_end_radius_m: end_radius,
-            bush_radius_m: has_bush.then_some(bush_radius),
+            bush_radius_m: has_bush.then_some(roller.map_or(bush_radius, |r| r.radius_m)),
+            roller: separate,
             circles: circles.map(|(x, radius_m)| (Vec2::new(x, 0.0), radius_m)).to_vec(),
-            mass_kg: spec.mass_kg.unwrap_or(mass),
-            inertia_kg_m2: spec.inertia_kg_m2.unwrap_or(inertia),
+            mass_kg,
+            inertia_kg_m2,
         })
     }
 

@@ -529,6 +529,7 @@ impl SilentChain {
             plate,
             plate_end_radius_m: self.form.face_distance_m,
             bush_radius_m: None,
+            roller: None,
             circles: [-lever_m, lever_m].map(|x| (Vec2::new(x, 0.0), pin_radius_m)).to_vec(),
             mass_kg: spec.mass_kg.unwrap_or(mass_kg),
             inertia_kg_m2: spec.inertia_kg_m2.unwrap_or(inertia_kg_m2),

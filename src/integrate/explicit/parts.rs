@@ -70,7 +70,7 @@ impl ContactGroup {
         match self {
             ContactGroup::Bushes => {
                 let (link, front) = model.chain.bush_carrier(lane);
-                (link, if front { Feature::FrontBush } else { Feature::RearBush })
+                (link, Feature::at_teeth(front, model.chain.is_roller(lane)))
             }
             ContactGroup::Guides(set) => {
                 (lane, if set % 2 == 0 { Feature::FrontPlateEnd } else { Feature::RearPlateEnd })

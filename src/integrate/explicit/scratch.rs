@@ -4,6 +4,7 @@ use super::counts::ContactCounts;
 use super::ends::EndBlock;
 use super::guides::BlockForces;
 use super::rails::{PlateLanes, RailColumns};
+use super::rollers::BoreColumns;
 use super::watch::ObservedStep;
 use super::{RunIn, Window};
 use crate::elements::contour_forces::AccelerationChange;
@@ -76,6 +77,8 @@ pub struct Scratch {
     pub(super) guide_windows: Vec<Vec<Window>>,
     pub(super) rail_windows: Vec<Vec<Window>>,
     pub(super) bushes: ContactMemory,
+    /// Rollers on their bushes.
+    pub(crate) bores: BoreColumns,
     pub(super) guide_ends: [ContactMemory; 4],
     pub(super) rail_plates: [ContactMemory; 6],
     /// Per set of guide ends and block: how many of the two memories still hold an old contact.
@@ -309,6 +312,7 @@ impl Scratch {
             guide_windows: vec![Vec::new(); model.guides.len()],
             rail_windows: vec![Vec::new(); model.rails.len()],
             bushes: ContactMemory::new(n),
+            bores: BoreColumns::new(model),
             guide_ends: [ends(0), ends(0), ends(1), ends(1)],
             rails: RailColumns::new(if model.rails.is_empty() { 0 } else { n }),
             rail_plates: std::array::from_fn(|i| ContactMemory::new(if layout.rail_sides[i / 3] { n } else { 0 })),

@@ -1,19 +1,20 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
 use super::watch::{ContactBlock, ObservedStep};
+use super::scratch::{LinkEnds, WrappedColumns};
 use super::{BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::tooth_contact::{
     self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
 };
 use crate::geometry::Vec2;
-use crate::model::Model;
+use crate::model::{ChainModel, Model};
 use crate::state::State;
 use std::time::Instant;
 
 /// What the bushes near a sprocket are loaded from: blocks of columns of one length, so that one bounds check does for all.
 /// Of the link before each joint, and of the link behind it.
-struct BushSources<'a> {
+pub(super) struct BushSources<'a> {
     on_front: &'a [LaneBlock],
     x: [&'a [LaneBlock]; 2],
     y: [&'a [LaneBlock]; 2],
@@ -28,6 +29,34 @@ struct BushSources<'a> {
     lever: &'a [LaneBlock],
     inverse_mass: &'a [LaneBlock],
     inverse_inertia: &'a [LaneBlock],
+}
+
+impl<'a> BushSources<'a> {
+    #[inline(always)]
+    pub(super) fn new(
+        c: &'a ChainModel,
+        (front, rear): (&'a LinkEnds, &'a LinkEnds),
+        omega: &'a [f64],
+        wrapped: &'a WrappedColumns,
+    ) -> BushSources<'a> {
+        let count = c.padded / LANES;
+        BushSources {
+            on_front: blocks(&c.bush_on_front[1..], count),
+            x: [blocks(&front.x, count), blocks(&rear.x[1..], count)],
+            y: [blocks(&front.y, count), blocks(&rear.y[1..], count)],
+            vx: [blocks(&front.vx, count), blocks(&rear.vx[1..], count)],
+            vy: [blocks(&front.vy, count), blocks(&rear.vy[1..], count)],
+            omega: [blocks(omega, count), blocks(&omega[1..], count)],
+            cos: [blocks(&wrapped.cos, count), blocks(&wrapped.cos[1..], count)],
+            sin: [blocks(&wrapped.sin, count), blocks(&wrapped.sin[1..], count)],
+            ax: [blocks(&wrapped.ax, count), blocks(&wrapped.ax[1..], count)],
+            ay: [blocks(&wrapped.ay, count), blocks(&wrapped.ay[1..], count)],
+            alpha: [blocks(&wrapped.alpha, count), blocks(&wrapped.alpha[1..], count)],
+            lever: blocks(&c.bush_lever, count),
+            inverse_mass: blocks(&c.bush_inverse_mass, count),
+            inverse_inertia: blocks(&c.bush_inverse_inertia, count),
+        }
+    }
 }
 
 /// Tooth gaps of the joints near a sprocket: direction of their axes, how far they lie beside their place, number.
@@ -71,22 +100,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         + model.chain.joints[model.sprockets[k].chain].clearance_m
         + JOINT_STRETCH_M;
     let s = scratch;
-    let sources = BushSources {
-        on_front: blocks(&c.bush_on_front[1..], count),
-        x: [blocks(&s.front.x, count), blocks(&s.rear.x[1..], count)],
-        y: [blocks(&s.front.y, count), blocks(&s.rear.y[1..], count)],
-        vx: [blocks(&s.front.vx, count), blocks(&s.rear.vx[1..], count)],
-        vy: [blocks(&s.front.vy, count), blocks(&s.rear.vy[1..], count)],
-        omega: [blocks(&s.omega, count), blocks(&s.omega[1..], count)],
-        cos: [blocks(&s.wrapped.cos, count), blocks(&s.wrapped.cos[1..], count)],
-        sin: [blocks(&s.wrapped.sin, count), blocks(&s.wrapped.sin[1..], count)],
-        ax: [blocks(&s.wrapped.ax, count), blocks(&s.wrapped.ax[1..], count)],
-        ay: [blocks(&s.wrapped.ay, count), blocks(&s.wrapped.ay[1..], count)],
-        alpha: [blocks(&s.wrapped.alpha, count), blocks(&s.wrapped.alpha[1..], count)],
-        lever: blocks(&c.bush_lever, count),
-        inverse_mass: blocks(&c.bush_inverse_mass, count),
-        inverse_inertia: blocks(&c.bush_inverse_inertia, count),
-    };
+    let sources = BushSources::new(c, (&s.front, &s.rear), &s.omega, &s.wrapped);
     let mut seats = SeatColumns {
         cos: blocks_mut(&mut s.seat_cos[k], count),
         sin: blocks_mut(&mut s.seat_sin[k], count),
@@ -206,21 +220,30 @@ const JOINT_STRETCH_M: f64 = 0.5e-3;
 /// The bushes of the joints of block `at` as seen from the axis of a sprocket, which may move.
 #[inline(always)]
 fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), lanes: &mut Lanes) {
+    load_bushes(from, at, lanes);
+    for i in 0..LANES {
+        lanes.x[i] -= axis.origin.x;
+        lanes.y[i] -= axis.origin.y;
+    }
+    if moves {
+        lanes.take_off(axis);
+    }
+}
+
+/// The bushes of the joints of block `at`.
+#[inline(always)]
+pub(super) fn load_bushes(from: &BushSources<'_>, at: usize, lanes: &mut Lanes) {
     let owner = &from.on_front[at];
-    let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
+    (lanes.x, lanes.y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
     (lanes.vx, lanes.vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
     lanes.omega = select_owner(owner, from.omega, at);
     let (cos, sin, lever) = (select_owner(owner, from.cos, at), select_owner(owner, from.sin, at), from.lever[at]);
     let (mut ax, mut ay) = (select_owner(owner, from.ax, at), select_owner(owner, from.ay, at));
     let alpha = select_owner(owner, from.alpha, at);
     for i in 0..LANES {
-        x[i] -= axis.origin.x;
-        y[i] -= axis.origin.y;
         ax[i] -= alpha[i] * lever[i] * sin[i];
         ay[i] += alpha[i] * lever[i] * cos[i];
     }
-    lanes.x = x;
-    lanes.y = y;
     lanes.ax = ax;
     lanes.ay = ay;
     lanes.cos = cos;
@@ -228,9 +251,6 @@ fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), 
     lanes.lever = lever;
     lanes.inverse_mass = from.inverse_mass[at];
     lanes.inverse_inertia = from.inverse_inertia[at];
-    if moves {
-        lanes.take_off(axis);
-    }
 }
 
 /// Of the link before each joint where `owner` is one, of that behind it where it is zero.

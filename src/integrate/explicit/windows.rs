@@ -41,7 +41,7 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
             let (dx, dy) = offset(j);
             dx * dx + dy * dy < reach * reach
         };
-        let windows = aligned_windows(&model.chain.loops[sprocket.chain], near);
+        let windows = aligned_windows(&model.chain.bush_lanes(sprocket.chain), near);
         let body = &sprocket.body;
         let q = sprocket.coordinate;
         let (cos, sin) = (state.coordinates.cos[q], state.coordinates.sin[q]);
@@ -120,7 +120,7 @@ pub(super) fn update_nearest(nearest: &mut usize, now: usize, handovers: &mut u6
 fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
     let everything = |_: usize, _: usize| true;
     if mark_shared(&mut scratch.tooth_windows, everything) {
-        for j in model.chain.links() {
+        for j in model.chain.links().chain(model.chain.all_rollers()) {
             let own = model.chain.loop_of(j);
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];

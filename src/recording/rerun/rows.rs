@@ -18,7 +18,7 @@ pub struct Numbers {
 /// Links and joints are most of a frame, and viewers hold numbers from one row to the next, as they do with pictures.
 fn is_beside_pictures(rows: Rows) -> bool {
     match rows {
-        Rows::Link | Rows::Joint => true,
+        Rows::Link | Rows::Joint | Rows::Roller => true,
         Rows::Contact | Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => false,
     }
 }
@@ -30,7 +30,10 @@ impl Numbers {
         empty.each_table(|table, columns| {
             let names = table.message.columns.iter().map(|column| column.name);
             let columns = names.zip(columns.iter().map(ComponentValues::like)).collect();
-            let has_rows = header.row_paths(table.rows).is_none_or(|paths| !paths.is_empty());
+            let has_rows = match table.rows {
+                Rows::Roller => !header.rollers.is_empty(),
+                rows => header.row_paths(rows).is_none_or(|paths| !paths.is_empty()),
+            };
             let entity = format!("state/{}", table.message.name);
             let to = if is_beside_pictures(table.rows) { &mut beside_pictures } else { &mut often };
             to.push(has_rows.then(|| EntityTable::numbers(&entity, table.rows.name(), columns)));

@@ -309,6 +309,11 @@ impl TableWriter {
                     writer.push(&super::link_info(header, i as u32, link))?;
                 }
             }
+            Source::Roller => {
+                for (i, roller) in header.rollers.iter().enumerate() {
+                    writer.push(&super::roller_info(header, i as u32, roller))?;
+                }
+            }
         }
         Ok(writer)
     }
@@ -318,7 +323,7 @@ impl TableWriter {
         match self.table.source {
             Source::Table(table) => self.push(&super::table(at, table)),
             Source::Frame(rows) => self.push(&rows(at)),
-            Source::Event | Source::Impact | Source::Body | Source::Link => Ok(()),
+            Source::Event | Source::Impact | Source::Body | Source::Link | Source::Roller => Ok(()),
         }
     }
 

@@ -1,0 +1,157 @@
+//! Rollers on their bushes, many at a time: a circle in a larger one.
+//!
+//! d is the way from the bush's axis to the roller's, e = |d|, c the play (radius of the bore less that of the bush):
+//! ```text
+//! penetration = e - c      normal out of the bush, onto the roller: n = -d/e      tangent t = n turned by +90 degrees
+//! point of contact: r_b n from the bush's axis, R n from the roller's, R = r_b + e
+//! sliding speed = (v_r - v_b) . t + omega_r R - omega_b r_b
+//! w_n = 1/m_r + 1/m_b + (l h x n)^2 / J_b      w_t = 1/m_r + R^2 / J_r + 1/m_b + (l h . n + r_b)^2 / J_b
+//! ```
+//! h is the heading of the link that carries the bush, l the signed lever of its joint. The laws are those of all contacts: means over the
+//! step after [`super::contact_law`] and [`super::friction`]. The pair of forces acts at the point of contact and is without moment. The normal
+//! turns as the roller rolls round its bush: that is the curvature 1/e of a contact in a concave seat whose centre moves.
+//!
+//! At rest a roller between a tooth and its bush is two springs in series, and all three centres lie on one normal: the bush then sees the tooth
+//! as a roller would that is smaller by the play ([`Bore::at_rest`]).
+
+use super::contact_law::{ContactLaw, Elastic, PairRadii};
+use super::friction;
+use super::tooth_contact::{LANES, LaneBlock, Lanes, ToothedBody, normal_forces, rates_of_seat};
+
+/// How the rollers of a chain touch their bushes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bore {
+    /// Outside radius of the bush [m].
+    pub bush_radius_m: f64,
+    /// Radius of the bore less that of the bush [m].
+    pub clearance_m: f64,
+    pub law: ContactLaw,
+    pub friction: f64,
+    pub stick_speed_m_s: f64,
+}
+
+/// What a block of rollers needs beside its [`Lanes`]: their spin [rad/s], inverse mass and inertia.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RollerLanes {
+    pub omega: LaneBlock,
+    pub inverse_mass: LaneBlock,
+    pub inverse_inertia: LaneBlock,
+}
+
+impl Bore {
+    /// Radii for laws that depend on them.
+    pub fn radii(&self) -> PairRadii {
+        PairRadii { bush_m: self.bush_radius_m, body_m: -(self.bush_radius_m + self.clearance_m) }
+    }
+
+    /// Forces of all lanes on the rollers. Lanes come with the motion of the roller's axis less that of the bush's (x, y, vx, vy, ax, ay), the
+    /// link that carries the bush (omega, heading, lever, inverse mass and inertia) and the memory of the contact. They leave with the force on
+    /// the roller, its moment about the roller's axis in `moment`, and in `torque` the moment of the opposite force about the bush's axis.
+    #[inline(always)]
+    pub fn forces(&self, step: f64, roller: &RollerLanes, lanes: &mut Lanes) {
+        let bush_m = self.bush_radius_m;
+        let bore_m = -(bush_m + self.clearance_m);
+        for i in 0..LANES {
+            let d2 = lanes.x[i] * lanes.x[i] + lanes.y[i] * lanes.y[i];
+            let distance = if d2 > SMALLEST_M2 { d2 } else { SMALLEST_M2 }.sqrt();
+            lanes.curvature[i] = 1.0 / distance;
+            lanes.penetration[i] = distance - self.clearance_m;
+            (lanes.normal_x[i], lanes.normal_y[i]) = (-lanes.x[i] / distance, -lanes.y[i] / distance);
+            lanes.body_radius[i] = bore_m;
+            lanes.inverse_mass[i] += roller.inverse_mass[i];
+        }
+        rates_of_seat(step, lanes);
+        normal_forces(&self.law, &[bush_m; LANES], step, lanes);
+        let half = 0.5 * step;
+        for i in 0..LANES {
+            let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
+            let outside_m = bush_m + self.clearance_m + lanes.penetration[i];
+            let passing = lanes.vy[i] * nx - lanes.vx[i] * ny;
+            let slide = passing + roller.omega[i] * outside_m - lanes.omega[i] * bush_m;
+            let lever = lanes.lever[i] * (lanes.cos[i] * nx + lanes.sin[i] * ny) + bush_m;
+            let of_link = lanes.inverse_mass[i] + lanes.inverse_inertia[i] * lever * lever;
+            let mobility = half * (of_link + roller.inverse_inertia[i] * outside_m * outside_m);
+            let free = slide - mobility * lanes.tangential_force[i];
+            let fn_ = lanes.normal_force[i];
+            let ft = friction::solved_force(self.friction, fn_, free, self.stick_speed_m_s, mobility);
+            let slid = free + mobility * ft;
+            lanes.slide[i] = slid;
+            lanes.tangential_force[i] = ft;
+            lanes.lost_friction[i] = -ft * slid * step;
+            (lanes.force_x[i], lanes.force_y[i]) = (fn_ * nx - ft * ny, fn_ * ny + ft * nx);
+            lanes.moment[i] = outside_m * ft;
+            lanes.torque[i] = -bush_m * ft;
+        }
+    }
+
+    /// What a bush at rest feels of a tooth through its roller: both springs give way by `d` together.
+    pub fn at_rest(&self, d: f64, (tooth, radii): (&ContactLaw, PairRadii)) -> Elastic {
+        if d <= 0.0 {
+            return Elastic { force_n: 0.0, stiffness_n_per_m: 0.0, energy_j: 0.0 };
+        }
+        // The share of the tooth: where both forces are one. Bisection, because laws may begin without stiffness.
+        let (mut low, mut high) = (0.0, d);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if tooth.elastic(middle, radii).force_n < self.law.elastic(d - middle, self.radii()).force_n {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let share = 0.5 * (low + high);
+        let (first, second) = (tooth.elastic(share, radii), self.law.elastic(d - share, self.radii()));
+        let softness = 1.0 / first.stiffness_n_per_m + 1.0 / second.stiffness_n_per_m;
+        Elastic {
+            force_n: second.force_n,
+            stiffness_n_per_m: 1.0 / softness,
+            energy_j: first.energy_j + second.energy_j,
+        }
+    }
+
+    /// Penetration of the bore under a force [m].
+    pub fn penetration_m(&self, force_n: f64) -> f64 {
+        let (mut low, mut high) = (0.0, MOST_M);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.law.elastic(middle, self.radii()).force_n < force_n {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        0.5 * (low + high)
+    }
+}
+
+/// What a gap holds at rest: a bush, or a roller with its bush on it.
+#[derive(Clone, Copy, Debug)]
+pub struct RestingBush<'a> {
+    /// Radius that the tooth seems to have met [m]: of bush or roller, less the play of the roller.
+    pub radius_m: f64,
+    tooth: &'a ToothedBody,
+    bore: Option<&'a Bore>,
+}
+
+impl<'a> RestingBush<'a> {
+    /// On a sprocket, with the play of its chain's rollers.
+    pub fn new(tooth: &'a ToothedBody, bore: Option<&'a Bore>) -> RestingBush<'a> {
+        RestingBush { radius_m: tooth.bush_radius_m - bore.map_or(0.0, |b| b.clearance_m), tooth, bore }
+    }
+
+    /// Force, stiffness and energy where the bush is pressed `d` into a contour of this radius of curvature [m].
+    pub fn elastic(&self, d: f64, body_radius_m: f64) -> Elastic {
+        let radii = PairRadii { bush_m: self.tooth.bush_radius_m, body_m: body_radius_m };
+        match self.bore {
+            None => self.tooth.law.elastic(d, radii),
+            Some(bore) => bore.at_rest(d, (&self.tooth.law, radii)),
+        }
+    }
+}
+
+/// Below this squared distance a roller is as good as in the middle of its play [m2]: no direction is told any more.
+const SMALLEST_M2: f64 = 1e-24;
+/// Until an interval has no more floats in it.
+const HALVINGS: u32 = 80;
+/// More than any bore is pressed in [m].
+const MOST_M: f64 = 1e-3;
