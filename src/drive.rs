@@ -34,7 +34,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 12] = [
+pub const BUNDLED: [(&str, &str); 13] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
@@ -47,6 +47,7 @@ pub const BUNDLED: [(&str, &str); 12] = [
     ("ford-v6", include_str!("../assets/drives/ford-v6.toml")),
     ("v12-primary", include_str!("../assets/drives/v12-primary.toml")),
     ("v12", include_str!("../assets/drives/v12.toml")),
+    ("roller-20-40", include_str!("../assets/drives/roller-20-40.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.

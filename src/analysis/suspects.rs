@@ -174,16 +174,18 @@ fn next_tooth_is_higher(impacts: &[&Impact], teeth: u32) -> bool {
 }
 
 fn is_bush(i: &Impact) -> bool {
-    i.feature == Feature::FrontBush as u32 || i.feature == Feature::RearBush as u32
+    [Feature::FrontBush, Feature::RearBush, Feature::FrontRoller, Feature::RearRoller]
+        .iter()
+        .any(|f| i.feature == *f as u32)
 }
 
-/// Joint that carries a bush.
+/// Joint that carries a bush or a roller.
 fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
-    if i.feature == Feature::FrontBush as u32 {
+    if [Feature::FrontBush, Feature::FrontRoller].iter().any(|f| i.feature == *f as u32) {
         return Some(i.link);
     }
     let behind = || header.links.iter().position(|l| l.ahead == i.link).map(|joint| joint as u32);
-    (i.feature == Feature::RearBush as u32).then(behind).flatten()
+    is_bush(i).then(behind).flatten()
 }
 
 fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {

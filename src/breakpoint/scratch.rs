@@ -159,7 +159,7 @@ fn may_concern(expr: &Expr, part: ContactGroup, model: &Model) -> bool {
         Expr::Compare(Compare::Name { quantity, set, member: true }) if quantity.scope == Scope::Contact => {
             match quantity.what {
                 What::Body => set.iter().any(|body| part.touches(model, *body as usize)),
-                What::Feature => model.chain.links().any(|lane| set.contains(&(part.feature(model, lane).1 as u32))),
+                What::Feature => model.chain.bodies().any(|lane| set.contains(&(part.feature(model, lane).1 as u32))),
                 _ => true,
             }
         }
@@ -220,7 +220,7 @@ impl StepValues<'_> {
             }
             for (p, part) in self.parts.iter().enumerate() {
                 let memory = self.scratch.memory(*part);
-                for lane in chain.links().filter(|lane| memory.age[*lane] != 0.0) {
+                for lane in chain.bodies().filter(|lane| memory.age[*lane] != 0.0) {
                     if !self.scratch.is_contact(*part, lane) {
                         continue;
                     }

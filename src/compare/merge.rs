@@ -27,7 +27,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
     // Sensors appear only in the runs' own recordings.
     let mut merged = Header { drive_name: name.to_string(), sensors: Vec::new(), ..runs[0].clone() };
     (merged.links, merged.link_outlines, merged.bodies) = (Vec::new(), Vec::new(), Vec::new());
-    (merged.overrides, merged.assembly) = (Vec::new(), Vec::new());
+    (merged.overrides, merged.assembly, merged.rollers) = (Vec::new(), Vec::new(), Vec::new());
     merged.drive_text = String::new();
     let rotors: usize = runs.iter().map(|h| h.bodies.iter().filter(|b| b.rotor).count()).sum();
     let (mut next_rotor, mut next_other) = (0, rotors);
@@ -55,6 +55,12 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             link.outline += first_outline;
             link.ahead += first_link;
             link
+        }));
+        merged.rollers.extend(header.rollers.iter().map(|r| {
+            let mut roller = *r;
+            roller.joint += first_link;
+            roller.link += first_link;
+            roller
         }));
         merged.link_outlines.extend(header.link_outlines.iter().map(|o| {
             let mut outline = o.clone();

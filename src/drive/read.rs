@@ -74,7 +74,17 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
         let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades(index)));
-        more.push(ChainPart { chain, links, scatter, joint, tooth_contact, guide_contact, ring_contact, roller_contact, preload });
+        more.push(ChainPart {
+            chain,
+            links,
+            scatter,
+            joint,
+            tooth_contact,
+            guide_contact,
+            ring_contact,
+            roller_contact,
+            preload,
+        });
     }
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();

@@ -189,6 +189,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
         }
     }
     scratch.chain_torque.fill(0.0);
+    rollers::contacts(model, state, scratch);
     for k in 0..model.sprockets.len() {
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
@@ -196,13 +197,13 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
         *block = BlockForces::default();
     }
+    rollers::give(model, scratch);
     for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
         guides::contacts::<WATCHED>(model, state, scratch, k);
     }
     for k in 0..model.rails.len() {
         rails::contacts::<WATCHED>(model, state, scratch, k);
     }
-    rollers::contacts(model, state, scratch);
     if model.has_contours() {
         ends::contacts::<WATCHED>(model, state, scratch);
     }

@@ -172,15 +172,20 @@ fn roller_bounds(model: &Model, chain: usize, bore: &Bore) -> Vec<StepBound> {
     let c = &model.chain;
     let of_roller = |i: usize| c.inverse_mass[i];
     let mobility = c.rollers[chain].clone().map(of_roller).fold(0.0, f64::max);
-    let of_bush = largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
+    let of_bush =
+        largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
     let mut bounds = contact_bounds("rollers on their bushes", &bore.law, bore.radii(), mobility + of_bush).to_vec();
     for s in model.sprockets.iter().filter(|s| s.chain == chain && s.geometry.iso().is_some()) {
-        let sum = |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
+        let sum =
+            |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
         let stiffness = sum(&|law, radii| law.stiffness_at(PEAK_FORCE_N, radii));
         let damping = sum(&|law, _| law.damping_at(PEAK_FORCE_N)).max(1e-9);
         let at = format!("rollers between bushes and sprockets.{}", s.name);
         bounds.extend([
-            StepBound { step_s: CONTACT / libm::sqrt(stiffness * mobility), cause: format!("contact stiffness of {at}") },
+            StepBound {
+                step_s: CONTACT / libm::sqrt(stiffness * mobility),
+                cause: format!("contact stiffness of {at}"),
+            },
             StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping of {at}") },
         ]);
     }

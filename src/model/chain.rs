@@ -213,6 +213,11 @@ impl ChainModel {
         own.map_or(joint, |(r, l)| r.start + joint - l.start)
     }
 
+    /// Lanes of all links, then of all rollers.
+    pub fn bodies(&self) -> impl Iterator<Item = usize> + Clone + '_ {
+        self.links().chain(self.all_rollers())
+    }
+
     /// Whether a lane holds a link or a roller.
     pub fn is_body(&self, lane: usize) -> bool {
         self.is_link(lane) || self.is_roller(lane)

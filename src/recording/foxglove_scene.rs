@@ -1,6 +1,6 @@
 //! A recording in Foxglove's own messages: outlines attached to moving frames, forces as arrows, events as log.
 
-use super::frame::{Event, Frame, Header, Outline};
+use super::frame::{Event, Frame, Header, Outline, OutlineCircle};
 use super::view_geometry::{DrawnForce, circle, drawn_forces, polyline};
 use foxglove::Encode;
 use foxglove::messages::{
@@ -40,6 +40,12 @@ pub fn outlines(header: &Header) -> SceneUpdate {
             let color = if link.outline == 0 { rgb(0.35, 0.55, 0.85) } else { rgb(0.85, 0.55, 0.25) };
             entities.push(entity(&format!("link/{i}"), outline, color));
         }
+    }
+    for (i, roller) in header.rollers.iter().enumerate() {
+        let circle = |radius_m: f64| OutlineCircle { x_m: 0.0, y_m: 0.0, radius_m };
+        let circles = vec![circle(roller.radius_m), circle(roller.bore_radius_m)];
+        let outline = Outline { circles, ..Outline::default() };
+        entities.push(entity(&format!("roller/{i}"), &outline, rgb(0.8, 0.8, 0.5)));
     }
     for body in &header.bodies {
         if let Some(outline) = &body.outline {
@@ -109,13 +115,14 @@ pub struct Transforms {
 impl Transforms {
     pub fn new(header: &Header) -> Transforms {
         let links = (0..header.links.len()).map(|i| format!("link/{i}"));
+        let rollers = (0..header.rollers.len()).map(|i| format!("roller/{i}"));
         let bodies = header.bodies.iter().map(|b| b.path.clone());
         let named = |child_frame_id| FrameTransform {
             parent_frame_id: WORLD.to_string(),
             child_frame_id,
             ..FrameTransform::default()
         };
-        Transforms { names: links.chain(bodies).map(|child| named(child).encode_to_vec()).collect() }
+        Transforms { names: links.chain(rollers).chain(bodies).map(|child| named(child).encode_to_vec()).collect() }
     }
 
     /// Appends the transforms of `frame`.
@@ -134,7 +141,7 @@ impl Transforms {
     }
 }
 
-/// Position and heading of every link, then of every body.
+/// Position and heading of every link, then of every roller, which shows no heading, then of every body.
 fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)> {
     let l = &frame.links;
     let links = l.x_m.iter().zip(&l.y_m).zip(&l.angle_rad).map(|((x, y), angle)| (*x, *y, *angle));
@@ -142,7 +149,9 @@ fn poses(header: &Header, frame: &Frame) -> impl Iterator<Item = (f64, f64, f64)
         let ([x_m, y_m], angle_rad) = body.pose(frame);
         (x_m, y_m, angle_rad)
     });
-    links.chain(bodies)
+    let r = &frame.rollers;
+    let rollers = r.x_m.iter().zip(&r.y_m).map(|(x, y)| (*x, *y, 0.0));
+    links.chain(rollers).chain(bodies)
 }
 
 /// Encoded size of a message of two doubles, including its head; zeros are omitted.

@@ -91,6 +91,18 @@ pub struct Header {
 }
 
 impl Header {
+    /// Radii of the rollers, and of their bores, each pair once [m].
+    pub fn roller_radii(&self) -> Vec<[f64; 2]> {
+        let mut radii: Vec<[f64; 2]> = Vec::new();
+        for r in &self.rollers {
+            let own = [r.radius_m, r.bore_radius_m];
+            if !radii.contains(&own) {
+                radii.push(own);
+            }
+        }
+        radii
+    }
+
     /// Paths in the drive file of what has a row in a table; None where rows have none.
     pub fn row_paths(&self, rows: Rows) -> Option<&[String]> {
         match rows {

@@ -64,6 +64,8 @@ const LINK_VIEW_PITCHES: f64 = 6.0;
 const LINK_VIEW_ASPECT: f64 = 0.72;
 /// Pitch on the page above which every link and every gap has its number, and every contact its force [user units].
 const NUMBERED_PITCH: f64 = 38.0;
+/// Of rollers, which lie in front of the links.
+const ROLLER_COLOUR: &str = "#7a6a1e";
 /// Colours of the links' rows, in the order of `Header::link_outlines`; clearly different also in grey.
 const ROW_COLOURS: [&str; 6] = ["#1f5fbf", "#c8641a", "#2f8a57", "#8d4bb4", "#a08a00", "#5a6b7b"];
 const INK: &str = "#223";
@@ -342,6 +344,16 @@ fn push_contours(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &
             let pose = link_pose(frame, i);
             if panel.sees([pose.x_m, pose.y_m], reach) {
                 push_outline(svg, outline, pose, sheet.units_per_m, (colour, 0.14, colour));
+            }
+        }
+    }
+    for (i, roller) in sheet.header.rollers.iter().enumerate() {
+        let place = frame.rollers.x_m.get(i).zip(frame.rollers.y_m.get(i)).map(|(x, y)| [*x, *y]);
+        if let Some([x, y]) = place.filter(|place| panel.sees(*place, roller.radius_m)) {
+            for radius_m in [roller.radius_m, roller.bore_radius_m] {
+                let [x, y, r] = [x, y, radius_m].map(mm);
+                let style = format!("fill=\"none\" stroke=\"{ROLLER_COLOUR}\"");
+                let _infallible = writeln!(svg, "<circle class=\"roller\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\" {style}/>");
             }
         }
     }

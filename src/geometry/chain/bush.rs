@@ -103,8 +103,7 @@ impl BushChain {
         };
         let circle_radius = if has_bush { bush_radius } else { pin_radius };
         let circles = [(-lever, if self.is_cranked { pin_radius } else { circle_radius }), (lever, circle_radius)];
-        let (mut mass_kg, mut inertia_kg_m2) =
-            (spec.mass_kg.unwrap_or(mass), spec.inertia_kg_m2.unwrap_or(inertia));
+        let (mut mass_kg, mut inertia_kg_m2) = (spec.mass_kg.unwrap_or(mass), spec.inertia_kg_m2.unwrap_or(inertia));
         if let Some(r) = roller.filter(|_| separate.is_none()) {
             let in_joints_kg = r.mass_kg * if self.is_cranked { 1.0 } else { 2.0 };
             mass_kg += in_joints_kg;

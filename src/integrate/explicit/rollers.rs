@@ -2,9 +2,9 @@
 //! chains, in lanes of their own (`super::teeth`).
 
 use super::teeth::{BushSources, load_bushes};
-use super::{ContactMemory, MemoryBlocks, Scratch};
-use crate::elements::roller_bore::{Bore, RollerLanes};
-use crate::elements::tooth_contact::{LANES, Lanes, take};
+use super::{ContactMemory, MemoryBlocks, Scratch, write_block};
+use crate::elements::roller_bore::{Bore, RollerFriction, RollerLanes, solve_together};
+use crate::elements::tooth_contact::{FrictionInput, LANES, LaneBlock, Lanes, take};
 use crate::model::Model;
 use crate::state::State;
 
@@ -20,6 +20,10 @@ pub(crate) struct BoreColumns {
     /// Penetration at the node [m], and the sliding speed that friction works with [m/s].
     pub(crate) depth: Vec<f64>,
     pub(crate) slide: Vec<f64>,
+    /// Normal onto the roller, and half a step's sliding speed by a unit of friction [m/(s N)].
+    normal_x: Vec<f64>,
+    normal_y: Vec<f64>,
+    mobility: Vec<f64>,
     /// Always 2: all blocks are looked at in every step.
     stale: Vec<u8>,
 }
@@ -36,12 +40,15 @@ impl BoreColumns {
             bush_moment: column(),
             depth: column(),
             slide: column(),
+            normal_x: column(),
+            normal_y: column(),
+            mobility: column(),
             stale: vec![2; n / LANES],
         }
     }
 }
 
-/// Contacts of all rollers with their bushes. Forces go to the centres of links and rollers, as those of guides do.
+/// Contacts of all rollers with their bushes; friction as if the teeth did what they did a step ago, until [`couple`] has looked at both.
 #[inline(always)]
 pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
     for (chain, bore) in model.bores.iter().enumerate() {
@@ -55,10 +62,10 @@ pub(super) fn contacts(model: &Model, state: &State, scratch: &mut Scratch) {
 fn contacts_of_chain(model: &Model, state: &State, scratch: &mut Scratch, (chain, bore): (usize, &Bore)) {
     let c = &model.chain;
     let (joints, rollers) = (c.loops[chain].clone(), c.rollers[chain].clone());
-    let Scratch { front, rear, omega, wrapped, bores, lanes, end_forces, .. } = scratch;
+    let Scratch { front, rear, omega, wrapped, bores, lanes, .. } = scratch;
     let sources = BushSources::new(c, (front, rear), omega, wrapped);
     let lanes: &mut Lanes = lanes.get_or_insert_default();
-    let BoreColumns { memory, force_x, force_y, moment, bush_moment, depth, slide, stale } = bores;
+    let BoreColumns { memory, stale, .. } = bores;
     let mut memory = MemoryBlocks::new(&state.bores, memory, stale, c.padded / LANES);
     for first in (0..rollers.len()).step_by(LANES) {
         let (joint, roller) = (joints.start + first, rollers.start + first);
@@ -78,33 +85,107 @@ fn contacts_of_chain(model: &Model, state: &State, scratch: &mut Scratch, (chain
         }
         memory.load_past(roller / LANES, lanes);
         bore.forces(model.step_s, &spin, lanes);
-        let held = (rollers.len() - first).min(LANES);
-        release_from(held, lanes);
+        release_from((rollers.len() - first).min(LANES), lanes);
         memory.store(roller / LANES, lanes);
-        let on_roller = &mut end_forces[roller / LANES];
+        for (column, values) in [
+            (&mut bores.force_x, &lanes.force_x),
+            (&mut bores.force_y, &lanes.force_y),
+            (&mut bores.moment, &lanes.moment),
+            (&mut bores.bush_moment, &lanes.torque),
+            (&mut bores.depth, &lanes.penetration),
+            (&mut bores.slide, &lanes.slide),
+            (&mut bores.normal_x, &lanes.normal_x),
+            (&mut bores.normal_y, &lanes.normal_y),
+            (&mut bores.mobility, &lanes.mobility),
+        ] {
+            write_block(column, roller, *values);
+        }
+    }
+}
+
+/// Friction of rollers that touch a tooth and their bush, both at once. `lanes`: rollers against a sprocket whose mobility beside theirs along
+/// a direction is `yields`, after its forces.
+#[inline(always)]
+pub(super) fn couple(
+    model: &Model,
+    state: &State,
+    bores: &mut BoreColumns,
+    (bore, at): (&Bore, usize),
+    (friction, past): (FrictionInput, &LaneBlock),
+    yields: impl Fn(f64, f64, f64) -> f64,
+    lanes: &mut Lanes,
+) {
+    let (step, c) = (model.step_s, &model.chain);
+    let half = 0.5 * step;
+    for i in (0..LANES).filter(|i| lanes.normal_force[*i] > 0.0) {
+        let lane = at + i;
+        let normal_n = bores.memory.normal_force[lane];
+        if normal_n <= 0.0 {
+            continue;
+        }
+        let (inverse_mass, inverse_inertia) = (c.inverse_mass[lane], c.inverse_inertia[lane]);
+        let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
+        let inside_m = bore.bush_radius_m + bore.clearance_m + bores.depth[lane];
+        let of_roller = inverse_mass + friction.radius * friction.radius * inverse_inertia;
+        let outward = lanes.x[i] * nx + lanes.y[i] * ny;
+        let mut tooth = RollerFriction {
+            mu: friction.mu,
+            stick_speed_m_s: friction.stick_speed,
+            normal_n: lanes.normal_force[i],
+            mobility: half * (of_roller + yields(nx, ny, outward - friction.radius)),
+            past_n: past[i],
+            force_n: lanes.tangential_force[i],
+            slide_m_s: lanes.slide[i],
+        };
+        let mut bush = RollerFriction {
+            mu: bore.friction,
+            stick_speed_m_s: bore.stick_speed_m_s,
+            normal_n,
+            mobility: bores.mobility[lane],
+            past_n: state.bores.tangential_force[lane],
+            force_n: bores.memory.tangential_force[lane],
+            slide_m_s: bores.slide[lane],
+        };
+        let (bx, by) = (bores.normal_x[lane], bores.normal_y[lane]);
+        let mixed = half * ((nx * bx + ny * by) * inverse_mass - friction.radius * inside_m * inverse_inertia);
+        solve_together(&mut tooth, &mut bush, mixed);
+        let force = tooth.force_n;
+        (lanes.tangential_force[i], lanes.slide[i]) = (force, tooth.slide_m_s);
+        lanes.lost_friction[i] = -force * tooth.slide_m_s * step;
+        let (fx, fy) = (tooth.normal_n * nx - force * ny, tooth.normal_n * ny + force * nx);
+        (lanes.force_x[i], lanes.force_y[i]) = (fx, fy);
+        lanes.moment[i] = -friction.radius * force;
+        lanes.torque[i] = lanes.y[i] * fx - lanes.x[i] * fy - lanes.moment[i];
+        let force = bush.force_n;
+        (bores.memory.tangential_force[lane], bores.slide[lane]) = (force, bush.slide_m_s);
+        bores.memory.lost_friction[lane] = state.bores.lost_friction[lane] - force * bush.slide_m_s * step;
+        bores.force_x[lane] = normal_n * bx - force * by;
+        bores.force_y[lane] = normal_n * by + force * bx;
+        bores.moment[lane] = inside_m * force;
+        bores.bush_moment[lane] = -bore.bush_radius_m * force;
+    }
+}
+
+/// Gives the forces of bores to the centres of links and rollers, as those of guides are given.
+#[inline(always)]
+pub(super) fn give(model: &Model, scratch: &mut Scratch) {
+    let c = &model.chain;
+    let Scratch { bores, end_forces, wrapped, .. } = scratch;
+    for lane in c.all_rollers() {
+        let (x, y) = (bores.force_x[lane], bores.force_y[lane]);
+        let on_roller = &mut end_forces[lane / LANES];
         on_roller.used = true;
-        for i in 0..LANES {
-            on_roller.x[i] += lanes.force_x[i];
-            on_roller.y[i] += lanes.force_y[i];
-            on_roller.moment[i] += lanes.moment[i];
-        }
-        for i in 0..held {
-            let link = if c.bush_on_front[joint + i + 1] != 0.0 { joint + i } else { c.next(joint + i) };
-            let (x, y) = (-lanes.force_x[i], -lanes.force_y[i]);
-            let on_link = &mut end_forces[link / LANES];
-            on_link.used = true;
-            on_link.x[link % LANES] += x;
-            on_link.y[link % LANES] += y;
-            on_link.moment[link % LANES] +=
-                lanes.lever[i] * (lanes.cos[i] * y - lanes.sin[i] * x) + lanes.torque[i];
-        }
-        let into = roller..roller + LANES;
-        force_x[into.clone()].copy_from_slice(&lanes.force_x);
-        force_y[into.clone()].copy_from_slice(&lanes.force_y);
-        moment[into.clone()].copy_from_slice(&lanes.moment);
-        bush_moment[into.clone()].copy_from_slice(&lanes.torque);
-        depth[into.clone()].copy_from_slice(&lanes.penetration);
-        slide[into].copy_from_slice(&lanes.slide);
+        on_roller.x[lane % LANES] += x;
+        on_roller.y[lane % LANES] += y;
+        on_roller.moment[lane % LANES] += bores.moment[lane];
+        let (link, front) = c.bush_carrier(lane);
+        let lever = if front { c.lever[link] } else { -c.lever[link] };
+        let (cos, sin) = (wrapped.cos[link], wrapped.sin[link]);
+        let on_link = &mut end_forces[link / LANES];
+        on_link.used = true;
+        on_link.x[link % LANES] -= x;
+        on_link.y[link % LANES] -= y;
+        on_link.moment[link % LANES] += lever * (sin * x - cos * y) + bores.bush_moment[lane];
     }
 }
 

@@ -1,7 +1,8 @@
 //! The part of a step that concerns teeth: bushes in their gaps, many at a time.
 
-use super::watch::{ContactBlock, ObservedStep};
+use super::rollers;
 use super::scratch::{LinkEnds, WrappedColumns};
+use super::watch::{ContactBlock, ObservedStep};
 use super::{BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
 use crate::elements::body_frame::FrameMotion;
 use crate::elements::tooth_contact::{
@@ -118,6 +119,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         slide: blocks_mut(&mut s.bush_slide, count),
         depth: blocks_mut(&mut s.bush_depth, count),
     };
+    let (bore, past) = (model.bores[model.sprockets[k].chain].as_ref(), blocks(&state.bushes.tangential_force, count));
     let lanes: &mut Lanes = s.lanes.get_or_insert_default();
     let mut given = BodyReaction::default();
     for Window { start, end, shared } in &s.tooth_windows[k] {
@@ -156,6 +158,14 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, body_motion, lanes);
                 } else {
                     tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+                }
+                if let Some(bore) = bore {
+                    let (past, sliding) = (&past[at], FrictionInput { mu, stick_speed: stick, radius });
+                    let yields = |nx: f64, ny: f64, arm: f64| {
+                        let own = mobility.inverse_inertia * arm * arm + mobility.along(-ny, nx);
+                        if moves { own } else { 0.0 }
+                    };
+                    rollers::couple(model, state, &mut s.bores, (bore, at * LANES), (sliding, past), yields, lanes);
                 }
                 given.add(moves, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
             } else {

@@ -120,7 +120,7 @@ pub(super) fn update_nearest(nearest: &mut usize, now: usize, handovers: &mut u6
 fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
     let everything = |_: usize, _: usize| true;
     if mark_shared(&mut scratch.tooth_windows, everything) {
-        for j in model.chain.links().chain(model.chain.all_rollers()) {
+        for j in model.chain.bodies() {
             let own = model.chain.loop_of(j);
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];

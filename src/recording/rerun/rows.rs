@@ -1,6 +1,8 @@
 //! Distributes the data of a frame over numbers, curves and pictures.
 
-use super::scene::{ForceScale, body_entity, outline_entity, position_mm, sensors_by_unit, sensors_entity};
+use super::scene::{
+    ForceScale, body_entity, outline_entity, position_mm, roller_entity, sensors_by_unit, sensors_entity,
+};
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::{ColumnKind, Rows};
 use crate::recording::frame::{Frame, Header, Links};
@@ -184,6 +186,8 @@ pub struct Pictures {
     /// One for each outline of links.
     chain: Vec<EntityTable>,
     links_of_outline: Vec<usize>,
+    /// One for each kind of roller, with its radii.
+    rollers: Vec<(EntityTable, [f64; 2])>,
     /// One for each body that turns or slides.
     moving: Vec<EntityTable>,
     pins: EntityTable,
@@ -202,6 +206,10 @@ impl Pictures {
             ];
             EntityTable::new(outline_entity(outline), columns)
         });
+        let rollers = header.roller_radii().into_iter().enumerate().map(|(kind, radii)| {
+            let columns = vec![(InstancePoses3D::descriptor_translations(), vec3())];
+            (EntityTable::new(roller_entity(kind), columns), radii)
+        });
         let moving = header.bodies.iter().filter(|body| body.moves()).map(|body| {
             let columns = vec![
                 (Transform3D::descriptor_translation(), vec3()),
@@ -219,6 +227,7 @@ impl Pictures {
         Pictures {
             chain: chain.collect(),
             links_of_outline: vec![0; header.link_outlines.len()],
+            rollers: rollers.collect(),
             moving: moving.collect(),
             pins: EntityTable::new("joints/tension".into(), points()),
             contacts: EntityTable::new("contacts/points".into(), points()),
@@ -228,6 +237,7 @@ impl Pictures {
 
     pub fn push(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
         self.push_chain(frame, header, scale);
+        self.push_rollers(frame, header);
         self.push_bodies(frame, header);
         self.push_forces(frame, scale);
     }
@@ -253,6 +263,20 @@ impl Pictures {
             table.end_row(*n);
         }
         self.pins.end_row(header.links.len().min(x_m.len()));
+    }
+
+    fn push_rollers(&mut self, frame: &Frame, header: &Header) {
+        let places = || frame.rollers.x_m.iter().zip(&frame.rollers.y_m);
+        for (table, radii) in &mut self.rollers {
+            let mut n = 0;
+            for (roller, (x, y)) in header.rollers.iter().zip(places()) {
+                if [roller.radius_m, roller.bore_radius_m] == *radii {
+                    table.f32(0).extend_from_slice(&position_mm([*x, *y], 0.0));
+                    n += 1;
+                }
+            }
+            table.end_row(n);
+        }
     }
 
     fn push_bodies(&mut self, frame: &Frame, header: &Header) {
@@ -282,6 +306,7 @@ impl Pictures {
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
         let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
-        self.chain.iter_mut().chain(&mut self.moving).chain(others)
+        let rollers = self.rollers.iter_mut().map(|(table, _)| table);
+        self.chain.iter_mut().chain(rollers).chain(&mut self.moving).chain(others)
     }
 }

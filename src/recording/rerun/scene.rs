@@ -75,6 +75,14 @@ pub fn body_entity(body: &BodyInfo) -> EntityPath {
         .collect()
 }
 
+/// Entity of a kind of roller.
+pub fn roller_entity(kind: usize) -> EntityPath {
+    ["chain".to_string(), format!("rollers {kind}")]
+        .into_iter()
+        .map(rerun::external::re_log_types::EntityPathPart::new)
+        .collect()
+}
+
 /// Entity of a kind of link.
 pub fn outline_entity(outline: &Outline) -> EntityPath {
     ["chain", &outline.name].into_iter().map(rerun::external::re_log_types::EntityPathPart::new).collect()
@@ -94,6 +102,9 @@ pub fn log(stream: &RecordingStream, header: &Header, scale: ForceScale) -> Resu
     stream.log_static("/", &ViewCoordinates::RIGHT_HAND_Y_UP())?;
     for (i, outline) in header.link_outlines.iter().enumerate() {
         stream.log_static(outline_entity(outline), &link_mesh(outline, i, pitch_mm(header)))?;
+    }
+    for (kind, radii) in header.roller_radii().into_iter().enumerate() {
+        stream.log_static(roller_entity(kind), &roller_mesh(radii, pitch_mm(header)))?;
     }
     for body in &header.bodies {
         log_body(stream, body, pitch_mm(header))?;
@@ -120,6 +131,14 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
     for c in &outline.circles {
         mesh.push_fan([c.x_m, c.y_m], &circle(c.x_m, c.y_m, c.radius_m), z + Z_DISC, disc);
     }
+    mesh.build()
+}
+
+/// A roller, and the bush in its bore.
+fn roller_mesh([radius_m, bore_m]: [f64; 2], pitch_mm: f64) -> Mesh3D {
+    let mut mesh = MeshParts { pitch_mm, ..MeshParts::default() };
+    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, radius_m), Z_INNER + Z_FACE + Z_DISC, [196, 188, 120]);
+    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, bore_m), Z_INNER + Z_FACE + 2.0 * Z_DISC, [52, 60, 84]);
     mesh.build()
 }
 
