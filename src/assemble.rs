@@ -21,7 +21,7 @@ use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{ArmModel, Model, PlacedDrive, place};
+use crate::model::{ArmModel, Model, PlacedDrive, SprocketModel, place};
 use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{
     Configuration, Equilibrium, equilibrium, forces_on, guide_touches, rail_touches, sensitivity_to_driver,
@@ -728,18 +728,55 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
         let (s, c) = sin_cos(*angle);
         (state.links.x[i], state.links.y[i], state.links.cos[i], state.links.sin[i]) = (p.x, p.y, c, s);
     }
-    for roller in model.chain.all_rollers() {
-        let (link, front) = model.chain.bush_carrier(roller);
-        let p = end_of(model, &state, link, front);
-        (state.links.x[roller], state.links.y[roller]) = (p.x, p.y);
-        (state.links.cos[roller], state.links.sin[roller]) = (1.0, 0.0);
-    }
     state.coordinates.angle.copy_from_slice(&q.coordinates);
     wrap_angles(model, &mut state.coordinates.angle);
     for (k, angle) in q.coordinates.iter().enumerate() {
         (state.coordinates.sin[k], state.coordinates.cos[k]) = sin_cos(*angle);
     }
+    seat_rollers(model, &mut state);
     state
+}
+
+/// Puts rollers onto their bushes: where a tooth holds them off, along the normal that all three centres lie on; else in the middle of their
+/// play. Their contacts remember what they bear.
+fn seat_rollers(model: &Model, state: &mut State) {
+    for roller in model.chain.all_rollers() {
+        let (link, front) = model.chain.bush_carrier(roller);
+        let p = end_of(model, state, link, front);
+        (state.links.x[roller], state.links.y[roller]) = (p.x, p.y);
+        (state.links.cos[roller], state.links.sin[roller]) = (1.0, 0.0);
+    }
+    for sprocket in &model.sprockets {
+        let Some(bore) = &model.bores[sprocket.chain] else { continue };
+        for roller in model.chain.rollers[sprocket.chain].clone() {
+            let l = &mut state.links;
+            let Some((force, normal)) =
+                resting_contact(model, sprocket, Vec2::new(l.x[roller], l.y[roller]), &state.coordinates.angle)
+            else {
+                continue;
+            };
+            let off = normal * (bore.clearance_m + bore.penetration_m(force));
+            (l.x[roller], l.y[roller]) = (l.x[roller] + off.x, l.y[roller] + off.y);
+            for memory in [&mut state.bushes, &mut state.bores] {
+                memory.normal_force[roller] = force;
+                memory.age[roller] = 1.0;
+            }
+        }
+    }
+}
+
+/// Force of a sprocket on a bush at rest, with its roller where it has one, and the normal out of the tooth.
+fn resting_contact(model: &Model, sprocket: &SprocketModel, bush: Vec2, coordinates: &[f64]) -> Option<(f64, Vec2)> {
+    let teeth = sprocket.geometry.iso()?;
+    let angle = coordinates[sprocket.coordinate];
+    let held = RestingBush::new(&sprocket.body, model.bores[sprocket.chain].as_ref());
+    let in_frame = crate::geometry::rotated(bush - sprocket.frame.origin_at(coordinates), -angle);
+    if in_frame.norm() > teeth.tip_radius_m + held.radius_m {
+        return None;
+    }
+    let hit = crate::contact::gap_contact(teeth, in_frame, held.radius_m);
+    let force = held.elastic(hit.touch.penetration_m, hit.body_radius_m).force_n;
+    (force > 0.0).then(|| (force, crate::geometry::rotated(hit.touch.normal, angle)))
 }
 
 /// One end of a link.
@@ -765,32 +802,13 @@ fn wrap_angles(model: &Model, angles: &mut [f64]) {
 /// Puts the static contact forces into the memory of the contacts, as if they had been there the step before: a step removes
 /// its own force of the step before from the velocities it finds.
 fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
-    for sprocket in &model.sprockets {
-        let Some(teeth) = sprocket.geometry.iso() else { continue };
-        let angle = state.coordinates.angle[sprocket.coordinate];
-        let bore = model.bores[sprocket.chain].as_ref();
-        let bush = RestingBush::new(&sprocket.body, bore);
-        for lane in model.chain.bush_lanes(sprocket.chain) {
-            let (link, front) = model.chain.bush_carrier(lane);
-            let centre = end_of(model, state, link, front) - sprocket.frame.origin_at(&state.coordinates.angle);
-            let in_frame = crate::geometry::rotated(centre, -angle);
-            if in_frame.norm() > teeth.tip_radius_m + bush.radius_m {
-                continue;
-            }
-            let hit = crate::contact::gap_contact(teeth, in_frame, bush.radius_m);
-            let force = bush.elastic(hit.touch.penetration_m, hit.body_radius_m).force_n;
-            if force <= 0.0 {
-                continue;
-            }
-            state.bushes.normal_force[lane] = force;
-            state.bushes.age[lane] = 1.0;
-            if let Some(bore) = bore {
-                // The tooth holds the roller off its bush, along the normal that all three centres lie on.
-                let out = crate::geometry::rotated(hit.touch.normal, angle);
-                let off = out * (bore.clearance_m + bore.penetration_m(force));
-                (state.links.x[lane], state.links.y[lane]) = (state.links.x[lane] + off.x, state.links.y[lane] + off.y);
-                state.bores.normal_force[lane] = force;
-                state.bores.age[lane] = 1.0;
+    for sprocket in model.sprockets.iter().filter(|s| model.bores[s.chain].is_none()) {
+        for joint in model.chain.loops[sprocket.chain].clone() {
+            let (link, front) = model.chain.bush_carrier(joint);
+            let bush = end_of(model, state, link, front);
+            if let Some((force, _)) = resting_contact(model, sprocket, bush, &state.coordinates.angle) {
+                state.bushes.normal_force[joint] = force;
+                state.bushes.age[joint] = 1.0;
             }
         }
     }

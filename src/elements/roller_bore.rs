@@ -200,3 +200,95 @@ const SMALLEST_M2: f64 = 1e-24;
 const HALVINGS: u32 = 80;
 /// More than any bore is pressed in [m].
 const MOST_M: f64 = 1e-3;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    /// Without friction a roller that circles a bush which stands still is a point mass on a circle: k (e - c) = m v^2 / e.
+    #[test]
+    fn a_roller_circles_its_bush() {
+        let law = ContactLaw::Linear { stiffness_n_per_m: 1e6, damping_n_s_per_m: 0.0 };
+        let bore = Bore { bush_radius_m: 2e-3, clearance_m: 1e-3, law, friction: 0.0, stick_speed_m_s: 0.1 };
+        let (mass, e) = (1e-3, 1.05e-3);
+        let speed = libm::sqrt(1e6 * (e - 1e-3) * e / mass);
+        let turn_s = 2.0 * std::f64::consts::PI * e / speed;
+        let errors = [200.0, 400.0, 800.0].map(|steps| {
+            let h = turn_s / steps;
+            // A leapfrog: the velocity is half a step behind.
+            let a = speed * speed / e;
+            let (mut x, mut y, mut vx, mut vy) = (e, 0.0, 0.5 * h * a, speed);
+            let mut lanes = Lanes::default();
+            let mut past = [-a, 0.0];
+            lanes.normal_force = [mass * a; LANES];
+            lanes.age = [1.0; LANES];
+            let roller =
+                RollerLanes { omega: [0.0; LANES], inverse_mass: [1.0 / mass; LANES], inverse_inertia: [0.0; LANES] };
+            for _ in 0..steps as usize {
+                (lanes.x, lanes.y) = ([x; LANES], [y; LANES]);
+                (lanes.vx, lanes.vy) = ([vx + 0.5 * h * past[0]; LANES], [vy + 0.5 * h * past[1]; LANES]);
+                (lanes.ax, lanes.ay) = ([past[0]; LANES], [past[1]; LANES]);
+                lanes.inverse_mass = [0.0; LANES];
+                bore.forces(h, &roller, &mut lanes);
+                past = [lanes.force_x[0] / mass, lanes.force_y[0] / mass];
+                (vx, vy) = (vx + h * past[0], vy + h * past[1]);
+                (x, y) = (x + h * vx, y + h * vy);
+            }
+            libm::hypot(x - e, y) / e
+        });
+        println!("{errors:?}");
+        // measured: see the factor of four.
+        assert!(errors[0] < 2e-3 && errors[0] / errors[1] > 3.5 && errors[1] / errors[2] > 3.5, "{errors:?}");
+    }
+
+    /// Springs in series, whatever their laws.
+    #[test]
+    fn a_bush_at_rest_feels_both_springs() {
+        let law = ContactLaw::Linear { stiffness_n_per_m: 1e8, damping_n_s_per_m: 50.0 };
+        let bore = Bore { bush_radius_m: 1.8e-3, clearance_m: 4e-5, law, friction: 0.1, stick_speed_m_s: 0.05 };
+        let radii = PairRadii { bush_m: 2.5e-3, body_m: -2.6e-3 };
+        let tooth = ContactLaw::Linear { stiffness_n_per_m: 3e8, damping_n_s_per_m: 50.0 };
+        let both = bore.at_rest(1e-6, (&tooth, radii));
+        assert!((both.force_n / 75.0 - 1.0).abs() < 1e-9 && (both.stiffness_n_per_m / 0.75e8 - 1.0).abs() < 1e-9);
+        assert!((both.energy_j / (0.5 * 75.0 * 1e-6) - 1.0).abs() < 1e-9);
+        assert!((bore.penetration_m(75.0) / 0.75e-6 - 1.0).abs() < 1e-9);
+        // A law that begins without stiffness.
+        let tooth = ContactLaw::Power { stiffness_n_per_m_n: 1e10, exponent: 1.5, hysteresis: 0.0 };
+        let both = bore.at_rest(1e-6, (&tooth, radii));
+        let share = 1e-6 - both.force_n / 1e8;
+        assert!((tooth.elastic(share, radii).force_n / both.force_n - 1.0).abs() < 1e-9);
+        let slope = (bore.at_rest(1e-6 + 1e-10, (&tooth, radii)).force_n - both.force_n) / 1e-10;
+        assert!((slope / both.stiffness_n_per_m - 1.0).abs() < 1e-3);
+    }
+
+    /// Two frictions on one roller, solved together, leave no more of either sliding speed than both can stop.
+    #[test]
+    fn frictions_solved_together_fit_each_other() {
+        let one = |mu: f64, mobility: f64, slide: f64| RollerFriction {
+            mu,
+            stick_speed_m_s: 1e-3,
+            normal_n: 100.0,
+            mobility,
+            past_n: 0.0,
+            force_n: 0.0,
+            slide_m_s: slide,
+        };
+        let (mut tooth, mut bush) = (one(0.1, 0.02, 0.3), one(0.1, 0.015, -0.2));
+        let mixed = -0.016;
+        solve_together(&mut tooth, &mut bush, mixed);
+        for (own, other) in [(&tooth, &bush), (&bush, &tooth)] {
+            let first = if std::ptr::eq(own, &tooth) { 0.3 } else { -0.2 };
+            let slide = first + own.mobility * own.force_n + mixed * other.force_n;
+            assert!((slide - own.slide_m_s).abs() < 1e-9, "{slide} {}", own.slide_m_s);
+            let alone = friction::solved_force(
+                own.mu,
+                own.normal_n,
+                slide - own.mobility * own.force_n,
+                own.stick_speed_m_s,
+                own.mobility,
+            );
+            assert!((alone - own.force_n).abs() < 1e-8, "{alone} {}", own.force_n);
+        }
+    }
+}
