@@ -160,8 +160,12 @@ pub fn solve_together(tooth: &mut RollerFriction, bush: &mut RollerFriction, mix
     let without = |f: &RollerFriction| f.slide_m_s - f.mobility * f.force_n;
     let (tooth_m_s, bush_m_s) = (without(tooth), without(bush));
     for _ in 0..SWEEPS {
+        let before = [tooth.force_n, bush.force_n];
         tooth.solve(tooth_m_s, mixed * (bush.force_n - bush.past_n));
         bush.solve(bush_m_s, mixed * (tooth.force_n - tooth.past_n));
+        if before == [tooth.force_n, bush.force_n] {
+            break;
+        }
     }
     tooth.slide_m_s = tooth_m_s + mixed * (bush.force_n - bush.past_n) + tooth.mobility * tooth.force_n;
 }

@@ -189,7 +189,10 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
         }
     }
     scratch.chain_torque.fill(0.0);
-    rollers::contacts(model, state, scratch);
+    let has_rollers = model.chain.has_rollers();
+    if has_rollers {
+        rollers::contacts(model, state, scratch);
+    }
     for k in 0..model.sprockets.len() {
         teeth::contacts::<WATCHED>(model, state, scratch, k);
     }
@@ -197,7 +200,9 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
         *block = BlockForces::default();
     }
-    rollers::give(model, scratch);
+    if has_rollers {
+        rollers::give(model, scratch);
+    }
     for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
         guides::contacts::<WATCHED>(model, state, scratch, k);
     }

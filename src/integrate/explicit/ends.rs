@@ -587,6 +587,9 @@ fn first_lever_m(model: &Model, chain: usize) -> f64 {
 
 /// Links near each body, and for every set the nearest body of each link.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
+    if model.end_bodies.is_empty() {
+        return;
+    }
     scratch.contour_ends.clone_from(&state.contour_ends);
     let distance = |body: &EndBody, link: usize| {
         body.distance_m(

@@ -3,8 +3,10 @@
 
 use super::teeth::{BushSources, load_bushes};
 use super::{ContactMemory, MemoryBlocks, Scratch, write_block};
+use crate::elements::body_frame::BodyMobility;
 use crate::elements::roller_bore::{Bore, RollerFriction, RollerLanes, solve_together};
 use crate::elements::tooth_contact::{FrictionInput, LANES, LaneBlock, Lanes, take};
+use crate::geometry::Vec2;
 use crate::model::Model;
 use crate::state::State;
 
@@ -69,7 +71,7 @@ fn contacts_of_chain(model: &Model, state: &State, scratch: &mut Scratch, (chain
     let mut memory = MemoryBlocks::new(&state.bores, memory, stale, c.padded / LANES);
     for first in (0..rollers.len()).step_by(LANES) {
         let (joint, roller) = (joints.start + first, rollers.start + first);
-        load_bushes(&sources, joint / LANES, lanes);
+        load_bushes(&sources, joint / LANES, Vec2::zeros(), lanes);
         let spin = RollerLanes {
             omega: take(omega, roller),
             inverse_mass: take(&c.inverse_mass, roller),
@@ -103,16 +105,17 @@ fn contacts_of_chain(model: &Model, state: &State, scratch: &mut Scratch, (chain
     }
 }
 
-/// Friction of rollers that touch a tooth and their bush, both at once. `lanes`: rollers against a sprocket whose mobility beside theirs along
-/// a direction is `yields`, after its forces.
-#[inline(always)]
+/// Friction of rollers that touch a tooth and their bush, both at once. `lanes`: rollers against a sprocket that gives way so much, after its
+/// forces. Apart from the kernel of the teeth, which without rollers must not pay for it.
+#[cold]
+#[inline(never)]
 pub(super) fn couple(
     model: &Model,
     state: &State,
     bores: &mut BoreColumns,
     (bore, at): (&Bore, usize),
     (friction, past): (FrictionInput, &LaneBlock),
-    yields: impl Fn(f64, f64, f64) -> f64,
+    yields: BodyMobility,
     lanes: &mut Lanes,
 ) {
     let (step, c) = (model.step_s, &model.chain);
@@ -127,12 +130,13 @@ pub(super) fn couple(
         let (nx, ny) = (lanes.normal_x[i], lanes.normal_y[i]);
         let inside_m = bore.bush_radius_m + bore.clearance_m + bores.depth[lane];
         let of_roller = inverse_mass + friction.radius * friction.radius * inverse_inertia;
-        let outward = lanes.x[i] * nx + lanes.y[i] * ny;
+        let arm = lanes.x[i] * nx + lanes.y[i] * ny - friction.radius;
+        let of_body = yields.inverse_inertia * arm * arm + yields.along(-ny, nx);
         let mut tooth = RollerFriction {
             mu: friction.mu,
             stick_speed_m_s: friction.stick_speed,
             normal_n: lanes.normal_force[i],
-            mobility: half * (of_roller + yields(nx, ny, outward - friction.radius)),
+            mobility: half * (of_roller + of_body),
             past_n: past[i],
             force_n: lanes.tangential_force[i],
             slide_m_s: lanes.slide[i],
@@ -167,25 +171,27 @@ pub(super) fn couple(
 }
 
 /// Gives the forces of bores to the centres of links and rollers, as those of guides are given.
-#[inline(always)]
+#[inline(never)]
 pub(super) fn give(model: &Model, scratch: &mut Scratch) {
     let c = &model.chain;
     let Scratch { bores, end_forces, wrapped, .. } = scratch;
-    for lane in c.all_rollers() {
-        let (x, y) = (bores.force_x[lane], bores.force_y[lane]);
-        let on_roller = &mut end_forces[lane / LANES];
-        on_roller.used = true;
-        on_roller.x[lane % LANES] += x;
-        on_roller.y[lane % LANES] += y;
-        on_roller.moment[lane % LANES] += bores.moment[lane];
-        let (link, front) = c.bush_carrier(lane);
-        let lever = if front { c.lever[link] } else { -c.lever[link] };
-        let (cos, sin) = (wrapped.cos[link], wrapped.sin[link]);
-        let on_link = &mut end_forces[link / LANES];
-        on_link.used = true;
-        on_link.x[link % LANES] -= x;
-        on_link.y[link % LANES] -= y;
-        on_link.moment[link % LANES] += lever * (sin * x - cos * y) + bores.bush_moment[lane];
+    for (own, rollers) in c.loops.iter().zip(&c.rollers) {
+        for (joint, lane) in own.clone().zip(rollers.clone()) {
+            let (x, y) = (bores.force_x[lane], bores.force_y[lane]);
+            let on_roller = &mut end_forces[lane / LANES];
+            on_roller.used = true;
+            on_roller.x[lane % LANES] += x;
+            on_roller.y[lane % LANES] += y;
+            on_roller.moment[lane % LANES] += bores.moment[lane];
+            let next = if joint + 1 == own.end { own.start } else { joint + 1 };
+            let link = if c.bush_on_front[joint + 1] != 0.0 { joint } else { next };
+            let (lever, cos, sin) = (c.bush_lever[joint], wrapped.cos[link], wrapped.sin[link]);
+            let on_link = &mut end_forces[link / LANES];
+            on_link.used = true;
+            on_link.x[link % LANES] -= x;
+            on_link.y[link % LANES] -= y;
+            on_link.moment[link % LANES] += lever * (sin * x - cos * y) + bores.bush_moment[lane];
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use super::rollers;
 use super::scratch::{LinkEnds, WrappedColumns};
 use super::watch::{ContactBlock, ObservedStep};
 use super::{BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
-use crate::elements::body_frame::FrameMotion;
+use crate::elements::body_frame::{BodyMobility, FrameMotion};
 use crate::elements::tooth_contact::{
     self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
 };
@@ -83,15 +83,30 @@ struct BushResults<'a> {
 /// Contacts of all bushes near sprocket `k`.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
+    // Compiled apart, so that bushes do not pay for what rollers need.
+    if model.bores[model.sprockets[k].chain].is_some() {
+        contacts_of::<WATCHED, true>(model, state, scratch, k);
+    } else {
+        contacts_of::<WATCHED, false>(model, state, scratch, k);
+    }
+}
+
+#[inline(always)]
+fn contacts_of<const WATCHED: bool, const ROLLERS: bool>(
+    model: &Model,
+    state: &State,
+    scratch: &mut Scratch,
+    k: usize,
+) {
     let body = &model.sprockets[k].body;
     let (c, count) = (&model.chain, model.chain.padded / LANES);
     let frame = &model.sprockets[k].frame;
     let motion = frame.motion(&super::coordinate_columns(model, state));
     let FrameMotion { cos, sin, omega, .. } = motion;
     let turning = SprocketMotion { cos, sin, omega };
-    let mobility = frame.mobility(&model.coordinates);
     // A sprocket on a fixed axis gives way by a hundredth of what a link does: its contacts take the link's mass alone.
     let moves = !frame.shifts.is_empty();
+    let mobility = if moves { frame.mobility(&model.coordinates) } else { BodyMobility::default() };
     let reach_m = scratch.fastest_m_s * model.step_s;
     // Bushes sit at either end that meets in a joint: as far from the front end as the joint is stretched.
     let tip_reach_m = body.tip_radius_m
@@ -159,13 +174,9 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 } else {
                     tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
                 }
-                if let Some(bore) = bore {
-                    let (past, sliding) = (&past[at], FrictionInput { mu, stick_speed: stick, radius });
-                    let yields = |nx: f64, ny: f64, arm: f64| {
-                        let own = mobility.inverse_inertia * arm * arm + mobility.along(-ny, nx);
-                        if moves { own } else { 0.0 }
-                    };
-                    rollers::couple(model, state, &mut s.bores, (bore, at * LANES), (sliding, past), yields, lanes);
+                if ROLLERS && let Some(bore) = bore {
+                    let sliding = (FrictionInput { mu, stick_speed: stick, radius }, &past[at]);
+                    rollers::couple(model, state, &mut s.bores, (bore, at * LANES), sliding, mobility, lanes);
                 }
                 given.add(moves, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
             } else {
@@ -230,30 +241,30 @@ const JOINT_STRETCH_M: f64 = 0.5e-3;
 /// The bushes of the joints of block `at` as seen from the axis of a sprocket, which may move.
 #[inline(always)]
 fn load(from: &BushSources<'_>, at: usize, (axis, moves): (&FrameMotion, bool), lanes: &mut Lanes) {
-    load_bushes(from, at, lanes);
-    for i in 0..LANES {
-        lanes.x[i] -= axis.origin.x;
-        lanes.y[i] -= axis.origin.y;
-    }
+    load_bushes(from, at, axis.origin, lanes);
     if moves {
         lanes.take_off(axis);
     }
 }
 
-/// The bushes of the joints of block `at`.
+/// The bushes of the joints of block `at`, their places from `origin`.
 #[inline(always)]
-pub(super) fn load_bushes(from: &BushSources<'_>, at: usize, lanes: &mut Lanes) {
+pub(super) fn load_bushes(from: &BushSources<'_>, at: usize, origin: Vec2, lanes: &mut Lanes) {
     let owner = &from.on_front[at];
-    (lanes.x, lanes.y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
+    let (mut x, mut y) = (select_owner(owner, from.x, at), select_owner(owner, from.y, at));
     (lanes.vx, lanes.vy) = (select_owner(owner, from.vx, at), select_owner(owner, from.vy, at));
     lanes.omega = select_owner(owner, from.omega, at);
     let (cos, sin, lever) = (select_owner(owner, from.cos, at), select_owner(owner, from.sin, at), from.lever[at]);
     let (mut ax, mut ay) = (select_owner(owner, from.ax, at), select_owner(owner, from.ay, at));
     let alpha = select_owner(owner, from.alpha, at);
     for i in 0..LANES {
+        x[i] -= origin.x;
+        y[i] -= origin.y;
         ax[i] -= alpha[i] * lever[i] * sin[i];
         ay[i] += alpha[i] * lever[i] * cos[i];
     }
+    lanes.x = x;
+    lanes.y = y;
     lanes.ax = ax;
     lanes.ay = ay;
     lanes.cos = cos;

@@ -25,6 +25,11 @@ const Z_POINTS: f64 = 0.04;
 const Z_FACE: f64 = 0.002;
 const Z_DISC: f64 = 0.004;
 
+/// Curves in the order of their names: the palette of Okabe and Ito (2008), which the colour-blind tell apart, without its black, with the
+/// colours that are furthest apart first.
+const CURVE_COLOURS: [[u8; 3]; 7] =
+    [[86, 180, 233], [230, 159, 0], [0, 158, 115], [204, 121, 167], [240, 228, 66], [213, 94, 0], [0, 114, 178]];
+
 /// Steps of the colour scale of forces.
 const FORCE_CLASSES: u16 = 32;
 
@@ -134,11 +139,11 @@ fn link_mesh(outline: &Outline, row: usize, pitch_mm: f64) -> Mesh3D {
     mesh.build()
 }
 
-/// A roller, and the bush in its bore.
+/// A roller, and the bush in its bore, in front of the plates between which they lie.
 fn roller_mesh([radius_m, bore_m]: [f64; 2], pitch_mm: f64) -> Mesh3D {
     let mut mesh = MeshParts { pitch_mm, ..MeshParts::default() };
-    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, radius_m), Z_INNER + Z_FACE + Z_DISC, [196, 188, 120]);
-    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, bore_m), Z_INNER + Z_FACE + 2.0 * Z_DISC, [52, 60, 84]);
+    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, radius_m), Z_OUTER + 1.35 * Z_FACE, [196, 188, 120]);
+    mesh.push_fan([0.0, 0.0], &circle(0.0, 0.0, bore_m), Z_OUTER + 1.7 * Z_FACE, [52, 60, 84]);
     mesh.build()
 }
 
@@ -305,7 +310,10 @@ pub fn sensors_entity(unit: &str) -> String {
 fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
     let forces = rotors().chain(["guides".to_string()]).map(|name| format!("{name} [N]"));
-    let named = |names: Vec<String>| SeriesLines::new().with_names(names);
+    let named = |names: Vec<String>| {
+        let colours = CURVE_COLOURS.iter().cycle().map(|[r, g, b]| Color::from_rgb(*r, *g, *b));
+        SeriesLines::new().with_colors(colours.take(names.len())).with_names(names)
+    };
     stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
     let turning = header.coordinates.iter().map(|path| path.rsplit('.').next().unwrap_or(path));
