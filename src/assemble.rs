@@ -10,6 +10,7 @@
 
 use crate::diag::Report;
 use crate::drive::{Drive, Effects, PreloadSpec};
+use crate::elements::contact_group::ContactGroup;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
@@ -757,7 +758,7 @@ fn seat_rollers(model: &Model, state: &mut State) {
             };
             let off = normal * (bore.clearance_m + bore.penetration_m(force));
             (l.x[roller], l.y[roller]) = (l.x[roller] + off.x, l.y[roller] + off.y);
-            for memory in [&mut state.bushes, &mut state.bores] {
+            for memory in [&mut state.contacts[ContactGroup::Bushes.index()], &mut state.bores] {
                 memory.normal_force[roller] = force;
                 memory.age[roller] = 1.0;
             }
@@ -807,14 +808,14 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
             let (link, front) = model.chain.bush_carrier(joint);
             let bush = end_of(model, state, link, front);
             if let Some((force, _)) = resting_contact(model, sprocket, bush, &state.coordinates.angle) {
-                state.bushes.normal_force[joint] = force;
-                state.bushes.age[joint] = 1.0;
+                let memory = state.memory_mut(ContactGroup::Bushes);
+                (memory.normal_force[joint], memory.age[joint]) = (force, 1.0);
             }
         }
     }
     for guide in model.guides.iter().filter(|g| g.body.touches_plates) {
         for touch in guide_touches(model, q, guide) {
-            let memory = &mut state.guide_ends[2 * guide.body.side + usize::from(!touch.front)];
+            let memory = state.memory_mut(ContactGroup::Guides(2 * guide.body.side + usize::from(!touch.front)));
             memory.normal_force[touch.link] = touch.elastic.force_n;
             memory.age[touch.link] = 1.0;
         }
@@ -822,7 +823,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
     for rail in &model.rails {
         for (link, part, touch) in rail_touches(model, q, rail) {
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
-            let memory = &mut state.rail_plates[3 * rail.body.side + part as usize];
+            let memory = state.memory_mut(ContactGroup::Rails(3 * rail.body.side + part as usize));
             memory.normal_force[link] = rail.body.law.elastic(touch.penetration_m, radii).force_n;
             memory.age[link] = 1.0;
         }
@@ -841,7 +842,7 @@ fn remember_contacts(model: &Model, q: &Configuration, state: &mut State) {
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
             let force = body.law.elastic(touch.penetration_m, radii).force_n;
             if force > 0.0 {
-                let memory = &mut state.contour_ends[2 * body.set + usize::from(!front)];
+                let memory = &mut state.contacts[ContactGroup::Contours(2 * body.set + usize::from(!front)).index()];
                 memory.normal_force[link] = force;
                 memory.age[link] = 1.0;
             }

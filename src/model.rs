@@ -22,12 +22,13 @@ use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::body_frame::BodyFrame;
+use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
-use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SETS, SeatDirections, SilentTooth};
+use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SeatDirections, SilentTooth};
 use crate::elements::guide_contact::GuideBody;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
@@ -543,11 +544,6 @@ impl Model {
         self.sprockets.len() + self.guides.len()
     }
 
-    /// Which sides have rails: inside, outside.
-    pub fn rail_sides(&self) -> [bool; 2] {
-        [0, 1].map(|side| self.rails.iter().any(|r| r.body.side == side))
-    }
-
     /// Lengths of the columns of its State.
     pub fn layout(&self) -> StateLayout {
         StateLayout {
@@ -557,28 +553,29 @@ impl Model {
             n_coordinates: self.coordinates.len(),
             has_losses: self.has_losses(),
             has_shaft_losses: self.has_shaft_losses(),
-            guide_sides: self.guide_sides(),
-            rail_sides: self.rail_sides(),
-            contour_sets: self.contour_sets(),
+            contact_groups: self.contact_groups(),
             n_touches: self.touches.len(),
             n_oil: self.oil.as_ref().map_or([0; 3], Network::lengths),
         }
     }
 
-    /// Which sides have guides: inside, outside.
-    pub fn guide_sides(&self) -> [bool; 2] {
-        [0, 1].map(|side| self.guides.iter().any(|g| g.body.side == side && g.body.touches_plates))
+    /// Which groups of contacts there are, in the order of [`ContactGroup::ALL`]. All drives keep a memory of bushes.
+    pub fn contact_groups(&self) -> [bool; CONTACT_GROUPS] {
+        let on_guides = |side: usize| self.guides.iter().any(|g| g.body.side == side && g.body.touches_plates);
+        let on_rails = |side: usize| self.rails.iter().any(|r| r.body.side == side);
+        let on_bodies = |set: usize| self.end_bodies.iter().any(|b| b.set == set);
+        ContactGroup::ALL.map(|part| match part {
+            ContactGroup::Bushes => true,
+            ContactGroup::Guides(set) => on_guides(set / 2),
+            ContactGroup::Rails(set) => on_rails(set / 3),
+            ContactGroup::Contours(set) => on_bodies(set / 2),
+        })
     }
 
     /// Whether links of any chain have a contour of their own.
     #[inline(always)]
     pub fn has_contours(&self) -> bool {
         self.contours.iter().any(Option::is_some)
-    }
-
-    /// Which sets of contour ends have bodies.
-    pub fn contour_sets(&self) -> [bool; SETS] {
-        std::array::from_fn(|set| self.end_bodies.iter().any(|b| b.set == set))
     }
 }
 

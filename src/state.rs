@@ -6,6 +6,7 @@
 //!
 //! Arrays are padded with inert lanes to a multiple of the lane width; what lies behind the last link is neither hashed nor saved.
 
+use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::recording::frame::{Keyframe, StateColumn};
 use std::hash::Hasher;
 
@@ -121,10 +122,8 @@ pub struct StateLayout {
     pub has_losses: bool,
     /// Whether loads or couplings lose some of it.
     pub has_shaft_losses: bool,
-    /// Whether there are guides, and rails, inside and outside the loop.
-    pub guide_sides: [bool; 2],
-    pub rail_sides: [bool; 2],
-    pub contour_sets: [bool; 3],
+    /// Which groups of contacts there are, in the order of [`ContactGroup::ALL`].
+    pub contact_groups: [bool; CONTACT_GROUPS],
     /// Number of pairs of parts that may touch each other and no chain.
     pub n_touches: usize,
     /// Numbers of chambers, reservoirs and passages of oil.
@@ -150,14 +149,8 @@ pub struct State {
     /// Lost in the pin joints since the ledger was opened, per joint [J].
     pub lost_pin_damping: Vec<f64>,
     pub lost_pin_friction: Vec<f64>,
-    /// Bush of joint j against the sprockets.
-    pub bushes: ContactMemory,
-    /// Plate ends against guides: inside front, inside rear, outside front, outside rear. Empty where a drive has none.
-    pub guide_ends: [ContactMemory; 4],
-    /// Plates against rails: inside front end, rear end and edge, then outside. Empty where a drive has none.
-    pub rail_plates: [ContactMemory; 6],
-    /// Ends of links' own contours: per set of `elements::end_contact` front, rear. Empty where a drive has none.
-    pub contour_ends: [ContactMemory; 6],
+    /// What of links touches bodies, in the order of [`ContactGroup::ALL`]; by joints (bushes) or links. Empty where a drive has none.
+    pub contacts: Vec<ContactMemory>,
     /// Parts that touch each other and no chain, in the order of the Model. Empty where a drive has none.
     pub touches: ContactMemory,
     /// Rollers on their bushes, by the lanes of rollers. Empty where a drive has none.
@@ -212,9 +205,7 @@ impl State {
             n_coordinates,
             has_losses,
             has_shaft_losses,
-            guide_sides,
-            rail_sides,
-            contour_sets,
+            contact_groups,
             n_touches,
             n_oil,
             ..
@@ -248,10 +239,7 @@ impl State {
             joint_limit: zeros(),
             lost_pin_damping: zeros(),
             lost_pin_friction: zeros(),
-            bushes: ContactMemory::new(padded_len),
-            guide_ends: [ends(guide_sides[0]), ends(guide_sides[0]), ends(guide_sides[1]), ends(guide_sides[1])],
-            rail_plates: std::array::from_fn(|i| ends(rail_sides[i / 3])),
-            contour_ends: std::array::from_fn(|i| ends(contour_sets[i / 2])),
+            contacts: contact_groups.map(ends).to_vec(),
             touches: ContactMemory::new(n_touches),
             bores: ends(has_rollers),
             oil: OilState::new(n_oil),
@@ -280,10 +268,7 @@ impl State {
             joint_limit,
             lost_pin_damping,
             lost_pin_friction,
-            bushes,
-            guide_ends,
-            rail_plates,
-            contour_ends,
+            contacts,
             touches,
             bores,
             oil,
@@ -312,28 +297,9 @@ impl State {
         f(ColumnName { set: "joints", name: "friction_limit" }, &joint_limit[..n]);
         f(ColumnName { set: "joints", name: "lost_pin_damping" }, &lost_pin_damping[..n]);
         f(ColumnName { set: "joints", name: "lost_pin_friction" }, &lost_pin_friction[..n]);
-        let sets = [
-            "bushes",
-            "guide_inside_front",
-            "guide_inside_rear",
-            "guide_outside_front",
-            "guide_outside_rear",
-            "rail_inside_front",
-            "rail_inside_rear",
-            "rail_inside_edge",
-            "rail_outside_front",
-            "rail_outside_rear",
-            "rail_outside_edge",
-            "rim_front",
-            "rim_rear",
-            "inner_front",
-            "inner_rear",
-            "face_front",
-            "face_rear",
-        ];
-        let memories = std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends);
+        let of_links = ContactGroup::ALL.into_iter().map(ContactGroup::name).zip(contacts);
         let more = [("touches", touches), ("bores", bores)].into_iter().filter(|(_, memory)| !memory.is_empty());
-        for (set, memory) in sets.into_iter().zip(memories).chain(more) {
+        for (set, memory) in of_links.chain(more) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             let named = [
                 ("normal_force", normal_force),
@@ -391,6 +357,12 @@ impl State {
         hasher.finish()
     }
 
+    /// What a group of contacts remembers.
+    #[inline(always)]
+    pub fn memory_mut(&mut self, part: ContactGroup) -> &mut ContactMemory {
+        &mut self.contacts[part.index()]
+    }
+
     /// The whole State as a message.
     pub fn keyframe(&self) -> Keyframe {
         let mut columns = Vec::new();
@@ -444,10 +416,7 @@ impl State {
             joint_limit,
             lost_pin_damping,
             lost_pin_friction,
-            bushes,
-            guide_ends,
-            rail_plates,
-            contour_ends,
+            contacts,
             touches,
             bores,
             oil,
@@ -458,7 +427,7 @@ impl State {
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
         columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
         let more = [touches, bores].into_iter().filter(|memory| !memory.is_empty());
-        for memory in std::iter::once(bushes).chain(guide_ends).chain(rail_plates).chain(contour_ends).chain(more) {
+        for memory in contacts.iter_mut().chain(more) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }

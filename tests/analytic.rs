@@ -335,6 +335,7 @@ fn bush_chain(row: RowSpec) -> BushChain {
         plate_thickness_m: 1.5e-3,
         density_kg_m3: 7850.0,
         is_cranked: false,
+        rollers: None,
         inner: row,
         outer: row,
     }

@@ -532,10 +532,7 @@ fn reversed(model: &Model, state: &State, scratch: &Scratch) -> (Model, State) {
     (back.links.ax, back.links.ay, back.links.alpha) = (scratch.ax.clone(), scratch.ay.clone(), scratch.alpha.clone());
     (back.links.joint_ax, back.links.joint_ay) = (scratch.joint_ax.clone(), scratch.joint_ay.clone());
     (back.links.joint_alpha, back.joint_limit) = (scratch.joint_alpha.clone(), scratch.joint_limit.clone());
-    back.bushes = scratch.memory(ContactGroup::Bushes).clone();
-    back.guide_ends = std::array::from_fn(|set| scratch.memory(ContactGroup::Guides(set)).clone());
-    back.contour_ends = std::array::from_fn(|set| scratch.memory(ContactGroup::Contours(set)).clone());
-    back.rail_plates = std::array::from_fn(|set| scratch.memory(ContactGroup::Rails(set)).clone());
+    back.contacts = ContactGroup::ALL.map(|part| scratch.memory(part).clone()).to_vec();
     for (k, coordinate) in model.coordinates.iter_mut().enumerate() {
         back.coordinates.omega[k] = -(state.coordinates.omega[k] + h * scratch.coordinate_alpha[k]);
         back.coordinates.alpha[k] = scratch.coordinate_alpha[k];

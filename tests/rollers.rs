@@ -116,6 +116,7 @@ fn separate_rollers_are_nearly_parts_of_their_links() {
     println!("parts of links {lumped:.4?}\nseparate       {separate:.4?}");
     assert!((separate.tension_rms / lumped.tension_rms - 1.0).abs() < 0.25);
     assert!((separate.peak_n / lumped.peak_n - 1.0).abs() < 0.25);
+    assert!(separate.speed_rms < lumped.speed_rms, "play and softness of bores even out");
     assert!((separate.spin_share - 1.0).abs() < 0.01, "{}", separate.spin_share);
     assert!(separate.energy.abs() < 1e-4 && lumped.energy.abs() < 1e-4);
 }

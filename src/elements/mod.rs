@@ -5,6 +5,7 @@ pub mod arc_lanes;
 pub mod beam;
 pub mod blade;
 pub mod body_frame;
+pub mod contact_group;
 pub mod contact_law;
 pub mod contour_forces;
 pub mod coordinate;

@@ -281,6 +281,12 @@ struct MemoryBlocks<'a> {
     stale: &'a mut [u8],
 }
 
+/// What a group of contacts remembers, for the kernels of guides and rails.
+#[inline(always)]
+fn memory_of<'a>(state: &'a State, scratch: &'a mut Scratch, group: usize, count: usize) -> MemoryBlocks<'a> {
+    MemoryBlocks::new(&state.contacts[group], &mut scratch.contacts[group], &mut scratch.groups[group].stale, count)
+}
+
 /// The columns of a [`ContactMemory`].
 struct MemoryColumns<T> {
     normal_force: T,
@@ -466,15 +472,7 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
         ld[j] += h * pd[j];
         lf[j] += h * pf[j];
     }
-    std::mem::swap(&mut state.bushes, &mut scratch.bushes);
-    std::mem::swap(&mut state.guide_ends, &mut scratch.guide_ends);
-    if !model.rails.is_empty() {
-        std::mem::swap(&mut state.rail_plates, &mut scratch.rail_plates);
-    }
-    // 36 empty columns where there are no contours.
-    if model.has_contours() {
-        std::mem::swap(&mut state.contour_ends, &mut scratch.contour_ends);
-    }
+    std::mem::swap(&mut state.contacts, &mut scratch.contacts);
     if !model.touches.is_empty() {
         std::mem::swap(&mut state.touches, &mut scratch.touches);
     }

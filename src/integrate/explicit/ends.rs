@@ -275,16 +275,13 @@ fn contacts_of<const WATCHED: bool, const UPDATED: bool>(
             let (sign, source) = if rear == 0 { (1.0, &s.front) } else { (-1.0, &s.rear) };
             let ends = EndSources::new(source, sign, count);
             let set = 2 * meeting.body.set + rear;
+            let group = ContactGroup::Contours(set).index();
+            let columns = &mut s.groups[group];
             let mut results = EndResults {
-                memory: MemoryBlocks::new(
-                    &state.contour_ends[set],
-                    &mut s.contour_ends[set],
-                    &mut s.stale_ends[set],
-                    count,
-                ),
-                rate: blocks_mut(&mut s.contour_rate[set], count),
-                slide: blocks_mut(&mut s.contour_slide[set], count),
-                depth: blocks_mut(&mut s.contour_depth[set], count),
+                memory: MemoryBlocks::new(&state.contacts[group], &mut s.contacts[group], &mut columns.stale, count),
+                rate: blocks_mut(&mut columns.rate, count),
+                slide: blocks_mut(&mut columns.slide, count),
+                depth: blocks_mut(&mut columns.depth, count),
                 tooth: blocks_mut(&mut s.contour_tooth[set], count),
             };
             for Window { start, end, .. } in &s.end_windows[k] {
@@ -590,7 +587,6 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     if model.end_bodies.is_empty() {
         return;
     }
-    scratch.contour_ends.clone_from(&state.contour_ends);
     let distance = |body: &EndBody, link: usize| {
         body.distance_m(
             Vec2::new(state.links.x[link], state.links.y[link]) - body.frame.origin_at(&state.coordinates.angle),
@@ -624,8 +620,5 @@ pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
                 (end.own, end.has_own, end.all_own, end.is_clear) = (own, any(&own), all_own, false);
             }
         }
-    }
-    for (memory, blocks) in state.contour_ends.iter().zip(&mut scratch.stale_ends) {
-        super::windows::mark_stale_blocks(memory, blocks);
     }
 }

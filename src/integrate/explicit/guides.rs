@@ -32,20 +32,21 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             for rear in 0..2 {
                 let sign = if rear == 0 { 1.0 } else { -1.0 };
                 let set = 2 * body.side + rear;
+                let group = ContactGroup::Guides(set).index();
                 let begun = scratch.counts.is_some().then(Instant::now);
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
                 let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
                 let near = shared
                     || moves
                     || within && {
-                        let held = take(&state.guide_ends[set].normal_force, at);
+                        let held = take(&state.contacts[group].normal_force, at);
                         let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
                         let push = acceleration_bounds(model, scratch, at);
                         guide_contact::any_near(body, reach_m, model.step_s, held, motion, push)
                     };
                 if !near {
-                    if scratch.stale_blocks[set][block] != 0 {
-                        memory(state, scratch, set, count).clear_block(block);
+                    if scratch.groups[group].stale[block] != 0 {
+                        super::memory_of(state, scratch, group, count).clear_block(block);
                     }
                     if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
                         counts.plates[k].record(false, None, begun);
@@ -57,7 +58,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                     move_out_of_reach(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
                 guide_contact::penetrations(body, lanes);
-                memory(state, scratch, set, count).load_past(block, lanes);
+                super::memory_of(state, scratch, group, count).load_past(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 if moves {
                     let (sliding, radii) = (FrictionInput { mu, stick_speed: stick, radius }, [radius; LANES]);
@@ -73,21 +74,23 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 if shared {
                     let nearest = &scratch.nearest_guide[body.side][at..at + LANES];
                     for i in (0..LANES).filter(|i| nearest[*i] == k) {
-                        scratch.guide_rate[set][at + i] = lanes.rate[i];
-                        scratch.guide_slide[set][at + i] = lanes.slide[i];
-                        scratch.guide_depth[set][at + i] = lanes.penetration[i];
+                        let columns = &mut scratch.groups[group];
+                        columns.rate[at + i] = lanes.rate[i];
+                        columns.slide[at + i] = lanes.slide[i];
+                        columns.depth[at + i] = lanes.penetration[i];
                     }
-                    let (now, stale) = (&mut scratch.guide_ends[set], &mut scratch.stale_blocks[set]);
-                    MemoryBlocks::new(&state.guide_ends[set], now, stale, count).store_lanes(
+                    let (now, stale) = (&mut scratch.contacts[group], &mut scratch.groups[group].stale);
+                    MemoryBlocks::new(&state.contacts[group], now, stale, count).store_lanes(
                         |i| nearest[i] == k,
                         block,
                         lanes,
                     );
                 } else {
-                    write_block(&mut scratch.guide_rate[set], at, lanes.rate);
-                    write_block(&mut scratch.guide_slide[set], at, lanes.slide);
-                    write_block(&mut scratch.guide_depth[set], at, lanes.penetration);
-                    memory(state, scratch, set, count).store(block, lanes);
+                    let columns = &mut scratch.groups[group];
+                    write_block(&mut columns.rate, at, lanes.rate);
+                    write_block(&mut columns.slide, at, lanes.slide);
+                    write_block(&mut columns.depth, at, lanes.penetration);
+                    super::memory_of(state, scratch, group, count).store(block, lanes);
                 }
                 if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
                     counts.plates[k].record(true, Some(&lanes.normal_force), begun);
@@ -159,12 +162,6 @@ fn acceleration_bounds(model: &Model, scratch: &Scratch, at: usize) -> LaneBlock
         push[i] = ax[i].abs() + ay[i].abs() + lever[i] * alpha[i].abs();
     }
     push
-}
-
-/// What a set of guide ends remembers.
-#[inline(always)]
-fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
-    MemoryBlocks::new(&state.guide_ends[set], &mut scratch.guide_ends[set], &mut scratch.stale_blocks[set], count)
 }
 
 /// One end of the links `at` .. `at + LANES`, relative to a guide's origin.

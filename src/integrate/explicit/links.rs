@@ -1,6 +1,7 @@
 //! The part of a step that concerns links and their joints, in loops over blocks of links. One loop that keeps a block's values in
 //! registers from its ends to its accelerations is 6 % slower: short loops overlap in the processor, and do not spill.
 
+use super::ContactGroup;
 use super::guides::BlockForces;
 use super::scratch::{JointColumn, LinkConstants, LinkEnds, WrappedColumns};
 use super::{RunIn, Scratch};
@@ -141,14 +142,13 @@ pub(super) fn apply_contacts(model: &Model, state: &State, scratch: &mut Scratch
     let count = n / LANES;
     let (cos, sin) = (blocks(&s.cos, count), blocks(&s.sin, count));
     {
-        let Scratch { bush_x, bush_y, bush_moment, ax, ay, alpha, stale_bushes, end_forces, constants, .. } =
-            &mut *scratch;
+        let Scratch { bush_x, bush_y, bush_moment, ax, ay, alpha, groups, end_forces, constants, .. } = &mut *scratch;
         let (bx0, bx1) = (blocks(bush_x.shifted(), count), blocks(bush_x.values(), count));
         let (by0, by1) = (blocks(bush_y.shifted(), count), blocks(bush_y.values(), count));
         let (bm0, bm1) = (blocks(bush_moment.shifted(), count), blocks(bush_moment.values(), count));
         let (on0, on1) = (blocks(&c.bush_on_front, count), blocks(&c.bush_on_front[1..], count));
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
-        let (stale, pushed) = (&stale_bushes[..count], &end_forces[..count]);
+        let (stale, pushed) = (&groups[ContactGroup::Bushes.index()].stale[..count], &end_forces[..count]);
         // Where no bush and no guide end touches, nothing is given. Before the first link of a loop stands its last joint.
         let mut before = stale[(c.loops[0].end - 1) / LANES];
         let mut ahead = c.loops.iter().skip(1).map(|l| (l.start / LANES, (l.end - 1) / LANES));

@@ -1,68 +1,19 @@
 //! What a step knows of every part of a link that touches something: for those who watch a run step by step.
 
 use super::{Scratch, Window};
+pub use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::elements::contact_law::ContactLaw;
 use crate::model::Model;
 use crate::recording::frame::Feature;
 use crate::state::{ContactMemory, State};
 
-/// Parts of links that touch things, by the memory they have: one lane per joint (bushes) or per link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ContactGroup {
-    Bushes,
-    /// Set of guide ends.
-    Guides(usize),
-    /// Set of plates on rails: inside front, rear and edge, then outside.
-    Rails(usize),
-    /// Set of contour ends.
-    Contours(usize),
-}
-
-/// Kinds of parts.
-pub(super) const CONTACT_GROUPS: usize = 17;
-
 impl ContactGroup {
-    /// Whether or not a model has them.
-    pub(super) const ALL: [ContactGroup; CONTACT_GROUPS] = [
-        ContactGroup::Bushes,
-        ContactGroup::Guides(0),
-        ContactGroup::Guides(1),
-        ContactGroup::Guides(2),
-        ContactGroup::Guides(3),
-        ContactGroup::Rails(0),
-        ContactGroup::Rails(1),
-        ContactGroup::Rails(2),
-        ContactGroup::Rails(3),
-        ContactGroup::Rails(4),
-        ContactGroup::Rails(5),
-        ContactGroup::Contours(0),
-        ContactGroup::Contours(1),
-        ContactGroup::Contours(2),
-        ContactGroup::Contours(3),
-        ContactGroup::Contours(4),
-        ContactGroup::Contours(5),
-    ];
-
-    /// Among all of them.
-    pub(super) fn index(self) -> usize {
-        match self {
-            ContactGroup::Bushes => 0,
-            ContactGroup::Guides(set) => 1 + set,
-            ContactGroup::Rails(set) => 5 + set,
-            ContactGroup::Contours(set) => 11 + set,
-        }
-    }
-
     /// Those that the links of a model have.
     pub fn in_model(model: &Model) -> Vec<ContactGroup> {
-        let (sides, rails, contours) = (model.guide_sides(), model.rail_sides(), model.contour_sets());
-        let has = |part: &ContactGroup| match *part {
-            ContactGroup::Bushes => model.sprockets.iter().any(|s| s.geometry.iso().is_some()),
-            ContactGroup::Guides(set) => sides[set / 2],
-            ContactGroup::Rails(set) => rails[set / 3],
-            ContactGroup::Contours(set) => contours[set / 2],
-        };
-        ContactGroup::ALL.into_iter().filter(has).collect()
+        let has = model.contact_groups();
+        let seats_bushes = model.sprockets.iter().any(|s| s.geometry.iso().is_some());
+        let is_there = |part: &ContactGroup| has[part.index()] && (seats_bushes || *part != ContactGroup::Bushes);
+        ContactGroup::ALL.into_iter().filter(is_there).collect()
     }
 
     /// Link and feature of a lane.
@@ -89,23 +40,7 @@ impl ContactGroup {
     /// What it remembers from before this step.
     #[inline(always)]
     pub fn past_memory(self, state: &State) -> &ContactMemory {
-        match self {
-            ContactGroup::Bushes => &state.bushes,
-            ContactGroup::Guides(set) => &state.guide_ends[set],
-            ContactGroup::Rails(set) => &state.rail_plates[set],
-            ContactGroup::Contours(set) => &state.contour_ends[set],
-        }
-    }
-
-    /// Whether it slides on guides only; bushes and contours on sprockets do not.
-    pub fn is_on_guides(self) -> bool {
-        // The last two sets of contours are those of the guides' faces.
-        matches!(self, ContactGroup::Guides(_) | ContactGroup::Rails(_) | ContactGroup::Contours(4..))
-    }
-
-    /// Whether it is one of the two ends of a set of links' own contours.
-    pub fn is_set(self, set: usize) -> bool {
-        matches!(self, ContactGroup::Contours(own) if own / 2 == set)
+        &state.contacts[self.index()]
     }
 
     /// Whether this part may touch `body` (an index as in frames).
@@ -130,22 +65,12 @@ impl Scratch {
 
     /// Penetration at this node as the step found it [m], where the lane's contact has an age.
     pub fn depth(&self, part: ContactGroup, lane: usize) -> f64 {
-        match part {
-            ContactGroup::Bushes => self.bush_depth[lane],
-            ContactGroup::Guides(set) => self.guide_depth[set][lane],
-            ContactGroup::Rails(set) => self.rails.depth[set][lane],
-            ContactGroup::Contours(set) => self.contour_depth[set][lane],
-        }
+        self.groups[part.index()].depth[lane]
     }
 
     /// All of them, by lane.
     pub fn depths(&self, part: ContactGroup) -> &[f64] {
-        match part {
-            ContactGroup::Bushes => &self.bush_depth,
-            ContactGroup::Guides(set) => &self.guide_depth[set],
-            ContactGroup::Rails(set) => &self.rails.depth[set],
-            ContactGroup::Contours(set) => &self.contour_depth[set],
-        }
+        &self.groups[part.index()].depth
     }
 
     /// True only where no guide end and no contour of a link touches anything: known without a look at them.
@@ -155,22 +80,12 @@ impl Scratch {
 
     /// Per block of lanes, zero only where nothing touches: known without a look at them.
     pub fn touching_blocks(&self, part: ContactGroup) -> &[u8] {
-        match part {
-            ContactGroup::Bushes => &self.stale_bushes,
-            ContactGroup::Guides(set) => &self.stale_blocks[set],
-            ContactGroup::Rails(set) => &self.stale_rails[set],
-            ContactGroup::Contours(set) => &self.stale_ends[set],
-        }
+        &self.groups[part.index()].stale
     }
 
     /// Sliding speeds that friction works with, by lane [m/s].
     pub fn sliding_speeds(&self, part: ContactGroup) -> &[f64] {
-        match part {
-            ContactGroup::Bushes => &self.bush_slide,
-            ContactGroup::Guides(set) => &self.guide_slide[set],
-            ContactGroup::Rails(set) => &self.rails.slide[set],
-            ContactGroup::Contours(set) => &self.contour_slide[set],
-        }
+        &self.groups[part.index()].slide
     }
 
     /// Tooth gaps that contour ends touch, by lane.
@@ -190,12 +105,7 @@ impl Scratch {
 
     /// Closing speed there [m/s].
     pub fn closing_speed(&self, part: ContactGroup, lane: usize) -> f64 {
-        match part {
-            ContactGroup::Bushes => self.bush_rate[lane],
-            ContactGroup::Guides(set) => self.guide_rate[set][lane],
-            ContactGroup::Rails(set) => self.rails.rate[set][lane],
-            ContactGroup::Contours(set) => self.contour_rate[set][lane],
-        }
+        self.groups[part.index()].rate[lane]
     }
 
     /// What a lane with an age touches: index of the body as in frames, and tooth gap.
@@ -271,11 +181,6 @@ impl Scratch {
 
     /// Memory after this step of one kind of part.
     pub fn memory(&self, part: ContactGroup) -> &ContactMemory {
-        match part {
-            ContactGroup::Bushes => &self.bushes,
-            ContactGroup::Guides(set) => &self.guide_ends[set],
-            ContactGroup::Rails(set) => &self.rail_plates[set],
-            ContactGroup::Contours(set) => &self.contour_ends[set],
-        }
+        &self.contacts[part.index()]
     }
 }

@@ -16,9 +16,6 @@ use std::time::Instant;
 
 /// What rails leave behind, by set: inside front, rear and edge, then outside.
 pub(super) struct RailColumns {
-    pub(super) rate: [Vec<f64>; SETS],
-    pub(super) slide: [Vec<f64>; SETS],
-    pub(super) depth: [Vec<f64>; SETS],
     /// Where on the axis of its link a contact lies [m], the piece of the rail, and the normal out of it.
     pub(super) along: [Vec<f64>; SETS],
     pub(super) piece: [Vec<f64>; SETS],
@@ -31,15 +28,7 @@ pub(super) const SETS: usize = 6;
 impl RailColumns {
     pub(super) fn new(n: usize) -> RailColumns {
         let columns = || std::array::from_fn(|_| vec![0.0; n]);
-        RailColumns {
-            rate: columns(),
-            slide: columns(),
-            depth: columns(),
-            along: columns(),
-            piece: columns(),
-            normal_x: columns(),
-            normal_y: columns(),
-        }
+        RailColumns { along: columns(), piece: columns(), normal_x: columns(), normal_y: columns() }
     }
 }
 
@@ -89,16 +78,18 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
             }
             let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
             let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
-            let held = |set: usize| take(&state.rail_plates[set].age, at).iter().any(|age| *age != 0.0);
+            let held = |set: usize| {
+                take(&state.contacts[ContactGroup::Rails(set).index()].age, at).iter().any(|age| *age != 0.0)
+            };
             if !shared && !lanes.iter().any(near) && !sets.into_iter().any(held) {
                 for set in sets {
-                    memory(state, scratch, set, count).clear_block(block);
+                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).clear_block(block);
                 }
                 count_query(scratch, k, None, begun);
                 continue;
             }
             for (lanes, set) in lanes.iter_mut().zip(sets) {
-                memory(state, scratch, set, count).load_past(block, lanes);
+                super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).load_past(block, lanes);
             }
             transfer_contacts(lanes, found);
             for (((lanes, found), on_blade), set) in lanes.iter_mut().zip(found.iter()).zip(on_blade.iter()).zip(sets) {
@@ -201,17 +192,19 @@ fn store(
     (lanes, found): (&Lanes, &RailContactLanes),
     count: usize,
 ) {
-    let Scratch { rails: r, rail_plates, stale_rails, nearest_rail, .. } = scratch;
+    let Scratch { rails: r, contacts, groups, nearest_rail, .. } = scratch;
+    let group = ContactGroup::Rails(set).index();
+    let columns = &mut groups[group];
     let results = [
-        (&mut r.rate[set], &lanes.rate),
-        (&mut r.slide[set], &lanes.slide),
-        (&mut r.depth[set], &lanes.penetration),
+        (&mut columns.rate, &lanes.rate),
+        (&mut columns.slide, &lanes.slide),
+        (&mut columns.depth, &lanes.penetration),
         (&mut r.along[set], &lanes.lever),
         (&mut r.piece[set], &found.piece),
         (&mut r.normal_x[set], &lanes.normal_x),
         (&mut r.normal_y[set], &lanes.normal_y),
     ];
-    let mut memory = MemoryBlocks::new(&state.rail_plates[set], &mut rail_plates[set], &mut stale_rails[set], count);
+    let mut memory = MemoryBlocks::new(&state.contacts[group], &mut contacts[group], &mut columns.stale, count);
     if shared {
         let nearest = &nearest_rail[set / 3][at..at + LANES];
         for (column, values) in results {
@@ -260,12 +253,6 @@ fn observe(
         watched.record_segments(part, at, std::array::from_fn(segment), own.as_ref());
     }
     watched.record(&ContactBlock { part, at, lanes }, own.as_ref());
-}
-
-/// What a set of plates remembers.
-#[inline(always)]
-fn memory<'a>(state: &'a State, scratch: &'a mut Scratch, set: usize, count: usize) -> MemoryBlocks<'a> {
-    MemoryBlocks::new(&state.rail_plates[set], &mut scratch.rail_plates[set], &mut scratch.stale_rails[set], count)
 }
 
 /// The links `at` .. `at + LANES` as seen from a rail's origin.

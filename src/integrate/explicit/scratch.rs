@@ -43,16 +43,10 @@ pub struct Scratch {
     pub(super) bush_x: JointColumn,
     pub(super) bush_y: JointColumn,
     pub(super) bush_moment: JointColumn,
-    /// Closing speed of every bush at the node, per joint, and of every guide end [m/s]; penetrations [m]. Stale where the
-    /// contact's age is zero.
-    pub(super) bush_rate: Vec<f64>,
-    pub(super) guide_rate: [Vec<f64>; 4],
-    /// Sliding speeds that friction works with [m/s].
-    pub(super) bush_slide: Vec<f64>,
-    pub(super) guide_slide: [Vec<f64>; 4],
-    pub(super) bush_depth: Vec<f64>,
-    pub(super) guide_depth: [Vec<f64>; 4],
-    /// The same of plates on rails.
+    /// Memories after the step, and what it knows of each contact, in the order of `ContactGroup::ALL`.
+    pub(super) contacts: Vec<ContactMemory>,
+    pub(super) groups: Vec<GroupColumns>,
+    /// Where plates touch rails.
     pub(super) rails: RailColumns,
     /// Forces of guides and of what contours touch, per block of links.
     pub(super) end_forces: Vec<BlockForces>,
@@ -76,24 +70,11 @@ pub struct Scratch {
     pub(super) tooth_windows: Vec<Vec<Window>>,
     pub(super) guide_windows: Vec<Vec<Window>>,
     pub(super) rail_windows: Vec<Vec<Window>>,
-    pub(super) bushes: ContactMemory,
     /// Rollers on their bushes.
     pub(crate) bores: BoreColumns,
-    pub(super) guide_ends: [ContactMemory; 4],
-    pub(super) rail_plates: [ContactMemory; 6],
-    /// Per set of guide ends and block: how many of the two memories still hold an old contact.
-    pub(super) stale_blocks: [Vec<u8>; 4],
-    pub(super) stale_rails: [Vec<u8>; 6],
-    /// The same of the bushes.
-    pub(super) stale_bushes: Vec<u8>,
     /// Lanes that are being worked on: kept, because clearing them for every body takes longer than filling them.
     pub(super) lanes: Option<Box<Lanes>>,
     pub(super) plates: Option<Box<PlateLanes>>,
-    /// Of links' own contours, per set front and rear: memory, and closing speed where they touch [m/s].
-    pub(super) contour_ends: [ContactMemory; 6],
-    pub(super) contour_rate: [Vec<f64>; 6],
-    pub(super) contour_slide: [Vec<f64>; 6],
-    pub(super) contour_depth: [Vec<f64>; 6],
     /// Tooth gaps that contours touch, or have touched last.
     pub(super) contour_tooth: [Vec<f64>; 6],
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
@@ -105,8 +86,6 @@ pub struct Scratch {
     pub(super) contour_extents_m: Vec<f64>,
     /// The step whose contacts of contours were looked for last.
     pub(super) contour_step: u64,
-    /// Per set of contour ends and block: how many of the two memories still hold an old contact.
-    pub(super) stale_ends: [Vec<u8>; 6],
     /// For observers of every step.
     pub(super) watched: Option<Box<ObservedStep>>,
     /// For those who ask what contacts cost.
@@ -227,6 +206,26 @@ impl LinkConstants {
     }
 }
 
+/// What a step knows of the contacts of one group. Stale where a contact's age is zero.
+#[derive(Clone)]
+pub(super) struct GroupColumns {
+    /// Closing speed at the node [m/s].
+    pub(super) rate: Vec<f64>,
+    /// Sliding speed that friction works with [m/s].
+    pub(super) slide: Vec<f64>,
+    /// Penetration at the node [m].
+    pub(super) depth: Vec<f64>,
+    /// Per block: how many of the two memories that change hands still hold an old contact.
+    pub(super) stale: Vec<u8>,
+}
+
+impl GroupColumns {
+    fn new(len: usize) -> GroupColumns {
+        let column = || vec![0.0; len];
+        GroupColumns { rate: column(), slide: column(), depth: column(), stale: vec![2; len / LANES] }
+    }
+}
+
 /// Positions and velocities of one end of every link, one value longer.
 pub(super) struct LinkEnds {
     pub(super) x: Vec<f64>,
@@ -264,8 +263,7 @@ impl Scratch {
         let n = model.chain.padded;
         let column = || vec![0.0; n];
         let longer = || vec![0.0; n + 1];
-        let (sides, layout) = (model.guide_sides(), model.layout());
-        let ends = |side: usize| ContactMemory::new(if sides[side] { n } else { 0 });
+        let lengths = model.contact_groups().map(|has| if has { n } else { 0 });
         Scratch {
             isa,
             refresh_steps: REFRESH_STEPS,
@@ -289,12 +287,6 @@ impl Scratch {
             bush_x: JointColumn::new(n),
             bush_y: JointColumn::new(n),
             bush_moment: JointColumn::new(n),
-            bush_rate: column(),
-            guide_rate: std::array::from_fn(|_| column()),
-            bush_slide: column(),
-            guide_slide: std::array::from_fn(|_| column()),
-            bush_depth: column(),
-            guide_depth: std::array::from_fn(|_| column()),
             end_forces: vec![BlockForces::default(); n / LANES],
             end_changes: vec![AccelerationChange::default(); if model.has_contours() { n / LANES } else { 0 }],
             // All joints in gap 0 until somebody looks.
@@ -311,20 +303,12 @@ impl Scratch {
             tooth_windows: vec![Vec::new(); model.sprockets.len()],
             guide_windows: vec![Vec::new(); model.guides.len()],
             rail_windows: vec![Vec::new(); model.rails.len()],
-            bushes: ContactMemory::new(n),
+            contacts: lengths.map(ContactMemory::new).to_vec(),
+            groups: lengths.map(GroupColumns::new).to_vec(),
             bores: BoreColumns::new(model),
-            guide_ends: [ends(0), ends(0), ends(1), ends(1)],
             rails: RailColumns::new(if model.rails.is_empty() { 0 } else { n }),
-            rail_plates: std::array::from_fn(|i| ContactMemory::new(if layout.rail_sides[i / 3] { n } else { 0 })),
-            stale_blocks: std::array::from_fn(|_| vec![2; n / LANES]),
-            stale_rails: std::array::from_fn(|_| vec![2; n / LANES]),
-            stale_bushes: vec![2; n / LANES],
             lanes: Some(Box::default()),
             plates: None,
-            contour_ends: std::array::from_fn(|i| ContactMemory::new(if model.contour_sets()[i / 2] { n } else { 0 })),
-            contour_rate: std::array::from_fn(|_| column()),
-            contour_slide: std::array::from_fn(|_| column()),
-            contour_depth: std::array::from_fn(|_| column()),
             contour_tooth: std::array::from_fn(|_| column()),
             end_windows: vec![Vec::new(); model.end_bodies.len()],
             nearest_end: std::array::from_fn(|_| vec![usize::MAX; n]),
@@ -335,7 +319,6 @@ impl Scratch {
                 (0..model.contours.len()).map(extent_m).collect()
             },
             contour_step: u64::MAX - 1,
-            stale_ends: std::array::from_fn(|_| vec![2; n / LANES]),
             watched: None,
             counts: None,
             ax: column(),

@@ -125,16 +125,19 @@ fn contacts_of<const WATCHED: bool, const ROLLERS: bool>(
         index: &mut s.seat_index[k],
         reseats: &mut s.reseats,
     };
-    let mut memory = MemoryBlocks::new(&state.bushes, &mut s.bushes, &mut s.stale_bushes, count);
+    let group = ContactGroup::Bushes.index();
+    let columns = &mut s.groups[group];
+    let mut memory = MemoryBlocks::new(&state.contacts[group], &mut s.contacts[group], &mut columns.stale, count);
     let results = BushResults {
         force_x: blocks_mut(s.bush_x.values_mut(), count),
         force_y: blocks_mut(s.bush_y.values_mut(), count),
         moment: blocks_mut(s.bush_moment.values_mut(), count),
-        rate: blocks_mut(&mut s.bush_rate, count),
-        slide: blocks_mut(&mut s.bush_slide, count),
-        depth: blocks_mut(&mut s.bush_depth, count),
+        rate: blocks_mut(&mut columns.rate, count),
+        slide: blocks_mut(&mut columns.slide, count),
+        depth: blocks_mut(&mut columns.depth, count),
     };
-    let (bore, past) = (model.bores[model.sprockets[k].chain].as_ref(), blocks(&state.bushes.tangential_force, count));
+    let (bore, past) =
+        (model.bores[model.sprockets[k].chain].as_ref(), blocks(&state.contacts[group].tangential_force, count));
     let lanes: &mut Lanes = s.lanes.get_or_insert_default();
     let mut given = BodyReaction::default();
     for Window { start, end, shared } in &s.tooth_windows[k] {

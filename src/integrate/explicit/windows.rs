@@ -13,15 +13,9 @@ use std::ops::Range;
 /// Finds the joints near each sprocket and the links near each guide, and the tooth gap of each joint.
 pub(super) fn refresh(model: &Model, state: &State, scratch: &mut Scratch) {
     // Memory changes hands with the State at every step; lanes outside the windows must be the same in both.
-    scratch.bushes.clone_from(&state.bushes);
-    scratch.guide_ends.clone_from(&state.guide_ends);
-    scratch.rail_plates.clone_from(&state.rail_plates);
-    mark_stale_blocks(&state.bushes, &mut scratch.stale_bushes);
-    for (memory, blocks) in state.guide_ends.iter().zip(&mut scratch.stale_blocks) {
-        mark_stale_blocks(memory, blocks);
-    }
-    for (memory, blocks) in state.rail_plates.iter().zip(&mut scratch.stale_rails) {
-        mark_stale_blocks(memory, blocks);
+    scratch.contacts.clone_from(&state.contacts);
+    for (memory, columns) in state.contacts.iter().zip(&mut scratch.groups) {
+        mark_stale_blocks(memory, &mut columns.stale);
     }
     for column in [&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment] {
         column.clear();

@@ -4,6 +4,7 @@ use super::super::{LANES, Scratch};
 use super::query::{Cache, Poses, Query, QueryResult};
 use super::{BodyInStep, EndSources, LinkSources, from_origin, was_touching};
 use crate::elements::arc_lanes::{EndContactLanes, NO_CONTACT_M};
+use crate::elements::contact_group::ContactGroup;
 use crate::elements::end_contact::{EndBody, EndTouch, LinkContour};
 use crate::elements::tooth_contact::{LaneBlock, any, blocks, mask};
 use crate::geometry::Vec2;
@@ -148,7 +149,7 @@ impl Scratch {
         for at in near.filter(|at| only.is_none_or(|link| link / LANES == *at)) {
             for (rear, sign, ends) in [(0, 1.0, &self.front), (1, -1.0, &self.rear)] {
                 let end = &self.end_blocks[k][at - first_block][rear];
-                let ages = blocks(&self.contour_ends[2 * body.set + rear].age, count);
+                let ages = blocks(&self.contacts[ContactGroup::Contours(2 * body.set + rear).index()].age, count);
                 if !was_touching(&ages[at], &end.own) {
                     continue;
                 }
