@@ -146,6 +146,14 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
             };
             (names.to_vec(), header.links.iter().enumerate().map(row).collect())
         }
+        "roller_info" => {
+            let names = ["roller", "joint", "link", "radius_m", "bore_radius_m", "mass_kg", "inertia_kg_m2"];
+            let row = |(i, r): (usize, &pitchline::recording::frame::RollerInfo)| {
+                let floats = [r.radius_m, r.bore_radius_m, r.mass_kg, r.inertia_kg_m2].map(float);
+                [whole(i as u64), whole(r.joint), whole(r.link)].into_iter().chain(floats).collect()
+            };
+            (names.to_vec(), recording.header.rollers.iter().enumerate().map(row).collect())
+        }
         _ => panic!("{table} is new: say here what it holds"),
     }
 }
@@ -162,6 +170,7 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
         Rows::Touch => vec!["touch", "touch_path"],
         Rows::Chamber => vec!["chamber", "chamber_path"],
         Rows::Passage => vec!["passage", "passage_path"],
+        Rows::Roller => vec!["roller"],
     };
     for column in table.message.columns {
         names.push(column.name);
@@ -178,7 +187,7 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
             for i in (0..values[0].len()).filter(|_| of == table) {
                 let mut row = vec![whole(index as u64), whole(f.step), float(f.t_s), float(f.crank_angle_rad)];
                 row.extend(match table.rows {
-                    Rows::Link | Rows::Joint => vec![whole(i as u64)],
+                    Rows::Link | Rows::Joint | Rows::Roller => vec![whole(i as u64)],
                     Rows::Contact => vec![],
                     Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
                         vec![whole(i as u64), words(&header.row_paths(table.rows).expect("named")[i])]

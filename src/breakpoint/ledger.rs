@@ -266,8 +266,7 @@ impl Ledger {
     #[inline(never)]
     fn lost_before(&self, model: &Model, state: &State) -> f64 {
         let own = |a: &[f64], b: &[f64]| {
-            let links = model.chain.loops.iter().cloned().flatten();
-            links.map(|i| a[i] + b[i]).sum::<f64>()
+            model.chain.bodies().map(|i| a[i] + b[i]).sum::<f64>()
         };
         let contacts = |(part, _): &(ContactGroup, Option<f64>)| {
             let memory = part.past_memory(state);
