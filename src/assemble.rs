@@ -10,12 +10,7 @@
 
 use crate::diag::Report;
 use crate::drive::{Drive, Effects, PreloadSpec};
-use crate::elements::contact_group::ContactGroup;
 use crate::elements::contact_law::PairRadii;
-use crate::elements::end_contact::FAR_M;
-use crate::elements::rail_contact::law_radius_m;
-use crate::elements::roller_bore::RestingBush;
-use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, cross, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
@@ -23,6 +18,11 @@ use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, PlacedDrive, SprocketModel, place};
+use crate::pairs::contact_group::ContactGroup;
+use crate::pairs::contour_body::FAR_M;
+use crate::pairs::part_part::{Touch, TouchShape};
+use crate::pairs::plate_rail::law_radius_m;
+use crate::pairs::roller_bush::RestingBush;
 use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{
     Configuration, Equilibrium, equilibrium, forces_on, guide_touches, rail_touches, sensitivity_to_driver,
@@ -775,7 +775,7 @@ fn resting_contact(model: &Model, sprocket: &SprocketModel, bush: Vec2, coordina
     if in_frame.norm() > teeth.tip_radius_m + held.radius_m {
         return None;
     }
-    let hit = crate::contact::gap_contact(teeth, in_frame, held.radius_m);
+    let hit = crate::pairs::bush_gap::gap_contact(teeth, in_frame, held.radius_m);
     let force = held.elastic(hit.touch.penetration_m, hit.body_radius_m).force_n;
     (force > 0.0).then(|| (force, crate::geometry::rotated(hit.touch.normal, angle)))
 }

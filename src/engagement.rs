@@ -8,9 +8,9 @@
 //! its speed is the approach speed at that step.
 
 use crate::elements::contact_law::PeakMeter;
-use crate::elements::end_contact::LinkContour;
 use crate::integrate::explicit::{ContactGroup, Scratch};
 use crate::model::{Model, Toothing};
+use crate::pairs::contour_body::LinkContour;
 use crate::state::State;
 use std::f64::consts::PI;
 

@@ -18,9 +18,9 @@
 //! just been in contact.
 
 use crate::elements::contact_law::PeakMeter;
-use crate::elements::tooth_contact::LANES;
 use crate::integrate::explicit::{ContactGroup, Scratch};
 use crate::integrate::{VectorKernel, vectorised};
+use crate::lanes::LANES;
 use crate::model::Model;
 use crate::recording::capture::contacts_of;
 use crate::recording::frame::Impact;

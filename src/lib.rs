@@ -58,8 +58,6 @@ pub mod cli;
 #[doc(hidden)]
 pub mod compare;
 #[doc(hidden)]
-pub mod contact;
-#[doc(hidden)]
 pub mod effects;
 #[doc(hidden)]
 pub mod elements;
@@ -73,6 +71,8 @@ pub mod impacts;
 pub mod input;
 #[doc(hidden)]
 pub mod integrate;
+#[doc(hidden)]
+pub mod lanes;
 #[cfg(any(feature = "live", feature = "http"))]
 #[doc(hidden)]
 pub mod local_server;
@@ -80,6 +80,8 @@ pub mod local_server;
 pub mod lumping;
 #[doc(hidden)]
 pub mod output;
+#[doc(hidden)]
+pub mod pairs;
 #[doc(hidden)]
 pub mod render;
 #[doc(hidden)]

@@ -22,21 +22,14 @@ use crate::diag::{Diag, Report};
 use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::body_frame::BodyFrame;
-use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
-use crate::elements::end_contact::{EndBody, EndShape, LinkContour, SeatDirections, SilentTooth};
-use crate::elements::guide_contact::GuideBody;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::load::{Load, OrderLoad};
-use crate::elements::rail_contact::RailBody;
-use crate::elements::roller_bore::Bore;
-use crate::elements::tooth_contact::ToothedBody;
-use crate::elements::touch::Touch;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
@@ -46,6 +39,13 @@ use crate::geometry::route::{Pulley, Route};
 use crate::geometry::silent_sprocket::SilentSprocket;
 use crate::geometry::smartchain::Abutment;
 use crate::geometry::sprocket::Sprocket;
+use crate::pairs::bush_tooth::ToothedBody;
+use crate::pairs::contact_group::{CONTACT_GROUPS, ContactGroup};
+use crate::pairs::contour_body::{EndBody, EndShape, LinkContour, SeatDirections, SilentTooth};
+use crate::pairs::part_part::Touch;
+use crate::pairs::plate_guide::GuideBody;
+use crate::pairs::plate_rail::RailBody;
+use crate::pairs::roller_bush::Bore;
 use crate::recording::frame::Segment;
 use crate::state::StateLayout;
 use parry2d_f64::math::{Pose, Vector};
@@ -53,7 +53,7 @@ use parry2d_f64::query;
 use parry2d_f64::shape::{Ball, Polyline};
 
 /// Columns are padded to a multiple of this.
-pub const LANE_WIDTH: usize = crate::elements::tooth_contact::LANES;
+pub const LANE_WIDTH: usize = crate::lanes::LANES;
 
 /// Teeth of a sprocket.
 #[derive(Clone, Debug, PartialEq)]
@@ -732,7 +732,7 @@ fn working_angle_rad(sprocket: &Sprocket) -> f64 {
     let bush_radius_m = 0.5 * sprocket.spec.roller_diameter_m;
     let touches = |angle: f64| {
         let centre = crate::geometry::unit(angle) * sprocket.pitch_radius_m;
-        crate::contact::gap_contact(sprocket, centre, bush_radius_m).touch.penetration_m > 0.0
+        crate::pairs::bush_gap::gap_contact(sprocket, centre, bush_radius_m).touch.penetration_m > 0.0
     };
     let (mut low, mut high) = (0.0, 0.49 * sprocket.pitch_angle_rad());
     for _ in 0..60 {

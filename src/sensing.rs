@@ -3,9 +3,9 @@
 use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
-use crate::elements::touch::TouchShape;
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
+use crate::pairs::part_part::TouchShape;
 use crate::state::State;
 
 /// The tension of a span is that of its joints within this distance of its middle, in pitches.

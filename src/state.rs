@@ -6,7 +6,7 @@
 //!
 //! Arrays are padded with inert lanes to a multiple of the lane width; what lies behind the last link is neither hashed nor saved.
 
-use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
+use crate::pairs::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::recording::frame::{Keyframe, StateColumn};
 use std::hash::Hasher;
 

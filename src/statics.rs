@@ -5,19 +5,19 @@
 //! rotation of links included, is block-tridiagonal with a border (the link that closes each loop, and the coordinates), so an
 //! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
 
-use crate::contact;
-use crate::elements::blade::BladePoint;
 use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
-use crate::elements::end_contact::{EndTouch, FAR_M};
-use crate::elements::rail_contact::{PlatePart, law_radius_m};
-use crate::elements::roller_bore::RestingBush;
-use crate::elements::touch::Touch;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{BladeModel, GuideModel, Model, RailModel};
+use crate::pairs::bush_gap;
+use crate::pairs::contour_body::{EndTouch, FAR_M};
+use crate::pairs::part_part::Touch;
+use crate::pairs::plate_blade::BladePoint;
+use crate::pairs::plate_rail::{PlatePart, law_radius_m};
+use crate::pairs::roller_bush::RestingBush;
 use crate::units::sin_cos;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 use std::ops::Range;
@@ -384,7 +384,7 @@ impl<'a> StaticProblem<'a> {
                     continue;
                 }
                 let angle = q.coordinates[sprocket.coordinate];
-                let hit = contact::gap_contact(teeth, rotated(offset, -angle), bush.radius_m);
+                let hit = bush_gap::gap_contact(teeth, rotated(offset, -angle), bush.radius_m);
                 let elastic = bush.elastic(hit.touch.penetration_m, hit.body_radius_m);
                 if elastic.force_n > 0.0 {
                     let normal = rotated(hit.touch.normal, angle);

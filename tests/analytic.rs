@@ -5,7 +5,6 @@ mod common;
 mod contour;
 
 use common::{NO_FRICTION, assembled, drive, drive_without_guides, watch};
-use pitchline::contact::gap_contact;
 use pitchline::elements::contact_law::{ContactLaw, HertzLine, PairRadii, restitution_hysteresis};
 use pitchline::elements::link_joint::LinkJoint;
 use pitchline::geometry::chain::bush::{BushChain, RowSpec};
@@ -14,6 +13,7 @@ use pitchline::geometry::sprocket::{GapForm, Sprocket, SprocketError, SprocketSp
 use pitchline::geometry::{Vec2, unit};
 use pitchline::integrate::explicit;
 use pitchline::model::Model;
+use pitchline::pairs::bush_gap::gap_contact;
 use pitchline::state::State;
 use std::f64::consts::PI;
 

@@ -7,10 +7,10 @@ use common::{assembled, watch};
 use pitchline::assemble::{Assembly, at_rest};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::PairRadii;
-use pitchline::elements::rail_contact::law_radius_m;
 use pitchline::geometry::{Vec2, perp, unit};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::BearingModel;
+use pitchline::pairs::plate_rail::law_radius_m;
 use pitchline::recording::capture::Camera;
 use pitchline::statics::rail_touches;
 

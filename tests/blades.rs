@@ -6,11 +6,11 @@ use common::assembled;
 use pitchline::assemble::{Assembly, at_rest};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::PairRadii;
-use pitchline::elements::rail_contact::law_radius_m;
 use pitchline::geometry::Vec2;
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::model::RailModel;
+use pitchline::pairs::plate_rail::law_radius_m;
 use pitchline::recording::capture::Camera;
 use pitchline::statics::rail_touches;
 

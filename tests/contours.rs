@@ -6,10 +6,10 @@ mod common;
 use common::assembled;
 use pitchline::assemble::Assembly;
 use pitchline::drive::{BUNDLED, Drive};
-use pitchline::elements::end_contact::LinkPose;
 use pitchline::geometry::Vec2;
 use pitchline::integrate::Isa;
 use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
+use pitchline::pairs::contour_body::LinkPose;
 
 /// Bundled drives, and one with chains of both kinds behind each other.
 const CONTOURS: [&str; 3] = ["silent-20-40", "smartchain-20-40", "both"];

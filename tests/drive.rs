@@ -467,8 +467,8 @@ fn readers_and_fits_have_the_ranges_of_the_catalogue() {
 /// direction.
 #[test]
 fn runout_displaces_every_gap_alike() {
-    use pitchline::contact::{gap_contact, seat_index};
     use pitchline::geometry::unit;
+    use pitchline::pairs::bush_gap::{gap_contact, seat_index};
     let (e_m, phase) = (80e-6, 0.7);
     let toothing = |sets: &[&str]| {
         let model = common::assembled(&common::drive(sets)).model;
@@ -525,8 +525,11 @@ fn kernel_and_exact_detection_agree_on_displaced_gaps() {
                 let (c, s) = (state.coordinates.cos[k], state.coordinates.sin[k]);
                 let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].frame.origin;
                 let d = pitchline::geometry::Vec2::new(c * d.x + s * d.y, c * d.y - s * d.x);
-                let exact =
-                    pitchline::contact::gap_contact(model.sprockets[k].geometry.iso().expect("seats"), d, 2.5e-3);
+                let exact = pitchline::pairs::bush_gap::gap_contact(
+                    model.sprockets[k].geometry.iso().expect("seats"),
+                    d,
+                    2.5e-3,
+                );
                 assert_eq!(exact.tooth, tooth);
                 let depth = scratch.depth(ContactGroup::Bushes, j);
                 assert!((depth - exact.touch.penetration_m).abs() < 1e-13, "joint {j}: {depth} {exact:?}");
@@ -567,7 +570,7 @@ fn beside_an_idler() -> pitchline::drive::Drive {
 /// Compares frames with an exhaustive search, at every tenth node; returns the numbers of contacts with teeth and with
 /// guides.
 fn contacts_hold(drive: pitchline::drive::Drive, steps: usize) -> (usize, usize) {
-    use pitchline::contact::gap_contact;
+    use pitchline::pairs::bush_gap::gap_contact;
     use pitchline::recording::frame::Feature;
     let assembly = common::assembled(&drive);
     let (model, mut state) = (assembly.model, assembly.state);

@@ -4,7 +4,6 @@
 mod silent_mesh;
 
 use pitchline::drive::{BUNDLED, Drive};
-use pitchline::elements::end_contact::{LinkContour, LinkPose};
 use pitchline::geometry::Vec2;
 use pitchline::geometry::chain::silent::{
     LinkPart, SilentChain, SilentLinkContour, SilentLinkError, SilentLinkForm, SilentRowSpec,
@@ -13,6 +12,7 @@ use pitchline::geometry::element_gap::element_gap_m;
 use pitchline::geometry::profile::Profile;
 use pitchline::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
 use pitchline::model::{Model, Toothing, place};
+use pitchline::pairs::contour_body::{LinkContour, LinkPose};
 use silent_mesh::{
     EntryClearances, approach_speeds_m_s, entry_clearances, first_contact_on_contours_rad, first_contact_turn_rad,
     flank_gaps_m, pose_before_seat, stretched_approach_speed_m_s, working_flank_pitch_m, wrap_statics,

@@ -2,9 +2,9 @@
 
 use pitchline::assemble::{Assembly, assemble, at_rest};
 use pitchline::drive::Drive;
-use pitchline::elements::touch::TouchShape;
 use pitchline::geometry::cross;
 use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::pairs::part_part::TouchShape;
 use pitchline::recording::capture::{Camera, header};
 use pitchline::recording::columns::Rows;
 use pitchline::recording::frame::{BodyInfo, Frame, Header};

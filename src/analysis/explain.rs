@@ -19,10 +19,10 @@
 //! Flanks, abutments and plate ends are parts of their link: the joint ahead is its own front joint, r goes from there
 //! to the contact point, and there is no rest term. Guides are at rest (W = 0).
 
-use crate::elements::rail_contact::PlatePart;
 use crate::geometry::{Vec2, cross, perp};
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
+use crate::pairs::plate_rail::PlatePart;
 use crate::recording::frame::{Feature, Segment};
 use crate::replay::Replay;
 use crate::state::State;
@@ -326,7 +326,7 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
             let d = p - sprocket.frame.origin_at(&state.coordinates.angle);
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let radius_m = sprocket.body.bush_radius_m;
-            let hit = crate::contact::gap_contact(sprocket.geometry.iso()?, in_frame, radius_m);
+            let hit = crate::pairs::bush_gap::gap_contact(sprocket.geometry.iso()?, in_frame, radius_m);
             let n = hit.touch.normal;
             let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
             Some(TouchRow { body, tooth: hit.tooth, segment: hit.segment, normal, point: p - normal * radius_m })

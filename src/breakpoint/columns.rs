@@ -4,8 +4,8 @@
 use super::Operator;
 use super::quantities::{Quantity, Scope, What};
 use super::scratch::StepValues;
-use crate::elements::tooth_contact::{LANES, LaneBlock, blocks};
 use crate::integrate::VectorKernel;
+use crate::lanes::{LANES, LaneBlock, blocks};
 use crate::model::ChainModel;
 
 /// Rounding of quantities that are compared in another form, such as a square: relative to the bound, and for forces

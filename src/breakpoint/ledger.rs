@@ -3,9 +3,9 @@
 
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::tooth_contact::{LANES, LaneBlock, blocks, take};
 use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
+use crate::lanes::{LANES, LaneBlock, blocks, take};
 use crate::model::Model;
 use crate::recording::frame::Energy;
 use crate::state::State;
@@ -265,9 +265,7 @@ impl Ledger {
     #[cold]
     #[inline(never)]
     fn lost_before(&self, model: &Model, state: &State) -> f64 {
-        let own = |a: &[f64], b: &[f64]| {
-            model.chain.bodies().map(|i| a[i] + b[i]).sum::<f64>()
-        };
+        let own = |a: &[f64], b: &[f64]| model.chain.bodies().map(|i| a[i] + b[i]).sum::<f64>();
         let contacts = |(part, _): &(ContactGroup, Option<f64>)| {
             let memory = part.past_memory(state);
             own(&memory.lost_damping, &memory.lost_friction)

@@ -13,7 +13,7 @@ pub const MAX_MODES: usize = 8;
 const ELEMENTS: usize = 40;
 const SAME_NODE: f64 = 0.05;
 
-/// A beam. Places are counted along it [m]: in a drive from where the chain arrives, in a [`super::blade::Blade`] from where the profile begins.
+/// A beam. Places are counted along it [m]: in a drive from where the chain arrives, in a [`crate::pairs::plate_blade::Blade`] from where the profile begins.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beam {
     /// Bending stiffness EI [N m2].

@@ -6,7 +6,7 @@
 //!              work out = -Q q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
 //! ```
 //! q is an angle [rad], I an inertia [kg m2], a force a torque [N m]; for a coordinate that slides, q is a way [m], I a mass [kg] and a force a
-//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries, Q_parts that of parts that touch each other ([`super::touch`]) and of oil ([`super::hydraulics`]); Q is constant: the load of a sprocket
+//! force [N]. Q_chain is the force of all chain contacts on the bodies that the coordinate carries, Q_parts that of parts that touch each other ([`crate::pairs::part_part`]) and of oil ([`super::hydraulics`]); Q is constant: the load of a sprocket
 //! points against the sense in which the chain turns it. The damper sees the speed at the node, the mean of the speeds half a step before and after, so that it takes
 //! exactly the energy that it is said to take, at any step. During run-in a second damper pulls the speed towards its nominal value.
 

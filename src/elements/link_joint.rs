@@ -11,7 +11,7 @@
 //! Damping and friction take the mean velocity about the node, which the step finds by evaluating the joints a second time; the damping bounds the step.
 
 use super::friction;
-use super::tooth_contact::{LANES, LaneBlock, blocks};
+use crate::lanes::{LANES, LaneBlock, blocks};
 
 /// Constants of all joints of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]

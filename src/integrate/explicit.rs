@@ -25,6 +25,7 @@ mod films;
 mod flanks;
 mod guides;
 mod links;
+mod pairs;
 mod parts;
 pub(crate) mod rails;
 pub(crate) mod rollers;
@@ -36,19 +37,19 @@ pub(crate) mod watch;
 mod windows;
 
 pub use counts::{CountedPair, PairCounts};
-use guides::BlockForces;
 pub use parts::ContactGroup;
 pub use scratch::Scratch;
-use scratch::{JointColumn, WINDOW_MARGIN_M};
+use scratch::WINDOW_MARGIN_M;
 pub use watch::{ContactGroups, ContactValue, Extreme, RequiredData};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::body_frame::{BodyFrame, CoordinateColumns};
-use crate::elements::contour_forces::{BlockStep, PastContacts};
 use crate::elements::coordinate::{CoordinateMotion, turned};
-use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, blocks, blocks_mut, take};
 use crate::geometry::Vec2;
+use crate::lanes::{LANES, LaneBlock, blocks, blocks_mut, take};
 use crate::model::Model;
+use crate::pairs::bush_tooth::Lanes;
+use crate::pairs::contour_forces::{BlockStep, PastContacts};
 use crate::state::{ContactMemory, LinkState, State};
 
 /// Extra damping while a drive is run in.
@@ -181,37 +182,7 @@ fn evaluate_body<const WATCHED: bool>(model: &Model, state: &State, scratch: &mu
     if WATCHED && let Some(watched) = &mut scratch.watched {
         watched.clear();
     }
-    for windows in &scratch.tooth_windows {
-        for w in windows.iter().filter(|w| w.shared) {
-            scratch.bush_x.values_mut()[w.start..w.end].fill(0.0);
-            scratch.bush_y.values_mut()[w.start..w.end].fill(0.0);
-            scratch.bush_moment.values_mut()[w.start..w.end].fill(0.0);
-        }
-    }
-    scratch.chain_torque.fill(0.0);
-    let has_rollers = model.chain.has_rollers();
-    if has_rollers {
-        rollers::contacts(model, state, scratch);
-    }
-    for k in 0..model.sprockets.len() {
-        teeth::contacts::<WATCHED>(model, state, scratch, k);
-    }
-    JointColumn::wrap_loops([&mut scratch.bush_x, &mut scratch.bush_y, &mut scratch.bush_moment], &model.chain);
-    for block in scratch.end_forces.iter_mut().filter(|block| block.used) {
-        *block = BlockForces::default();
-    }
-    if has_rollers {
-        rollers::give(model, scratch);
-    }
-    for k in (0..model.guides.len()).filter(|k| model.guides[*k].body.touches_plates) {
-        guides::contacts::<WATCHED>(model, state, scratch, k);
-    }
-    for k in 0..model.rails.len() {
-        rails::contacts::<WATCHED>(model, state, scratch, k);
-    }
-    if model.has_contours() {
-        ends::contacts::<WATCHED>(model, state, scratch);
-    }
+    pairs::contacts::<WATCHED>(model, state, scratch);
     links::apply_contacts(model, state, scratch);
     links::apply_joints(model, state, scratch);
     touches::forces(model, state, scratch);

@@ -6,7 +6,7 @@
 //! joint j          F = k u + c u', u = (y + l t)_j - (y - l t)_(j+1); on link j + 1 at its rear end, on j at its front end
 //! contact at s a   penetration d = -(y + s a t), s = +-1; its mean force as in contact_law, of the closed contact
 //! ```
-//! Contacts of a link are solved for one after the other (`elements::contour_forces`). Friction and tension are left out: they turn
+//! Contacts of a link are solved for one after the other (`pairs::contour_forces`). Friction and tension are left out: they turn
 //! links by far less than contacts do. So are bushes in their gaps: of drives with teeth twice as stiff as rings and four times as
 //! damped none chattered. Held against runs of whole drives: tests/convergence.rs.
 

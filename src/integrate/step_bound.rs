@@ -21,10 +21,10 @@ use super::link_row::{self, ContactRow, RowContact, RowLink};
 use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::Coordinate;
-use crate::elements::end_contact::{EndBody, LinkContour};
-use crate::elements::roller_bore::Bore;
-use crate::elements::touch::TouchShape;
 use crate::model::{Model, flank_radii};
+use crate::pairs::contour_body::{EndBody, LinkContour};
+use crate::pairs::part_part::TouchShape;
+use crate::pairs::roller_bush::Bore;
 use std::f64::consts::PI;
 
 /// One bound and where it comes from.

@@ -2,10 +2,10 @@
 
 use super::{Model, RailModel};
 use crate::drive::Drive;
-use crate::elements::blade::{Blade, BladePoint, Deflection};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
-use crate::elements::rail_contact::{PlatePart, PlateTouch};
 use crate::geometry::Vec2;
+use crate::pairs::plate_blade::{Blade, BladePoint, Deflection};
+use crate::pairs::plate_rail::{PlatePart, PlateTouch};
 
 /// The blade of a rail.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,8 +6,8 @@
 //! the bush that the teeth touch. No joint holds them; what they touch does.
 
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::tooth_contact::LANES;
 use crate::geometry::chain::{LinkShape, RollerShape};
+use crate::lanes::LANES;
 use std::ops::Range;
 
 /// All chains: one value per lane, padded.

@@ -7,8 +7,8 @@ use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::hydraulics::{Chamber, Network, Passage, PassageEnd, Reservoir};
 use crate::elements::passage::{CheckBall, FlowLaw, Orifice};
-use crate::elements::touch::{Pad, Touch, TouchShape};
 use crate::geometry::{rotated, unit};
+use crate::pairs::part_part::{Pad, Touch, TouchShape};
 use std::f64::consts::PI;
 
 /// A slider of the model.

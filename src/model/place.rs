@@ -3,7 +3,6 @@
 use super::Toothing;
 use crate::diag::{Diag, Report};
 use crate::drive::{ChainSpec, Drive, FaceForm, PreloadSpec, RingForm, SprocketDrive};
-use crate::elements::end_contact::LinkContour;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::chain::silent::SilentLinkError;
 use crate::geometry::rail::Rail;
@@ -12,6 +11,7 @@ use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, Sile
 use crate::geometry::smartchain::{Abutment, LobedRing, RingError, fits_hollow};
 use crate::geometry::sprocket::{Sprocket, SprocketSpec};
 use crate::geometry::{Vec2, rotated};
+use crate::pairs::contour_body::LinkContour;
 
 #[doc(hidden)]
 /// Geometry of a drive: sprockets, links, and the position at which the loop closes.

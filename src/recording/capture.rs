@@ -2,7 +2,7 @@
 //!
 //! Forces, friction, slides and accelerations are copied: they are what the step works with, means over the step about the node, so that the
 //! forces on a link add up to its mass times its acceleration. What the law gives at the instant stands beside. Where contacts touch is
-//! found again, by the exact detection of [`crate::contact`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
+//! found again, by the exact detection of [`crate::pairs::bush_gap`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
 //! the node as well: sums up to the step before, plus half of this step's.
 
 mod mechanism;
@@ -12,19 +12,19 @@ use super::frame::{
     Outline, OutlineCircle, OutlineElement, RollerInfo, Rollers, Rotors, Segment, SensorInfo,
 };
 use crate::assemble::AssemblyReport;
-use crate::contact;
 use crate::drive::Drive;
 use crate::elements::body_frame::{BodyFrame, Shift};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
-use crate::elements::end_contact::EndShape;
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::rail_contact::law_radius_m;
-use crate::elements::tooth_contact::{LANES, LaneBlock, take};
 use crate::geometry::profile::{Element, Profile};
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
+use crate::lanes::{LANES, LaneBlock, take};
 use crate::model::{ChainModel, Model};
+use crate::pairs::bush_gap;
+use crate::pairs::contour_body::EndShape;
+use crate::pairs::plate_rail::law_radius_m;
 use crate::state::State;
 use crate::units::direction;
 use std::ops::Range;
@@ -271,7 +271,7 @@ fn sprocket_contacts(node: &Node<'_>, rows: &mut Vec<Row>) {
             let d = p - origin;
             let in_frame = Vec2::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x);
             let axis = Vec2::new(sprocket.body.seat_cos[tooth as usize], sprocket.body.seat_sin[tooth as usize]);
-            let hit = contact::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
+            let hit = bush_gap::contact_in_gap(teeth, (tooth, axis), in_frame, sprocket.body.bush_radius_m);
             let pair = Pair {
                 link,
                 feature: Feature::at_teeth(front, is_roller),

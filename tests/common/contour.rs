@@ -5,10 +5,10 @@
 //! perpendicular foot, or for the convex corner where none does; joints that are C1 are owned by the element that begins
 //! there, so that no contact is counted twice.
 
-use pitchline::contact::ContourTouch;
 use pitchline::geometry::Vec2;
 use pitchline::geometry::cross;
 use pitchline::geometry::profile::{Element, Profile};
+use pitchline::pairs::bush_gap::ContourTouch;
 use pitchline::units::{atan2, wrap_angle};
 
 /// Circle against an element: the touch whose foot lies in the element's interior, if there is one.

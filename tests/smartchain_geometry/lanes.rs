@@ -1,14 +1,14 @@
 //! The kernel with memory of the arcs that abutments faced, compared with the searches without memory.
 
 use crate::{Random, abutment, smooth};
-use pitchline::elements::arc_lanes::{
-    FootLanes, FootPoint, PairLanes, PairSearchResult, SupportLanes, arcs_with_one_contact,
-};
-use pitchline::elements::tooth_contact::LANES;
 use pitchline::geometry::Vec2;
 use pitchline::geometry::smartchain::contour::AbutmentContour;
 use pitchline::geometry::smartchain::ring::RingContact;
 use pitchline::geometry::smartchain::{AbutmentSide, LobedRing};
+use pitchline::lanes::LANES;
+use pitchline::pairs::arc_lanes::{
+    FootLanes, FootPoint, PairLanes, PairSearchResult, SupportLanes, arcs_with_one_contact,
+};
 
 const POSES: usize = 100_000;
 

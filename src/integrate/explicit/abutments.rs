@@ -2,19 +2,19 @@
 
 use super::LANES;
 use super::ends::{Clearances, Poses, Query, QueryResult, ToothGaps};
-use crate::elements::arc_lanes::{
-    EndContactLanes, FootLanes, FootPoint, NO_CONTACT_M, PairLanes, PairSearchResult, SupportLanes,
-    arcs_with_one_contact,
-};
-use crate::elements::end_contact::{EndBody, EndShape, SeatDirections};
-use crate::elements::tooth_contact::{LaneBlock, LaneMask, any, mask};
 use crate::geometry::smartchain::contour::AbutmentContour;
 use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
+use crate::lanes::{LaneBlock, LaneMask, any, mask};
+use crate::pairs::arc_lanes::{
+    EndContactLanes, FootLanes, FootPoint, NO_CONTACT_M, PairLanes, PairSearchResult, SupportLanes,
+    arcs_with_one_contact,
+};
+use crate::pairs::contour_body::{EndBody, EndShape, SeatDirections};
 use crate::recording::frame::Segment;
 use std::sync::Arc;
 
-/// What a block of ends faced last. Changes no bit: see [`crate::elements::arc_lanes`].
+/// What a block of ends faced last. Changes no bit: see [`crate::pairs::arc_lanes`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct AbutmentCache {
     feet: FootLanes,

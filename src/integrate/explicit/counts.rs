@@ -1,7 +1,7 @@
 //! What looking for contacts costs, by pair of bodies: what a next change of the kernels is measured by.
 
 use super::Scratch;
-use crate::elements::tooth_contact::LaneBlock;
+use crate::lanes::LaneBlock;
 use crate::model::Model;
 use std::time::Instant;
 

@@ -2,11 +2,11 @@
 
 use super::LANES;
 use super::ends::{Clearances, Query, QueryResult, ToothGaps};
-use crate::elements::arc_lanes::EndContactLanes;
-use crate::elements::end_contact::{EndBody, EndShape};
-use crate::elements::flank_lanes::{FlankLanes, LinksInBodyFrame};
-use crate::elements::tooth_contact::{LaneBlock, any, mask, take};
 use crate::geometry::chain::silent::SilentLinkContour;
+use crate::lanes::{LaneBlock, any, mask, take};
+use crate::pairs::arc_lanes::EndContactLanes;
+use crate::pairs::contour_body::{EndBody, EndShape};
+use crate::pairs::flank_lanes::{FlankLanes, LinksInBodyFrame};
 
 /// What a block of ends touches with, and the tooth gaps they were in last.
 #[derive(Clone)]

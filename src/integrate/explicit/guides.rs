@@ -6,10 +6,11 @@ use super::{
     owned_lanes, shift_and_lever, take, write_block,
 };
 use crate::elements::body_frame::FrameMotion;
-use crate::elements::contour_forces::BlockStep;
-use crate::elements::guide_contact;
-use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
+use crate::lanes::{LANES, LaneBlock};
 use crate::model::Model;
+use crate::pairs::bush_tooth::{self, FrictionInput, Lanes};
+use crate::pairs::contour_forces::BlockStep;
+use crate::pairs::plate_guide;
 use crate::state::State;
 use std::time::Instant;
 
@@ -35,14 +36,14 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let group = ContactGroup::Guides(set).index();
                 let begun = scratch.counts.is_some().then(Instant::now);
                 let ends = if rear == 0 { &scratch.front } else { &scratch.rear };
-                let within = guide_contact::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
+                let within = plate_guide::any_within(body, reach_m, take(&ends.x, at), take(&ends.y, at));
                 let near = shared
                     || moves
                     || within && {
                         let held = take(&state.contacts[group].normal_force, at);
                         let motion = [take(&ends.x, at), take(&ends.y, at), take(&ends.vx, at), take(&ends.vy, at)];
                         let push = acceleration_bounds(model, scratch, at);
-                        guide_contact::any_near(body, reach_m, model.step_s, held, motion, push)
+                        plate_guide::any_near(body, reach_m, model.step_s, held, motion, push)
                     };
                 if !near {
                     if scratch.groups[group].stale[block] != 0 {
@@ -57,15 +58,15 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 if shared {
                     move_out_of_reach(&scratch.nearest_guide[body.side][at..at + LANES], k, lanes);
                 }
-                guide_contact::penetrations(body, lanes);
+                plate_guide::penetrations(body, lanes);
                 super::memory_of(state, scratch, group, count).load_past(block, lanes);
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.plate_radius_m);
                 if moves {
                     let (sliding, radii) = (FrictionInput { mu, stick_speed: stick, radius }, [radius; LANES]);
-                    tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, (0.0, mobility), lanes);
+                    bush_tooth::forces_on_body(&body.law, sliding, &radii, model.step_s, (0.0, mobility), lanes);
                     given.add(true, [&lanes.force_x, &lanes.force_y, &lanes.torque]);
                 } else {
-                    tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
+                    bush_tooth::forces(&body.law, mu, stick, radius, model.step_s, 0.0, lanes);
                 }
                 scratch.end_forces[block].add(lanes);
                 if WATCHED {

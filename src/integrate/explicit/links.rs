@@ -7,7 +7,7 @@ use super::scratch::{JointColumn, LinkConstants, LinkEnds, WrappedColumns};
 use super::{RunIn, Scratch};
 use crate::elements::friction;
 use crate::elements::link_joint::{self, JointEnds, LinkJoint};
-use crate::elements::tooth_contact::{LANES, blocks, blocks_mut};
+use crate::lanes::{LANES, blocks, blocks_mut};
 use crate::model::{ChainModel, Model};
 use crate::state::{LinkState, State};
 

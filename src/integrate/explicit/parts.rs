@@ -1,9 +1,9 @@
 //! What a step knows of every part of a link that touches something: for those who watch a run step by step.
 
 use super::{Scratch, Window};
-pub use crate::elements::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::elements::contact_law::ContactLaw;
 use crate::model::Model;
+pub use crate::pairs::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::recording::frame::Feature;
 use crate::state::{ContactMemory, State};
 

@@ -6,11 +6,12 @@ use super::{
     write_block,
 };
 use crate::elements::beam::MAX_MODES;
-use crate::elements::blade::{BladeLanes, BladeMotion};
 use crate::elements::body_frame::FrameMotion;
-use crate::elements::rail_contact::{self, PlatePart, RailContactLanes};
-use crate::elements::tooth_contact::{self, FrictionInput, LANES, LaneBlock, Lanes};
+use crate::lanes::{LANES, LaneBlock};
 use crate::model::Model;
+use crate::pairs::bush_tooth::{self, FrictionInput, Lanes};
+use crate::pairs::plate_blade::{BladeLanes, BladeMotion};
+use crate::pairs::plate_rail::{self, PlatePart, RailContactLanes};
 use crate::state::{FAR_AWAY_M, State};
 use std::time::Instant;
 
@@ -96,7 +97,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 let sliding =
                     FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
                 let (law, h) = (&body.law, model.step_s);
-                tooth_contact::forces_on_body(law, sliding, &found.link_radius, h, (swing.omega, mobility), lanes);
+                bush_tooth::forces_on_body(law, sliding, &found.link_radius, h, (swing.omega, mobility), lanes);
                 scratch.end_forces[block].add(lanes);
                 if let Some(blade) = &rail.blade {
                     blade.shape.give_back(lanes, on_blade, &mut modes);
@@ -153,7 +154,7 @@ fn find_contacts(
         *other = first[0];
     }
     for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(found)) {
-        *found = rail_contact::find_contacts((body, bent_m), part, swing, &alpha, lanes);
+        *found = plate_rail::find_contacts((body, bent_m), part, swing, &alpha, lanes);
     }
 }
 
@@ -286,10 +287,10 @@ fn load(
 mod tests {
     use super::*;
     use crate::elements::contact_law::ContactLaw;
-    use crate::elements::rail_contact::RailBody;
     use crate::geometry::guide::GuideSide;
     use crate::geometry::rail::{Rail, Stretch};
     use crate::geometry::{Vec2, rotated};
+    use crate::pairs::plate_rail::RailBody;
 
     /// A plate that slides along a line onto an arc, and along an arc onto a line, always 1 um deep at its nearest point: at the joint the
     /// contact of one part becomes that of another with all that it remembers, and is never lost.
@@ -323,7 +324,7 @@ mod tests {
                 (lanes.x, lanes.y) = ([centre.x; LANES], [centre.y; LANES]);
                 (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                 lanes.lever = [lever_m; LANES];
-                *found = rail_contact::find_contacts((&body, 0.0), part, swing, &[0.0; LANES], lanes);
+                *found = plate_rail::find_contacts((&body, 0.0), part, swing, &[0.0; LANES], lanes);
             }
             for (lanes, age) in lanes.iter_mut().zip(held) {
                 (lanes.age, lanes.normal_force) = ([age; LANES], [age; LANES]);

@@ -4,10 +4,11 @@
 use super::teeth::{BushSources, load_bushes};
 use super::{ContactMemory, MemoryBlocks, Scratch, write_block};
 use crate::elements::body_frame::BodyMobility;
-use crate::elements::roller_bore::{Bore, RollerFriction, RollerLanes, solve_together};
-use crate::elements::tooth_contact::{FrictionInput, LANES, LaneBlock, Lanes, take};
 use crate::geometry::Vec2;
+use crate::lanes::{LANES, LaneBlock, take};
 use crate::model::Model;
+use crate::pairs::bush_tooth::{FrictionInput, Lanes};
+use crate::pairs::roller_bush::{Bore, RollerFriction, RollerLanes, solve_together};
 use crate::state::State;
 
 /// What a step knows of rollers on their bushes, by the lanes of rollers. Empty where a drive has none.

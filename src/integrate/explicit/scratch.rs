@@ -7,12 +7,13 @@ use super::rails::{PlateLanes, RailColumns};
 use super::rollers::BoreColumns;
 use super::watch::ObservedStep;
 use super::{RunIn, Window};
-use crate::elements::contour_forces::AccelerationChange;
 use crate::elements::friction;
-use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes, take};
 use crate::geometry::Vec2;
 use crate::integrate::Isa;
+use crate::lanes::{LANES, LaneBlock, take};
 use crate::model::{ChainModel, Model};
+use crate::pairs::bush_tooth::Lanes;
+use crate::pairs::contour_forces::AccelerationChange;
 use crate::state::ContactMemory;
 
 /// What a step computes on the way. May be thrown away at any time.

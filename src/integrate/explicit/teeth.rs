@@ -5,11 +5,10 @@ use super::scratch::{LinkEnds, WrappedColumns};
 use super::watch::{ContactBlock, ObservedStep};
 use super::{BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, move_out_of_reach, owned_lanes};
 use crate::elements::body_frame::{BodyMobility, FrameMotion};
-use crate::elements::tooth_contact::{
-    self, FrictionInput, LANES, LaneBlock, Lanes, SprocketMotion, blocks, blocks_mut,
-};
 use crate::geometry::Vec2;
+use crate::lanes::{LANES, LaneBlock, blocks, blocks_mut};
 use crate::model::{ChainModel, Model};
+use crate::pairs::bush_tooth::{self, FrictionInput, Lanes, SprocketMotion};
 use crate::state::State;
 use std::time::Instant;
 
@@ -144,7 +143,7 @@ fn contacts_of<const WATCHED: bool, const ROLLERS: bool>(
         for at in start / LANES..(end / LANES).min(count) {
             let nearest = &s.nearest_sprocket[at * LANES..];
             let begun = s.counts.is_some().then(|| (Instant::now(), *seats.reseats));
-            if !shared && !tooth_contact::any_inside(motion.origin, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
+            if !shared && !bush_tooth::any_inside(motion.origin, tip_reach_m, &sources.x[0][at], &sources.y[0][at]) {
                 // Outside the tip circle.
                 if memory.clear_block(at) {
                     let nothing = [0.0; LANES];
@@ -163,19 +162,19 @@ fn contacts_of<const WATCHED: bool, const ROLLERS: bool>(
             if *shared {
                 move_out_of_reach(nearest, k, lanes);
             }
-            if !tooth_contact::penetrations(body, turning, lanes) {
+            if !bush_tooth::penetrations(body, turning, lanes) {
                 reseat(model, &mut seats, k, turning, at, lanes);
-                tooth_contact::penetrations(body, turning, lanes);
+                bush_tooth::penetrations(body, turning, lanes);
             }
-            let near = tooth_contact::any_within(reach_m, lanes);
+            let near = bush_tooth::any_within(reach_m, lanes);
             if near {
                 let (mu, stick, radius) = (body.friction, body.stick_speed_m_s, body.bush_radius_m);
                 if moves {
                     let sliding = FrictionInput { mu, stick_speed: stick, radius };
                     let (radii, body_motion) = ([radius; LANES], (omega, mobility));
-                    tooth_contact::forces_on_body(&body.law, sliding, &radii, model.step_s, body_motion, lanes);
+                    bush_tooth::forces_on_body(&body.law, sliding, &radii, model.step_s, body_motion, lanes);
                 } else {
-                    tooth_contact::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
+                    bush_tooth::forces(&body.law, mu, stick, radius, model.step_s, omega, lanes);
                 }
                 if ROLLERS && let Some(bore) = bore {
                     let sliding = (FrictionInput { mu, stick_speed: stick, radius }, &past[at]);
@@ -232,7 +231,7 @@ fn observe(
     let body = &model.sprockets[k].body;
     let own = owned_lanes(model.chain.link_lanes(at), shared.then_some(nearest), k);
     if watched.wants_segments() && lanes.age != [0.0; LANES] {
-        let segments = tooth_contact::segments(body, turning, lanes);
+        let segments = bush_tooth::segments(body, turning, lanes);
         watched.record_segments(ContactGroup::Bushes, at, segments, own.as_ref());
     }
     watched.record(&ContactBlock { part: ContactGroup::Bushes, at, lanes }, own.as_ref());
@@ -311,5 +310,5 @@ fn reseat(model: &Model, seats: &mut SeatColumns<'_>, k: usize, turning: Sprocke
 
 pub(super) fn seat_of(model: &Model, k: usize, cos: f64, sin: f64, x: f64, y: f64) -> usize {
     let in_frame = Vec2::new(cos * x + sin * y, cos * y - sin * x);
-    model.sprockets[k].geometry.iso().map_or(0, |s| crate::contact::seat_index(s, in_frame) as usize)
+    model.sprockets[k].geometry.iso().map_or(0, |s| crate::pairs::bush_gap::seat_index(s, in_frame) as usize)
 }

@@ -2,8 +2,8 @@
 
 use super::Scratch;
 use crate::elements::hydraulics::CoordinateStep;
-use crate::elements::touch::{CoordinateRates, PastTouch};
 use crate::model::Model;
+use crate::pairs::part_part::{CoordinateRates, PastTouch};
 use crate::state::State;
 
 /// Forces of loads, couplings, films, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account.

@@ -7,8 +7,9 @@
 
 use super::parts::{CONTACT_GROUPS, ContactGroup};
 use super::{Scratch, write_block};
-use crate::elements::tooth_contact::{LANES, LaneBlock, Lanes};
+use crate::lanes::{LANES, LaneBlock};
 use crate::model::Model;
+use crate::pairs::bush_tooth::Lanes;
 
 /// What is asked for.
 #[derive(Clone, Debug, Default, PartialEq)]

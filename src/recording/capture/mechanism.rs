@@ -8,11 +8,11 @@ use super::{fill, outline_element};
 use crate::drive::Drive;
 use crate::drive::mechanism::{OilSpec, PassageLaw, SliderSpec};
 use crate::elements::hydraulics::PassageEnd;
-use crate::elements::touch::{Pad, TouchShape};
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp, unit};
 use crate::integrate::explicit::{Scratch, touches};
 use crate::model::{ArmModel, Model};
+use crate::pairs::part_part::{Pad, TouchShape};
 use crate::recording::frame::{
     BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Touches,
 };

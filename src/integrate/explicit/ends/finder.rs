@@ -3,13 +3,13 @@
 use super::super::{LANES, Scratch};
 use super::query::{Cache, Poses, Query, QueryResult};
 use super::{BodyInStep, EndSources, LinkSources, from_origin, was_touching};
-use crate::elements::arc_lanes::{EndContactLanes, NO_CONTACT_M};
-use crate::elements::contact_group::ContactGroup;
-use crate::elements::end_contact::{EndBody, EndTouch, LinkContour};
-use crate::elements::tooth_contact::{LaneBlock, any, blocks, mask};
 use crate::geometry::Vec2;
 use crate::integrate::{Isa, VectorKernel, vectorised};
+use crate::lanes::{LaneBlock, any, blocks, mask};
 use crate::model::Model;
+use crate::pairs::arc_lanes::{EndContactLanes, NO_CONTACT_M};
+use crate::pairs::contact_group::ContactGroup;
+use crate::pairs::contour_body::{EndBody, EndTouch, LinkContour};
 use crate::state::State;
 
 /// Finds where contours of links touch bodies, outside of a step: for equilibria. Remembers what ends faced last, which changes no bit.
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
     use crate::assemble::at_rest;
     use crate::drive::{BUNDLED, Drive};
-    use crate::elements::end_contact::{FAR_M, LinkPose};
+    use crate::pairs::contour_body::{FAR_M, LinkPose};
     use crate::units::sin_cos;
 
     /// Over two links and on near-rigid parts, besides the bundled drives.

@@ -4,11 +4,11 @@ use super::super::LANES;
 use super::super::abutments::{self, AbutmentCache};
 use super::super::flanks::{self, FlankCache};
 use super::{BodyInStep, EndSources, LinkSources, from_origin};
-use crate::elements::arc_lanes::EndContactLanes;
-use crate::elements::end_contact::{EndBody, LinkContour, SeatDirections};
-use crate::elements::tooth_contact::{LaneBlock, LaneMask, any, mask};
 use crate::geometry::Vec2;
+use crate::lanes::{LaneBlock, LaneMask, any, mask};
 use crate::model::Model;
+use crate::pairs::arc_lanes::EndContactLanes;
+use crate::pairs::contour_body::{EndBody, LinkContour, SeatDirections};
 
 /// One end of a block of links against one body.
 pub(in super::super) struct Query<'a> {

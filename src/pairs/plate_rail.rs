@@ -20,11 +20,12 @@
 //! ```
 //! Forces as in [`super::tooth_contact`], with the rail's inertia in the effective mass where a coordinate carries it.
 
-use super::body_frame::FrameMotion;
-use super::contact_law::ContactLaw;
-use super::tooth_contact::{LANES, LaneBlock, Lanes};
+use super::bush_tooth::Lanes;
+use crate::elements::body_frame::FrameMotion;
+use crate::elements::contact_law::ContactLaw;
 use crate::geometry::rail::{Piece, Rail};
 use crate::geometry::{Vec2, cross, perp};
+use crate::lanes::{LANES, LaneBlock};
 
 /// A rail as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -431,10 +432,10 @@ fn length(dx: f64, dy: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::elements::body_frame::BodyMobility;
-    use crate::elements::tooth_contact::{FrictionInput, forces_on_body};
     use crate::geometry::guide::GuideSide;
     use crate::geometry::rail::Stretch;
     use crate::geometry::{rotated, unit};
+    use crate::pairs::bush_tooth::{FrictionInput, forces_on_body};
 
     const PLATE_M: f64 = 3.55e-3;
     const LEVER_M: f64 = 4e-3;

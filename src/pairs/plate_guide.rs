@@ -6,9 +6,10 @@
 //! penetration is rho + r - |p - c| and the normal (p - c)/|p - c| everywhere, on the face to rounding.
 //! Forces as in [`super::tooth_contact`], the guide at rest.
 
-use super::contact_law::ContactLaw;
-use super::tooth_contact::{LANES, LaneBlock, Lanes};
+use super::bush_tooth::Lanes;
+use crate::elements::contact_law::ContactLaw;
 use crate::geometry::Vec2;
+use crate::lanes::{LANES, LaneBlock};
 
 /// A guide as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]

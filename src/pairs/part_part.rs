@@ -11,9 +11,9 @@
 //! over the step after [`super::contact_law`], from the accelerations that all else gives in this step; touches of one coordinate take those
 //! before them into account. Friction after [`super::friction`] along the tangent, n turned by +90 degrees.
 
-use super::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
-use super::friction;
-use super::tooth_contact::contact_update;
+use super::bush_tooth::contact_update;
+use crate::elements::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
+use crate::elements::friction;
 use crate::geometry::{Vec2, perp, rotated};
 
 /// Two parts that may touch.

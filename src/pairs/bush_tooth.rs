@@ -3,60 +3,21 @@
 //! A bush (circle of radius r) is folded into its tooth gap: gap axis g in the world, q = (|lateral|, radial) from the
 //! sprocket axis. There it faces one of four circles, seat (concave), flank, tip corner (radius 0) or tip land:
 //! penetration = +-(|q - c| - b), normal = -+(q - c)/|q - c|. Which one follows from three cross products; the rules are those
-//! of `contact::gap_contact`, and a test holds the two together. Normal force after [`contact_law`], friction after
+//! of `bush_gap::gap_contact`, and a test holds the two together. Normal force after [`contact_law`], friction after
 //! [`friction`], both as means over the step. The force acts at the deepest point of the bush, on link and sprocket alike:
 //! the pair of forces is without moment.
 //!
 //! Rates: closing speed v_n = -v_rel . n; tangent t = n turned by +90 degrees; inverse effective masses of the link's end
 //! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
 
-use super::body_frame::{BodyMobility, FrameMotion};
-use super::contact_law::{self, ContactLaw, PairRadii, StepInput};
-use super::friction;
+use crate::elements::body_frame::{BodyMobility, FrameMotion};
+use crate::elements::contact_law::{self, ContactLaw, PairRadii, StepInput};
+use crate::elements::friction;
 use crate::geometry::Vec2;
 use crate::geometry::sprocket::Sprocket;
+use crate::lanes::{LANES, LaneBlock};
 use crate::recording::frame::Segment;
 use crate::units::sin_cos;
-
-/// Lanes that are computed together: arrays of a fixed size, so that they live in vector registers.
-pub const LANES: usize = 8;
-
-/// One value per lane.
-pub type LaneBlock = [f64; LANES];
-
-/// A yes or a no per lane, as wide as a value, so that it lives in vector registers too: all bits or none.
-pub type LaneMask = [u64; LANES];
-
-/// One lane of a [`LaneMask`].
-#[inline(always)]
-pub fn mask(yes: bool) -> u64 {
-    if yes { u64::MAX } else { 0 }
-}
-
-/// Whether any lane says yes.
-#[inline(always)]
-pub fn any(lanes: &LaneMask) -> bool {
-    lanes.iter().fold(0, |any, lane| any | lane) != 0
-}
-
-/// One block of values from `at`.
-#[inline(always)]
-pub fn take(column: &[f64], at: usize) -> LaneBlock {
-    let mut out = [0.0; LANES];
-    out.copy_from_slice(&column[at..at + LANES]);
-    out
-}
-
-/// The first blocks of a column: slices of one length, so that one bounds check does for a loop over many of them.
-#[inline(always)]
-pub fn blocks(column: &[f64], count: usize) -> &[LaneBlock] {
-    &column.as_chunks::<LANES>().0[..count]
-}
-
-#[inline(always)]
-pub fn blocks_mut(column: &mut [f64], count: usize) -> &mut [LaneBlock] {
-    &mut column.as_chunks_mut::<LANES>().0[..count]
-}
 
 /// A sprocket as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,10 +5,10 @@
 //! of two alike the first. In the gap frame: +y along the gap's axis, +x to its right.
 
 use super::arc_lanes::{EndContactLanes, NO_CONTACT_M};
-use super::end_contact::{Arc, Circle, NORMAL_ROUNDING, SilentTooth};
-use super::tooth_contact::{LANES, LaneBlock, LaneMask, any, mask};
+use super::contour_body::{Arc, Circle, NORMAL_ROUNDING, SilentTooth};
 use crate::geometry::chain::silent::SilentLinkContour;
 use crate::geometry::{Vec2, cross, perp};
+use crate::lanes::{LANES, LaneBlock, LaneMask, any, mask};
 use crate::recording::frame::Segment;
 
 /// What touches of one side of an end of each link, in the link frame.

@@ -12,12 +12,13 @@
 //!
 //! Modes are those of [`super::beam`]. The beam is not tensioned by the chain and does not stretch; supports slide along the contour.
 
-use super::beam::{Beam, BeamMode, MAX_MODES};
-use super::body_frame::FrameMotion;
-use super::rail_contact::{PlatePart, PlateTouch, RailBody, RailContactLanes};
-use super::tooth_contact::{LANES, LaneBlock, Lanes};
+use super::bush_tooth::Lanes;
+use super::plate_rail::{PlatePart, PlateTouch, RailBody, RailContactLanes};
+use crate::elements::beam::{Beam, BeamMode, MAX_MODES};
+use crate::elements::body_frame::FrameMotion;
 use crate::geometry::rail::Piece;
 use crate::geometry::{Vec2, cross, perp};
+use crate::lanes::{LANES, LaneBlock};
 
 /// One mode.
 #[derive(Clone, Debug, PartialEq)]

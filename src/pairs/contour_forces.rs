@@ -10,10 +10,11 @@
 //! omega h = 1.3 on, or from less where contacts are damped much: `integrate::step_bound`.
 
 use super::arc_lanes::{EndContactLanes, NO_CONTACT_M};
-use super::contact_law::{self, ContactLaw, StepInput};
-use super::friction;
-use super::tooth_contact::{LANES, LaneBlock, LaneMask, Lanes, any, contact_update, mask, normal_forces};
+use super::bush_tooth::{Lanes, contact_update, normal_forces};
+use crate::elements::contact_law::{self, ContactLaw, StepInput};
+use crate::elements::friction;
 use crate::geometry::Vec2;
+use crate::lanes::{LANES, LaneBlock, LaneMask, any, mask};
 
 /// What lanes of other contours of a link have besides: the contact point seen from the joint, against the normal and along
 /// the tangent [m]; the link's angular acceleration one step back.

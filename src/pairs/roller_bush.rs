@@ -14,9 +14,10 @@
 //! At rest a roller between a tooth and its bush is two springs in series, and all three centres lie on one normal: the bush then sees the tooth
 //! as a roller would that is smaller by the play ([`Bore::at_rest`]).
 
-use super::contact_law::{ContactLaw, Elastic, PairRadii};
-use super::friction;
-use super::tooth_contact::{LANES, LaneBlock, Lanes, ToothedBody, normal_forces, rates_of_seat};
+use super::bush_tooth::{Lanes, ToothedBody, normal_forces, rates_of_seat};
+use crate::elements::contact_law::{ContactLaw, Elastic, PairRadii};
+use crate::elements::friction;
+use crate::lanes::{LANES, LaneBlock};
 
 /// How the rollers of a chain touch their bushes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,8 +13,8 @@
 //! A body's frame is its origin, turned with its sprocket where it has one. Links and bodies are rigid, so the rate of the
 //! gap is the relative speed of the two contact points along the normal, whatever the curvatures.
 
-use super::body_frame::BodyFrame;
-use super::contact_law::ContactLaw;
+use crate::elements::body_frame::BodyFrame;
+use crate::elements::contact_law::ContactLaw;
 use crate::geometry::chain::silent::{Flank, LinkEnd, SilentLinkContour};
 use crate::geometry::profile::Element;
 use crate::geometry::silent_sprocket::SilentSprocket;

@@ -13,11 +13,11 @@
 //! The sign is that of R; a crest is a ring arc with R = 0. An abutment that is more curved than the ring's hollows has one such pair.
 //! Where it has arcs that are flatter, others may exist: [`arcs_with_one_contact`] tells from which arcs on a pair has no rival.
 
-use super::end_contact::EndTouch;
-use super::tooth_contact::{LANES, LaneBlock};
+use super::contour_body::EndTouch;
 use crate::geometry::smartchain::contour::{AbutmentContour, ContourArc};
 use crate::geometry::smartchain::ring::{LobedRing, RingContact};
 use crate::geometry::{Vec2, perp};
+use crate::lanes::{LANES, LaneBlock};
 use crate::recording::frame::Segment;
 
 /// The deepest places of one end of a block of links on a body.
@@ -31,7 +31,7 @@ pub struct EndContactLanes {
     /// Out of the body.
     pub normal_x: LaneBlock,
     pub normal_y: LaneBlock,
-    /// Radii of curvature there [m]: of the body, and of the link's contour as in [`super::end_contact::EndTouch`].
+    /// Radii of curvature there [m]: of the body, and of the link's contour as in [`super::contour_body::EndTouch`].
     pub body_radius: LaneBlock,
     pub link_radius: LaneBlock,
     /// Number of the tooth gap.
