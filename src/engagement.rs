@@ -22,7 +22,7 @@ pub enum ContactKind {
     /// Front and rear abutment on the ring.
     RingFront,
     RingRear,
-    /// Bush of the front joint in the teeth.
+    /// Bush of the front joint in the teeth, or the roller on it.
     Bush,
     /// Leading and trailing outer flank.
     FlankLeading,
@@ -377,9 +377,10 @@ fn forces(
         if memory.is_empty() {
             continue;
         }
-        let (force, approach) = (memory.normal_force[link], memory.approach[link]);
-        let touch = scratch.touch(*part, link);
-        let law = touch.and_then(|_| scratch.law(model, *part, link));
+        let lane = if *part == ContactGroup::Bushes { model.chain.bush_lane(link) } else { link };
+        let (force, approach) = (memory.normal_force[lane], memory.approach[lane]);
+        let touch = scratch.touch(*part, lane);
+        let law = touch.and_then(|_| scratch.law(model, *part, lane));
         let top = match law {
             Some(law) => meter.peak_since(law, touch, approach, model.step_s, 0.0).unwrap_or(force),
             None => {
