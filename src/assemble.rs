@@ -9,7 +9,7 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 use crate::diag::Report;
-use crate::drive::{Drive, Effects, PreloadSpec};
+use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
@@ -272,6 +272,11 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
 /// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
 fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
+    if drive.fidelity == ChainFidelity::Spans {
+        // Its preload is a number of its spans; the axis stands where its nominal links close.
+        let model = Model::build(drive, &placed, 0.0).map_err(AssemblyError::Input)?.with_fidelity(drive);
+        return Ok((model, vec![drive.preload.tension_n()]));
+    }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
         true => tighten(drive, &placed)?,
@@ -296,7 +301,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
                 .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
             PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         };
-        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
+        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own));
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
@@ -481,8 +486,11 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
     }
     let mut first = 0;
     for chain in 0..drive.chains() {
-        let own = first..first + drive.links_of(chain);
+        let own = first..first + drive.link_bodies_of(chain);
         first = own.end;
+        if drive.fidelity_of(chain) == ChainFidelity::Spans {
+            continue;
+        }
         let tension_n = at.tensions_n[own].iter().copied().fold(0.0, f64::max);
         if *drive.preload_of(chain) == PreloadSpec::Blade && tension_n < MIN_TENSION_N {
             let blade = model.rails.iter().find(|r| r.chain == chain && r.blade.is_some());
@@ -590,6 +598,10 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     for (chain, own) in model.chain.loops.iter().enumerate() {
         let route = model.routes.get(chain).ok_or_else(no_route)?;
         let pitch_m = drive.chain_of(chain).pitch_m();
+        if drive.fidelity_of(chain) == ChainFidelity::Spans {
+            turn_by_spans(model, chain, phase * pitch_m, &mut coordinates);
+            continue;
+        }
         let sprockets = drive.sprockets_of(chain);
         let mut laid = lay_chain(route, own.len(), pitch_m, phase);
         let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();
@@ -619,6 +631,16 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     let mut coordinates: Vec<f64> = coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect();
     place_tips(model, &mut coordinates);
     Ok(Configuration { links, coordinates })
+}
+
+/// Sprockets of a chain of spans turned by the same length of chain: that of the one that is known, or `travel_m`.
+fn turn_by_spans(model: &Model, chain: usize, travel_m: f64, coordinates: &mut [Option<f64>]) {
+    let ends = || model.spans.iter().filter(|s| s.chain == chain).map(|s| (s.ends[0], s.radii_m[0]));
+    let known = ends().find_map(|(k, radius_m)| coordinates[k].map(|q| q * radius_m));
+    let travel_m = known.unwrap_or(travel_m);
+    for (k, radius_m) in ends() {
+        coordinates[k].get_or_insert(travel_m / radius_m);
+    }
 }
 
 /// Sliders where their tips just touch their arms.
@@ -727,10 +749,10 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
     state
 }
 
-/// Takes whole turns off all that turns; off what couplings join, as many.
+/// Takes whole turns off all that turns; off what couplings join, as many; off what spans join, none.
 fn wrap_angles(model: &Model, angles: &mut [f64]) {
     let before = angles.to_vec();
-    for k in 0..model.n_turning() {
+    for k in (0..model.n_turning()).filter(|k| !model.counts_turns(*k)) {
         let first = model.first_coupled(k);
         angles[k] = if first == k {
             wrap_angle(before[k])

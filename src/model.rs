@@ -10,6 +10,7 @@ mod chain;
 mod mechanism;
 mod place;
 mod shafts;
+mod spans;
 
 pub use bearings::BearingModel;
 pub use blades::BladeModel;
@@ -33,6 +34,7 @@ use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::load::{Load, OrderLoad};
 use crate::elements::rail_contact::RailBody;
+use crate::elements::span::ChainSpan;
 use crate::elements::tooth_contact::ToothedBody;
 use crate::elements::touch::Touch;
 use crate::geometry::Vec2;
@@ -137,6 +139,8 @@ pub struct SprocketModel {
     pub coordinate: usize,
     /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
     pub nominal_speed_rad_s: f64,
+    /// Inertia of its share of a chain without link bodies; zero with links [kg m2].
+    pub chain_inertia_kg_m2: f64,
 }
 
 /// A guide of the model.
@@ -250,6 +254,8 @@ pub struct Model {
     pub bearings: Vec<BearingModel>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
+    /// Spans of chains without link bodies, in the order of the chains.
+    pub spans: Vec<ChainSpan>,
     /// How the driver turns; None: at a constant speed, and no load asks for its turn.
     pub driver_motion: Option<DriverMotion>,
     /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
@@ -306,6 +312,7 @@ impl Model {
                     frame: BodyFrame::turning(pulley.centre, coordinate),
                     coordinate,
                     nominal_speed_rad_s: nominal,
+                    chain_inertia_kg_m2: 0.0,
                 }
             })
             .collect();
@@ -362,6 +369,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            spans: Vec::new(),
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
@@ -394,6 +402,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            spans: Vec::new(),
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
@@ -426,6 +435,7 @@ impl Model {
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
             abutments: Vec::new(),
+            spans: Vec::new(),
             driver: drive.driver(),
             chain_speeds_m_s: Vec::new(),
             rows: Vec::new(),
@@ -450,6 +460,7 @@ impl Model {
                 if let Some(k) = shaft {
                     of_shaft[k] = Some(coordinate);
                 }
+                joined.coordinates[coordinate].add_inertia(s.chain_inertia_kg_m2);
                 let reach_m = &mut joined.coordinates[coordinate].reach_m;
                 *reach_m = reach_m.max(own.reach_m);
                 let frame = BodyFrame::turning(s.frame.origin, coordinate);
@@ -457,6 +468,7 @@ impl Model {
             }
         }
         joined.end_bodies = join_end_bodies(&joined, &alone);
+        joined.spans = spans::join_spans(drive, &joined, &alone);
         // What turns stands before what slides: behind the sprockets' coordinates come those of all arms, then those of all sliders.
         let n_arms: usize = alone.iter().map(|m| m.arms.len()).sum();
         let mut next_slider = joined.coordinates.len() + n_arms;
@@ -549,6 +561,7 @@ impl Model {
             n_coordinates: self.coordinates.len(),
             has_losses: self.has_losses(),
             has_shaft_losses: self.has_shaft_losses(),
+            has_span_losses: self.has_span_losses(),
             guide_sides: self.guide_sides(),
             rail_sides: self.rail_sides(),
             contour_sets: self.contour_sets(),

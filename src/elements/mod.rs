@@ -21,5 +21,6 @@ pub mod oil;
 pub mod passage;
 pub mod plain_bearing;
 pub mod rail_contact;
+pub mod span;
 pub mod tooth_contact;
 pub mod touch;

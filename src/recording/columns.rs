@@ -166,6 +166,8 @@ pub enum Rows {
     Chamber,
     /// What oil flows through.
     Passage,
+    /// A span of a chain without links.
+    Span,
 }
 
 impl Rows {
@@ -179,6 +181,7 @@ impl Rows {
             Rows::Touch => "touch",
             Rows::Chamber => "chamber",
             Rows::Passage => "passage",
+            Rows::Span => "span",
         }
     }
 
@@ -193,6 +196,7 @@ impl Rows {
             Rows::Touch => "touch_path",
             Rows::Chamber => "chamber_path",
             Rows::Passage => "passage_path",
+            Rows::Span => "span_path",
         }
     }
 
@@ -200,7 +204,7 @@ impl Rows {
     pub fn are_fixed(self) -> bool {
         match self {
             Rows::Link | Rows::Joint | Rows::Rotor => true,
-            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => true,
+            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => true,
             Rows::Contact => false,
         }
     }

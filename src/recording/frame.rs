@@ -85,6 +85,9 @@ pub struct Header {
     /// Paths of the rows of `Passages`.
     #[prost(string, repeated, tag = "22")]
     pub passages: Vec<String>,
+    /// Paths of the rows of `Spans`: a chain, and the sprockets that the span leaves and reaches.
+    #[prost(string, repeated, tag = "23")]
+    pub spans: Vec<String>,
 }
 
 impl Header {
@@ -97,6 +100,7 @@ impl Header {
             Rows::Touch => Some(&self.touches),
             Rows::Chamber => Some(&self.chambers),
             Rows::Passage => Some(&self.passages),
+            Rows::Span => Some(&self.spans),
         }
     }
 }
@@ -408,6 +412,13 @@ tables! {
         1 flow_m3_s: double, "m3/s", Node, Value, "Flow from its first end to its second.";
         2 pressure_drop_pa: double, "Pa", Node, Value, "Pressure at its first end less that at its second.";
     }
+
+    /// One row per span of a chain without link bodies, in the order of `Header::spans`.
+    15 spans: Spans, a row per Span {
+        1 tension_n: double, "N", Node, Value, "Tension of the links, that of their speed included; never negative.";
+        2 elongation_m: double, "m", Node, Value, "What its second sprocket has taken up less what its first has paid out; 0 at the preload.";
+        3 power_w: double, "W", Node, Value, "Power that it takes from its first sprocket to its second: preload less tension, times the speed of the chain.";
+    }
 }
 
 record! {
@@ -428,9 +439,11 @@ record! {
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
         13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms, sliders, check balls and bearings, and in blades.";
         16 elastic_coupling_j: double, "J", Node, Elastic, "Stored in couplings.";
+        21 elastic_span_j: double, "J", Node, Elastic, "Stored in spans of chains without links.";
         17 elastic_oil_j: double, "J", Node, Elastic, "Stored in the oil of all chambers.";
         14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders, bearings and blades, and in films of bearings.";
         18 lost_coupling_damping_j: double, "J", Node, Lost, "Lost in dampers of couplings.";
+        22 lost_span_damping_j: double, "J", Node, Lost, "Lost in dampers of spans of chains without links.";
         19 lost_load_j: double, "J", Node, Lost, "Lost by friction and drag of loads.";
         20 lost_oil_j: double, "J", Node, Lost, "Lost in passages of oil.";
         12 error_j: double, "J", Node, Error, "work in - work out - lost - change of stored energy.";

@@ -16,7 +16,7 @@ const MOST_ELEMENTS: usize = 500_000;
 const MOST_TEETH: u32 = 10_000;
 
 /// Repeated fields of [`Header`] by tag, and for those that contain an outline its tag.
-const REPEATED: [(u64, &str); 12] = [
+const REPEATED: [(u64, &str); 13] = [
     (5, "overrides"),
     (8, "links"),
     (9, "outlines"),
@@ -29,6 +29,7 @@ const REPEATED: [(u64, &str); 12] = [
     (20, "touches"),
     (21, "chambers"),
     (22, "passages"),
+    (23, "spans"),
 ];
 const LINK_OUTLINES: u64 = 9;
 const BODIES: u64 = 10;

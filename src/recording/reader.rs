@@ -546,7 +546,7 @@ impl StatedLengths {
         let most = |rows: Rows| match rows {
             Rows::Link | Rows::Joint => links,
             Rows::Contact => usize::MAX,
-            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
                 header.row_paths(rows).map_or(0, <[String]>::len)
             }
         };

@@ -11,10 +11,10 @@ use crate::elements::hydraulics::PassageEnd;
 use crate::elements::touch::{Pad, TouchShape};
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp, unit};
-use crate::integrate::explicit::{Scratch, touches};
+use crate::integrate::explicit::{Scratch, shafts, touches};
 use crate::model::{ArmModel, Model};
 use crate::recording::frame::{
-    BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Touches,
+    BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Spans, Touches,
 };
 use crate::state::State;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -82,9 +82,18 @@ pub(super) fn fill_oil(
     fill(&mut chambers.inflow_m3_s, oil.ends().map(|end| oil.inflow_m3_s(end, |e| flows[e])));
 }
 
+/// Rows of spans of chains without links.
+pub(super) fn fill_spans(model: &Model, state: &State, into: &mut Spans) {
+    let now = || model.spans.iter().map(|s| shafts::span_at(model, state, s));
+    fill(&mut into.tension_n, now().map(|n| n.tension_n));
+    fill(&mut into.elongation_m, now().map(|n| n.elongation_m));
+    fill(&mut into.power_w, now().map(|n| n.power_w));
+}
+
 /// Paths of the rows above, into a header.
 pub(super) fn name_rows(model: &Model, header: &mut Header) {
     header.sliders = model.coordinates[model.n_turning()..].iter().map(|c| c.path.clone()).collect();
+    header.spans = model.spans.iter().map(|s| s.path.clone()).collect();
     header.touches = model.touches.iter().map(|t| t.path.clone()).collect();
     let Some(oil) = &model.oil else { return };
     header.chambers = oil
