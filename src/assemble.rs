@@ -13,6 +13,7 @@ use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
 use crate::elements::end_contact::FAR_M;
 use crate::elements::rail_contact::law_radius_m;
+use crate::elements::span::ChainSpan;
 use crate::elements::touch::{Touch, TouchShape};
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, cross, rotated, unit};
@@ -56,6 +57,9 @@ pub struct AssemblyReport {
     /// The same of every chain of a drive that has several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub preloads: Vec<ChainPreload>,
+    /// Spans of chains without links.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub spans: Vec<SpanReport>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -76,6 +80,21 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
+}
+
+/// A span of a chain without links.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct SpanReport {
+    /// `chains.NAME.spans.FROM-TO`.
+    pub span: String,
+    /// Length of the straight span [m].
+    pub length_m: f64,
+    /// Stiffness [N/m].
+    pub stiffness_n_per_m: f64,
+    /// Damping [N s/m].
+    pub damping_n_s_per_m: f64,
+    /// Tension under load at rest [N].
+    pub static_tension_n: f64,
 }
 
 /// Axis of a sprocket that was moved [m].
@@ -142,6 +161,18 @@ impl ChainPreload {
     }
 }
 
+impl SpanReport {
+    fn of(span: &ChainSpan, at: &Configuration) -> SpanReport {
+        SpanReport {
+            span: span.path.clone(),
+            length_m: span.length_m,
+            stiffness_n_per_m: span.stiffness_n_per_m,
+            damping_n_s_per_m: span.damping_n_s_per_m,
+            static_tension_n: span.spring_n(span.elongation(span.ends.map(|k| at.coordinates[k]))),
+        }
+    }
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
@@ -169,6 +200,11 @@ impl AssemblyReport {
             [] => lines.push(first().line()),
             several => lines.extend(several.iter().map(ChainPreload::line)),
         }
+        lines.extend(self.spans.iter().map(|s| {
+            let (mm, tension_n) = (s.length_m * 1e3, s.static_tension_n);
+            let (stiffness, damping) = (s.stiffness_n_per_m, s.damping_n_s_per_m);
+            format!("{} = {tension_n:.1} N under load; {mm:.3} mm, {stiffness:.4e} N/m, {damping:.3} N s/m", s.span)
+        }));
         lines.extend([
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
@@ -419,6 +455,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         preload_low_n: first.low_n,
         preload_high_n: first.high_n,
         preloads,
+        spans: model.spans.iter().map(|s| SpanReport::of(s, &loaded.configuration)).collect(),
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),

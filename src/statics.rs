@@ -79,7 +79,7 @@ const NEAR_SOLUTION_N: f64 = 1.0;
 
 /// Gradient and Hessian over link blocks, by lane, and free coordinates.
 struct System {
-    /// Lanes of every chain.
+    /// Lanes of every chain with links.
     loops: Vec<Range<usize>>,
     gradient: Vec<Vector3<f64>>,
     diagonal: Vec<Matrix3<f64>>,
@@ -337,7 +337,7 @@ impl<'a> StaticProblem<'a> {
         let (model, load_factor) = (*model, *load_factor);
         let n = model.chain.lanes;
         let mut s = System {
-            loops: model.chain.loops.clone(),
+            loops: model.chain.loops.iter().filter(|l| !l.is_empty()).cloned().collect(),
             gradient: vec![Vector3::zeros(); n],
             diagonal: vec![Matrix3::zeros(); n],
             next: vec![Matrix3::zeros(); n],

@@ -732,6 +732,7 @@ pub fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
         ..BodyInfo::default()
     }));
     bodies.extend(mechanism::bodies(drive, model));
+    bodies.extend(mechanism::chains_of_spans(drive, model));
     bodies
 }
 

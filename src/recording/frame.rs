@@ -214,11 +214,13 @@ pub enum BodyKind {
     Housing = 5,
     /// The ball of a check valve.
     Ball = 6,
+    /// A chain without links, on its pitch line.
+    Chain = 7,
 }
 
 impl BodyKind {
     /// Names in the order of the numbers.
-    pub const NAMES: [&str; 7] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball"];
+    pub const NAMES: [&str; 8] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball", "chain"];
 
     /// In words, of a `BodyInfo::kind`.
     pub fn name(kind: u32) -> &'static str {

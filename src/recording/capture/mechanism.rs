@@ -106,6 +106,30 @@ pub(super) fn name_rows(model: &Model, header: &mut Header) {
     header.passages = oil.passages.iter().map(|p| p.path.clone()).collect();
 }
 
+/// Chains without links, drawn where they run: lines along their spans, arcs on the pitch circles.
+pub(super) fn chains_of_spans(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
+    let of = |chain: usize| {
+        let (route, name) = (model.routes.get(chain)?, drive.chain_names.get(chain)?);
+        let mut elements = Vec::new();
+        for k in 0..route.sprockets() {
+            let (leaving, wrap) = (route.span_after(k), route.wrap(k));
+            let (start_rad, sweep_rad) = (wrap.start_rad, wrap.sweep_rad);
+            let arc = Element::Arc { centre: wrap.centre, radius_m: wrap.radius_m, start_rad, sweep_rad };
+            let end = leaving.start + leaving.direction * leaving.length_m;
+            elements.extend([arc, Element::Line { start: leaving.start, end }]);
+        }
+        let elements = elements.iter().map(outline_element).collect();
+        Some(BodyInfo {
+            path: format!("chains.{name}"),
+            kind: BodyKind::Chain as u32,
+            outline: Some(Outline { name: name.clone(), elements, ..Outline::default() }),
+            ..BodyInfo::default()
+        })
+    };
+    let with_spans = |chain: &usize| model.spans.iter().any(|s| s.chain == *chain);
+    (0..drive.chains()).filter(with_spans).filter_map(of).collect()
+}
+
 /// Ends of the way of a coordinate [rad, m].
 fn stops(model: &Model, coordinate: usize) -> [Option<f64>; 2] {
     [-1.0, 1.0].map(|wanted| {
