@@ -113,7 +113,7 @@ fn the_mass_of_the_chain_turns_with_the_sprockets() {
 /// The reduction with its second chain of spans: ratio, energy and tension as with links, and less to compute.
 #[test]
 fn the_reduction_runs_on_spans_as_on_links() {
-    /// Over the work put in; reason: frames of the ledger. Of the mean tension.
+    /// Over the work put in, measured 8e-5; and of the difference of both tensions, measured 5e-3.
     const ENERGY: f64 = 1e-4;
     const TENSION: f64 = 0.02;
     let Assembly { model, mut state, report } = assembled(&drive(&[SPANS]));
@@ -124,7 +124,8 @@ fn the_reduction_runs_on_spans_as_on_links() {
     let (mut sum, mut count) = (0.0, 0.0);
     let began = std::time::Instant::now();
     let error = run(&model, &mut state, 0.2, |state, _| {
-        sum += tensions(&model, &state.coordinates.angle).iter().sum::<f64>() / 2.0;
+        let t = tensions(&model, &state.coordinates.angle);
+        sum += t[1] - t[0];
         count += 1.0;
     });
     let spans_s = began.elapsed().as_secs_f64();
@@ -134,9 +135,9 @@ fn the_reduction_runs_on_spans_as_on_links() {
     let (mut linked_sum, mut linked_count) = (0.0, 0.0);
     let began = std::time::Instant::now();
     let linked_error = run(&linked, &mut with_links, 0.2, |state, scratch| {
-        // In the middle of both spans.
+        // In the middle of both spans. Bushes climb flanks under load, which tightens a loop with links: so only the difference is alike.
         let span = |k: usize| pitchline::sensing::read(&linked, state, scratch, SensorReads::Span(k));
-        linked_sum += 0.5 * (span(2) + span(3));
+        linked_sum += span(3) - span(2);
         linked_count += 1.0;
     });
     let links_s = began.elapsed().as_secs_f64();
