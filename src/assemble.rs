@@ -9,8 +9,9 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 use crate::diag::Report;
-use crate::drive::{Drive, Effects, PreloadSpec};
+use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec};
 use crate::elements::contact_law::PairRadii;
+use crate::elements::span::ChainSpan;
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, cross, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
@@ -58,6 +59,9 @@ pub struct AssemblyReport {
     /// The same of every chain of a drive that has several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub preloads: Vec<ChainPreload>,
+    /// Spans of chains without links.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub spans: Vec<SpanReport>,
     /// Tension of the loaded loop at rest [N]: mean over a tooth period; highest and lowest joint at its start.
     pub static_mean_tension_n: f64,
     /// Highest tension of a joint [N].
@@ -78,6 +82,21 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
+}
+
+/// A span of a chain without links.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct SpanReport {
+    /// `chains.NAME.spans.FROM-TO`.
+    pub span: String,
+    /// Length of the straight span [m].
+    pub length_m: f64,
+    /// Stiffness [N/m].
+    pub stiffness_n_per_m: f64,
+    /// Damping [N s/m].
+    pub damping_n_s_per_m: f64,
+    /// Tension under load at rest [N].
+    pub static_tension_n: f64,
 }
 
 /// Axis of a sprocket that was moved [m].
@@ -144,6 +163,18 @@ impl ChainPreload {
     }
 }
 
+impl SpanReport {
+    fn of(span: &ChainSpan, at: &Configuration) -> SpanReport {
+        SpanReport {
+            span: span.path.clone(),
+            length_m: span.length_m,
+            stiffness_n_per_m: span.stiffness_n_per_m,
+            damping_n_s_per_m: span.damping_n_s_per_m,
+            static_tension_n: span.spring_n(span.elongation(span.ends.map(|k| at.coordinates[k]))),
+        }
+    }
+}
+
 impl AssemblyReport {
     /// `key = value unit`, for people and for the header of recordings.
     pub fn lines(&self) -> Vec<String> {
@@ -171,6 +202,11 @@ impl AssemblyReport {
             [] => lines.push(first().line()),
             several => lines.extend(several.iter().map(ChainPreload::line)),
         }
+        lines.extend(self.spans.iter().map(|s| {
+            let (mm, tension_n) = (s.length_m * 1e3, s.static_tension_n);
+            let (stiffness, damping) = (s.stiffness_n_per_m, s.damping_n_s_per_m);
+            format!("{} = {tension_n:.1} N under load; {mm:.3} mm, {stiffness:.4e} N/m, {damping:.3} N s/m", s.span)
+        }));
         lines.extend([
             format!(
                 "static tension under load = {:.1} N (mean; {:.1} to {:.1} N)",
@@ -274,6 +310,11 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
 /// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
 fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
+    if drive.fidelity == ChainFidelity::Spans {
+        // Its preload is a number of its spans; the axis stands where its nominal links close.
+        let model = Model::build(drive, &placed, 0.0).map_err(AssemblyError::Input)?.with_fidelity(drive);
+        return Ok((model, vec![drive.preload.tension_n()]));
+    }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
         true => tighten(drive, &placed)?,
@@ -298,7 +339,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
                 .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
             PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         };
-        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?);
+        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own));
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);
@@ -416,6 +457,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         preload_low_n: first.low_n,
         preload_high_n: first.high_n,
         preloads,
+        spans: model.spans.iter().map(|s| SpanReport::of(s, &loaded.configuration)).collect(),
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
         static_min_tension_n: loaded.tensions_n.iter().copied().fold(f64::INFINITY, f64::min),
@@ -483,8 +525,11 @@ fn check_rails(drive: &Drive, model: &Model, at: &Equilibrium) -> Result<(), Ass
     }
     let mut first = 0;
     for chain in 0..drive.chains() {
-        let own = first..first + drive.links_of(chain);
+        let own = first..first + drive.link_bodies_of(chain);
         first = own.end;
+        if drive.fidelity_of(chain) == ChainFidelity::Spans {
+            continue;
+        }
         let tension_n = at.tensions_n[own].iter().copied().fold(0.0, f64::max);
         if *drive.preload_of(chain) == PreloadSpec::Blade && tension_n < MIN_TENSION_N {
             let blade = model.rails.iter().find(|r| r.chain == chain && r.blade.is_some());
@@ -592,6 +637,10 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     for (chain, own) in model.chain.loops.iter().enumerate() {
         let route = model.routes.get(chain).ok_or_else(no_route)?;
         let pitch_m = drive.chain_of(chain).pitch_m();
+        if drive.fidelity_of(chain) == ChainFidelity::Spans {
+            turn_by_spans(model, chain, phase * pitch_m, &mut coordinates);
+            continue;
+        }
         let sprockets = drive.sprockets_of(chain);
         let mut laid = lay_chain(route, own.len(), pitch_m, phase);
         let known = |k: &usize| coordinates[model.sprockets[*k].coordinate].is_some();
@@ -621,6 +670,16 @@ fn rest_configuration(model: &Model, drive: &Drive, phase: f64) -> Result<Config
     let mut coordinates: Vec<f64> = coordinates.into_iter().map(|q| q.unwrap_or(0.0)).collect();
     place_tips(model, &mut coordinates);
     Ok(Configuration { links, coordinates })
+}
+
+/// Sprockets of a chain of spans turned by the same length of chain: that of the one that is known, or `travel_m`.
+fn turn_by_spans(model: &Model, chain: usize, travel_m: f64, coordinates: &mut [Option<f64>]) {
+    let ends = || model.spans.iter().filter(|s| s.chain == chain).map(|s| (s.ends[0], s.radii_m[0]));
+    let known = ends().find_map(|(k, radius_m)| coordinates[k].map(|q| q * radius_m));
+    let travel_m = known.unwrap_or(travel_m);
+    for (k, radius_m) in ends() {
+        coordinates[k].get_or_insert(travel_m / radius_m);
+    }
 }
 
 /// Sliders where their tips just touch their arms.
@@ -786,10 +845,10 @@ fn end_of(model: &Model, state: &State, link: usize, front: bool) -> Vec2 {
     Vec2::new(l.x[link] + lever * l.cos[link], l.y[link] + lever * l.sin[link])
 }
 
-/// Takes whole turns off all that turns; off what couplings join, as many.
+/// Takes whole turns off all that turns; off what couplings join, as many; off what spans join, none.
 fn wrap_angles(model: &Model, angles: &mut [f64]) {
     let before = angles.to_vec();
-    for k in 0..model.n_turning() {
+    for k in (0..model.n_turning()).filter(|k| !model.counts_turns(*k)) {
         let first = model.first_coupled(k);
         angles[k] = if first == k {
             wrap_angle(before[k])

@@ -74,6 +74,17 @@ pub struct ChainPart {
     pub roller_contact: Option<ContactSpec>,
     /// How this chain is tightened.
     pub preload: PreloadSpec,
+    /// What it is made of.
+    pub fidelity: ChainFidelity,
+}
+
+/// What a chain of a drive is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChainFidelity {
+    /// Its links are bodies.
+    Links,
+    /// It has no bodies: its spans are springs between sprockets.
+    Spans,
 }
 
 /// A shaft that sprockets sit on.
@@ -100,6 +111,8 @@ pub struct Drive {
     pub chain: ChainSpec,
     /// Number of links; of several chains, of the first.
     pub links: usize,
+    /// What the chain is made of; of several, the first.
+    pub fidelity: ChainFidelity,
     /// How links differ from each other.
     pub scatter: ScatterSpec,
     /// Joints of the chain.

@@ -10,6 +10,7 @@ mod chain;
 mod mechanism;
 mod place;
 mod shafts;
+mod spans;
 
 pub use bearings::BearingModel;
 pub use blades::BladeModel;
@@ -30,6 +31,7 @@ use crate::elements::driver_motion::DriverMotion;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
 use crate::elements::load::{Load, OrderLoad};
+use crate::elements::span::ChainSpan;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
@@ -139,6 +141,8 @@ pub struct SprocketModel {
     pub coordinate: usize,
     /// Speed at which it turns when the chain moves at its nominal speed [rad/s].
     pub nominal_speed_rad_s: f64,
+    /// Inertia of its share of a chain without link bodies; zero with links [kg m2].
+    pub chain_inertia_kg_m2: f64,
 }
 
 /// A guide of the model.
@@ -254,6 +258,8 @@ pub struct Model {
     pub bearings: Vec<BearingModel>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
+    /// Spans of chains without link bodies, in the order of the chains.
+    pub spans: Vec<ChainSpan>,
     /// How the driver turns; None: at a constant speed, and no load asks for its turn.
     pub driver_motion: Option<DriverMotion>,
     /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
@@ -310,6 +316,7 @@ impl Model {
                     frame: BodyFrame::turning(pulley.centre, coordinate),
                     coordinate,
                     nominal_speed_rad_s: nominal,
+                    chain_inertia_kg_m2: 0.0,
                 }
             })
             .collect();
@@ -366,6 +373,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            spans: Vec::new(),
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
@@ -399,6 +407,7 @@ impl Model {
             loads: Vec::new(),
             order_loads: Vec::new(),
             couplings: Vec::new(),
+            spans: Vec::new(),
             bearings: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
@@ -433,6 +442,7 @@ impl Model {
             end_bodies: Vec::new(),
             line_end_m: Vec::new(),
             abutments: Vec::new(),
+            spans: Vec::new(),
             driver: drive.driver(),
             chain_speeds_m_s: Vec::new(),
             rows: Vec::new(),
@@ -457,6 +467,7 @@ impl Model {
                 if let Some(k) = shaft {
                     of_shaft[k] = Some(coordinate);
                 }
+                joined.coordinates[coordinate].add_inertia(s.chain_inertia_kg_m2);
                 let reach_m = &mut joined.coordinates[coordinate].reach_m;
                 *reach_m = reach_m.max(own.reach_m);
                 let frame = BodyFrame::turning(s.frame.origin, coordinate);
@@ -464,6 +475,7 @@ impl Model {
             }
         }
         joined.end_bodies = join_end_bodies(&joined, &alone);
+        joined.spans = spans::join_spans(drive, &joined, &alone);
         // What turns stands before what slides: behind the sprockets' coordinates come those of all arms, then those of all sliders.
         let n_arms: usize = alone.iter().map(|m| m.arms.len()).sum();
         let mut next_slider = joined.coordinates.len() + n_arms;
@@ -554,6 +566,7 @@ impl Model {
             has_losses: self.has_losses(),
             has_shaft_losses: self.has_shaft_losses(),
             contact_groups: self.contact_groups(),
+            has_span_losses: self.has_span_losses(),
             n_touches: self.touches.len(),
             n_oil: self.oil.as_ref().map_or([0; 3], Network::lengths),
         }

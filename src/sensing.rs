@@ -3,6 +3,7 @@
 use crate::assemble::{Assembly, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
+use crate::elements::span::ChainSpan;
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::pairs::part_part::TouchShape;
@@ -50,6 +51,10 @@ fn along(state: &State, scratch: &Scratch, i: usize, j: usize) -> f64 {
 /// Tension in the middle of the span that leaves sprocket `k`: a mean over nearby joints, with weights that decrease
 /// with distance.
 fn span_tension(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
+    let of_chain = |s: &&ChainSpan| s.sprockets[0] == k;
+    if let Some(span) = model.spans.iter().find(of_chain) {
+        return explicit::shafts::span_at(model, state, span).tension_n;
+    }
     let Some((route, place)) = model.route_at(k) else { return f64::NAN };
     let span = route.span_after(place);
     let middle = span.start + span.direction * (0.5 * span.length_m);

@@ -81,6 +81,8 @@ pub struct CoordinateState {
     /// is, and States of drives without them keep their hashes.
     pub lost_load: Vec<f64>,
     pub lost_coupling: Vec<f64>,
+    /// Likewise in dampers of the spans of chains without links [J].
+    pub lost_span: Vec<f64>,
 }
 
 /// What the oil of a drive remembers.
@@ -124,6 +126,8 @@ pub struct StateLayout {
     pub has_shaft_losses: bool,
     /// Which groups of contacts there are, in the order of [`ContactGroup::ALL`].
     pub contact_groups: [bool; CONTACT_GROUPS],
+    /// Whether spans of chains without links lose some of it.
+    pub has_span_losses: bool,
     /// Number of pairs of parts that may touch each other and no chain.
     pub n_touches: usize,
     /// Numbers of chambers, reservoirs and passages of oil.
@@ -131,7 +135,7 @@ pub struct StateLayout {
 }
 
 /// Columns of coordinates that are not hashed.
-const SHAFT_LOSSES: [&str; 2] = ["lost_load", "lost_coupling"];
+const SHAFT_LOSSES: [&str; 3] = ["lost_load", "lost_coupling", "lost_span"];
 
 /// Where inert links are put [m]: out of reach of everything.
 pub const FAR_AWAY_M: f64 = 1e3;
@@ -206,6 +210,7 @@ impl State {
             has_losses,
             has_shaft_losses,
             contact_groups,
+            has_span_losses,
             n_touches,
             n_oil,
             ..
@@ -254,6 +259,7 @@ impl State {
                 lost: if has_losses { of_coordinates() } else { Vec::new() },
                 lost_load: if has_shaft_losses { of_coordinates() } else { Vec::new() },
                 lost_coupling: if has_shaft_losses { of_coordinates() } else { Vec::new() },
+                lost_span: if has_span_losses { of_coordinates() } else { Vec::new() },
             },
         }
     }
@@ -313,8 +319,19 @@ impl State {
                 f(ColumnName { set, name }, &column[..n.min(column.len())]);
             }
         }
-        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost, lost_load, lost_coupling } =
-            coordinates;
+        let CoordinateState {
+            angle,
+            cos,
+            sin,
+            omega,
+            alpha,
+            work_in,
+            work_out,
+            lost,
+            lost_load,
+            lost_coupling,
+            lost_span,
+        } = coordinates;
         let named = [
             ("angle", angle),
             ("cos", cos),
@@ -328,7 +345,9 @@ impl State {
         for (name, column) in named {
             f(ColumnName { set: "coordinates", name }, column);
         }
-        for (name, column) in SHAFT_LOSSES.into_iter().zip([lost_load, lost_coupling]).filter(|(_, c)| !c.is_empty()) {
+        for (name, column) in
+            SHAFT_LOSSES.into_iter().zip([lost_load, lost_coupling, lost_span]).filter(|(_, c)| !c.is_empty())
+        {
             f(ColumnName { set: "coordinates", name }, column);
         }
         let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
@@ -344,7 +363,7 @@ impl State {
         }
     }
 
-    /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`]; without the two that only say
+    /// XXH3-64 of the step number and of every column's bits, in the order of [`State::for_each_column`]; without those that only say
     /// which part of the losses is whose.
     pub fn hash(&self) -> u64 {
         let mut hasher = twox_hash::XxHash3_64::new();
@@ -432,10 +451,21 @@ impl State {
             columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
         }
         let per_link = columns.len();
-        let CoordinateState { angle, cos, sin, omega, alpha, work_in, work_out, lost, lost_load, lost_coupling } =
-            coordinates;
+        let CoordinateState {
+            angle,
+            cos,
+            sin,
+            omega,
+            alpha,
+            work_in,
+            work_out,
+            lost,
+            lost_load,
+            lost_coupling,
+            lost_span,
+        } = coordinates;
         columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost]);
-        columns.extend([lost_load, lost_coupling].into_iter().filter(|c| !c.is_empty()));
+        columns.extend([lost_load, lost_coupling, lost_span].into_iter().filter(|c| !c.is_empty()));
         let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
         columns.extend([oil_m3, pressure_pa, inflow_m3, work_j, lost_j]);
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {

@@ -9,6 +9,7 @@ use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::{Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
+use crate::elements::span::ChainSpan;
 use crate::geometry::{Vec2, perp, rotated, unit};
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{BladeModel, GuideModel, Model, RailModel};
@@ -79,7 +80,7 @@ const NEAR_SOLUTION_N: f64 = 1.0;
 
 /// Gradient and Hessian over link blocks, by lane, and free coordinates.
 struct System {
-    /// Lanes of every chain.
+    /// Lanes of every chain with links.
     loops: Vec<Range<usize>>,
     gradient: Vec<Vector3<f64>>,
     diagonal: Vec<Matrix3<f64>>,
@@ -344,7 +345,7 @@ impl<'a> StaticProblem<'a> {
         let (model, load_factor) = (*model, *load_factor);
         let n = model.chain.lanes;
         let mut s = System {
-            loops: model.chain.loops.clone(),
+            loops: model.chain.loops.iter().filter(|l| !l.is_empty()).cloned().collect(),
             gradient: vec![Vector3::zeros(); n],
             diagonal: vec![Matrix3::zeros(); n],
             next: vec![Matrix3::zeros(); n],
@@ -368,6 +369,9 @@ impl<'a> StaticProblem<'a> {
         }
         for coupling in &model.couplings {
             add_coupling(coupling, q, free, &mut s);
+        }
+        for span in &model.spans {
+            add_span(span, q, free, &mut s);
         }
         for sprocket in &model.sprockets {
             let columns = FrameColumns::new(&sprocket.frame, free);
@@ -469,6 +473,26 @@ fn add_coupling(coupling: &Coupling, q: &Configuration, free: &[usize], s: &mut 
         for (column, other) in [(columns[0], 1.0), (columns[1], -1.0)] {
             let Some(column) = column else { continue };
             s.rotors[(row, column)] += sign * other * coupling.stiffness_nm_per_rad;
+        }
+    }
+}
+
+/// A span of a chain without links; one that is slack gives nothing.
+fn add_span(span: &ChainSpan, q: &Configuration, free: &[usize], s: &mut System) {
+    let elongation_m = span.elongation(span.ends.map(|k| q.coordinates[k]));
+    let tension_n = span.spring_n(elongation_m);
+    if tension_n <= 0.0 {
+        return;
+    }
+    s.energy += span.energy_j(elongation_m);
+    let columns = span.ends.map(|k| free.iter().position(|f| *f == k));
+    let levers_m = span.levers_m();
+    for (row, lever_m) in columns.into_iter().zip(levers_m) {
+        let Some(row) = row else { continue };
+        s.rotor_gradient[row] -= lever_m * tension_n;
+        for (column, other_m) in columns.into_iter().zip(levers_m) {
+            let Some(column) = column else { continue };
+            s.rotors[(row, column)] += lever_m * other_m * span.stiffness_n_per_m;
         }
     }
 }

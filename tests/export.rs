@@ -171,6 +171,7 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
         Rows::Chamber => vec!["chamber", "chamber_path"],
         Rows::Passage => vec!["passage", "passage_path"],
         Rows::Roller => vec!["roller"],
+        Rows::Span => vec!["span", "span_path"],
     };
     for column in table.message.columns {
         names.push(column.name);
@@ -189,7 +190,7 @@ fn expected_rows(table: &columns::TableInfo, recording: &Recording) -> Sheet {
                 row.extend(match table.rows {
                     Rows::Link | Rows::Joint | Rows::Roller => vec![whole(i as u64)],
                     Rows::Contact => vec![],
-                    Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+                    Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
                         vec![whole(i as u64), words(&header.row_paths(table.rows).expect("named")[i])]
                     }
                 });

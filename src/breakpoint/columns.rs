@@ -140,7 +140,7 @@ impl StepValues<'_> {
             }
             Scope::Contact | Scope::Impact | Scope::Energy | Scope::Run => return None,
             Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Slider | Scope::Ball | Scope::Touch => return None,
-            Scope::Chamber | Scope::Reservoir | Scope::Passage => return None,
+            Scope::Chamber | Scope::Reservoir | Scope::Passage | Scope::Span => return None,
         }
         Some(found)
     }

@@ -109,8 +109,8 @@ impl Ledger {
         shafts::add_energies(model, state, scratch, &mut own);
         let Energy { kinetic_j, work_out_j, mut work_in_j, .. } = own;
         let (mut spring_j, mut damper_j) = (
-            own.elastic_spring_j + own.elastic_coupling_j,
-            own.lost_spring_damping_j + own.lost_coupling_damping_j + own.lost_load_j,
+            own.elastic_spring_j + own.elastic_coupling_j + own.elastic_span_j,
+            own.lost_spring_damping_j + own.lost_coupling_damping_j + own.lost_span_damping_j + own.lost_load_j,
         );
         if let Some(oil) = &model.oil {
             spring_j += oil.stored_j(&state.oil);

@@ -46,10 +46,10 @@ impl Names {
                 .chain(drive.rails.iter().map(|r| format!("guides.rail.{}", r.name)))
                 .collect(),
             turning: drive.turning_paths(),
-            rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage]
+            rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage, Rows::Span]
                 .map(|rows| (rows, drive.row_paths(rows)))
                 .to_vec(),
-            chains: (0..drive.chains()).map(|c| drive.links_of(c)).collect(),
+            chains: (0..drive.chains()).map(|c| drive.link_bodies_of(c)).collect(),
         }
     }
 
@@ -59,7 +59,7 @@ impl Names {
         let all: Vec<(&String, usize)> = match wanted {
             Rows::Rotor => self.turning.iter().map(|(path, row)| (path, *row)).collect(),
             Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact => Vec::new(),
-            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
                 let own = self.rows.iter().filter(|(rows, _)| *rows == wanted);
                 own.flat_map(|(_, paths)| paths.iter().enumerate().map(|(row, path)| (path, row))).collect()
             }
@@ -302,7 +302,7 @@ fn collect_uses(expr: &Expr, uses: &mut Uses) {
         Scope::Energy => (uses.energy, uses.frame, uses.varying) = (true, true, true),
         Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Run => (uses.frame, uses.varying) = (true, true),
         Scope::Slider | Scope::Ball | Scope::Touch => (uses.frame, uses.varying) = (true, true),
-        Scope::Chamber | Scope::Reservoir | Scope::Passage => (uses.frame, uses.varying) = (true, true),
+        Scope::Chamber | Scope::Reservoir | Scope::Passage | Scope::Span => (uses.frame, uses.varying) = (true, true),
     };
     match expr {
         Expr::Any(parts) | Expr::All(parts) => parts.iter().for_each(|p| collect_uses(p, uses)),
@@ -438,9 +438,13 @@ impl QuantityValues for FrameValues<'_> {
                     _ => joints.friction_torque_nm.get(j).copied(),
                 }
             }
-            Scope::Slider | Scope::Ball | Scope::Touch | Scope::Chamber | Scope::Reservoir | Scope::Passage => {
-                mechanism_column(self.frame, quantity)?.get(index?).copied()
-            }
+            Scope::Slider
+            | Scope::Ball
+            | Scope::Touch
+            | Scope::Chamber
+            | Scope::Reservoir
+            | Scope::Passage
+            | Scope::Span => mechanism_column(self.frame, quantity)?.get(index?).copied(),
             Scope::Sprocket | Scope::Shaft | Scope::Arm => {
                 let (k, r) = (index?, &self.frame.rotors);
                 let column = match quantity.what {
@@ -476,7 +480,7 @@ impl QuantityValues for FrameValues<'_> {
 
 /// Column of what slides, touches, or holds or passes oil.
 fn mechanism_column<'a>(frame: &'a Frame, quantity: &Quantity) -> Option<&'a [f64]> {
-    let Frame { sliders, touches, chambers, passages, .. } = frame;
+    let Frame { sliders, touches, chambers, passages, spans, .. } = frame;
     let (rows, what) = (quantity.scope.named_rows()?.0, quantity.what);
     let column = match rows {
         Rows::Slider => match what {
@@ -504,6 +508,12 @@ fn mechanism_column<'a>(frame: &'a Frame, quantity: &Quantity) -> Option<&'a [f6
         Rows::Passage => match what {
             What::Flow => &passages.flow_m3_s,
             What::PressureDrop => &passages.pressure_drop_pa,
+            _ => return None,
+        },
+        Rows::Span => match what {
+            What::Tension => &spans.tension_n,
+            What::Elongation => &spans.elongation_m,
+            What::Power => &spans.power_w,
             _ => return None,
         },
         Rows::Link | Rows::Joint | Rows::Roller | Rows::Contact | Rows::Rotor => return None,

@@ -18,6 +18,7 @@ pub enum Dimension {
     Volume,
     /// Volume of oil per time.
     Flow,
+    Power,
     /// Counts, indices and shares.
     Number,
     /// Name of a body, a feature or a segment.
@@ -25,7 +26,9 @@ pub enum Dimension {
 }
 
 /// Unit, dimension, factor to SI. Longer names come before those that they begin with.
-pub const UNITS: [(&str, Dimension, f64); 38] = [
+pub const UNITS: [(&str, Dimension, f64); 40] = [
+    ("kW", Dimension::Power, 1e3),
+    ("W", Dimension::Power, 1.0),
     ("mm3/s", Dimension::Flow, 1e-9),
     ("cm3/s", Dimension::Flow, 1e-6),
     ("l/min", Dimension::Flow, 1e-3 / 60.0),
@@ -82,6 +85,7 @@ impl Dimension {
             Dimension::Pressure => "a pressure",
             Dimension::Volume => "a volume",
             Dimension::Flow => "a flow",
+            Dimension::Power => "a power",
             Dimension::Number => "a number without unit",
             Dimension::Name => "a name in quotes",
         }
@@ -114,13 +118,15 @@ pub enum Scope {
     Chamber,
     Reservoir,
     Passage,
+    /// A span of a chain without links.
+    Span,
     Energy,
     Run,
 }
 
 impl Scope {
     /// All of them.
-    pub const ALL: [Scope; 14] = [
+    pub const ALL: [Scope; 15] = [
         Scope::Contact,
         Scope::Impact,
         Scope::Link,
@@ -134,6 +140,7 @@ impl Scope {
         Scope::Chamber,
         Scope::Reservoir,
         Scope::Passage,
+        Scope::Span,
         Scope::Energy,
     ];
 
@@ -150,6 +157,7 @@ impl Scope {
             Scope::Chamber => Some((Rows::Chamber, "chambers.")),
             Scope::Reservoir => Some((Rows::Chamber, "reservoirs.")),
             Scope::Passage => Some((Rows::Passage, "passages.")),
+            Scope::Span => Some((Rows::Span, "chains.")),
         }
     }
 
@@ -178,6 +186,7 @@ impl Scope {
             Scope::Chamber => "chamber",
             Scope::Reservoir => "reservoir",
             Scope::Passage => "passage",
+            Scope::Span => "span",
             Scope::Energy => "energy",
             Scope::Run => "",
         }
@@ -224,6 +233,8 @@ pub enum What {
     Inflow,
     Flow,
     PressureDrop,
+    Elongation,
+    Power,
     Error,
     ErrorJ,
     Kinetic,
@@ -251,7 +262,7 @@ const fn row(scope: Scope, name: &'static str, what: What, dimension: Dimension,
 }
 
 /// All quantities.
-pub const QUANTITIES: [Quantity; 77] = [
+pub const QUANTITIES: [Quantity; 80] = [
     row(
         Scope::Contact,
         "penetration",
@@ -346,6 +357,9 @@ pub const QUANTITIES: [Quantity; 77] = [
     row(Scope::Reservoir, "inflow", What::Inflow, Dimension::Flow, "sum of the flows into it"),
     row(Scope::Passage, "flow", What::Flow, Dimension::Flow, "from its first end to its second"),
     row(Scope::Passage, "pressure_drop", What::PressureDrop, Dimension::Pressure, "from its first end to its second"),
+    row(Scope::Span, "tension", What::Tension, Dimension::Force, "of a span of a chain without links"),
+    row(Scope::Span, "elongation", What::Elongation, Dimension::Length, "from where it has the preload"),
+    row(Scope::Span, "power", What::Power, Dimension::Power, "that it takes to its second sprocket"),
     row(Scope::Energy, "error", What::Error, Dimension::Number, "what does not add up, as a share of the work put in"),
     row(Scope::Energy, "error_j", What::ErrorJ, Dimension::Energy, "what does not add up"),
     row(Scope::Energy, "kinetic", What::Kinetic, Dimension::Energy, "of links and free sprockets"),

@@ -5,7 +5,7 @@ use super::extremes::{self, Compared, EnergyRangeTest, RangeTest};
 use super::ledger::Ledger;
 use super::quantities::{Quantity, Scope, What};
 use super::{BoundRows, Breakpoint, Compare, Expr, Hit, QuantityValues, Subject, energy_number, tension_n, truth};
-use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch, touches};
+use crate::integrate::explicit::{ContactGroup, ContactGroups, RequiredData, Scratch, shafts, touches};
 use crate::integrate::vectorised;
 use crate::model::Model;
 use crate::recording::capture::Camera;
@@ -323,6 +323,17 @@ impl StepValues<'_> {
         }
     }
 
+    /// A quantity of the span in this row of `spans`.
+    fn span(&self, what: What, row: usize) -> Option<f64> {
+        let now = shafts::span_at(self.model, self.state, self.model.spans.get(row)?);
+        match what {
+            What::Tension => Some(now.tension_n),
+            What::Elongation => Some(now.elongation_m),
+            What::Power => Some(now.power_w),
+            _ => None,
+        }
+    }
+
     /// A quantity of the chamber or reservoir in this row of `chambers`, or of the passage in this row of `passages`.
     fn oil(&self, what: What, row: usize) -> Option<f64> {
         let oil = self.model.oil.as_ref()?;
@@ -374,6 +385,7 @@ impl QuantityValues for StepValues<'_> {
             Scope::Slider | Scope::Ball => self.slider(quantity.what, index?),
             Scope::Touch => self.touch(quantity.what, index?),
             Scope::Chamber | Scope::Reservoir | Scope::Passage => self.oil(quantity.what, index?),
+            Scope::Span => self.span(quantity.what, index?),
             Scope::Sprocket | Scope::Shaft | Scope::Arm => {
                 let k = index?;
                 let coordinate = self.model.coordinates.get(k)?;

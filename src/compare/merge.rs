@@ -31,9 +31,14 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
     merged.drive_text = String::new();
     let rotors: usize = runs.iter().map(|h| h.bodies.iter().filter(|b| b.rotor).count()).sum();
     let (mut next_rotor, mut next_other) = (0, rotors);
-    for rows in
-        [&mut merged.coordinates, &mut merged.sliders, &mut merged.touches, &mut merged.chambers, &mut merged.passages]
-    {
+    for rows in [
+        &mut merged.coordinates,
+        &mut merged.sliders,
+        &mut merged.touches,
+        &mut merged.chambers,
+        &mut merged.passages,
+        &mut merged.spans,
+    ] {
         rows.clear();
     }
     let mut bodies = vec![None; runs.iter().map(|h| h.bodies.len()).sum()];
@@ -74,6 +79,7 @@ pub fn headers(name: &str, runs: &[&Header]) -> (Header, Vec<RunNumbering>) {
             (&mut merged.touches, &header.touches),
             (&mut merged.chambers, &header.chambers),
             (&mut merged.passages, &header.passages),
+            (&mut merged.spans, &header.spans),
         ] {
             rows.extend(own.iter().map(|path| format!("{short}.{path}")));
         }

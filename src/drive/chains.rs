@@ -2,7 +2,7 @@
 
 use super::bearings::BearingSpec;
 use super::mechanism::PassageLaw;
-use super::{ChainSpec, Drive, OuterSpec, PreloadSpec};
+use super::{ChainFidelity, ChainSpec, Drive, OuterSpec, PreloadSpec};
 use crate::recording::columns::Rows;
 
 impl Drive {
@@ -32,6 +32,30 @@ impl Drive {
         if chain == 0 { self.links } else { self.more[chain - 1].links }
     }
 
+    /// What a chain is made of.
+    pub fn fidelity_of(&self, chain: usize) -> ChainFidelity {
+        if chain == 0 { self.fidelity } else { self.more[chain - 1].fidelity }
+    }
+
+    /// Number of bodies that the links of a chain are: none of a chain of spans. Links and joints are numbered by these through all chains.
+    pub fn link_bodies_of(&self, chain: usize) -> usize {
+        match self.fidelity_of(chain) {
+            ChainFidelity::Links => self.links_of(chain),
+            ChainFidelity::Spans => 0,
+        }
+    }
+
+    /// Paths of the spans of all chains of spans, in the order of the chains: each leaves one sprocket and reaches the next.
+    pub fn span_paths(&self) -> Vec<String> {
+        let of_chain = |chain: usize| {
+            let own = self.sprockets_of(chain);
+            let name = |k: usize| &self.sprockets[own.start + k % own.len()].name;
+            let path = |k: usize| format!("chains.{}.spans.{}-{}", self.chain_names[chain], name(k), name(k + 1));
+            (0..own.len()).map(path).collect::<Vec<_>>()
+        };
+        (0..self.chains()).filter(|chain| self.fidelity_of(*chain) == ChainFidelity::Spans).flat_map(of_chain).collect()
+    }
+
     /// The drive of one of its chains: what belongs to others is not there. A shaft that turns another chain before it turns this one with
     /// its speed.
     pub fn single_chain(&self, chain: usize) -> Drive {
@@ -40,15 +64,15 @@ impl Drive {
             return alone;
         }
         let own = self.sprockets_of(chain);
-        let first_link: usize = (0..chain).map(|c| self.links_of(c)).sum();
-        let links = first_link..first_link + self.links_of(chain);
+        let first_link: usize = (0..chain).map(|c| self.link_bodies_of(c)).sum();
+        let links = first_link..first_link + self.link_bodies_of(chain);
         if chain > 0 {
             let part = &self.more[chain - 1];
             (alone.chain, alone.links, alone.scatter, alone.joint) = (part.chain, part.links, part.scatter, part.joint);
             (alone.tooth_contact, alone.guide_contact, alone.ring_contact) =
                 (part.tooth_contact, part.guide_contact, part.ring_contact);
             alone.roller_contact = part.roller_contact;
-            alone.preload = part.preload;
+            (alone.preload, alone.fidelity) = (part.preload, part.fidelity);
         }
         alone.more.clear();
         alone.chain_names.clear();
@@ -210,6 +234,7 @@ impl Drive {
                 paths.extend(oil.flat_map(|o| &o.reservoirs).map(|(name, _)| format!("reservoirs.{name}")));
             }
             Rows::Passage => paths.extend(passages().map(|p| p.path.clone())),
+            Rows::Span => paths = self.span_paths(),
         }
         paths
     }

@@ -2,7 +2,7 @@
 
 use super::reader::Places;
 use super::sensors::SensorReads;
-use super::{ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
+use super::{ChainFidelity, ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
 use crate::diag::{Diag, Report};
 use crate::effects::{gap_error, guide_compliance, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error};
 use crate::elements::contact_law::ContactLaw;
@@ -40,6 +40,7 @@ impl Drive {
         for chain in 0..self.chains() {
             self.check_place(chain, &mut mistakes);
         }
+        self.check_spans(&mut mistakes);
         self.check_numbers(&mut mistakes);
         self.check_shafts(&mut mistakes);
         mistakes.report()
@@ -84,10 +85,63 @@ impl Drive {
         }
     }
 
+    /// Chains of spans, and what only links can do.
+    fn check_spans(&self, mistakes: &mut DriveErrors<'_>) {
+        let with_spans = |chain: usize| self.fidelity_of(chain) == ChainFidelity::Spans;
+        if (0..self.chains()).all(with_spans) {
+            mistakes.add(
+                &format!("chains.{}.fidelity", self.chain_names[0]),
+                "no chain of this drive has links".into(),
+                "leave one with `fidelity = \"links\"`; a drive without any is a lumped drive (`pitchline lump`)",
+            );
+        }
+        for chain in (0..self.chains()).filter(|chain| with_spans(*chain)) {
+            let (name, own) = (&self.chain_names[chain], self.sprockets_of(chain));
+            let links = format!("chain `{name}` has spans in place of links");
+            let help = format!("take it away, or set `chains.{name}.fidelity = \"links\"`");
+            for g in self.guides.iter().filter(|g| own.contains(&g.span)) {
+                let path = format!("guides.fixed.{}", g.name);
+                mistakes.add(&path, format!("guide `{}` guides links, and {links}", g.name), &help);
+            }
+            for r in self.rails.iter().filter(|r| own.contains(&r.span)) {
+                let path = format!("guides.rail.{}", r.name);
+                mistakes.add(&path, format!("rail `{}` guides links, and {links}", r.name), &help);
+            }
+            for b in self.bearings.iter().filter(|b| own.clone().any(|k| self.is_on_bearing(b, k))) {
+                mistakes.add(&b.path, format!("this bearing yields to links, and {links}"), &help);
+            }
+            let named = |s: usize| own.contains(&s);
+            for e in self.effects.gap_errors.iter().filter(|e| named(e.sprocket)) {
+                let path = gap_error::ROW.path(&self.sprockets[e.sprocket].name, "gap");
+                mistakes.add(&path, format!("gaps seat links, and {links}"), &help);
+            }
+            for w in self.effects.gap_waves.iter().filter(|w| named(w.sprocket)) {
+                let effect = if w.order.is_some() { &tooth_pitch_error::ROW } else { &sprocket_runout::ROW };
+                let path = format!("effects.{}.{}", effect.name, self.sprockets[w.sprocket].name);
+                mistakes.add(&path, format!("gaps seat links, and {links}"), &help);
+            }
+            if !matches!(self.preload_of(chain), PreloadSpec::Sprocket { .. }) {
+                let title = format!("an arm or a blade presses on links, and {links}");
+                mistakes.add(&format!("chains.{name}.preload.moves"), title, "name a sprocket, and give `tension_n`");
+            }
+            let turned = |s: &&SprocketDrive| {
+                s.shaft.is_some() && self.sprockets[..own.start].iter().any(|o| o.shaft == s.shaft)
+            };
+            if self.sprockets[own.clone()].iter().filter(turned).count() > 1 {
+                mistakes.add(
+                    &format!("chains.{name}.route"),
+                    format!("chains before `{name}` turn two of its shafts"),
+                    "a chain of spans joins one turned shaft with shafts that nothing else turns",
+                );
+            }
+        }
+    }
+
     /// Links, joints and arms that effects and sensors name by their numbers through all chains.
     fn check_numbers(&self, mistakes: &mut DriveErrors<'_>) {
-        let links: usize = (0..self.chains()).map(|c| self.links_of(c)).sum();
-        let help = format!("links and joints are numbered 0 to {} through all chains", links - 1);
+        let links: usize = (0..self.chains()).map(|c| self.link_bodies_of(c)).sum();
+        let help =
+            format!("links and joints are numbered 0 to {} through all chains with links", links.saturating_sub(1));
         for e in self.effects.pitch_errors.iter().filter(|e| e.link >= links) {
             let path = pitch_error::ROW.path(&e.name, "link");
             mistakes.add(&path, format!("the chains have no link {}", e.link), &help);

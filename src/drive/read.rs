@@ -5,8 +5,8 @@ use super::bearings::{self, CarriedNames};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
-    ArmSpec, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec, PreloadSpec,
-    RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
+    ArmSpec, ChainFidelity, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec,
+    PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
 };
 use super::{effects, mechanism, sensors};
 use crate::elements::beam::{Beam, MAX_MODES, Support};
@@ -40,6 +40,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     // What is the drive's own where it has one chain stands in the chain's table where it has several.
     let first = chains.first().map_or(root, |(_, t)| t);
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
+    let fidelity = chains.first().map_or(ChainFidelity::Links, |(_, t)| read_fidelity(t));
     let contacts = first.table("contact");
     let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&first.table("contact"), &chain);
@@ -74,6 +75,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
         let before = (0..index).map(|c| own(c).len()).sum();
         let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades(index)));
+        let fidelity = read_fidelity(t);
         more.push(ChainPart {
             chain,
             links,
@@ -84,6 +86,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
             ring_contact,
             roller_contact,
             preload,
+            fidelity,
         });
     }
     chains.iter().for_each(|(_, t)| t.finish());
@@ -115,6 +118,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         title,
         chain,
         links,
+        fidelity,
         scatter,
         joint,
         tooth_contact,
@@ -142,6 +146,12 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         places,
         document,
     }
+}
+
+/// What a chain of several is made of.
+fn read_fidelity(t: &TomlTable<'_>) -> ChainFidelity {
+    let kinds = [("links", ChainFidelity::Links), ("spans", ChainFidelity::Spans)];
+    t.choice("fidelity", &kinds).unwrap_or(ChainFidelity::Links)
 }
 
 /// How it is run: `[run]`.

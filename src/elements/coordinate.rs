@@ -80,6 +80,13 @@ impl CoordinateSpring {
 }
 
 impl Coordinate {
+    /// Adds the inertia of what turns with it; one with a prescribed motion needs none.
+    pub fn add_inertia(&mut self, more: f64) {
+        if let CoordinateMotion::Free { inertia, .. } = &mut self.motion {
+            *inertia += more;
+        }
+    }
+
     /// Inverse inertia [1/(kg m2), 1/kg]; zero where the motion is prescribed.
     #[inline(always)]
     pub fn inverse_inertia(&self) -> f64 {

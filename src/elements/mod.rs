@@ -14,3 +14,4 @@ pub mod load;
 pub mod oil;
 pub mod passage;
 pub mod plain_bearing;
+pub mod span;

@@ -504,7 +504,8 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
         if let Some(lost) = r.lost.get_mut(k) {
             *lost += (coordinate.spring.damping * mean - scratch.losing_force[k]) * mean * h;
         }
-        for (lost, force) in [&mut r.lost_load, &mut r.lost_coupling].into_iter().zip(&scratch.losing_parts) {
+        let shares = [&mut r.lost_load, &mut r.lost_coupling, &mut r.lost_span];
+        for (lost, force) in shares.into_iter().zip(&scratch.losing_parts) {
             if let Some(lost) = lost.get_mut(k) {
                 *lost -= force[k] * mean * h;
             }

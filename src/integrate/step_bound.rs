@@ -58,8 +58,7 @@ const DRAG_ECCENTRICITY: f64 = 0.95;
 
 /// The smallest of all bounds.
 pub fn step_bound(model: &Model) -> StepBound {
-    let mut bounds: Vec<StepBound> =
-        (0..model.chain.loops.len()).flat_map(|chain| chain_bounds(model, chain)).collect();
+    let mut bounds: Vec<StepBound> = with_links(model).flat_map(|chain| chain_bounds(model, chain)).collect();
     bounds.extend(shaft_bounds(model));
     bounds.extend(bearing_bounds(model));
     let nowhere = vec![0.0; model.coordinates.len()];
@@ -86,7 +85,12 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     let smallest = |a: StepBound, b: StepBound| if b.step_s < a.step_s { b } else { a };
     let accurate = bounds.into_iter().reduce(smallest).expect("the joints always give a bound");
-    (0..model.chain.loops.len()).fold(accurate, |bound, chain| abutments_bound(model, chain, bound))
+    with_links(model).fold(accurate, |bound, chain| abutments_bound(model, chain, bound))
+}
+
+/// Chains whose links are bodies.
+fn with_links(model: &Model) -> impl Iterator<Item = usize> + '_ {
+    (0..model.chain.loops.len()).filter(|chain| !model.chain.loops[*chain].is_empty())
 }
 
 /// Largest value of the links of a chain.
@@ -269,6 +273,25 @@ fn shaft_bounds(model: &Model) -> Vec<StepBound> {
         }
         if damping > 0.0 {
             bounds.push(StepBound { step_s: CONTACT_DAMPING / damping, cause: c.path.clone() });
+        }
+    }
+    for chain in 0..model.chain.loops.len() {
+        // No frequency of the spans of a chain is above the sum of theirs.
+        let (mut stiffness, mut damping) = (0.0, 0.0);
+        for s in model.spans.iter().filter(|s| s.chain == chain) {
+            let mobility = |i: usize| s.radii_m[i].powi(2) * model.coordinates[s.ends[i]].inverse_inertia();
+            stiffness += s.stiffness_n_per_m * (mobility(0) + mobility(1));
+            damping += s.damping_n_s_per_m * (mobility(0) + mobility(1));
+        }
+        let cause = || {
+            let path = model.spans.iter().find(|s| s.chain == chain).map_or("", |s| &s.path);
+            format!("spans of {}", path.split(".spans").next().unwrap_or(path))
+        };
+        if stiffness > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause: cause() });
+        }
+        if damping > 0.0 {
+            bounds.push(StepBound { step_s: CONTACT_DAMPING / damping, cause: cause() });
         }
     }
     for l in &model.loads {

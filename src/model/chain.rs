@@ -129,19 +129,51 @@ impl ChainModel {
         (0..self.padded).step_by(LANES).map(is_full).collect()
     }
 
-    /// Chains behind each other.
+    /// A chain without link bodies.
+    pub fn without_links(joint: LinkJoint) -> ChainModel {
+        ChainModel {
+            n_links: 0,
+            loops: std::iter::once(0..0).collect(),
+            rollers: std::iter::once(0..0).collect(),
+            roller_shapes: vec![None],
+            lanes: 0,
+            padded: 0,
+            full_blocks: Vec::new(),
+            lever: Vec::new(),
+            mass: Vec::new(),
+            inertia: Vec::new(),
+            inverse_mass: Vec::new(),
+            inverse_inertia: Vec::new(),
+            bush_on_front: Vec::new(),
+            bush_lever: Vec::new(),
+            bush_inverse_mass: Vec::new(),
+            bush_inverse_inertia: Vec::new(),
+            joints: vec![joint],
+            tight: Vec::new(),
+        }
+    }
+
+    /// Lanes up to the last link of the last loop that has any.
+    pub fn lanes_of(loops: &[Range<usize>]) -> usize {
+        loops.iter().rfind(|l| !l.is_empty()).map_or(0, |l| l.end)
+    }
+
+    /// Chains behind each other; one without links stands on no block.
     pub fn join(chains: &[ChainModel]) -> ChainModel {
         let mut loops: Vec<Range<usize>> = Vec::new();
         for c in chains {
-            let first = loops.last().map_or(0, |l| (l.end + 1).next_multiple_of(LANES) + LANES);
+            let first = loops.last().map_or(0, |l| match c.n_links {
+                0 => l.end.next_multiple_of(LANES),
+                _ => (l.end + 1).next_multiple_of(LANES) + LANES,
+            });
             loops.push(first..first + c.n_links);
         }
-        let lanes = loops.last().map_or(0, |l| l.end);
+        let lanes = ChainModel::lanes_of(&loops);
         let padded = lanes.next_multiple_of(LANES);
         // `more`: values behind those of the links that belong to a chain.
         let joined = |of: &dyn Fn(&ChainModel) -> &[f64], inert: f64, more: usize| {
             let mut column = vec![inert; padded + more];
-            for (c, own) in chains.iter().zip(&loops) {
+            for (c, own) in chains.iter().zip(&loops).filter(|(_, own)| !own.is_empty()) {
                 column[own.start..own.end + more].copy_from_slice(&of(c)[..c.n_links + more]);
             }
             column

@@ -97,12 +97,16 @@ impl Model {
 
     /// Whether there are forces on coordinates besides those of the chain, of touches and of oil.
     pub fn has_shaft_forces(&self) -> bool {
-        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty()) || self.has_films()
+        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty() && self.spans.is_empty())
+            || self.has_films()
     }
 
     /// Whether something on coordinates loses energy.
     pub fn has_losses(&self) -> bool {
-        self.coordinates.iter().any(|c| c.spring.damping > 0.0) || self.has_shaft_losses() || self.has_films()
+        self.coordinates.iter().any(|c| c.spring.damping > 0.0)
+            || self.has_shaft_losses()
+            || self.has_films()
+            || self.has_span_losses()
     }
 
     /// Whether loads or couplings lose energy.

@@ -156,6 +156,7 @@ impl Camera {
         mechanism::fill_sliders(model, state, scratch, &mut frame.sliders);
         mechanism::fill_touches(model, state, scratch, &mut frame.touches);
         mechanism::fill_oil(model, state, scratch, (&mut frame.chambers, &mut frame.passages));
+        mechanism::fill_spans(model, state, &mut frame.spans);
         let total = ledger(&node, &frame.links, &self.rows);
         frame.energy = since(&total, self.origin.get_or_insert(total));
         fill_contacts(chain, &self.rows, &mut frame.contacts);
@@ -792,6 +793,7 @@ pub fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
         ..BodyInfo::default()
     }));
     bodies.extend(mechanism::bodies(drive, model));
+    bodies.extend(mechanism::chains_of_spans(drive, model));
     bodies
 }
 

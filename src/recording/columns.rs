@@ -168,6 +168,8 @@ pub enum Rows {
     Passage,
     /// A roller that is a body of its own.
     Roller,
+    /// A span of a chain without links.
+    Span,
 }
 
 impl Rows {
@@ -182,6 +184,7 @@ impl Rows {
             Rows::Chamber => "chamber",
             Rows::Passage => "passage",
             Rows::Roller => "roller",
+            Rows::Span => "span",
         }
     }
 
@@ -197,6 +200,7 @@ impl Rows {
             Rows::Chamber => "chamber_path",
             Rows::Passage => "passage_path",
             Rows::Roller => "roller_path",
+            Rows::Span => "span_path",
         }
     }
 
@@ -204,7 +208,7 @@ impl Rows {
     pub fn are_fixed(self) -> bool {
         match self {
             Rows::Link | Rows::Joint | Rows::Roller | Rows::Rotor => true,
-            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => true,
+            Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => true,
             Rows::Contact => false,
         }
     }

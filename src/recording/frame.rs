@@ -88,6 +88,9 @@ pub struct Header {
     /// Rollers that are bodies of their own, in the order of `Rollers`.
     #[prost(message, repeated, tag = "23")]
     pub rollers: Vec<RollerInfo>,
+    /// Paths of the rows of `Spans`: a chain, and the sprockets that the span leaves and reaches.
+    #[prost(string, repeated, tag = "24")]
+    pub spans: Vec<String>,
 }
 
 impl Header {
@@ -112,6 +115,7 @@ impl Header {
             Rows::Touch => Some(&self.touches),
             Rows::Chamber => Some(&self.chambers),
             Rows::Passage => Some(&self.passages),
+            Rows::Span => Some(&self.spans),
         }
     }
 }
@@ -225,11 +229,13 @@ pub enum BodyKind {
     Housing = 5,
     /// The ball of a check valve.
     Ball = 6,
+    /// A chain without links, on its pitch line.
+    Chain = 7,
 }
 
 impl BodyKind {
     /// Names in the order of the numbers.
-    pub const NAMES: [&str; 7] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball"];
+    pub const NAMES: [&str; 8] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball", "chain"];
 
     /// In words, of a `BodyInfo::kind`.
     pub fn name(kind: u32) -> &'static str {
@@ -441,6 +447,13 @@ tables! {
         13 penetration_m: float, "m", Node, Value, "How deep bush and bore overlap; negative: the play that is left.";
         14 slide_m_s: float, "m/s", Step, Value, "Speed at which the bore slides on the bush.";
     }
+
+    /// One row per span of a chain without link bodies, in the order of `Header::spans`.
+    16 spans: Spans, a row per Span {
+        1 tension_n: double, "N", Node, Value, "Tension of the links, that of their speed included; never negative.";
+        2 elongation_m: double, "m", Node, Value, "What its second sprocket has taken up less what its first has paid out; 0 at the preload.";
+        3 power_w: double, "W", Node, Value, "Power that it takes from its first sprocket to its second: preload less tension, times the speed of the chain.";
+    }
 }
 
 record! {
@@ -461,9 +474,11 @@ record! {
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
         13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms, sliders, check balls and bearings, and in blades.";
         16 elastic_coupling_j: double, "J", Node, Elastic, "Stored in couplings.";
+        21 elastic_span_j: double, "J", Node, Elastic, "Stored in spans of chains without links.";
         17 elastic_oil_j: double, "J", Node, Elastic, "Stored in the oil of all chambers.";
         14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders, bearings and blades, and in films of bearings.";
         18 lost_coupling_damping_j: double, "J", Node, Lost, "Lost in dampers of couplings.";
+        22 lost_span_damping_j: double, "J", Node, Lost, "Lost in dampers of spans of chains without links.";
         19 lost_load_j: double, "J", Node, Lost, "Lost by friction and drag of loads.";
         20 lost_oil_j: double, "J", Node, Lost, "Lost in passages of oil.";
         12 error_j: double, "J", Node, Error, "work in - work out - lost - change of stored energy.";

@@ -16,7 +16,7 @@ const MOST_ELEMENTS: usize = 500_000;
 const MOST_TEETH: u32 = 10_000;
 
 /// Repeated fields of [`Header`] by tag, and for those that contain an outline its tag.
-const REPEATED: [(u64, &str); 13] = [
+const REPEATED: [(u64, &str); 14] = [
     (5, "overrides"),
     (8, "links"),
     (9, "outlines"),
@@ -30,6 +30,7 @@ const REPEATED: [(u64, &str); 13] = [
     (21, "chambers"),
     (22, "passages"),
     (23, "rollers"),
+    (24, "spans"),
 ];
 const LINK_OUTLINES: u64 = 9;
 const BODIES: u64 = 10;

@@ -547,7 +547,7 @@ impl StatedLengths {
             Rows::Link | Rows::Joint => links,
             Rows::Roller => header.rollers.len(),
             Rows::Contact => usize::MAX,
-            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
                 header.row_paths(rows).map_or(0, <[String]>::len)
             }
         };

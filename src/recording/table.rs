@@ -10,12 +10,12 @@ pub use file::{Format, ROWS_PER_GROUP, TableWriter};
 use super::columns::{self, Column, ColumnKind, Rows};
 use super::frame::{
     BodyInfo, BodyKind, Chambers, Contacts, Energy, Event, Feature, Frame, Header, Impact, Joints, LinkInfo, Links,
-    Passages, RollerInfo, Rollers, Rotors, Segment, Sliders, Touches,
+    Passages, RollerInfo, Rollers, Rotors, Segment, Sliders, Spans, Touches,
 };
 use file::Store;
 
 /// All tables.
-pub const TABLES: [Table; 16] = [
+pub const TABLES: [Table; 17] = [
     Table { name: "links", source: Source::Table(&Links::TABLE) },
     Table { name: "contacts", source: Source::Table(&Contacts::TABLE) },
     Table { name: "joints", source: Source::Table(&Joints::TABLE) },
@@ -25,6 +25,7 @@ pub const TABLES: [Table; 16] = [
     Table { name: "touches", source: Source::Table(&Touches::TABLE) },
     Table { name: "chambers", source: Source::Table(&Chambers::TABLE) },
     Table { name: "passages", source: Source::Table(&Passages::TABLE) },
+    Table { name: "spans", source: Source::Table(&Spans::TABLE) },
     Table { name: "sensors", source: Source::Frame(sensors) },
     Table { name: "energy", source: Source::Frame(energy) },
     Table { name: "events", source: Source::Event },
@@ -181,7 +182,7 @@ fn table<'a>(at: &Moment<'a>, wanted: &columns::TableInfo) -> Block<'a> {
             Rows::Joint => sheet.columns.push(own("joint", "1", joint, Count)),
             Rows::Contact => {}
             Rows::Roller => sheet.columns.push(own("roller", "1", "Index of the roller.", Count)),
-            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => {
+            Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
                 let known = at.header.row_paths(table.rows).unwrap_or_default();
                 let paths = (0..sheet.n).map(|i| known.get(i).map_or("unknown", String::as_str)).collect();
                 let index = "Index of the row, as in the header.";

@@ -150,8 +150,9 @@ pub(super) fn apply_contacts(model: &Model, state: &State, scratch: &mut Scratch
         let (ax, ay, al) = (blocks_mut(ax, count), blocks_mut(ay, count), blocks_mut(alpha, count));
         let (stale, pushed) = (&groups[ContactGroup::Bushes.index()].stale[..count], &end_forces[..count]);
         // Where no bush and no guide end touches, nothing is given. Before the first link of a loop stands its last joint.
-        let mut before = stale[(c.loops[0].end - 1) / LANES];
-        let mut ahead = c.loops.iter().skip(1).map(|l| (l.start / LANES, (l.end - 1) / LANES));
+        let mut before = 0;
+        let with_links = c.loops.iter().filter(|l| !l.is_empty());
+        let mut ahead = with_links.map(|l| (l.start / LANES, (l.end - 1) / LANES));
         let mut next_loop = ahead.next();
         for at in 0..count {
             if let Some((first, last)) = next_loop

@@ -108,8 +108,8 @@ pub struct Scratch {
     /// The shares of loads and couplings that lose energy, and that do work outside.
     pub(super) losing_force: Vec<f64>,
     pub(super) working_force: Vec<f64>,
-    /// What of `losing_force` is of loads, and of dampers of couplings.
-    pub(super) losing_parts: [Vec<f64>; 2],
+    /// What of `losing_force` is of loads, of dampers of couplings, and of spans.
+    pub(super) losing_parts: [Vec<f64>; 3],
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,

@@ -3,6 +3,7 @@
 use super::Scratch;
 use crate::elements::coordinate::CoordinateMotion;
 use crate::elements::driver_motion::sum_of_cosines;
+use crate::elements::span::ChainSpan;
 use crate::model::Model;
 use crate::recording::frame::Energy;
 use crate::state::State;
@@ -52,6 +53,37 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     {
         *sum += losing + working;
     }
+    // What spans pull with is torque of a chain; only their dampers' share of it is a loss.
+    for span in &model.spans {
+        let elongation_m = span.elongation(span.ends.map(|k| q.angle[k]));
+        let (spring_n, damper_n) = span.forces_n(elongation_m, span.elongation(span.ends.map(speed)));
+        for (k, lever_m) in span.ends.into_iter().zip(span.levers_m()) {
+            scratch.chain_torque[k] += lever_m * (spring_n + damper_n);
+            scratch.losing_force[k] += lever_m * damper_n;
+            scratch.losing_parts[2][k] += lever_m * damper_n;
+        }
+    }
+}
+
+/// Elongation, its rate, and force of spring and damper of a span at the node, as [`forces`] has them.
+pub(crate) fn span_at(model: &Model, state: &State, span: &ChainSpan) -> SpanNow {
+    let q = &state.coordinates;
+    let half = 0.5 * model.step_s;
+    let elongation_m = span.elongation(span.ends.map(|k| q.angle[k]));
+    let rate_m_s = span.elongation(span.ends.map(|k| q.omega[k] + half * q.alpha[k]));
+    let (spring_n, damper_n) = span.forces_n(elongation_m, rate_m_s);
+    let tension_n = spring_n + damper_n;
+    let [from, to] = [0, 1].map(|i| span.radii_m[i] * (q.omega[span.ends[i]] + half * q.alpha[span.ends[i]]));
+    SpanNow { elongation_m, tension_n, power_w: (span.preload_n - tension_n) * 0.5 * (from + to) }
+}
+
+/// What a span does at a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SpanNow {
+    pub(crate) elongation_m: f64,
+    pub(crate) tension_n: f64,
+    /// From its first sprocket to its second: that of what the tension is below the preload, at the mean speed of both ends.
+    pub(crate) power_w: f64,
 }
 
 /// Speed of the driver in the middle of the coming step [rad/s]; None where it is constant.
@@ -87,15 +119,20 @@ pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &
         let Some(lost) = r.lost.get(k) else { continue };
         let lost = lost + (coordinate.spring.damping * speed - scratch.losing_force[k]) * half_step_turn;
         let of_part = |past: &[f64], force: &[f64]| past.get(k).map_or(0.0, |lost| lost - force[k] * half_step_turn);
-        let [by_loads, by_couplings] = &scratch.losing_parts;
+        let [by_loads, by_couplings, by_spans] = &scratch.losing_parts;
         let (load, coupling) = (of_part(&r.lost_load, by_loads), of_part(&r.lost_coupling, by_couplings));
         e.lost_load_j += load;
         e.lost_coupling_damping_j += coupling;
+        let span = of_part(&r.lost_span, by_spans);
+        e.lost_span_damping_j += span;
         if coordinate.spring.damping > 0.0 || model.is_on_film(k) {
-            e.lost_spring_damping_j += lost - load - coupling;
+            e.lost_spring_damping_j += lost - load - coupling - span;
         }
     }
     for coupling in &model.couplings {
         e.elastic_coupling_j += coupling.energy_j(coupling.ends.map(|k| r.angle[k]));
+    }
+    for span in &model.spans {
+        e.elastic_span_j += span.energy_j(span.elongation(span.ends.map(|k| r.angle[k])));
     }
 }

@@ -10,11 +10,11 @@ use crate::drive::mechanism::{OilSpec, PassageLaw, SliderSpec};
 use crate::elements::hydraulics::PassageEnd;
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp, unit};
-use crate::integrate::explicit::{Scratch, touches};
+use crate::integrate::explicit::{Scratch, shafts, touches};
 use crate::model::{ArmModel, Model};
 use crate::pairs::part_part::{Pad, TouchShape};
 use crate::recording::frame::{
-    BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Touches,
+    BodyInfo, BodyKind, Chambers, Header, Outline, OutlineCircle, OutlineElement, Passages, Sliders, Spans, Touches,
 };
 use crate::state::State;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -82,9 +82,18 @@ pub(super) fn fill_oil(
     fill(&mut chambers.inflow_m3_s, oil.ends().map(|end| oil.inflow_m3_s(end, |e| flows[e])));
 }
 
+/// Rows of spans of chains without links.
+pub(super) fn fill_spans(model: &Model, state: &State, into: &mut Spans) {
+    let now = || model.spans.iter().map(|s| shafts::span_at(model, state, s));
+    fill(&mut into.tension_n, now().map(|n| n.tension_n));
+    fill(&mut into.elongation_m, now().map(|n| n.elongation_m));
+    fill(&mut into.power_w, now().map(|n| n.power_w));
+}
+
 /// Paths of the rows above, into a header.
 pub(super) fn name_rows(model: &Model, header: &mut Header) {
     header.sliders = model.coordinates[model.n_turning()..].iter().map(|c| c.path.clone()).collect();
+    header.spans = model.spans.iter().map(|s| s.path.clone()).collect();
     header.touches = model.touches.iter().map(|t| t.path.clone()).collect();
     let Some(oil) = &model.oil else { return };
     header.chambers = oil
@@ -95,6 +104,30 @@ pub(super) fn name_rows(model: &Model, header: &mut Header) {
         })
         .collect();
     header.passages = oil.passages.iter().map(|p| p.path.clone()).collect();
+}
+
+/// Chains without links, drawn where they run: lines along their spans, arcs on the pitch circles.
+pub(super) fn chains_of_spans(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
+    let of = |chain: usize| {
+        let (route, name) = (model.routes.get(chain)?, drive.chain_names.get(chain)?);
+        let mut elements = Vec::new();
+        for k in 0..route.sprockets() {
+            let (leaving, wrap) = (route.span_after(k), route.wrap(k));
+            let (start_rad, sweep_rad) = (wrap.start_rad, wrap.sweep_rad);
+            let arc = Element::Arc { centre: wrap.centre, radius_m: wrap.radius_m, start_rad, sweep_rad };
+            let end = leaving.start + leaving.direction * leaving.length_m;
+            elements.extend([arc, Element::Line { start: leaving.start, end }]);
+        }
+        let elements = elements.iter().map(outline_element).collect();
+        Some(BodyInfo {
+            path: format!("chains.{name}"),
+            kind: BodyKind::Chain as u32,
+            outline: Some(Outline { name: name.clone(), elements, ..Outline::default() }),
+            ..BodyInfo::default()
+        })
+    };
+    let with_spans = |chain: &usize| model.spans.iter().any(|s| s.chain == *chain);
+    (0..drive.chains()).filter(with_spans).filter_map(of).collect()
 }
 
 /// Ends of the way of a coordinate [rad, m].

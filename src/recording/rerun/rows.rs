@@ -21,7 +21,7 @@ pub struct Numbers {
 fn is_beside_pictures(rows: Rows) -> bool {
     match rows {
         Rows::Link | Rows::Joint | Rows::Roller => true,
-        Rows::Contact | Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage => false,
+        Rows::Contact | Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => false,
     }
 }
 

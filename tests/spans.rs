@@ -1,0 +1,229 @@
+//! Chains of spans: closed forms of frequency and tension, energy, the same drive with links, bits, slack, and what is refused.
+
+mod common;
+
+use common::assembled;
+use pitchline::assemble::{Assembly, at_rest, resting_state};
+use pitchline::drive::sensors::SensorReads;
+use pitchline::drive::{BUNDLED, Drive, OuterSpec};
+use pitchline::elements::coordinate::CoordinateMotion;
+use pitchline::integrate::explicit::{self, Scratch};
+use pitchline::model::Model;
+use pitchline::recording::capture::Camera;
+use pitchline::state::State;
+use std::f64::consts::PI;
+
+/// The reduction with other values, and with more tables behind its text.
+fn parsed(sets: &[&str], more: &str) -> Result<Drive, String> {
+    let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+    let (name, text) = BUNDLED[4];
+    Drive::parse(name, &format!("{text}{more}"), &sets).map_err(|e| e.to_string())
+}
+
+fn drive(sets: &[&str]) -> Drive {
+    parsed(sets, "").unwrap_or_else(|e| panic!("{e}"))
+}
+
+const SPANS: &str = "chains.second.fidelity=spans";
+
+/// Energy error of a run over the work put in; the tensions of all spans, step by step, go to `each`.
+fn run(model: &Model, state: &mut State, duration_s: f64, mut each: impl FnMut(&State, &Scratch)) -> f64 {
+    let (mut scratch, mut camera) = (Scratch::new(model), Camera::default());
+    let steps = (duration_s / model.step_s) as u64;
+    let (mut worst_j, mut work_j) = (0.0_f64, 0.0_f64);
+    for step in 0..=steps {
+        explicit::evaluate(model, state, &mut scratch).expect("holds");
+        if step % 200 == 0 {
+            let e = camera.take(model, state, &scratch).energy;
+            worst_j = worst_j.max(e.error_j.abs());
+            work_j = e.work_in_j;
+        }
+        each(state, &scratch);
+        explicit::advance(model, state, &mut scratch);
+    }
+    worst_j / work_j.abs()
+}
+
+fn tensions(model: &Model, angles: &[f64]) -> Vec<f64> {
+    model.spans.iter().map(|s| s.spring_n(s.elongation(s.ends.map(|k| angles[k])))).collect()
+}
+
+/// f = sqrt(k (r1^2 / J1 + r2^2 / J2)), k of both spans.
+#[test]
+fn two_inertias_swing_at_the_closed_form() {
+    const J1: f64 = 1.3e-3;
+    /// Relative; of the scheme alone (h omega)^2 / 24, some 1e-7.
+    const TOLERANCE: f64 = 1e-4;
+    let mut drive =
+        drive(&[SPANS, "chains.second.chain.joint.damping_n_s_per_m=0", "loads.constant.output.torque_nm=0"]);
+    // Off the shaft: nothing turns the second chain any more.
+    drive.sprockets[2].shaft = None;
+    drive.sprockets[2].outer = OuterSpec::Load { inertia_kg_m2: J1, torque_nm: 0.0 };
+    let (mut model, rest) = at_rest(&drive).expect("stands");
+    let [a, b] = model.spans[0].ends;
+    model.coordinates[a].motion = CoordinateMotion::Free { inertia: J1, load: 0.0 };
+    let driver = model.sprockets[model.driver].coordinate;
+    model.coordinates[driver].motion = CoordinateMotion::Prescribed { speed_rad_s: 0.0 };
+    let mut state = resting_state(&model, &rest.configuration);
+    state.coordinates.angle[b] += 1e-4;
+    let k: f64 = model.spans.iter().map(|s| s.stiffness_n_per_m).sum();
+    let mobility =
+        |i: usize| model.spans[0].radii_m[i].powi(2) * model.coordinates[model.spans[0].ends[i]].inverse_inertia();
+    let expected_hz = (k * (mobility(0) + mobility(1))).sqrt() / (2.0 * PI);
+    let mut scratch = Scratch::new(&model);
+    let (mut crossings, mut before) = (Vec::new(), 1.0_f64);
+    while crossings.len() < 21 {
+        explicit::step(&model, &mut state, &mut scratch).expect("holds");
+        let now = model.spans[0].elongation([a, b].map(|k| state.coordinates.angle[k]));
+        if before < 0.0 && now >= 0.0 {
+            crossings.push((state.step as f64 - now / (now - before)) * model.step_s);
+        }
+        before = now;
+    }
+    let hz = 20.0 / (crossings[20] - crossings[0]);
+    println!("{hz:.6} Hz, closed form {expected_hz:.6} Hz: {:.1e}", hz / expected_hz - 1.0);
+    assert!((hz / expected_hz - 1.0).abs() < TOLERANCE);
+}
+
+/// Two equal spans share the load: T0 -+ M / (2 r).
+#[test]
+fn spans_share_a_torque() {
+    /// Relative.
+    const TOLERANCE: f64 = 1e-9;
+    let (model, rest) = at_rest(&drive(&[SPANS])).expect("stands");
+    let (t, r) = (tensions(&model, &rest.configuration.coordinates), model.spans[0].radii_m[1]);
+    let half = 20.0 / (2.0 * r);
+    println!("tight {:.9} N, slack {:.9} N, expected {:.9}, {:.9}", t[1], t[0], 300.0 + half, 300.0 - half);
+    // The span from pinion to output is the one that the pinion pays out.
+    assert!((t[0] - (300.0 - half)).abs() < TOLERANCE * 300.0 && (t[1] - (300.0 + half)).abs() < TOLERANCE * 300.0);
+}
+
+/// At a constant speed the chain that turns with the sprockets has the energy of all its links on the pitch line.
+#[test]
+fn the_mass_of_the_chain_turns_with_the_sprockets() {
+    let with_links = at_rest(&drive(&[])).expect("stands").0;
+    let with_spans = at_rest(&drive(&[SPANS])).expect("stands").0;
+    let mass_kg: f64 = with_links.chain.mass[with_links.chain.loops[1].clone()].iter().sum();
+    let turning: f64 =
+        with_spans.sprockets.iter().map(|s| s.chain_inertia_kg_m2 / s.geometry.rolling_radius_m().powi(2)).sum();
+    println!("{mass_kg} kg, {turning} kg");
+    assert!((turning / mass_kg - 1.0).abs() < 1e-12);
+}
+
+/// The reduction with its second chain of spans: ratio, energy and tension as with links, and less to compute.
+#[test]
+fn the_reduction_runs_on_spans_as_on_links() {
+    /// Over the work put in, measured 8e-5; and of the difference of both tensions, measured 5e-3.
+    const ENERGY: f64 = 1e-4;
+    const TENSION: f64 = 0.02;
+    let Assembly { model, mut state, report } = assembled(&drive(&[SPANS]));
+    println!("{}", report.lines().join("\n"));
+    assert_eq!((model.chain.n_links, model.spans.len()), (90, 2));
+    let q = |k: usize| model.sprockets[k].coordinate;
+    let start = state.coordinates.angle.clone();
+    let (mut sum, mut count) = (0.0, 0.0);
+    let began = std::time::Instant::now();
+    let error = run(&model, &mut state, 0.2, |state, _| {
+        let t = tensions(&model, &state.coordinates.angle);
+        sum += t[1] - t[0];
+        count += 1.0;
+    });
+    let spans_s = began.elapsed().as_secs_f64();
+    let turned = |k: usize| state.coordinates.angle[q(k)] - start[q(k)];
+    let miss_rad = (turned(3) - 0.25 * turned(0)).abs();
+    let Assembly { model: linked, state: mut with_links, .. } = assembled(&drive(&[]));
+    let (mut linked_sum, mut linked_count) = (0.0, 0.0);
+    let began = std::time::Instant::now();
+    let linked_error = run(&linked, &mut with_links, 0.2, |state, scratch| {
+        // In the middle of both spans. Bushes climb flanks under load, which tightens a loop with links: so only the difference is alike.
+        let span = |k: usize| pitchline::sensing::read(&linked, state, scratch, SensorReads::Span(k));
+        linked_sum += span(3) - span(2);
+        linked_count += 1.0;
+    });
+    let links_s = began.elapsed().as_secs_f64();
+    let (mean_n, linked_n) = (sum / count, linked_sum / linked_count);
+    println!("energy error {error:.2e} of the work, with links {linked_error:.2e}; output off by {miss_rad:.2e} rad");
+    println!(
+        "mean tension {mean_n:.3} N, with links {linked_n:.3} N; {links_s:.2} s with links, {spans_s:.2} s with spans"
+    );
+    assert!(error < ENERGY, "{error}");
+    // 2.5 turns of the output: what is left is the swing of both ends.
+    assert!(miss_rad < 2e-3, "{miss_rad}");
+    assert!((mean_n / linked_n - 1.0).abs() < TENSION, "{mean_n} {linked_n}");
+}
+
+/// Run twice, and from a keyframe: the same bits.
+#[test]
+fn runs_and_keyframes_give_the_same_bits() {
+    let drive = drive(&[SPANS]);
+    let [a, b] = [assembled(&drive), assembled(&drive)];
+    assert_eq!(a.state.hash(), b.state.hash());
+    let advance = |model: &Model, state: &mut State| {
+        let mut scratch = Scratch::new(model);
+        (0..3000).for_each(|_| explicit::step(model, state, &mut scratch).expect("holds"));
+    };
+    let mut whole = a.state.clone();
+    advance(&a.model, &mut whole);
+    let keyframe = whole.keyframe();
+    advance(&a.model, &mut whole);
+    let mut resumed = State::at_rest(&b.model.layout());
+    resumed.restore(&keyframe).expect("the same columns");
+    advance(&b.model, &mut resumed);
+    assert_eq!(whole.hash(), resumed.hash());
+}
+
+/// A load that reverses takes all tension from a span now and then; nothing is gained or lost by that.
+#[test]
+fn a_span_goes_slack_and_the_energy_closes() {
+    const ENERGY: f64 = 1e-4;
+    let load = "\n[loads.orders.output]\norders = [1.5]\ntorques_nm = [30]\n";
+    let drive = parsed(&[SPANS, "chains.second.preload.tension_n=100"], load).expect("a drive");
+    let Assembly { model, mut state, .. } = assembled(&drive);
+    let (mut slack, mut steps) = ([0_u64; 2], 0_u64);
+    let error = run(&model, &mut state, 0.2, |state, _| {
+        for (count, tension_n) in slack.iter_mut().zip(tensions(&model, &state.coordinates.angle)) {
+            *count += u64::from(tension_n == 0.0);
+        }
+        steps += 1;
+    });
+    println!("slack in {slack:?} of {steps} steps, energy error {error:.2e} of the work");
+    assert!(slack.iter().any(|n| *n > 0), "no span was slack");
+    assert!(error < ENERGY, "{error}");
+}
+
+/// The chain that the driver is on may be the one of spans.
+#[test]
+fn the_first_chain_may_be_the_one_of_spans() {
+    let Assembly { model, mut state, .. } = assembled(&drive(&["chains.first.fidelity=spans"]));
+    assert_eq!((model.chain.n_links, model.chain.loops[0].len()), (90, 0));
+    let error = run(&model, &mut state, 0.05, |_, _| {});
+    println!("energy error {error:.2e} of the work");
+    assert!(error < 1e-4, "{error}");
+}
+
+/// Every refusal says what and where.
+#[test]
+fn what_needs_links_is_refused_at_its_place() {
+    let face = "side = \"outside\"\nstart_mm = 40\nend_mm = 40\nclearance_um = 0\n";
+    let guide = format!("\n[guides.fixed.top]\nspan = [\"pinion\", \"output\"]\n{face}");
+    let bearing = "\n[bearings.elastic.output]\nstiffness_n_per_m = 1e8\nmass_kg = 0.5\n";
+    let cases: [(&[&str], &str, &str); 5] = [
+        (&["chains.first.fidelity=spans"], "", "no chain of this drive has links"),
+        (&[], &guide, "guide `top` guides links, and chain `second` has spans"),
+        (&[], bearing, "this bearing yields to links"),
+        (&["effects.pitch_error.e.link=120", "effects.pitch_error.e.length_um=10"], "", "the chains have no link 120"),
+        (&["effects.gap_error.output.gap=3", "effects.gap_error.output.outward_um=5"], "", "gaps seat links"),
+    ];
+    let mut wrong = Vec::new();
+    for (sets, more, wanted) in cases {
+        let sets: Vec<&str> = [SPANS].into_iter().chain(sets.iter().copied()).collect();
+        let text = parsed(&sets, more).expect_err(wanted);
+        println!("{text}");
+        if !text.contains(wanted) || !text.contains("-->") {
+            wrong.push(text);
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+    let text = parsed(&["chains.second.fidelity=springs"], "").expect_err("no such fidelity");
+    assert!(text.contains("springs"), "{text}");
+}
