@@ -3,6 +3,7 @@
 // These modules read untrusted files, so that every index is checked.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
+mod audit;
 mod check;
 mod compare;
 mod completions;
@@ -65,6 +66,7 @@ fn verbs() -> Vec<Verb> {
             tune::run,
         ),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
+        verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
         verb("zoom", "Record a part of a recording again, every step of it if wanted", zoom::run),
