@@ -3,4 +3,6 @@
 pub mod audit;
 pub mod diff;
 pub mod explain;
+pub mod order_spectrum;
+pub mod signal;
 pub mod suspects;

@@ -2,6 +2,7 @@
 
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::same_drive;
+use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::least_squares::middle;
 use crate::analysis::audit::{Audit, AuditError, Finding, Measured, audit, compared, findings, measured};
 use crate::recording::frame::Header;
@@ -117,11 +118,15 @@ fn text(
         lines.push("nothing stands out: what could be measured is healthy".into());
     } else {
         lines.push("what stands out:".into());
-        let mut properties = true;
+        let mut kind = MeasureKind::Property;
         for finding in found.iter().take(shown) {
-            if properties && !finding.is_property {
-                properties = false;
-                lines.push("forces and losses that differ:".into());
+            if finding.kind != kind {
+                kind = finding.kind;
+                lines.push(match kind {
+                    MeasureKind::Property => "properties:".into(),
+                    MeasureKind::Assembly => "how it is put together:".into(),
+                    MeasureKind::Consequence => "forces and losses:".into(),
+                });
             }
             lines.push(format!("  {}", finding.text));
         }

@@ -24,6 +24,7 @@ mod pair_stats;
 mod replay;
 mod run;
 mod snapshot;
+mod spectrum;
 mod tune;
 mod view;
 #[cfg(feature = "web")]
@@ -67,6 +68,7 @@ fn verbs() -> Vec<Verb> {
         ),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
+        verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
         verb("zoom", "Record a part of a recording again, every step of it if wanted", zoom::run),

@@ -4,13 +4,14 @@
 //! by its difference; in all cases over the largest of scatter, error of the fit and an eighth of the difference that counts. From a score of
 //! [`SCORE`] on it is a finding. What is the same in most parts of a group is one finding about the group.
 
-use super::guides::GuideFit;
 use super::least_squares::{median, middle};
 use super::measures::{
-    AuditPart, GUIDE_HEIGHT, Measure, Measured, OUTWARD, PITCH, TOUCHED, measured, short,
+    AuditPart, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, Measure, MeasureKind, Measured, AXES, PRELOAD, OUTWARD, PLACE_WAVE, RING_ECCENTRICITY, TOUCHED, measured, short,
 };
 use super::{Audit, Estimate};
-use crate::recording::frame::Header;
+use crate::geometry::Vec2;
+use crate::geometry::profile::Element;
+use crate::recording::frame::{Header, Outline, Segment};
 use std::collections::BTreeMap;
 
 /// From this score on a part stands out.
@@ -19,6 +20,8 @@ const SCORE: f64 = 8.0;
 const NEIGHBOURS: usize = 6;
 /// Share of a group beyond which a common difference is one of the group.
 const MOST: f64 = 0.6;
+/// Height over a span by which a guide may differ, over the way by which an axis moved.
+const LEANS: f64 = 0.3;
 /// A gap counts as never seated if the others are, in at least this share of the frames in which a joint lies over them.
 const SEATED: f64 = 0.2;
 
@@ -39,8 +42,7 @@ pub struct Finding {
     /// `neighbours`, `header` or `recording`.
     pub against: &'static str,
     pub score: f64,
-    /// A property of the part; if not, a force or a loss, as properties lead to.
-    pub is_property: bool,
+    pub kind: MeasureKind,
     pub text: String,
 }
 
@@ -62,7 +64,7 @@ pub fn findings(audit: &Audit, header: &Header) -> Vec<Finding> {
     for m in &all {
         let Some(declared) = m.declared.filter(|_| m.measure.key != "preload_n") else { continue };
         let judged = Judged { reference: declared, scatter: m.estimate.error, against: "header" };
-        found.extend(judged.finding(m, header));
+        found.extend(judged.finding(m, header).map(|f| with_more(f, m, audit, (header, header))));
     }
     found.extend(unseated(audit, header));
     ranked(found)
@@ -94,16 +96,20 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
             found.extend(Judged { reference, scatter, against: "recording" }.finding(m, header));
         }
     }
+    let mut moved_m = 0.0_f64;
     for m in all.iter().filter(|m| m.group.is_none()) {
-        let Some(other) = reference.get(&(m.part, m.measure.key)) else { continue };
-        let judged = Judged {
-            reference: other.estimate.value,
-            scatter: m.estimate.error.max(other.estimate.error),
-            against: "recording",
-        };
-        found.extend(judged.finding(m, header));
+        let other = reference.get(&(m.part, m.measure.key)).map(|other| other.estimate);
+        // A guide that no link touches there is compared with the other guides there.
+        let Some(other) = other.or_else(|| of_other_guides(m, audit, &theirs)) else { continue };
+        let judged =
+            Judged { reference: other.value, scatter: m.estimate.error.max(other.error), against: "recording" };
+        if m.measure == &AXES {
+            moved_m = moved_m.max((m.estimate.value - other.value).abs());
+        }
+        found.extend(judged.finding(m, header).map(|f| with_more(f, m, audit, (header, good_header))));
     }
-    found.extend(guide_heights(audit, header, good_header));
+    found.extend(guide_heights(audit, header, good_header, moved_m));
+    found.extend(gap_forms(audit, header, good_header));
     let own = findings(audit, header);
     let known = |f: &Finding| found.iter().any(|k| k.part == f.part && k.quantity == f.quantity);
     let news: Vec<Finding> = own.into_iter().filter(|f| !known(f)).collect();
@@ -112,8 +118,41 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
     ranked(found)
 }
 
+/// Adds where an eccentricity points, how many waves a turn has, what tension headers declare.
+fn with_more(mut finding: Finding, m: &Measured, audit: &Audit, (header, other): (&Header, &Header)) -> Finding {
+    if m.measure == &PRELOAD {
+        let (own, theirs) = (header.static_tension_n, other.static_tension_n);
+        finding.text += &format!("; at rest, the headers declare {own:.1} and {theirs:.1} N");
+    }
+    let AuditPart::Body(body) = m.part else { return finding };
+    let Some(fit) = audit.sprockets.get(body) else { return finding };
+    let degrees = |rad: f64| rad / crate::units::DEG;
+    let more = if m.measure == &ECCENTRICITY {
+        format!("; it points {:.0} deg counterclockwise from gap 0", degrees(fit.eccentric_towards_rad))
+    } else if m.measure == &RING_ECCENTRICITY {
+        format!("; it points {:.0} deg counterclockwise from gap 0", degrees(fit.ring_towards_rad))
+    } else if m.measure == &PLACE_WAVE {
+        format!("; {} waves a turn", fit.wave.map_or(0, |w| w.order))
+    } else {
+        String::new()
+    };
+    finding.text += &more;
+    finding
+}
+
+/// Median of a number over the guides of the other recording, for a guide that has none there.
+fn of_other_guides(m: &Measured, audit: &Audit, theirs: &[Measured]) -> Option<Estimate> {
+    let is_guide = |part: AuditPart| audit.guides.iter().any(|g| part == AuditPart::Body(g.body));
+    if !is_guide(m.part) {
+        return None;
+    }
+    let own = || theirs.iter().filter(|t| t.measure == m.measure && is_guide(t.part)).map(|t| t.estimate);
+    let value = median(own().map(|e| e.value));
+    value.is_finite().then_some(Estimate { value, error: own().map(|e| e.error).fold(0.0, f64::max), samples: 0 })
+}
+
 fn ranked(mut found: Vec<Finding>) -> Vec<Finding> {
-    found.sort_by(|a, b| (b.is_property, b.score).partial_cmp(&(a.is_property, a.score)).unwrap_or(std::cmp::Ordering::Equal));
+    found.sort_by(|a, b| b.kind.cmp(&a.kind).then(b.score.total_cmp(&a.score)));
     // The same part and number by neighbours and by header: the further one.
     let mut kept: Vec<Finding> = Vec::new();
     for finding in found {
@@ -197,9 +236,9 @@ impl Judged {
         };
         let place = place(m.part, header);
         let text = match m.part {
-            AuditPart::Gap(..) => format!("{name} lies {size} {word} ({than}){place}"),
-            _ if m.measure.words == "eccentricity of its gaps" || m.measure.words == "eccentricity of its ring" => {
-                format!("{name}: {} is {own}, {other} {}", m.measure.words, from(self.against))
+            AuditPart::Gap(..) => format!("{name} lies {size} {word} {}", beside(self.against)),
+            _ if m.declared == Some(0.0) => {
+                format!("{name}: {} {own}, {other} {}", m.measure.words, from(self.against))
             }
             _ => format!("{name}: {} {own}, {size} {word}{share} {than} ({other}){place}", m.measure.words),
         };
@@ -225,9 +264,17 @@ impl Judged {
             difference,
             against: self.against,
             score,
-            is_property: m.measure.is_property,
+            kind: m.measure.kind,
             text: format!("{text} (score {score:.0})"),
         }
+    }
+}
+
+fn beside(against: &str) -> &'static str {
+    match against {
+        "header" => "against the header",
+        "neighbours" => "against the other gaps of its sprocket",
+        _ => "against the other recording",
     }
 }
 
@@ -287,7 +334,7 @@ fn of_group(first: &Measured, pairs: &[(&Measured, f64)], shift: f64, least: f64
         difference: shift,
         against: "recording",
         score,
-        is_property: measure.is_property,
+        kind: measure.kind,
         text,
     }
 }
@@ -321,23 +368,46 @@ fn unseated(audit: &Audit, header: &Header) -> Vec<Finding> {
     found
 }
 
-/// How far straight faces stand above those of the other recording.
-fn guide_heights(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
+/// How far straight faces stand above those of the other recording: over the line that touches both pitch circles of their span, so that a
+/// sprocket that was moved to tighten the chain does not count.
+fn guide_heights(audit: &Audit, header: &Header, good: &Header, moved_m: f64) -> Vec<Finding> {
     let mut found = Vec::new();
+    let pitch_m = median(good.links.iter().map(|l| l.pitch_m));
     for guide in &audit.guides {
         let Some(path) = header.bodies.get(guide.body).map(|b| &b.path) else { continue };
-        let Some(other) = good.bodies.iter().find(|b| b.path == *path) else { continue };
-        let Some(ends) = ends_above(guide, (other.x_m, other.y_m, other.angle_rad)) else { continue };
-        let (end, height) = if ends[0].abs() > ends[1].abs() { ("start", ends[0]) } else { ("end", ends[1]) };
-        let estimate = Estimate { value: height, error: 0.0, samples: guide.touched };
+        let (Some(other), Some(face)) = (good.bodies.iter().find(|b| b.path == *path), guide.face) else { continue };
+        let (Some(own_line), Some(line)) = (tangent_near(header, face, pitch_m), tangent_near(good, face, pitch_m)) else { continue };
+        let (sin, cos) = crate::units::sin_cos(other.angle_rad);
+        let towards_chain = Vec2::new(-sin, cos);
+        let height = |p: [f64; 2]| {
+            let p = Vec2::new(p[0], p[1]);
+            let own = (p - own_line.0).dot(&own_line.1);
+            // The face of the other recording is the x-axis of its guide, at the same way along it.
+            let origin = Vec2::new(other.x_m, other.y_m);
+            let there = p - towards_chain * (p - origin).dot(&towards_chain);
+            let theirs = (there - line.0).dot(&line.1);
+            (own - theirs) * line.1.dot(&towards_chain).signum()
+        };
+        let ends = face.map(height);
+        let larger = if ends[0].abs() > ends[1].abs() { 0 } else { 1 };
+        // Axes that moved turn the line of the span.
+        if ends[larger].abs() < LEANS * moved_m {
+            continue;
+        }
+        let estimate = Estimate { value: ends[larger], error: 0.0, samples: guide.touched };
         let m = Measured { part: AuditPart::Body(guide.body), measure: &GUIDE_HEIGHT, estimate, declared: None, group: None };
         let judged = Judged { reference: 0.0, scatter: 0.0, against: "recording" };
         if let Some(mut finding) = judged.finding(&m, header) {
+            let word = |height: f64| if height > 0.0 { "higher" } else { "lower" };
+            let at = |end: usize| if end == 0 { "start" } else { "end" };
             finding.text = format!(
-                "{path}: its face stands {} {} at its {end}, {} at the other, than in the other recording (score {:.0})",
-                GUIDE_HEIGHT.size(height),
-                if height > 0.0 { "higher" } else { "lower" },
-                GUIDE_HEIGHT.size(if end == "start" { ends[1] } else { ends[0] }),
+                "{path}: where links touch it near its {}, its face stands {} {} than in the other recording, {} {} near its {} (score {:.0})",
+                at(larger),
+                GUIDE_HEIGHT.size(ends[larger]),
+                word(ends[larger]),
+                GUIDE_HEIGHT.size(ends[1 - larger]),
+                word(ends[1 - larger]),
+                at(1 - larger),
                 finding.score
             );
             found.push(finding);
@@ -346,10 +416,103 @@ fn guide_heights(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> 
     found
 }
 
-/// Heights of both ends of a face in another guide's frame.
-fn ends_above(guide: &GuideFit, (x, y, angle): (f64, f64, f64)) -> Option<[f64; 2]> {
-    let (sin, cos) = crate::units::sin_cos(angle);
-    guide.face.map(|ends| ends.map(|p| (p[1] - y) * cos - (p[0] - x) * sin))
+/// The line that touches the pitch circles of two sprockets and lies nearest to a face: a point of it, and its normal.
+fn tangent_near(header: &Header, face: [[f64; 2]; 2], pitch_m: f64) -> Option<(Vec2, Vec2)> {
+    let middle = Vec2::new(0.5 * (face[0][0] + face[1][0]), 0.5 * (face[0][1] + face[1][1]));
+    let sprockets: Vec<(Vec2, f64)> = header
+        .bodies
+        .iter()
+        .filter(|b| b.rotor && b.teeth > 0)
+        .map(|b| {
+            let half = crate::units::sin_cos(std::f64::consts::PI / f64::from(b.teeth)).0;
+            (Vec2::new(b.x_m, b.y_m), 0.5 * pitch_m / half)
+        })
+        .collect();
+    let mut lines = Vec::new();
+    for (k, (a, radius)) in sprockets.iter().enumerate() {
+        for (b, other) in sprockets.iter().skip(k + 1) {
+            let between = b - a;
+            let distance = between.norm();
+            for (own, theirs) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
+                // n . (b - a) = theirs r_b - own r_a: the normal stands so far from the line of the axes.
+                let lean = (theirs * other - own * radius) / distance;
+                if lean.abs() >= 1.0 {
+                    continue;
+                }
+                let along = between / distance;
+                let normal = along * lean + Vec2::new(-along.y, along.x) * (1.0 - lean * lean).sqrt();
+                lines.push((a + normal * (own * radius), normal));
+            }
+        }
+    }
+    lines.into_iter().min_by(|a, b| (middle - a.0).dot(&a.1).abs().total_cmp(&(middle - b.0).dot(&b.1).abs()))
+}
+
+/// Where the gaps of a sprocket lie off the contour that the other recording declares, by the part of the gap that links touch.
+fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for (body, fit) in audit.sprockets.iter().enumerate() {
+        let Some(path) = header.bodies.get(body).map(|b| &b.path) else { continue };
+        let other = good.bodies.iter().find(|b| b.path == *path).and_then(|b| b.outline.as_ref());
+        let Some(elements) = other.map(elements).filter(|e| !e.is_empty()) else { continue };
+        let off = |form: &super::gaps::GapForm, turn: f64| {
+            let direction = form.direction_rad + 1.5 * turn * form.spread_rad;
+            let own = form.support_m(direction);
+            let theirs = elements.iter().filter_map(|e| support(e, direction));
+            theirs.map(|h| own - h).min_by(|a, b| a.abs().total_cmp(&b.abs()))
+        };
+        let offs = fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED).flat_map(|form| {
+            [-1.0, 0.0, 1.0].into_iter().filter_map(move |turn| Some((off(form, turn)?, form)))
+        });
+        let Some((value, form)) = offs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) else { continue };
+        let estimate = Estimate { value, error: 0.0, samples: form.samples };
+        let m = Measured { part: AuditPart::Body(body), measure: &GAP_FORM, estimate, declared: None, group: None };
+        if let Some(mut finding) = (Judged { reference: 0.0, scatter: 0.0, against: "recording" }).finding(&m, header) {
+            finding.text = format!(
+                "{path}: the {} of its gaps lies up to {} {} than the contour that the other recording declares (score {:.0})",
+                Segment::name(form.segment),
+                GAP_FORM.size(value),
+                if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less },
+                finding.score
+            );
+            found.push(finding);
+        }
+    }
+    found
+}
+
+/// Support of an element of a contour in the direction of a normal that it has [m].
+fn support(element: &Element, direction_rad: f64) -> Option<f64> {
+    let (sin, cos) = crate::units::sin_cos(direction_rad);
+    let normal = Vec2::new(cos, sin);
+    match *element {
+        Element::Line { start, end } => {
+            let tangent = (end - start).normalize();
+            let is_its = (tangent.y - cos).abs() < 1e-3 && (tangent.x + sin).abs() < 1e-3;
+            is_its.then(|| start.dot(&normal))
+        }
+        Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
+            // The normal of a concave arc points at its centre.
+            let (sign, at_rad) = if sweep_rad > 0.0 { (1.0, direction_rad) } else { (-1.0, direction_rad + std::f64::consts::PI) };
+            let along = crate::units::wrap_angle((at_rad - start_rad - 0.5 * sweep_rad) * sweep_rad.signum());
+            (along.abs() <= 0.5 * sweep_rad.abs()).then(|| centre.dot(&normal) + sign * radius_m)
+        }
+    }
+}
+
+/// A contour of a header, in the geometry's own terms.
+fn elements(outline: &Outline) -> Vec<Element> {
+    let of = |e: &crate::recording::frame::OutlineElement| {
+        let (start, end) = (Vec2::new(e.start_x_m, e.start_y_m), Vec2::new(e.end_x_m, e.end_y_m));
+        let centre = Vec2::new(e.centre_x_m, e.centre_y_m);
+        if e.radius_m > 0.0 {
+            let start_rad = crate::units::atan2(start.y - centre.y, start.x - centre.x);
+            Element::Arc { centre, radius_m: e.radius_m, start_rad, sweep_rad: e.sweep_rad }
+        } else {
+            Element::Line { start, end }
+        }
+    };
+    outline.elements.iter().map(of).collect()
 }
 
 /// Whether two recordings are of one drive; if not, what differs.
@@ -372,9 +535,4 @@ pub fn same_drive(a: &Header, b: &Header) -> Result<(), String> {
         return Err("their links or bodies have other contours".into());
     }
     Ok(())
-}
-
-/// The link that is told about where its pitch is: for tests of texts.
-pub fn is_pitch(finding: &Finding) -> bool {
-    finding.quantity == PITCH.key
 }

@@ -17,8 +17,18 @@ use std::f64::consts::PI;
 
 /// Contacts of a gap from which its place is told.
 const SAMPLES: usize = 8;
-/// Share of each column that holds unknowns at zero which the samples do not tell: lines have one direction only.
+/// Share of each column that holds unknowns at zero which the samples do not tell: lines have one direction only. Of common arcs, and of
+/// the sideways shift of single gaps, whose links may come to rest at one spot: what cannot be told apart counts as depth.
 const RIDGE: f64 = 1e-9;
+const SIDEWAYS_RIDGE: f64 = 1e-4;
+/// Gaps that must share an arc: what fewer touch is no common form.
+const SHARED_BY: usize = 4;
+/// Spread of the normals from which the radius of an arc is told [rad].
+const SPREAD_RAD: f64 = 0.05;
+/// A ring is round if its points lie on a circle within this [m].
+const ROUND_M: f64 = 0.5e-6;
+/// Share of the scatter of gaps that a wave must have to be one.
+const WAVE: f64 = 0.5;
 /// A gap is compared with those that lie within this robust deviation of the others [m]; the others do not form the common arc.
 const ODD_M: f64 = 2e-6;
 /// Passes in which odd gaps and eccentricity are taken out of the common arcs.
@@ -36,6 +46,8 @@ struct SprocketSums {
     /// By gap and segment.
     arcs: BTreeMap<(u32, u32), Arc>,
     ring: NormalEquations<RING_UNKNOWNS>,
+    /// The same without waves.
+    circle: Arc,
     law: NormalEquations<2>,
     /// Of each gap: frames in which a bush or a flank pushes in it, frames in which a joint lies over it, its least radius [m].
     seated: Vec<usize>,
@@ -57,6 +69,40 @@ pub struct GapFit {
     pub sinks_m: f64,
 }
 
+/// A part of the contour that all gaps share, where links touch it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GapForm {
+    /// A [`Segment`].
+    pub segment: u32,
+    /// Radius (negative: concave) and centre in the frame of gap 0 [m].
+    pub arc: [f64; 3],
+    /// Mean direction of the normals, and their standard deviation [rad].
+    pub direction_rad: f64,
+    pub spread_rad: f64,
+    pub samples: usize,
+}
+
+impl GapForm {
+    /// Support of the contour in a direction: where links touch it, this is known though the arc may not be [m].
+    pub fn support_m(&self, direction_rad: f64) -> f64 {
+        let (sin, cos) = crate::units::sin_cos(direction_rad);
+        self.arc[0] + self.arc[1] * cos + self.arc[2] * sin
+    }
+
+    /// Radius, where the normals spread enough to tell it [m].
+    pub fn radius_m(&self) -> Option<f64> {
+        (self.spread_rad >= SPREAD_RAD).then_some(self.arc[0].abs())
+    }
+}
+
+/// A wave of the gaps' places round a sprocket.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlaceWave {
+    /// Waves a turn.
+    pub order: usize,
+    pub amplitude_m: f64,
+}
+
 /// The toothing of a sprocket.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SprocketFit {
@@ -64,9 +110,12 @@ pub struct SprocketFit {
     /// Size [m] and direction [rad], from gap 0 counterclockwise, of where its gaps lie beside its axis.
     pub eccentricity_m: Option<Estimate>,
     pub eccentric_towards_rad: f64,
-    /// Radius of the seat's arc, and of its bottom about the axis [m].
+    /// What all gaps share, by segment.
+    pub forms: Vec<GapForm>,
+    /// Of the gaps' places along the turn.
+    pub wave: Option<PlaceWave>,
+    /// Radius of the seats' arc, where normals spread enough to tell it [m].
     pub seat_radius_m: Option<Estimate>,
-    pub root_radius_m: Option<Estimate>,
     /// Of the contact law: force over penetration, over its rate.
     pub stiffness_n_per_m: Option<Estimate>,
     pub damping_n_s_per_m: Option<Estimate>,
@@ -107,7 +156,9 @@ impl GapPass {
                 let direction = crate::units::atan2(n[1], n[0]) - angle;
                 sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
                 if c.segment[row] == Segment::Ring as u32 {
-                    sums.ring.add(ring_waves(direction, info.teeth), support);
+                    let waves = ring_waves(direction, info.teeth);
+                    sums.ring.add(waves, support);
+                    sums.circle.add([1.0, waves[1], waves[2]], support);
                     continue;
                 }
                 let theta = direction - 2.0 * PI * f64::from(c.tooth[row]) / f64::from(info.teeth);
@@ -169,13 +220,19 @@ impl SprocketSums {
     /// The arc that all gaps share in a segment, without those that lie elsewhere; `beside`: by how much the sprocket's eccentricity
     /// shifts them all.
     fn common(&self, odd: &[bool], beside: &[[f64; 2]]) -> BTreeMap<u32, [f64; 3]> {
-        let mut sums: BTreeMap<u32, Arc> = BTreeMap::new();
+        self.common_sums(odd, beside).into_iter().filter_map(|(s, arc)| Some((s, arc.solve(RIDGE)?.value))).collect()
+    }
+
+    fn common_sums(&self, odd: &[bool], beside: &[[f64; 2]]) -> BTreeMap<u32, Arc> {
+        let (mut sums, mut gaps): (BTreeMap<u32, Arc>, BTreeMap<u32, usize>) = Default::default();
         for ((gap, segment), arc) in self.arcs.iter().filter(|((gap, _), _)| !odd[*gap as usize]) {
             let (mut own, e) = (*arc, beside[*gap as usize]);
             own.xy = std::array::from_fn(|i| arc.xy[i] - e[0] * arc.xx[i][1] - e[1] * arc.xx[i][2]);
             sums.entry(*segment).or_default().join(&own);
+            *gaps.entry(*segment).or_default() += 1;
         }
-        sums.into_iter().filter_map(|(segment, arc)| Some((segment, arc.solve(RIDGE)?.value))).collect()
+        sums.retain(|segment, _| gaps.get(segment).is_some_and(|n| *n >= SHARED_BY));
+        sums
     }
 
     /// How far each gap lies beside the common arcs: outwards, sideways, as sums of their equations.
@@ -209,11 +266,14 @@ impl SprocketSums {
             common = self.common(&odd, &beside);
             let sums: Vec<NormalEquations<2>> = (0..teeth).map(|g| self.shift(g as u32, &common)).collect();
             eccentric = eccentricity(&sums, &odd);
-            shifts = sums.iter().map(|s| (s.samples >= SAMPLES).then(|| s.solve(RIDGE)).flatten()).collect();
+            shifts = sums.iter().map(|s| (s.samples >= SAMPLES).then(|| held(s).solve(0.0)).flatten()).collect();
+            let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
+            let centre = [middle_of(0), middle_of(1)];
             for (g, shift) in shifts.iter_mut().enumerate() {
-                beside[g] = eccentric.map_or([0.0; 2], |e| seen_from(e.value, g, teeth));
+                let e = eccentric.map_or([0.0; 2], |e| seen_from(e.value, g, teeth));
+                beside[g] = shift.map_or(e, |s| [s.value[0] - centre[0], s.value[1] - centre[1]]);
                 if let Some(shift) = shift {
-                    shift.value = [shift.value[0] - beside[g][0], shift.value[1] - beside[g][1]];
+                    shift.value = [shift.value[0] - e[0], shift.value[1] - e[1]];
                 }
             }
             let outward: Vec<f64> = shifts.iter().flatten().map(|s| s.value[0]).collect();
@@ -222,7 +282,9 @@ impl SprocketSums {
                 odd[g] = shift.is_some_and(|s| (s.value[0] - centre).abs() > (6.0 * scatter).max(ODD_M));
             }
         }
-        self.told(&shifts, eccentric.map(|e| (e, self.samples())), &common)
+        let forms = self.common_sums(&odd, &beside);
+        let forms = forms.iter().filter_map(|(segment, sums)| form(*segment, sums, common.get(segment)?)).collect();
+        self.told(&shifts, eccentric.map(|e| (e, self.samples())), forms)
     }
 
     fn samples(&self) -> usize {
@@ -233,7 +295,7 @@ impl SprocketSums {
         &self,
         shifts: &[Option<Solution<2>>],
         eccentric: Option<(Solution<2>, usize)>,
-        common: &BTreeMap<u32, [f64; 3]>,
+        forms: Vec<GapForm>,
     ) -> SprocketFit {
         let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
         let (outward, sideways) = (middle_of(0), middle_of(1));
@@ -253,8 +315,9 @@ impl SprocketSums {
         };
         let law = self.law.solve(0.0);
         let ring = self.ring.solve(0.0);
-        let seat = common.get(&(Segment::Seat as u32)).filter(|_| self.has_seats);
-        let of_seat = |value: f64| Estimate { value, error: 0.0, samples: self.samples() };
+        let circle = self.circle.solve(0.0).filter(|c| c.residual <= ROUND_M);
+        let seat = forms.iter().find(|f| f.segment == Segment::Seat as u32).filter(|_| self.has_seats);
+        let seat = seat.and_then(|f| Some(Estimate { value: f.radius_m()?, error: 0.0, samples: f.samples }));
         SprocketFit {
             gaps: shifts.iter().enumerate().map(gap).collect(),
             eccentricity_m: eccentric.map(|(e, samples)| Estimate {
@@ -263,11 +326,12 @@ impl SprocketSums {
                 samples,
             }),
             eccentric_towards_rad: eccentric.map_or(0.0, |(e, _)| crate::units::atan2(e.value[1], e.value[0])),
-            seat_radius_m: seat.map(|p| of_seat(p[0].abs())),
-            root_radius_m: seat.map(|p| of_seat(p[0] + p[1])),
+            wave: wave(shifts, sideways),
+            seat_radius_m: seat,
+            forms,
             stiffness_n_per_m: law.map(|l| Estimate::of(&l, 0, self.law.samples)),
             damping_n_s_per_m: law.map(|l| Estimate::of(&l, 1, self.law.samples)),
-            ring_radius_m: ring.map(|r| Estimate::of(&r, 0, self.ring.samples)),
+            ring_radius_m: circle.map(|c| Estimate::of(&c, 0, self.circle.samples)),
             ring_eccentricity_m: ring.map(|r| Estimate {
                 value: libm::hypot(r.value[1], r.value[2]),
                 error: libm::hypot(r.error[1], r.error[2]),
@@ -276,6 +340,40 @@ impl SprocketSums {
             ring_towards_rad: ring.map_or(0.0, |r| crate::units::atan2(r.value[2], r.value[1])),
         }
     }
+}
+
+/// The common arc of a segment, with where it is touched.
+fn form(segment: u32, sums: &Arc, arc: &[f64; 3]) -> Option<GapForm> {
+    let n = sums.samples as f64;
+    let (cos, sin) = (sums.xx[0][1] / n, sums.xx[0][2] / n);
+    // Of a narrow bundle: 1 - |mean| is half the variance.
+    let spread_rad = (2.0 * (1.0 - libm::hypot(cos, sin))).max(0.0).sqrt();
+    let direction_rad = crate::units::atan2(sin, cos);
+    (sums.samples >= SAMPLES).then_some(GapForm { segment, arc: *arc, direction_rad, spread_rad, samples: sums.samples })
+}
+
+/// The wave that most of the scatter of the gaps' places along the turn belongs to; None where there is none, or gaps are unknown.
+fn wave(shifts: &[Option<Solution<2>>], centre: f64) -> Option<PlaceWave> {
+    let places: Vec<f64> = shifts.iter().map(|s| s.map(|s| s.value[1] - centre)).collect::<Option<_>>()?;
+    let n = places.len() as f64;
+    let mean = places.iter().sum::<f64>() / n;
+    let variance = places.iter().map(|p| (p - mean) * (p - mean)).sum::<f64>() / n;
+    let of = |order: usize| {
+        let sum = places.iter().enumerate().fold([0.0; 2], |sum, (g, p)| {
+            let (sin, cos) = crate::units::sin_cos(2.0 * PI * (order * g) as f64 / n);
+            [sum[0] + p * cos, sum[1] + p * sin]
+        });
+        PlaceWave { order, amplitude_m: 2.0 / n * libm::hypot(sum[0], sum[1]) }
+    };
+    let largest = (2..places.len().div_ceil(2)).map(of).max_by(|a, b| a.amplitude_m.total_cmp(&b.amplitude_m))?;
+    (0.5 * largest.amplitude_m * largest.amplitude_m >= WAVE * variance).then_some(largest)
+}
+
+/// The equations of one gap, its sideways shift held near zero.
+fn held(shift: &NormalEquations<2>) -> NormalEquations<2> {
+    let mut held = *shift;
+    held.xx[1][1] += SIDEWAYS_RIDGE * shift.samples as f64;
+    held
 }
 
 /// A vector of the sprocket, as a gap sees it: outwards, sideways.

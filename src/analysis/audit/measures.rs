@@ -22,8 +22,18 @@ pub struct Measure {
     /// told apart by as much; among neighbours that scatter, by more.
     pub least: f64,
     pub least_share: f64,
-    /// Whether it is a property of the part; if not, it is what the properties lead to: forces, losses.
-    pub is_property: bool,
+    pub kind: MeasureKind,
+}
+
+/// Whether a number belongs to a part, or follows from others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MeasureKind {
+    /// Forces, losses, speeds.
+    Consequence,
+    /// How the drive is put together: preload and places of axes, which lengths of links lead to as well.
+    Assembly,
+    Property,
 }
 
 const UM: (&str, f64) = ("um", 1e-6);
@@ -38,7 +48,7 @@ const fn property(
     unit: (&'static str, f64),
     (least, least_share): (f64, f64),
 ) -> Measure {
-    Measure { key, words, more, less, unit, shown_in: unit, least, least_share, is_property: true }
+    Measure { key, words, more, less, unit, shown_in: unit, least, least_share, kind: MeasureKind::Property }
 }
 
 const fn effect(
@@ -48,7 +58,7 @@ const fn effect(
     unit: (&'static str, f64),
     (least, least_share): (f64, f64),
 ) -> Measure {
-    Measure { key, words, more, less, unit, shown_in: unit, least, least_share, is_property: false }
+    Measure { key, words, more, less, unit, shown_in: unit, least, least_share, kind: MeasureKind::Consequence }
 }
 
 // Differences that count: healthy bundled drives of 40 to 200 ms scatter by less than a third of them.
@@ -62,7 +72,7 @@ pub static INERTIA: Measure =
 pub static JOINT_STIFFNESS: Measure =
     property("stiffness_n_per_m", "stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.05));
 pub static JOINT_DAMPING: Measure =
-    property("damping_n_s_per_m", "damping", ("more damped", "less damped"), ("N s/m", 1.0), (0.0, 0.1));
+    property("damping_n_s_per_m", "damping", ("more damped", "less damped"), ("N s/m", 1.0), (0.0, 0.3));
 pub static CLEARANCE: Measure = property("clearance_m", "clearance", ("looser", "closer"), UM, (2e-6, 0.0));
 pub static FRICTION_ARM: Measure = property(
     "friction_arm_m",
@@ -86,10 +96,14 @@ pub static ECCENTRICITY: Measure =
 pub static RING_ECCENTRICITY: Measure =
     property("ring_eccentricity_m", "eccentricity of its ring", ("eccentric", "less eccentric"), UM, (4e-6, 0.0));
 pub static SEAT_RADIUS: Measure =
-    Measure { shown_in: MM, ..property("seat_radius_m", "radius of its seats", ("wider", "narrower"), UM, (5e-6, 0.0)) };
-pub static ROOT_RADIUS: Measure = Measure {
+    Measure { shown_in: MM, ..property("seat_radius_m", "radius of its seats", ("wider", "narrower"), UM, (25e-6, 0.0)) };
+pub static GAP_FORM: Measure = property("gap_form_m", "contour of its gaps", ("further out", "further in"), UM, (5e-6, 0.0));
+pub static PLACE_WAVE: Measure =
+    property("place_wave_m", "wave of its gaps' places along the turn", ("more uneven", "less uneven"), UM, (4e-6, 0.0));
+pub static AXES: Measure = Measure {
     shown_in: MM,
-    ..property("root_radius_m", "radius of the bottom of its seats", ("high", "low"), UM, (4e-6, 0.0))
+    kind: MeasureKind::Assembly,
+    ..property("axes_m", "distance of its sprockets' axes", ("longer", "shorter"), UM, (15e-6, 0.0))
 };
 pub static RING_RADIUS: Measure =
     Measure { shown_in: MM, ..property("ring_radius_m", "radius of its ring", ("high", "low"), UM, (4e-6, 0.0)) };
@@ -99,10 +113,12 @@ pub static CONTACT_DAMPING: Measure =
     property("contact_damping_n_s_per_m", "contact damping", ("more damped", "less damped"), ("N s/m", 1.0), (0.0, 0.2));
 pub static GUIDE_FRICTION: Measure =
     property("friction", "friction", ("more friction", "less friction"), ("", 1.0), (0.005, 0.1));
-pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (10e-6, 0.0));
+pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
-pub static PRELOAD: Measure =
-    property("preload_n", "mean tension of all spans", ("tighter", "slacker"), NEWTON, (5.0, 0.05));
+pub static PRELOAD: Measure = Measure {
+    kind: MeasureKind::Assembly,
+    ..property("preload_n", "mean tension of all spans", ("tighter", "slacker"), NEWTON, (5.0, 0.05))
+};
 pub static TENSION: Measure = effect("tension_n", "mean tension", ("tighter", "slacker"), NEWTON, (10.0, 0.1));
 pub static SPEED: Measure = effect("speed_rad_s", "mean speed", ("faster", "slower"), ("rpm", PI / 30.0), (0.1, 0.01));
 pub static OUTER_TORQUE: Measure =
@@ -178,6 +194,9 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
     let spans = &audit.spans;
     for (ends, tension) in &spans.spans {
         put_one(&mut all, AuditPart::Span(*ends), &TENSION, Some(*tension), None);
+        // The axes of a pair once, though two spans may lie between them.
+        let is_first = ends.0 < ends.1 || !spans.axes.contains_key(&(ends.1, ends.0));
+        put_one(&mut all, AuditPart::Span(*ends), &AXES, spans.axes.get(ends).filter(|_| is_first).and_then(|a| a.estimate()), None);
     }
     put_one(&mut all, AuditPart::Spans, &PRELOAD, spans.preload_n, Some(header.static_tension_n));
     for (k, [speed, _, outer, angle]) in spans.turning.iter().enumerate() {
@@ -252,7 +271,8 @@ fn put_sprockets(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
         let mut put = |measure, estimate, declared| put_one(all, part, measure, estimate, declared);
         put(&ECCENTRICITY, fit.eccentricity_m, Some(0.0));
         put(&SEAT_RADIUS, fit.seat_radius_m, None);
-        put(&ROOT_RADIUS, fit.root_radius_m, None);
+        let samples = fit.gaps.iter().map(|g| g.seated).sum();
+        put(&PLACE_WAVE, fit.wave.map(|w| Estimate { value: w.amplitude_m, error: 0.0, samples }), Some(0.0));
         put(&RING_RADIUS, fit.ring_radius_m, None);
         put(&RING_ECCENTRICITY, fit.ring_eccentricity_m, Some(0.0));
         put(&CONTACT_STIFFNESS, fit.stiffness_n_per_m, None);

@@ -36,7 +36,7 @@ impl Running {
         (self.squares / self.samples.max(1) as f64 - self.mean() * self.mean()).max(0.0).sqrt()
     }
 
-    fn estimate(&self) -> Option<Estimate> {
+    pub fn estimate(&self) -> Option<Estimate> {
         let error = self.scatter() / (self.samples.max(1) as f64).sqrt();
         (self.samples > 0).then(|| Estimate { value: self.mean(), error, samples: self.samples })
     }
@@ -80,6 +80,8 @@ pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(Spa
 #[derive(Clone, Debug, Default)]
 pub struct SpanPass {
     pub spans: BTreeMap<SpanEnds, Running>,
+    /// Distance of the axes at its ends.
+    axes: BTreeMap<SpanEnds, Running>,
     /// Mean over the spans of each frame.
     loop_n: Running,
     /// Speed, torque of chains and outer torque of each row of `rotors`, and its angle.
@@ -91,6 +93,7 @@ pub struct SpanPass {
 #[derive(Clone, Debug, Default)]
 pub struct SpanFit {
     pub spans: Vec<(SpanEnds, Estimate)>,
+    pub axes: BTreeMap<SpanEnds, Running>,
     pub preload_n: Option<Estimate>,
     /// Speed, torque of chains, outer torque, angle of each row of `rotors`.
     pub turning: Vec<[Option<Estimate>; 4]>,
@@ -103,6 +106,8 @@ impl SpanPass {
         let found = spans_of(frame, header, topology);
         for (ends, force) in &found {
             self.spans.entry(*ends).or_default().add(*force);
+            let [from, to] = [ends.0, ends.1].map(|b| header.bodies.get(b).map_or([0.0; 2], |b| b.pose(frame).0));
+            self.axes.entry(*ends).or_default().add(libm::hypot(to[0] - from[0], to[1] - from[1]));
         }
         if !found.is_empty() {
             self.loop_n.add(found.iter().map(|(_, f)| f).sum::<f64>() / found.len() as f64);
@@ -124,6 +129,7 @@ impl SpanPass {
         });
         SpanFit {
             spans: self.spans.iter().filter_map(|(ends, sum)| Some((*ends, sum.estimate()?))).collect(),
+            axes: self.axes.clone(),
             preload_n: self.loop_n.estimate(),
             turning: self.turning.iter().map(|sums| std::array::from_fn(|i| sums[i].estimate())).collect(),
             power_w,
