@@ -273,6 +273,11 @@ impl OrderSpectrum {
         1.0 / self.turns
     }
 
+    /// Values that the zeros behind the samples put into one resolution.
+    pub fn values_per_resolution(&self) -> usize {
+        (self.resolution() / self.step) as usize
+    }
+
     /// Largest amplitude within half a resolution of an order.
     pub fn near(&self, order: f64) -> f64 {
         let reach = 0.5 * self.resolution();
@@ -344,7 +349,29 @@ impl OrderSpectrum {
         // An even number of half teeth is a number of teeth; a sprocket's turn goes before many of another.
         names.retain(|(times, name)| !(name.starts_with("half") && times % 2 == 0));
         names.sort_by_key(|(times, _)| *times);
-        names.into_iter().map(|(_, name)| name).take(3).collect()
+        let names: Vec<String> = names.into_iter().map(|(_, name)| name).take(3).collect();
+        if names.is_empty() { self.side_band(order, bases).into_iter().collect() } else { names }
+    }
+
+    /// A multiple of teeth, a turn or two of a sprocket beside it: a tooth order whose size changes once a turn.
+    fn side_band(&self, order: f64, bases: &[OrderBase]) -> Option<String> {
+        let resolved = |b: &&OrderBase| b.order * self.turns >= 2.0;
+        let teeth = bases.iter().filter(|b| b.highest == MULTIPLES.2 && b.name.starts_with("tooth"));
+        let turns = || bases.iter().filter(|b| b.highest == MULTIPLES.0).filter(resolved);
+        let mut found: Vec<(u32, String)> = Vec::new();
+        for tooth in teeth {
+            let times = libm::round(order / tooth.order);
+            let beside = order - times * tooth.order;
+            for turn in turns() {
+                let by = libm::round(beside.abs() / turn.order);
+                let fits = (by * turn.order - beside.abs()).abs() < 0.35 * self.resolution();
+                if fits && (1.0..=2.0).contains(&by) && times >= 1.0 {
+                    let sign = if beside > 0.0 { '+' } else { '-' };
+                    found.push((by as u32, format!("{} x {times} {sign} {by} x {}", tooth.name, turn.name)));
+                }
+            }
+        }
+        found.into_iter().min_by_key(|(by, _)| *by).map(|(_, name)| name)
     }
 }
 

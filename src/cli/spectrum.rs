@@ -39,8 +39,9 @@ pub struct SpectrumArgs {
 
 /// Share of the highest order that frames resolve up to which a spectrum is shown: above, interpolation and aliases count.
 const SHOWN: f64 = 0.9;
-/// Ratio of amplitudes from which an order differs from the other recording, if it has at least this share of the largest.
-const DIFFERS: (f64, f64) = (1.5, 0.02);
+/// Ratio of amplitudes from which an order differs from the other recording, if it has at least this share of the largest, and this
+/// prominence: what rises less from its surroundings is noise, or a resonance.
+const DIFFERS: (f64, f64, f64) = (1.5, 0.02, 5.0);
 
 /// A recording's spectrum.
 struct Sheet {
@@ -146,6 +147,7 @@ fn differing(own: &Sheet, theirs: &Sheet, highest: f64) -> Vec<(f64, Vec<String>
     let largest = a.peaks.iter().chain(&b.peaks).map(|p| p.amplitude).fold(0.0, f64::max);
     let mut found: Vec<(f64, Vec<String>, f64, f64)> = Vec::new();
     let mut peaks: Vec<&SpectrumPeak> = a.peaks.iter().chain(&b.peaks).filter(|p| p.order <= highest).collect();
+    peaks.retain(|p| p.prominence >= DIFFERS.2);
     peaks.sort_by(|p, q| q.amplitude.total_cmp(&p.amplitude));
     for peak in peaks {
         let (here, there) = (a.near(peak.order), b.near(peak.order));
@@ -160,7 +162,7 @@ fn differing(own: &Sheet, theirs: &Sheet, highest: f64) -> Vec<(f64, Vec<String>
 }
 
 fn name_of(names: &[String]) -> String {
-    if names.is_empty() { "no order of a part".into() } else { names.join(", ") }
+    if names.is_empty() { "-".into() } else { names.join(", ") }
 }
 
 fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
@@ -198,7 +200,7 @@ fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet
         for (order, names, here, there) in found.iter().take(args.top) {
             lines.push(format!(
                 "  {} (order {order:.3}): {here:.5} {}, in the other recording {there:.5} {}",
-                name_of(names),
+                if names.is_empty() { "no part's order".into() } else { name_of(names) },
                 signal.unit,
                 signal.unit
             ));
@@ -215,8 +217,7 @@ fn csv(own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
     let s = &own.spectrum;
     let mut lines = vec![format!("order,frequency_hz,amplitude{}", if theirs.is_some() { ",amplitude_other" } else { "" })];
     // Zeros made it denser than it is.
-    let every = ((0.5 * s.resolution() / s.step) as usize).max(1);
-    for (k, amplitude) in s.amplitudes.iter().enumerate().step_by(every) {
+    for (k, amplitude) in s.amplitudes.iter().enumerate().step_by(s.values_per_resolution().div_ceil(2).max(1)) {
         let order = k as f64 * s.step;
         if order > highest {
             break;

@@ -8,8 +8,9 @@ const PAGE: (f64, f64) = (960.0, 440.0);
 const FIELD: (f64, f64, f64, f64) = (78.0, 44.0, 860.0, 340.0);
 /// Decades that are drawn below the largest amplitude.
 const DECADES: f64 = 4.0;
-/// Peaks that have their names drawn.
+/// Peaks that have their names drawn, and their least distance.
 const NAMED: usize = 12;
+const APART: f64 = 13.0;
 
 /// The picture. `title`: recording and quantity; `unit` of the amplitudes; `highest`: order at the right edge.
 pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectrum)], highest: f64) -> String {
@@ -29,11 +30,11 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectru
         h = PAGE.1,
     );
     for decade in 0..=DECADES as i32 {
-        let at = upper - f64::from(decade);
+        let at = upper as i32 - decade;
         let y = top + height * f64::from(decade) / DECADES;
         let _infallible = writeln!(
             s,
-            "<path d=\"M{left} {y:.1}h{width}\" stroke=\"#ddd\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">1e{at:.0}</text>",
+            "<path d=\"M{left} {y:.1}h{width}\" stroke=\"#ddd\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">1e{at}</text>",
             left - 6.0,
             y + 4.0
         );
@@ -73,12 +74,17 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectru
             escaped(name)
         );
     }
-    for peak in curves.first().iter().flat_map(|(_, s)| s.peaks.iter().filter(|p| p.order <= highest).take(NAMED)) {
-        let text = peak.names.first().map_or_else(|| format!("{:.2}", peak.order), Clone::clone);
+    let mut named: Vec<f64> = Vec::new();
+    for peak in curves.first().iter().flat_map(|(_, s)| s.peaks.iter().filter(|p| p.order <= highest)) {
+        let Some(text) = peak.names.first() else { continue };
+        if named.len() >= NAMED || named.iter().any(|at| (at - x(peak.order)).abs() < APART) {
+            continue;
+        }
+        named.push(x(peak.order));
         let _infallible = writeln!(
             s,
             "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" transform=\"rotate(-55 {x:.1} {y:.1})\">{}</text>",
-            escaped(&text),
+            escaped(text),
             x = x(peak.order) + 3.0,
             y = (y(peak.amplitude) - 4.0).max(top + 8.0)
         );

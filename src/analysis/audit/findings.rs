@@ -6,7 +6,7 @@
 
 use super::least_squares::{median, middle};
 use super::measures::{
-    AuditPart, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, Measure, MeasureKind, Measured, AXES, PRELOAD, OUTWARD, PLACE_WAVE, RING_ECCENTRICITY, TOUCHED, measured, short,
+    AuditPart, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, Measure, MeasureKind, Measured, AXES, CLEARANCE, JOINT_STIFFNESS, PITCH, PRELOAD, TENSION, TIGHTENING, OUTWARD, PLACE_WAVE, RING_ECCENTRICITY, TOUCHED, measured, short,
 };
 use super::{Audit, Estimate};
 use crate::geometry::Vec2;
@@ -16,6 +16,8 @@ use std::collections::BTreeMap;
 
 /// From this score on a part stands out.
 const SCORE: f64 = 8.0;
+/// What is compared with an exact zero has no scale.
+const LARGEST_SCORE: f64 = 1e6;
 /// Parts of a group that are compared with their median.
 const NEIGHBOURS: usize = 6;
 /// Share of a group beyond which a common difference is one of the group.
@@ -110,6 +112,7 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
     }
     found.extend(guide_heights(audit, header, good_header, moved_m));
     found.extend(gap_forms(audit, header, good_header));
+    found.extend(tightening(&found, (&all, &theirs), header));
     let own = findings(audit, header);
     let known = |f: &Finding| found.iter().any(|k| k.part == f.part && k.quantity == f.quantity);
     let news: Vec<Finding> = own.into_iter().filter(|f| !known(f)).collect();
@@ -122,7 +125,7 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
 fn with_more(mut finding: Finding, m: &Measured, audit: &Audit, (header, other): (&Header, &Header)) -> Finding {
     if m.measure == &PRELOAD {
         let (own, theirs) = (header.static_tension_n, other.static_tension_n);
-        finding.text += &format!("; at rest, the headers declare {own:.1} and {theirs:.1} N");
+        finding.text += &format!("; at rest under load the headers declare {own:.1} and {theirs:.1} N");
     }
     let AuditPart::Body(body) = m.part else { return finding };
     let Some(fit) = audit.sprockets.get(body) else { return finding };
@@ -192,15 +195,23 @@ impl Measure {
     }
 }
 
-/// Some six digits.
+/// A difference in percent, of quantities that are compared so.
+fn share(measure: &Measure, difference: f64, reference: f64) -> String {
+    let is_share = measure.least_share > 0.0 && reference.abs() > 1e-3 * difference.abs();
+    if is_share { format!(" ({:.0} %)", 100.0 * (difference / reference).abs()) } else { String::new() }
+}
+
+/// Five digits.
 fn digits(value: f64) -> String {
-    let places = if value == 0.0 { 3 } else { (5.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
-    format!("{value:.places$}")
+    let places = if value.abs() < 5e-7 { 1 } else { (4.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
+    let shown = format!("{value:.places$}");
+    // No sign before a zero.
+    if shown.trim_matches(['-', '0', '.']).is_empty() { shown.replace('-', "") } else { shown }
 }
 
 /// Three digits.
 fn rough(value: f64) -> String {
-    let places = if value == 0.0 { 1 } else { (2.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
+    let places = if value.abs() < 5e-7 { 1 } else { (2.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
     format!("{value:.places$}")
 }
 
@@ -220,6 +231,7 @@ impl Judged {
         if score.is_nan() || score < SCORE {
             return None;
         }
+        let score = score.min(LARGEST_SCORE);
         let name = m.part.name(header);
         let word = if difference > 0.0 { m.measure.more } else { m.measure.less };
         let than = match self.against {
@@ -229,18 +241,14 @@ impl Judged {
         };
         let size = m.measure.size(difference);
         let (own, other) = (m.measure.shown(m.estimate.value), m.measure.shown(self.reference));
-        let share = if self.reference.abs() > 1e-3 * m.estimate.value.abs() && m.measure.least_share > 0.0 {
-            format!(", {:+.0} %", 100.0 * difference / self.reference.abs())
-        } else {
-            String::new()
-        };
+        let share = share(m.measure, difference, self.reference);
         let place = place(m.part, header);
         let text = match m.part {
             AuditPart::Gap(..) => format!("{name} lies {size} {word} {}", beside(self.against)),
             _ if m.declared == Some(0.0) => {
                 format!("{name}: {} {own}, {other} {}", m.measure.words, from(self.against))
             }
-            _ => format!("{name}: {} {own}, {size} {word}{share} {than} ({other}){place}", m.measure.words),
+            _ => format!("{name}: {} {own}, {size}{share} {word} {than} ({other}){place}", m.measure.words),
         };
         Some(self.told(m, header, difference, score, text))
     }
@@ -308,14 +316,10 @@ fn of_group(first: &Measured, pairs: &[(&Measured, f64)], shift: f64, least: f64
     let group = first.group.clone().unwrap_or_default();
     let value = median(pairs.iter().map(|(m, _)| m.estimate.value));
     let word = if shift > 0.0 { measure.more } else { measure.less };
-    let share = if measure.least_share > 0.0 {
-        format!(", {:+.0} %", 100.0 * shift / (value - shift).abs().max(1e-300))
-    } else {
-        String::new()
-    };
+    let share = share(measure, shift, value - shift);
     let score = shift.abs() / (least / SCORE).max(1e-300);
     let text = format!(
-        "all {} {group}: {} {}, {} {word}{share} than in the other recording ({}) (score {score:.0})",
+        "all {} {group}: {} {}, {}{share} {word} than in the other recording ({}) (score {score:.0})",
         pairs.len(),
         measure.words,
         measure.shown(value),
@@ -353,19 +357,59 @@ fn unseated(audit: &Audit, header: &Header) -> Vec<Finding> {
             let estimate = Estimate { value: gap.sinks_m, error: 0.0, samples: gap.over };
             let part = AuditPart::Gap(body, gap_number);
             let m = Measured { part, measure: &OUTWARD, estimate, declared: None, group: None };
-            let seated = if gap.seated == 0 { "never".to_string() } else { format!("in {} frames only", gap.seated) };
-            let depth = gap.sinks_m * 1e6;
+            let seated = match gap.seated {
+                0 => format!("is never seated in the {} frames", gap.over),
+                n => format!("is seated in {n} of the {} frames only", gap.over),
+            };
             let text = format!(
-                "{} is seated {seated}, of {} in which a joint lies over it: at least {:.1} um low",
+                "{} {seated} in which a joint lies over it: it is low, by more than the {:.1} um that joints sink deeper there",
                 part.name(header),
-                gap.over,
-                (-depth).max(0.0)
+                (-gap.sinks_m * 1e6).max(0.0)
             );
             let judged = Judged { reference: 0.0, scatter: 0.0, against: "neighbours" };
             found.push(judged.told(&m, header, gap.sinks_m.min(0.0), usual / SEATED * SCORE, text));
         }
     }
     found
+}
+
+/// How much less or more the chain was tightened at rest: links and joints being as long and stiff as in the other recording, from how far the
+/// axes of the spans moved, n of its joints in series with the measured stiffness.
+fn tightening(found: &[Finding], (all, theirs): (&[Measured], &[Measured]), header: &Header) -> Option<Finding> {
+    let lengths = [PITCH.key, CLEARANCE.key, JOINT_STIFFNESS.key, GAP_FORM.key];
+    if found.iter().any(|f| lengths.contains(&f.quantity)) {
+        return None;
+    }
+    let value = |list: &[Measured], key: &str| median(list.iter().filter(|m| m.measure.key == key).map(|m| m.estimate.value));
+    let axes = |list: &[Measured], part: AuditPart| {
+        list.iter().find(|m| m.measure == &AXES && m.part == part).map(|m| m.estimate.value)
+    };
+    let moved = all.iter().filter(|m| m.measure == &AXES).filter_map(|m| {
+        let AuditPart::Span((from, to)) = m.part else { return None };
+        let spans = all.iter().filter(|s| s.measure == &TENSION);
+        let spans = spans.filter(|s| s.part == m.part || s.part == AuditPart::Span((to, from))).count();
+        let radius = |b: usize| {
+            let teeth = header.bodies.get(b).map_or(0, |b| b.teeth).max(1);
+            0.5 * value(all, PITCH.key) / crate::units::sin_cos(std::f64::consts::PI / f64::from(teeth)).0
+        };
+        let lean = (radius(to) - radius(from)) / m.estimate.value;
+        let change = m.estimate.value - axes(theirs, m.part)?;
+        Some(spans as f64 * change * (1.0 - lean * lean).max(0.0).sqrt())
+    });
+    let longer_m: f64 = moved.sum();
+    let difference = value(all, JOINT_STIFFNESS.key) * longer_m / header.links.len().max(1) as f64;
+    let tension = value(theirs, PRELOAD.key);
+    let estimate = Estimate { value: tension + difference, error: 0.0, samples: 0 };
+    let m = Measured { part: AuditPart::Spans, measure: &TIGHTENING, estimate, declared: None, group: None };
+    let judged = Judged { reference: tension, scatter: 0.0, against: "recording" };
+    let mut finding = judged.finding(&m, header)?;
+    finding.text = format!(
+        "chain: it is tightened by {} {} at rest than in the other recording, as its axes stand and its joints yield (score {:.0})",
+        TIGHTENING.size(difference),
+        if difference > 0.0 { "more" } else { "less" },
+        finding.score
+    );
+    Some(finding)
 }
 
 /// How far straight faces stand above those of the other recording: over the line that touches both pitch circles of their span, so that a
@@ -455,15 +499,14 @@ fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
         let Some(path) = header.bodies.get(body).map(|b| &b.path) else { continue };
         let other = good.bodies.iter().find(|b| b.path == *path).and_then(|b| b.outline.as_ref());
         let Some(elements) = other.map(elements).filter(|e| !e.is_empty()) else { continue };
-        let off = |form: &super::gaps::GapForm, turn: f64| {
-            let direction = form.direction_rad + 1.5 * turn * form.spread_rad;
-            let own = form.support_m(direction);
-            let theirs = elements.iter().filter_map(|e| support(e, direction));
-            theirs.map(|h| own - h).min_by(|a, b| a.abs().total_cmp(&b.abs()))
+        let off = |(point, normal): ([f64; 2], [f64; 2])| {
+            let (point, normal) = (Vec2::new(point[0], point[1]), Vec2::new(normal[0], normal[1]));
+            let feet = elements.iter().map(|e| e.closest(point).point);
+            let nearest = feet.min_by(|a, b| (a - point).norm().total_cmp(&(b - point).norm()))?;
+            Some((point - nearest).dot(&normal))
         };
-        let offs = fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED).flat_map(|form| {
-            [-1.0, 0.0, 1.0].into_iter().filter_map(move |turn| Some((off(form, turn)?, form)))
-        });
+        let forms = fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED);
+        let offs = forms.flat_map(|form| form.places().into_iter().filter_map(|place| Some((off(place)?, form))).collect::<Vec<_>>());
         let Some((value, form)) = offs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) else { continue };
         let estimate = Estimate { value, error: 0.0, samples: form.samples };
         let m = Measured { part: AuditPart::Body(body), measure: &GAP_FORM, estimate, declared: None, group: None };
@@ -479,25 +522,6 @@ fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
         }
     }
     found
-}
-
-/// Support of an element of a contour in the direction of a normal that it has [m].
-fn support(element: &Element, direction_rad: f64) -> Option<f64> {
-    let (sin, cos) = crate::units::sin_cos(direction_rad);
-    let normal = Vec2::new(cos, sin);
-    match *element {
-        Element::Line { start, end } => {
-            let tangent = (end - start).normalize();
-            let is_its = (tangent.y - cos).abs() < 1e-3 && (tangent.x + sin).abs() < 1e-3;
-            is_its.then(|| start.dot(&normal))
-        }
-        Element::Arc { centre, radius_m, start_rad, sweep_rad } => {
-            // The normal of a concave arc points at its centre.
-            let (sign, at_rad) = if sweep_rad > 0.0 { (1.0, direction_rad) } else { (-1.0, direction_rad + std::f64::consts::PI) };
-            let along = crate::units::wrap_angle((at_rad - start_rad - 0.5 * sweep_rad) * sweep_rad.signum());
-            (along.abs() <= 0.5 * sweep_rad.abs()).then(|| centre.dot(&normal) + sign * radius_m)
-        }
-    }
 }
 
 /// A contour of a header, in the geometry's own terms.

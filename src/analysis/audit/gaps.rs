@@ -45,6 +45,8 @@ type Arc = NormalEquations<3>;
 struct SprocketSums {
     /// By gap and segment.
     arcs: BTreeMap<(u32, u32), Arc>,
+    /// By segment: sum of the points of the contour in the frame of their gap, and their number.
+    points: BTreeMap<u32, ([f64; 2], usize)>,
     ring: NormalEquations<RING_UNKNOWNS>,
     /// The same without waves.
     circle: Arc,
@@ -76,6 +78,8 @@ pub struct GapForm {
     pub segment: u32,
     /// Radius (negative: concave) and centre in the frame of gap 0 [m].
     pub arc: [f64; 3],
+    /// Mean of the points that were touched, in the frame of gap 0 [m].
+    pub point_m: [f64; 2],
     /// Mean direction of the normals, and their standard deviation [rad].
     pub direction_rad: f64,
     pub spread_rad: f64,
@@ -83,10 +87,21 @@ pub struct GapForm {
 }
 
 impl GapForm {
-    /// Support of the contour in a direction: where links touch it, this is known though the arc may not be [m].
-    pub fn support_m(&self, direction_rad: f64) -> f64 {
-        let (sin, cos) = crate::units::sin_cos(direction_rad);
-        self.arc[0] + self.arc[1] * cos + self.arc[2] * sin
+    /// Points of the contour with their normals: in the middle of where it is touched, and to both sides where the normals spread enough to
+    /// tell the arc.
+    pub fn places(&self) -> Vec<([f64; 2], [f64; 2])> {
+        let [radius, x, y] = self.arc;
+        let (sin, cos) = crate::units::sin_cos(self.direction_rad);
+        // Along the normal as the arc says, across it where the points lie.
+        let (along, across) = (radius + x * cos + y * sin, self.point_m[1] * cos - self.point_m[0] * sin);
+        let mut places = vec![([along * cos - across * sin, along * sin + across * cos], [cos, sin])];
+        if self.spread_rad >= SPREAD_RAD {
+            places.extend([-1.0, 1.0].map(|turn| {
+                let (sin, cos) = crate::units::sin_cos(self.direction_rad + turn * self.spread_rad);
+                ([x + radius * cos, y + radius * sin], [cos, sin])
+            }));
+        }
+        places
     }
 
     /// Radius, where the normals spread enough to tell it [m].
@@ -164,6 +179,10 @@ impl GapPass {
                 let theta = direction - 2.0 * PI * f64::from(c.tooth[row]) / f64::from(info.teeth);
                 let (sin, cos) = crate::units::sin_cos(theta);
                 sums.arcs.entry((c.tooth[row], c.segment[row])).or_default().add([1.0, cos, sin], support);
+                let (sum, count) = sums.points.entry(c.segment[row]).or_default();
+                let (turn_sin, turn_cos) = crate::units::sin_cos(theta - crate::units::atan2(n[1], n[0]));
+                *sum = [sum[0] + s[0] * turn_cos - s[1] * turn_sin, sum[1] + s[0] * turn_sin + s[1] * turn_cos];
+                *count += 1;
                 sums.seated[c.tooth[row] as usize] += 1;
                 sums.has_seats |= c.feature[row] <= Feature::FrontBush as u32;
             }
@@ -266,15 +285,15 @@ impl SprocketSums {
             common = self.common(&odd, &beside);
             let sums: Vec<NormalEquations<2>> = (0..teeth).map(|g| self.shift(g as u32, &common)).collect();
             eccentric = eccentricity(&sums, &odd);
-            shifts = sums.iter().map(|s| (s.samples >= SAMPLES).then(|| held(s).solve(0.0)).flatten()).collect();
+            let ways: Vec<[f64; 2]> =
+                (0..teeth).map(|g| eccentric.map_or([0.0; 2], |e| seen_from(e.value, g, teeth))).collect();
+            let own = |(s, way): (&NormalEquations<2>, &[f64; 2])| (s.samples >= SAMPLES).then(|| held(s, *way).solve(0.0));
+            shifts = sums.iter().zip(&ways).map(own).map(Option::flatten).collect();
             let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
             let centre = [middle_of(0), middle_of(1)];
-            for (g, shift) in shifts.iter_mut().enumerate() {
-                let e = eccentric.map_or([0.0; 2], |e| seen_from(e.value, g, teeth));
-                beside[g] = shift.map_or(e, |s| [s.value[0] - centre[0], s.value[1] - centre[1]]);
-                if let Some(shift) = shift {
-                    shift.value = [shift.value[0] - e[0], shift.value[1] - e[1]];
-                }
+            for ((beside, shift), way) in beside.iter_mut().zip(&shifts).zip(&ways) {
+                let own = shift.map_or([0.0; 2], |s| [s.value[0] - centre[0], s.value[1] - centre[1]]);
+                *beside = [way[0] + own[0], way[1] + own[1]];
             }
             let outward: Vec<f64> = shifts.iter().flatten().map(|s| s.value[0]).collect();
             let (centre, scatter) = middle(&outward);
@@ -283,7 +302,12 @@ impl SprocketSums {
             }
         }
         let forms = self.common_sums(&odd, &beside);
-        let forms = forms.iter().filter_map(|(segment, sums)| form(*segment, sums, common.get(segment)?)).collect();
+        let forms = forms.iter().filter_map(|(segment, sums)| {
+            let (sum, count) = self.points.get(segment)?;
+            let point = sum.map(|v| v / *count as f64);
+            form(*segment, sums, common.get(segment)?, point)
+        });
+        let forms = forms.collect();
         self.told(&shifts, eccentric.map(|e| (e, self.samples())), forms)
     }
 
@@ -313,7 +337,7 @@ impl SprocketSums {
                 sinks_m: self.lowest_m[g] - lowest,
             }
         };
-        let law = self.law.solve(0.0);
+        let (stiffness, damping) = super::law_of(&self.law);
         let ring = self.ring.solve(0.0);
         let circle = self.circle.solve(0.0).filter(|c| c.residual <= ROUND_M);
         let seat = forms.iter().find(|f| f.segment == Segment::Seat as u32).filter(|_| self.has_seats);
@@ -329,8 +353,8 @@ impl SprocketSums {
             wave: wave(shifts, sideways),
             seat_radius_m: seat,
             forms,
-            stiffness_n_per_m: law.map(|l| Estimate::of(&l, 0, self.law.samples)),
-            damping_n_s_per_m: law.map(|l| Estimate::of(&l, 1, self.law.samples)),
+            stiffness_n_per_m: stiffness,
+            damping_n_s_per_m: damping,
             ring_radius_m: circle.map(|c| Estimate::of(&c, 0, self.circle.samples)),
             ring_eccentricity_m: ring.map(|r| Estimate {
                 value: libm::hypot(r.value[1], r.value[2]),
@@ -343,13 +367,14 @@ impl SprocketSums {
 }
 
 /// The common arc of a segment, with where it is touched.
-fn form(segment: u32, sums: &Arc, arc: &[f64; 3]) -> Option<GapForm> {
+fn form(segment: u32, sums: &Arc, arc: &[f64; 3], point_m: [f64; 2]) -> Option<GapForm> {
     let n = sums.samples as f64;
     let (cos, sin) = (sums.xx[0][1] / n, sums.xx[0][2] / n);
     // Of a narrow bundle: 1 - |mean| is half the variance.
     let spread_rad = (2.0 * (1.0 - libm::hypot(cos, sin))).max(0.0).sqrt();
     let direction_rad = crate::units::atan2(sin, cos);
-    (sums.samples >= SAMPLES).then_some(GapForm { segment, arc: *arc, direction_rad, spread_rad, samples: sums.samples })
+    let samples = sums.samples;
+    (samples >= SAMPLES).then_some(GapForm { segment, arc: *arc, point_m, direction_rad, spread_rad, samples })
 }
 
 /// The wave that most of the scatter of the gaps' places along the turn belongs to; None where there is none, or gaps are unknown.
@@ -369,11 +394,14 @@ fn wave(shifts: &[Option<Solution<2>>], centre: f64) -> Option<PlaceWave> {
     (0.5 * largest.amplitude_m * largest.amplitude_m >= WAVE * variance).then_some(largest)
 }
 
-/// The equations of one gap, its sideways shift held near zero.
-fn held(shift: &NormalEquations<2>) -> NormalEquations<2> {
-    let mut held = *shift;
-    held.xx[1][1] += SIDEWAYS_RIDGE * shift.samples as f64;
-    held
+/// The equations of what is left of one gap's shift beside a known way; sideways it is held near zero.
+fn held(shift: &NormalEquations<2>, way: [f64; 2]) -> NormalEquations<2> {
+    let mut left = *shift;
+    let pulled: [f64; 2] = std::array::from_fn(|i| shift.xx[i][0] * way[0] + shift.xx[i][1] * way[1]);
+    left.xy = std::array::from_fn(|i| shift.xy[i] - pulled[i]);
+    left.yy += (0..2).map(|i| way[i] * (pulled[i] - 2.0 * shift.xy[i])).sum::<f64>();
+    left.xx[1][1] += SIDEWAYS_RIDGE * shift.samples as f64;
+    left
 }
 
 /// A vector of the sprocket, as a gap sees it: outwards, sideways.

@@ -91,7 +91,7 @@ impl GuidePass {
 
 impl GuideSums {
     fn fit(&self, header: &Header) -> GuideFit {
-        let law = self.law.solve(0.0);
+        let (stiffness, damping) = super::law_of(&self.law);
         let friction = self.friction.solve(0.0);
         let info = &header.bodies[self.body];
         // Of a guide that stands: its frame is that of the header.
@@ -105,8 +105,8 @@ impl GuideSums {
         let frames = self.frames.max(1);
         GuideFit {
             body: self.body,
-            stiffness_n_per_m: law.map(|l| Estimate::of(&l, 0, self.law.samples)),
-            damping_n_s_per_m: law.map(|l| Estimate::of(&l, 1, self.law.samples)),
+            stiffness_n_per_m: stiffness,
+            damping_n_s_per_m: damping,
             friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
             force_n: Some(Estimate { value: self.force_n / frames as f64, error: 0.0, samples: frames }),
             face,

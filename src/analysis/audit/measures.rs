@@ -68,23 +68,23 @@ pub static PITCH: Measure = Measure {
 };
 pub static MASS: Measure = property("mass_kg", "mass", ("heavier", "lighter"), ("g", 1e-3), (0.0, 0.02));
 pub static INERTIA: Measure =
-    property("inertia_kg_m2", "moment of inertia", ("more inert", "less inert"), ("g mm2", 1e-9), (0.0, 0.02));
+    property("inertia_kg_m2", "moment of inertia", ("more", "less"), ("g mm2", 1e-9), (0.0, 0.02));
 pub static JOINT_STIFFNESS: Measure =
     property("stiffness_n_per_m", "stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.05));
 pub static JOINT_DAMPING: Measure =
-    property("damping_n_s_per_m", "damping", ("more damped", "less damped"), ("N s/m", 1.0), (0.0, 0.3));
-pub static CLEARANCE: Measure = property("clearance_m", "clearance", ("looser", "closer"), UM, (2e-6, 0.0));
+    property("damping_n_s_per_m", "damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.5));
+pub static CLEARANCE: Measure = property("clearance_m", "clearance", ("more", "less"), UM, (2e-6, 0.0));
 pub static FRICTION_ARM: Measure = property(
     "friction_arm_m",
     "friction arm (friction times pin radius)",
-    ("more friction", "less friction"),
+    ("more", "less"),
     UM,
     (5e-6, 0.1),
 );
 pub static TIGHT_TORQUE: Measure = property(
     "tight_torque_nm",
     "friction torque whatever the force",
-    ("tighter", "less tight"),
+    ("more", "less"),
     ("mN m", 1e-3),
     (2e-3, 0.0),
 );
@@ -110,16 +110,20 @@ pub static RING_RADIUS: Measure =
 pub static CONTACT_STIFFNESS: Measure =
     property("contact_stiffness_n_per_m", "contact stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.1));
 pub static CONTACT_DAMPING: Measure =
-    property("contact_damping_n_s_per_m", "contact damping", ("more damped", "less damped"), ("N s/m", 1.0), (0.0, 0.2));
+    property("contact_damping_n_s_per_m", "contact damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
 pub static GUIDE_FRICTION: Measure =
-    property("friction", "friction", ("more friction", "less friction"), ("", 1.0), (0.005, 0.1));
+    property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
 pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
 pub static PRELOAD: Measure = Measure {
     kind: MeasureKind::Assembly,
-    ..property("preload_n", "mean tension of all spans", ("tighter", "slacker"), NEWTON, (5.0, 0.05))
+    ..property("preload_n", "mean tension of all spans", ("more", "less"), NEWTON, (5.0, 0.05))
 };
-pub static TENSION: Measure = effect("tension_n", "mean tension", ("tighter", "slacker"), NEWTON, (10.0, 0.1));
+pub static TIGHTENING: Measure = Measure {
+    kind: MeasureKind::Assembly,
+    ..property("tightening_n", "tension at rest", ("tighter", "slacker"), NEWTON, (5.0, 0.04))
+};
+pub static TENSION: Measure = effect("tension_n", "mean tension", ("more", "less"), NEWTON, (10.0, 0.1));
 pub static SPEED: Measure = effect("speed_rad_s", "mean speed", ("faster", "slower"), ("rpm", PI / 30.0), (0.1, 0.01));
 pub static OUTER_TORQUE: Measure =
     effect("outer_torque_nm", "mean torque of drive and load", ("more", "less"), TORQUE, (0.5, 0.05));

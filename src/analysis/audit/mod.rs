@@ -36,6 +36,17 @@ pub struct Estimate {
     pub samples: usize,
 }
 
+/// Contacts from which a contact law is told, and the largest share of a stiffness that its error may be.
+const CONTACTS: usize = 20;
+const LAW_ERROR: f64 = 0.1;
+
+/// Stiffness and damping of a contact law; None where the contacts do not tell.
+fn law_of(sums: &least_squares::NormalEquations<2>) -> (Option<Estimate>, Option<Estimate>) {
+    let law = sums.solve(0.0).filter(|l| sums.samples >= CONTACTS && l.error[0] < LAW_ERROR * l.value[0]);
+    let of = |i: usize| law.map(|l| Estimate::of(&l, i, sums.samples));
+    (of(0), of(1))
+}
+
 impl Estimate {
     fn of<const N: usize>(solution: &Solution<N>, i: usize, samples: usize) -> Estimate {
         Estimate { value: solution.value[i], error: solution.error[i], samples }
