@@ -2,6 +2,9 @@
 //! name each: the part, the quantity, its sign, and its size within a fifth. Nothing of the drive's text reaches these verbs but names.
 //! Healthy drives must be told healthy.
 
+use pitchline::analysis::audit::Topology;
+use pitchline::analysis::audit::links::{JointPass, LinkSums};
+use pitchline::recording::frame::{Contacts, Frame, Joints, Links};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -81,13 +84,21 @@ fn common(dice: &mut Dice, rows: [&str; 2]) -> Vec<Cause> {
             um * 1e-6,
         ),
         cause(
-            [format!("effects.tight_joint.odd.joint={joint}"), format!("effects.tight_joint.odd.torque_nm={}", nmm * 1e-3)],
+            [
+                format!("effects.tight_joint.odd.joint={joint}"),
+                format!("effects.tight_joint.odd.torque_nm={}", nmm * 1e-3),
+            ],
             format!("joint {joint}"),
             "tight_torque_nm",
             nmm * 1e-3,
         ),
         cause([format!("effects.pin_friction.chain.friction={mu}")], "joints", "friction_arm_m", mu),
-        cause([format!("effects.wear_elongation.chain.length_um={worn}")], format!("{} links", rows[0]), "pitch_m", worn * 1e-6),
+        cause(
+            [format!("effects.wear_elongation.chain.length_um={worn}")],
+            format!("{} links", rows[0]),
+            "pitch_m",
+            worn * 1e-6,
+        ),
         cause([format!("chain.joint.clearance_um={clearance}")], "joints", "clearance_m", clearance * 1e-6),
         cause([format!("chain.joint.damping_n_s_per_m={damping}")], "joints", "damping_n_s_per_m", damping),
         cause(["chain.joint.stiffness_n_per_m=2.2e7".into()], "joints", "stiffness_n_per_m", -8e6),
@@ -338,9 +349,103 @@ fn healthy_drives_are_told_healthy_alone_and_against_themselves() {
         let (a, b) = (a.to_str().expect("text"), b.to_str().expect("text"));
         for args in [vec!["audit", a], vec!["audit", a, "--against", b]] {
             let found = json(&args);
-            let properties = found["findings"].as_array().expect("a list").iter().filter(|f| f["kind"] != "consequence");
+            let properties =
+                found["findings"].as_array().expect("a list").iter().filter(|f| f["kind"] != "consequence");
             let properties: Vec<&Value> = properties.collect();
             assert!(properties.is_empty(), "{drive}, {ms}, {}: {properties:#?}", args.len());
         }
+    }
+}
+
+/// A chain of links that fly freely: known masses, arms and joints, random motion, forces by the law of the joint. What no drive file can plant, one
+/// heavy link and one stiff damper, is found with the rest.
+#[test]
+fn frames_made_by_hand_give_back_masses_arms_and_joints() {
+    const N: usize = 6;
+    let mut dice = Dice(99);
+    let mass = [2.7e-3, 3.4e-3, 2.7e-3, 6.8e-3, 2.7e-3, 3.4e-3];
+    let inertia = [56e-9, 65e-9, 56e-9, 130e-9, 56e-9, 65e-9];
+    let (arm, stiffness, clearance) = ([4e-3, 4e-3, 4.02e-3, 4e-3, 4e-3, 4e-3], 3e7, 12e-6);
+    let damping = [100.0, 100.0, 700.0, 100.0, 100.0, 100.0];
+    let (friction_arm, tight) = (165e-6, [0.0, 0.0, 0.0, 0.0, 0.2, 0.0]);
+    let topology = Topology {
+        ahead: (0..N).map(|i| (i + 1) % N).collect(),
+        behind: (0..N).map(|i| (i + N - 1) % N).collect(),
+        row: (0..N as u32).map(|i| i % 2).collect(),
+        pitch_m: 8e-3,
+        forwards: true,
+    };
+    let mut frames = Vec::new();
+    for _ in 0..60 {
+        let mut random = |size: f64| (2.0 * dice.roll() - 1.0) * size;
+        let angle: Vec<f64> = (0..N).map(|_| random(0.5)).collect();
+        let omega: Vec<f64> = (0..N).map(|_| random(300.0)).collect();
+        let pull: Vec<[f64; 2]> = (0..N).map(|_| [300.0 + random(250.0), random(80.0)]).collect();
+        let rate: Vec<[f64; 2]> = (0..N).map(|_| [random(0.2), random(0.2)]).collect();
+        let heading = |i: usize| [libm::cos(angle[i]), libm::sin(angle[i])];
+        let (mut links, mut joints) = (Links::default(), Joints::default());
+        let (mut place, mut speed) = (vec![[0.0; 2]; N], vec![[0.0; 2]; N]);
+        for i in 0..N {
+            let (force, [nx, ny]) = {
+                let size = libm::hypot(pull[i][0], pull[i][1]);
+                (size, [pull[i][0] / size, pull[i][1] / size])
+            };
+            // |F| = k (|u| - c_r) + c u' . n, along u.
+            let along = rate[i][0] * nx + rate[i][1] * ny;
+            let stretch = clearance + (force - damping[i] * along) / stiffness;
+            let relative = omega[(i + 1) % N] - omega[i];
+            joints.force_x_n.push(pull[i][0]);
+            joints.force_y_n.push(pull[i][1]);
+            joints.friction_torque_nm.push(-(friction_arm * force + tight[i]) * relative.signum());
+            if i + 1 < N {
+                let (own, next) = (heading(i), heading(i + 1));
+                for axis in 0..2 {
+                    let n = [nx, ny][axis];
+                    place[i + 1][axis] = place[i][axis] + arm[i] * own[axis] + arm[i + 1] * next[axis] - stretch * n;
+                }
+                let turned = |i: usize| [-omega[i] * heading(i)[1], omega[i] * heading(i)[0]];
+                for axis in 0..2 {
+                    speed[i + 1][axis] =
+                        speed[i][axis] + arm[i] * turned(i)[axis] + arm[i + 1] * turned(i + 1)[axis] - rate[i][axis];
+                }
+            }
+        }
+        for i in 0..N {
+            let (front, rear) = ([-pull[i][0], -pull[i][1]], pull[(i + N - 1) % N]);
+            let cross = |f: [f64; 2]| heading(i)[0] * f[1] - heading(i)[1] * f[0];
+            let friction = joints.friction_torque_nm[(i + N - 1) % N] - joints.friction_torque_nm[i];
+            links.x_m.push(place[i][0]);
+            links.y_m.push(place[i][1]);
+            links.angle_rad.push(angle[i]);
+            links.vx_m_s.push(speed[i][0]);
+            links.vy_m_s.push(speed[i][1]);
+            links.omega_rad_s.push(omega[i]);
+            links.ax_m_s2.push((front[0] + rear[0]) / mass[i]);
+            links.ay_m_s2.push((front[1] + rear[1]) / mass[i]);
+            links.alpha_rad_s2.push((arm[i] * cross(front) - arm[i] * cross(rear) + friction) / inertia[i]);
+        }
+        frames.push(Frame { links, joints, contacts: Contacts::default(), ..Frame::default() });
+    }
+    let mut sums = LinkSums::new(N);
+    frames.iter().for_each(|f| sums.take(f, &topology));
+    let links = sums.fits();
+    let mut pass = JointPass::new(&sums, &links, &topology);
+    frames.iter().for_each(|f| pass.take(f, &topology));
+    let joints = pass.fits();
+    // Rounding, times what the unknowns amplify it.
+    let near =
+        |measured: f64, truth: f64, scale: f64| assert!((measured - truth).abs() < 1e-6 * scale, "{measured} {truth}");
+    for i in 0..N {
+        near(links[i].mass_kg.expect("known").value, mass[i], mass[i]);
+        near(links[i].inertia_kg_m2.expect("known").value, inertia[i], inertia[i]);
+        near(links[i].pitch_m().expect("known").value, 2.0 * arm[i], 8e-3);
+        near(joints[i].friction_arm_m.expect("known").value, friction_arm, friction_arm);
+        near(joints[i].tight_torque_nm.expect("known").value, tight[i], 0.2);
+    }
+    // The last joint would close the ring, which these links do not.
+    for (joint, truth) in joints.iter().zip(damping).take(N - 1) {
+        near(joint.stiffness_n_per_m.expect("known").value, stiffness, stiffness);
+        near(joint.clearance_m.expect("known").value, clearance, clearance);
+        near(joint.damping_n_s_per_m.expect("known").value, truth, truth);
     }
 }

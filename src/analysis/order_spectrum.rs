@@ -326,9 +326,7 @@ impl OrderSpectrum {
         let per_resolution = self.resolution() / self.step;
         let (own, reach) = ((2.5 * per_resolution) as usize, (12.0 * per_resolution) as usize);
         let (from, to) = (k.saturating_sub(reach), (k + reach).min(self.amplitudes.len() - 1));
-        super::audit::least_squares::median(
-            (from..=to).filter(|i| i.abs_diff(k) > own).map(|i| self.amplitudes[i]),
-        )
+        super::audit::least_squares::median((from..=to).filter(|i| i.abs_diff(k) > own).map(|i| self.amplitudes[i]))
     }
 
     /// What comes back at this order.
@@ -342,7 +340,11 @@ impl OrderSpectrum {
         };
         let name = |base: &OrderBase| {
             let times = libm::round(order / base.order) as u32;
-            if base.highest == MULTIPLES.0 { format!("{times} x {}", base.name) } else { format!("{} x {times}", base.name) }
+            if base.highest == MULTIPLES.0 {
+                format!("{times} x {}", base.name)
+            } else {
+                format!("{} x {times}", base.name)
+            }
         };
         let mut names: Vec<(u32, String)> =
             bases.iter().filter(fits).map(|b| (libm::round(order / b.order) as u32, name(b))).collect();
@@ -407,7 +409,10 @@ mod tests {
             .map(|t| turns_per_s * t + swing * libm::sin(2.0 * PI * 20.0 * t))
             .collect();
         let value = |x: &f64| {
-            100.0 + 0.3 * libm::sin(2.0 * PI * 0.5 * x + 1.0) + 2.0 * libm::cos(2.0 * PI * 20.0 * x) + 0.05 * libm::cos(2.0 * PI * 30.0 * x)
+            100.0
+                + 0.3 * libm::sin(2.0 * PI * 0.5 * x + 1.0)
+                + 2.0 * libm::cos(2.0 * PI * 20.0 * x)
+                + 0.05 * libm::cos(2.0 * PI * 30.0 * x)
         };
         let values = turns.iter().map(value).collect();
         AngleRecord { turns, values, bases: bases(), driver: "driver".into(), turns_per_s, interval_s }
@@ -418,7 +423,9 @@ mod tests {
         for swing in [0.0, 0.04] {
             let s = spectrum(&record(swing)).expect("ten turns");
             let named = |name: &str| s.peaks.iter().find(|p| p.names.iter().any(|n| n == name)).expect("a peak");
-            for (name, order, size) in [("tooth x 1", 20.0, 2.0), ("1 x driven", 0.5, 0.3), ("half tooth x 3", 30.0, 0.05)] {
+            for (name, order, size) in
+                [("tooth x 1", 20.0, 2.0), ("1 x driven", 0.5, 0.3), ("half tooth x 3", 30.0, 0.05)]
+            {
                 let peak = named(name);
                 println!("{name}: {} at {}", peak.amplitude, peak.order);
                 assert!((peak.amplitude / size - 1.0).abs() < 0.01, "{name}: {peak:?}");

@@ -68,8 +68,12 @@ impl Signal {
                     None => format!("{report}").lines().last().unwrap_or_default().trim().to_string(),
                 };
                 let sensors: Vec<&str> = header.sensors.iter().map(|s| s.path.as_str()).collect();
-                let sensors = if sensors.is_empty() { String::new() } else { format!("; sensors: {}", sensors.join(", ")) };
-                Err(format!("this recording has no quantity `{name}`\nhelp: {}{sensors}", help.trim_start_matches("= help: ")))
+                let sensors =
+                    if sensors.is_empty() { String::new() } else { format!("; sensors: {}", sensors.join(", ")) };
+                Err(format!(
+                    "this recording has no quantity `{name}`\nhelp: {}{sensors}",
+                    help.trim_start_matches("= help: ")
+                ))
             }
         }
     }
@@ -181,7 +185,8 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
         own.clone().position(|c| c.name == wanted).ok_or_else(|| {
             let names: Vec<&str> = own.map(|c| c.name).collect();
             let help = nearest(wanted, names.iter().copied());
-            let help = help.map_or_else(|| format!("it has {}", names.join(", ")), |near| format!("did you mean `{near}`?"));
+            let help =
+                help.map_or_else(|| format!("it has {}", names.join(", ")), |near| format!("did you mean `{near}`?"));
             format!("table `{table_name}` has no column `{wanted}`\nhelp: {help}")
         })
     };
@@ -191,9 +196,9 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
         return Ok(Some((table, of(wanted)?, row)));
     }
     let paths = header.row_paths(info.rows).unwrap_or_default();
-    let found = rest.rsplit_once('.').and_then(|(path, wanted)| {
-        Some((wanted, paths.iter().position(|p| p == path || last(p) == path)?))
-    });
+    let found = rest
+        .rsplit_once('.')
+        .and_then(|(path, wanted)| Some((wanted, paths.iter().position(|p| p == path || last(p) == path)?)));
     match found {
         Some((wanted, row)) => Ok(Some((table, of(wanted)?, row))),
         None => {

@@ -58,10 +58,15 @@ pub fn quantity(text: &str, names: &Names) -> Result<(Number, &'static Quantity)
         parser.quantity().and_then(|found| {
             parser.space();
             let word = parser.word_here();
-            if parser.at < text.len() { Err(parser.error(word, "the quantity should end here".into(), None)) } else { Ok(found) }
+            if parser.at < text.len() {
+                Err(parser.error(word, "the quantity should end here".into(), None))
+            } else {
+                Ok(found)
+            }
         })
     };
-    parsed.map_err(|diag| Report::new(vec![SourceText { name: "quantity".into(), text: format!("{text} ") }], vec![diag]))
+    parsed
+        .map_err(|diag| Report::new(vec![SourceText { name: "quantity".into(), text: format!("{text} ") }], vec![diag]))
 }
 
 /// An error of the expression as a whole.

@@ -2,8 +2,8 @@
 
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::same_drive;
-use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::least_squares::middle;
+use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::{Audit, AuditError, Finding, Measured, audit, compared, findings, measured};
 use crate::recording::frame::Header;
 use crate::recording::reader::Reader;
@@ -49,7 +49,13 @@ pub fn run(args: &AuditArgs) -> Result<Outcome, Failure> {
     let all = measured(&own, &header);
     let shown = args.top.unwrap_or(if args.json { usize::MAX } else { PRINTED });
     let result = if args.json {
-        Answer::Json(json(&args.recording, &header, &own, &all, found.get(..shown.min(found.len())).unwrap_or_default()))
+        Answer::Json(json(
+            &args.recording,
+            &header,
+            &own,
+            &all,
+            found.get(..shown.min(found.len())).unwrap_or_default(),
+        ))
     } else {
         Answer::Text(text(&args.recording, &header, (&own, &all), &found, shown))
     };
@@ -143,6 +149,12 @@ fn text(
     lines.join("\n") + "\n"
 }
 
+/// Five places, without a sign before a zero.
+fn number(value: f64) -> String {
+    let shown = format!("{value:.5}");
+    if shown == "-0.00000" { "0.00000".into() } else { shown }
+}
+
 /// A row per group of parts and number.
 fn table(all: &[Measured], header: &Header) -> Vec<String> {
     let mut order = Vec::new();
@@ -162,15 +174,18 @@ fn table(all: &[Measured], header: &Header) -> Vec<String> {
         let (centre, scatter) = middle(&values);
         let ends = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
         let name = if group.len() > 1 { format!("{} {}", group.len(), key.0) } else { key.0.clone() };
-        let what = format!("{name}: {}{}{unit}{}", first.measure.words, if unit.is_empty() { "" } else { " [" }, if unit.is_empty() { "" } else { "]" });
+        let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+        let what = format!("{name}: {}{unit}", first.measure.words);
         let declared: Vec<f64> = group.iter().filter_map(|m| m.declared).map(|d| d / size).collect();
         let declared = if declared.is_empty() { String::new() } else { format!("{:14.5}", middle(&declared).0) };
-        Some(if group.len() > 1 {
-            format!("  {what:66} {centre:14.5} {scatter:13.5} {:13.5} {:13.5}{declared}", ends.0, ends.1)
+        let line = if group.len() > 1 {
+            let (low, high) = (number(ends.0), number(ends.1));
+            format!("  {what:66} {:>14} {:>13} {low:>13} {high:>13}{declared}", number(centre), number(scatter))
         } else {
             let error = first.estimate.error / size;
-            format!("  {what:66} {centre:14.5} {error:13.5} {:27}{declared}", "")
-        })
+            format!("  {what:66} {:>14} {:>13} {:27}{declared}", number(centre), number(error), "")
+        };
+        Some(line.trim_end().to_string())
     };
     order.iter().filter_map(row).collect()
 }

@@ -182,7 +182,10 @@ fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet
         format!("orders are {:.4} apart, and are shown up to {highest:.1}", s.resolution()),
     ];
     let beside = if theirs.is_some() { "  in the other" } else { "" };
-    lines.push(format!("      order  frequency [Hz]  {:>16}{beside}  over its surroundings  name", format!("size {unit}")));
+    lines.push(format!(
+        "      order  frequency [Hz]  {:>16}{beside}  over its surroundings  name",
+        format!("size {unit}")
+    ));
     for peak in shown(s, highest, args.top) {
         let beside = theirs.map_or(String::new(), |t| format!("{:14.5}", t.spectrum.near(peak.order)));
         let times = if peak.prominence >= 1e4 { ">1e4 x".to_string() } else { format!("{:.1} x", peak.prominence) };
@@ -196,7 +199,11 @@ fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet
     }
     if let Some(theirs) = theirs {
         let found = differing(own, theirs, highest);
-        lines.push(if found.is_empty() { "no order differs from the other recording".into() } else { "what differs:".to_string() });
+        lines.push(if found.is_empty() {
+            "no order differs from the other recording".into()
+        } else {
+            "what differs:".to_string()
+        });
         for (order, names, here, there) in found.iter().take(args.top) {
             lines.push(format!(
                 "  {} (order {order:.3}): {here:.5} {}, in the other recording {there:.5} {}",
@@ -215,7 +222,8 @@ fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet
 
 fn csv(own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
     let s = &own.spectrum;
-    let mut lines = vec![format!("order,frequency_hz,amplitude{}", if theirs.is_some() { ",amplitude_other" } else { "" })];
+    let mut lines =
+        vec![format!("order,frequency_hz,amplitude{}", if theirs.is_some() { ",amplitude_other" } else { "" })];
     // Zeros made it denser than it is.
     for (k, amplitude) in s.amplitudes.iter().enumerate().step_by(s.values_per_resolution().div_ceil(2).max(1)) {
         let order = k as f64 * s.step;

@@ -6,7 +6,8 @@
 
 use super::least_squares::{median, middle};
 use super::measures::{
-    AuditPart, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, Measure, MeasureKind, Measured, AXES, CLEARANCE, JOINT_STIFFNESS, PITCH, PRELOAD, TENSION, TIGHTENING, OUTWARD, PLACE_WAVE, RING_ECCENTRICITY, TOUCHED, measured, short,
+    AXES, AuditPart, CLEARANCE, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, JOINT_STIFFNESS, Measure, MeasureKind, Measured,
+    OUTWARD, PITCH, PLACE_WAVE, PRELOAD, RING_ECCENTRICITY, TENSION, TIGHTENING, TOUCHED, measured, short,
 };
 use super::{Audit, Estimate};
 use crate::geometry::Vec2;
@@ -203,7 +204,8 @@ fn share(measure: &Measure, difference: f64, reference: f64) -> String {
 
 /// Five digits.
 fn digits(value: f64) -> String {
-    let places = if value.abs() < 5e-7 { 1 } else { (4.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
+    let places =
+        if value.abs() < 5e-7 { 1 } else { (4.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
     let shown = format!("{value:.places$}");
     // No sign before a zero.
     if shown.trim_matches(['-', '0', '.']).is_empty() { shown.replace('-', "") } else { shown }
@@ -211,7 +213,8 @@ fn digits(value: f64) -> String {
 
 /// Three digits.
 fn rough(value: f64) -> String {
-    let places = if value.abs() < 5e-7 { 1 } else { (2.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
+    let places =
+        if value.abs() < 5e-7 { 1 } else { (2.0 - libm::floor(libm::log10(value.abs()))).clamp(0.0, 6.0) as usize };
     format!("{value:.places$}")
 }
 
@@ -380,7 +383,8 @@ fn tightening(found: &[Finding], (all, theirs): (&[Measured], &[Measured]), head
     if found.iter().any(|f| lengths.contains(&f.quantity)) {
         return None;
     }
-    let value = |list: &[Measured], key: &str| median(list.iter().filter(|m| m.measure.key == key).map(|m| m.estimate.value));
+    let value =
+        |list: &[Measured], key: &str| median(list.iter().filter(|m| m.measure.key == key).map(|m| m.estimate.value));
     let axes = |list: &[Measured], part: AuditPart| {
         list.iter().find(|m| m.measure == &AXES && m.part == part).map(|m| m.estimate.value)
     };
@@ -420,7 +424,10 @@ fn guide_heights(audit: &Audit, header: &Header, good: &Header, moved_m: f64) ->
     for guide in &audit.guides {
         let Some(path) = header.bodies.get(guide.body).map(|b| &b.path) else { continue };
         let (Some(other), Some(face)) = (good.bodies.iter().find(|b| b.path == *path), guide.face) else { continue };
-        let (Some(own_line), Some(line)) = (tangent_near(header, face, pitch_m), tangent_near(good, face, pitch_m)) else { continue };
+        let (Some(own_line), Some(line)) = (tangent_near(header, face, pitch_m), tangent_near(good, face, pitch_m))
+        else {
+            continue;
+        };
         let (sin, cos) = crate::units::sin_cos(other.angle_rad);
         let towards_chain = Vec2::new(-sin, cos);
         let height = |p: [f64; 2]| {
@@ -439,7 +446,13 @@ fn guide_heights(audit: &Audit, header: &Header, good: &Header, moved_m: f64) ->
             continue;
         }
         let estimate = Estimate { value: ends[larger], error: 0.0, samples: guide.touched };
-        let m = Measured { part: AuditPart::Body(guide.body), measure: &GUIDE_HEIGHT, estimate, declared: None, group: None };
+        let m = Measured {
+            part: AuditPart::Body(guide.body),
+            measure: &GUIDE_HEIGHT,
+            estimate,
+            declared: None,
+            group: None,
+        };
         let judged = Judged { reference: 0.0, scatter: 0.0, against: "recording" };
         if let Some(mut finding) = judged.finding(&m, header) {
             let word = |height: f64| if height > 0.0 { "higher" } else { "lower" };
@@ -506,7 +519,9 @@ fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
             Some((point - nearest).dot(&normal))
         };
         let forms = fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED);
-        let offs = forms.flat_map(|form| form.places().into_iter().filter_map(|place| Some((off(place)?, form))).collect::<Vec<_>>());
+        let offs = forms.flat_map(|form| {
+            form.places().into_iter().filter_map(|place| Some((off(place)?, form))).collect::<Vec<_>>()
+        });
         let Some((value, form)) = offs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) else { continue };
         let estimate = Estimate { value, error: 0.0, samples: form.samples };
         let m = Measured { part: AuditPart::Body(body), measure: &GAP_FORM, estimate, declared: None, group: None };

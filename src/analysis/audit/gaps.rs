@@ -287,7 +287,8 @@ impl SprocketSums {
             eccentric = eccentricity(&sums, &odd);
             let ways: Vec<[f64; 2]> =
                 (0..teeth).map(|g| eccentric.map_or([0.0; 2], |e| seen_from(e.value, g, teeth))).collect();
-            let own = |(s, way): (&NormalEquations<2>, &[f64; 2])| (s.samples >= SAMPLES).then(|| held(s, *way).solve(0.0));
+            let own =
+                |(s, way): (&NormalEquations<2>, &[f64; 2])| (s.samples >= SAMPLES).then(|| held(s, *way).solve(0.0));
             shifts = sums.iter().zip(&ways).map(own).map(Option::flatten).collect();
             let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
             let centre = [middle_of(0), middle_of(1)];

@@ -78,8 +78,10 @@ impl LinkSums {
         for row in 0..c.link.len() {
             let i = c.link[row] as usize;
             let (normal, friction) = (c.normal_force_n[row], c.tangential_force_n[row]);
-            let force =
-                [normal * c.normal_x[row] - friction * c.normal_y[row], normal * c.normal_y[row] + friction * c.normal_x[row]];
+            let force = [
+                normal * c.normal_x[row] - friction * c.normal_y[row],
+                normal * c.normal_y[row] + friction * c.normal_x[row],
+            ];
             let arm = [c.point_link_x_m[row] - l.x_m[i], c.point_link_y_m[row] - l.y_m[i]];
             self.moments[i] += arm[0] * force[1] - arm[1] * force[0];
             self.forces[i] = [self.forces[i][0] + force[0], self.forces[i][1] + force[1]];

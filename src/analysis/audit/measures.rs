@@ -62,10 +62,8 @@ const fn effect(
 }
 
 // Differences that count: healthy bundled drives of 40 to 200 ms scatter by less than a third of them.
-pub static PITCH: Measure = Measure {
-    shown_in: MM,
-    ..property("pitch_m", "pitch", ("longer", "shorter"), UM, (2e-6, 0.0))
-};
+pub static PITCH: Measure =
+    Measure { shown_in: MM, ..property("pitch_m", "pitch", ("longer", "shorter"), UM, (2e-6, 0.0)) };
 pub static MASS: Measure = property("mass_kg", "mass", ("heavier", "lighter"), ("g", 1e-3), (0.0, 0.02));
 pub static INERTIA: Measure =
     property("inertia_kg_m2", "moment of inertia", ("more", "less"), ("g mm2", 1e-9), (0.0, 0.02));
@@ -74,20 +72,10 @@ pub static JOINT_STIFFNESS: Measure =
 pub static JOINT_DAMPING: Measure =
     property("damping_n_s_per_m", "damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.5));
 pub static CLEARANCE: Measure = property("clearance_m", "clearance", ("more", "less"), UM, (2e-6, 0.0));
-pub static FRICTION_ARM: Measure = property(
-    "friction_arm_m",
-    "friction arm (friction times pin radius)",
-    ("more", "less"),
-    UM,
-    (5e-6, 0.1),
-);
-pub static TIGHT_TORQUE: Measure = property(
-    "tight_torque_nm",
-    "friction torque whatever the force",
-    ("more", "less"),
-    ("mN m", 1e-3),
-    (2e-3, 0.0),
-);
+pub static FRICTION_ARM: Measure =
+    property("friction_arm_m", "friction arm (friction times pin radius)", ("more", "less"), UM, (5e-6, 0.1));
+pub static TIGHT_TORQUE: Measure =
+    property("tight_torque_nm", "friction torque whatever the force", ("more", "less"), ("mN m", 1e-3), (2e-3, 0.0));
 pub static OUTWARD: Measure = property("outward_m", "depth", ("high", "low"), UM, (3e-6, 0.0));
 pub static SIDEWAYS: Measure =
     property("sideways_m", "place along the turn", ("counterclockwise", "clockwise"), UM, (6e-6, 0.0));
@@ -95,11 +83,19 @@ pub static ECCENTRICITY: Measure =
     property("eccentricity_m", "eccentricity of its gaps", ("eccentric", "less eccentric"), UM, (4e-6, 0.0));
 pub static RING_ECCENTRICITY: Measure =
     property("ring_eccentricity_m", "eccentricity of its ring", ("eccentric", "less eccentric"), UM, (4e-6, 0.0));
-pub static SEAT_RADIUS: Measure =
-    Measure { shown_in: MM, ..property("seat_radius_m", "radius of its seats", ("wider", "narrower"), UM, (25e-6, 0.0)) };
-pub static GAP_FORM: Measure = property("gap_form_m", "contour of its gaps", ("further out", "further in"), UM, (5e-6, 0.0));
-pub static PLACE_WAVE: Measure =
-    property("place_wave_m", "wave of its gaps' places along the turn", ("more uneven", "less uneven"), UM, (4e-6, 0.0));
+pub static SEAT_RADIUS: Measure = Measure {
+    shown_in: MM,
+    ..property("seat_radius_m", "radius of its seats", ("wider", "narrower"), UM, (25e-6, 0.0))
+};
+pub static GAP_FORM: Measure =
+    property("gap_form_m", "contour of its gaps", ("further out", "further in"), UM, (5e-6, 0.0));
+pub static PLACE_WAVE: Measure = property(
+    "place_wave_m",
+    "wave of its gaps' places along the turn",
+    ("more uneven", "less uneven"),
+    UM,
+    (4e-6, 0.0),
+);
 pub static AXES: Measure = Measure {
     shown_in: MM,
     kind: MeasureKind::Assembly,
@@ -111,8 +107,7 @@ pub static CONTACT_STIFFNESS: Measure =
     property("contact_stiffness_n_per_m", "contact stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.1));
 pub static CONTACT_DAMPING: Measure =
     property("contact_damping_n_s_per_m", "contact damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
-pub static GUIDE_FRICTION: Measure =
-    property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
+pub static GUIDE_FRICTION: Measure = property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
 pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
 pub static PRELOAD: Measure = Measure {
@@ -172,7 +167,9 @@ impl AuditPart {
             AuditPart::Span((from, to)) => format!("span from `{}` to `{}`", body(from), body(to)),
             AuditPart::Turning(k) => header.coordinates.get(k).cloned().unwrap_or_default(),
             AuditPart::Spans => "chain".into(),
-            AuditPart::Account(k) => Energy::MESSAGE.columns.get(k).map_or_else(String::new, |c| c.name.replace("_j", "")),
+            AuditPart::Account(k) => {
+                Energy::MESSAGE.columns.get(k).map_or_else(String::new, |c| c.name.replace("_j", ""))
+            }
         }
     }
 }
@@ -200,7 +197,13 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
         put_one(&mut all, AuditPart::Span(*ends), &TENSION, Some(*tension), None);
         // The axes of a pair once, though two spans may lie between them.
         let is_first = ends.0 < ends.1 || !spans.axes.contains_key(&(ends.1, ends.0));
-        put_one(&mut all, AuditPart::Span(*ends), &AXES, spans.axes.get(ends).filter(|_| is_first).and_then(|a| a.estimate()), None);
+        put_one(
+            &mut all,
+            AuditPart::Span(*ends),
+            &AXES,
+            spans.axes.get(ends).filter(|_| is_first).and_then(|a| a.estimate()),
+            None,
+        );
     }
     put_one(&mut all, AuditPart::Spans, &PRELOAD, spans.preload_n, Some(header.static_tension_n));
     for (k, [speed, _, outer, angle]) in spans.turning.iter().enumerate() {
