@@ -66,7 +66,7 @@ pub struct SpectrumPeak {
 
 /// Amplitudes by orders.
 #[derive(Clone, Debug, Default)]
-pub struct OrderSpectrum {
+pub struct AngleSpectrum {
     pub mean: f64,
     /// Turns of the driver that were recorded; one over them is the resolution.
     pub turns: f64,
@@ -169,7 +169,7 @@ fn bases(
 ///
 /// # Errors
 /// It is too short, or the driver stands.
-pub fn spectrum(record: &AngleRecord) -> Result<OrderSpectrum, SpectrumError> {
+pub fn spectrum(record: &AngleRecord) -> Result<AngleSpectrum, SpectrumError> {
     let n = record.values.len();
     if n < FEWEST {
         return Err(SpectrumError::Few(n, FEWEST));
@@ -195,7 +195,7 @@ pub fn spectrum(record: &AngleRecord) -> Result<OrderSpectrum, SpectrumError> {
     let amplitudes: Vec<f64> = (0..length / 2).map(|k| 2.0 / sum * libm::hypot(re[k], im[k])).collect();
     // One value more would be the first again: n samples span n distances.
     let step = n as f64 / (length as f64 * turns);
-    let mut found = OrderSpectrum { mean, turns, step, amplitudes, peaks: Vec::new(), turns_per_s: record.turns_per_s };
+    let mut found = AngleSpectrum { mean, turns, step, amplitudes, peaks: Vec::new(), turns_per_s: record.turns_per_s };
     found.peaks = found.find_peaks(&record.bases);
     Ok(found)
 }
@@ -267,7 +267,7 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
     }
 }
 
-impl OrderSpectrum {
+impl AngleSpectrum {
     /// One order per turns recorded: lines closer than twice this are one.
     pub fn resolution(&self) -> f64 {
         1.0 / self.turns
@@ -381,7 +381,7 @@ impl OrderSpectrum {
 const MOST_PEAKS: usize = 60;
 
 /// Bases that the record is too short for, with the time they take [s].
-pub fn unresolved(record: &AngleRecord, spectrum: &OrderSpectrum) -> Vec<(String, f64)> {
+pub fn unresolved(record: &AngleRecord, spectrum: &AngleSpectrum) -> Vec<(String, f64)> {
     let short = record.bases.iter().filter(|b| b.order > 0.0 && b.order * spectrum.turns < PERIODS);
     short.map(|b| (b.name.clone(), PERIODS / b.order / spectrum.turns_per_s.max(1e-12))).collect()
 }

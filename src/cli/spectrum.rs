@@ -3,7 +3,7 @@
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::same_drive;
 use crate::analysis::order_spectrum::{
-    AngleRecord, OrderSpectrum, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
+    AngleRecord, AngleSpectrum, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
 };
 use crate::analysis::signal::Signal;
 use crate::recording::reader::Reader;
@@ -46,7 +46,7 @@ const DIFFERS: (f64, f64, f64) = (1.5, 0.02, 5.0);
 /// A recording's spectrum.
 struct Sheet {
     record: AngleRecord,
-    spectrum: OrderSpectrum,
+    spectrum: AngleSpectrum,
     name: String,
 }
 
@@ -121,7 +121,7 @@ fn draw(
     let inputs = std::iter::once(args.recording.as_path()).chain(args.against.as_deref());
     super::check_outputs([path], inputs)?;
     let title = format!("{}: {}", own.name, signal.name);
-    let curves: Vec<(&str, &OrderSpectrum)> =
+    let curves: Vec<(&str, &AngleSpectrum)> =
         std::iter::once(own).chain(theirs).map(|s| (s.name.as_str(), &s.spectrum)).collect();
     let svg = render::spectrum::svg(&title, &bracketed(&signal.unit), &own.record.driver, &curves, highest);
     let bytes = match path.extension().and_then(|e| e.to_str()) {
@@ -137,7 +137,7 @@ fn bracketed(unit: &str) -> String {
 }
 
 /// Peaks up to an order, the largest first.
-fn shown(spectrum: &OrderSpectrum, highest: f64, top: usize) -> Vec<&SpectrumPeak> {
+fn shown(spectrum: &AngleSpectrum, highest: f64, top: usize) -> Vec<&SpectrumPeak> {
     spectrum.peaks.iter().filter(|p| p.order <= highest).take(top).collect()
 }
 

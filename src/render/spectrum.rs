@@ -1,6 +1,6 @@
 //! A spectrum as SVG: amplitudes over orders on a logarithmic scale, the largest peaks with their names; a second curve in grey.
 
-use crate::analysis::order_spectrum::OrderSpectrum;
+use crate::analysis::order_spectrum::AngleSpectrum;
 use std::fmt::Write;
 
 /// Page, and the diagram on it [user units]: left, top, width, height.
@@ -13,7 +13,7 @@ const NAMED: usize = 12;
 const APART: f64 = 13.0;
 
 /// The picture. `title`: recording and quantity; `unit` of the amplitudes; `highest`: order at the right edge.
-pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectrum)], highest: f64) -> String {
+pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &AngleSpectrum)], highest: f64) -> String {
     let (left, top, width, height) = FIELD;
     let largest = curves.iter().flat_map(|(_, s)| s.peaks.iter().map(|p| p.amplitude)).fold(0.0, f64::max).max(1e-300);
     let upper = libm::ceil(libm::log10(largest) + 0.3);
@@ -29,6 +29,43 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectru
         w = PAGE.0,
         h = PAGE.1,
     );
+    s += &grid(upper, highest, (unit, driver));
+    // The first curve on top.
+    for (k, (name, spectrum)) in curves.iter().enumerate().rev() {
+        let colour = if k == 0 { "#1c6dd0" } else { "#999" };
+        let _infallible = writeln!(
+            s,
+            "<path d=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.2\"/><text x=\"{:.1}\" y=\"{:.1}\" fill=\"{colour}\" \
+             text-anchor=\"end\">{}</text>",
+            curve(spectrum, highest, &x, &y),
+            left + width - 8.0,
+            top + 16.0 + 15.0 * k as f64,
+            escaped(name)
+        );
+    }
+    let mut named: Vec<f64> = Vec::new();
+    for peak in curves.first().iter().flat_map(|(_, s)| s.peaks.iter().filter(|p| p.order <= highest)) {
+        let Some(text) = peak.names.first() else { continue };
+        if named.len() >= NAMED || named.iter().any(|at| (at - x(peak.order)).abs() < APART) {
+            continue;
+        }
+        named.push(x(peak.order));
+        let _infallible = writeln!(
+            s,
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" transform=\"rotate(-55 {x:.1} {y:.1})\">{}</text>",
+            escaped(text),
+            x = x(peak.order) + 3.0,
+            y = (y(peak.amplitude) - 4.0).max(top + 8.0)
+        );
+    }
+    s + "</svg>\n"
+}
+
+/// Lines of decades and orders with their numbers, and what the axes are.
+fn grid(upper: f64, highest: f64, (unit, driver): (&str, &str)) -> String {
+    let (left, top, width, height) = FIELD;
+    let x = |order: f64| left + width * order / highest;
+    let mut s = String::new();
     for decade in 0..=DECADES as i32 {
         let at = upper as i32 - decade;
         let y = top + height * f64::from(decade) / DECADES;
@@ -61,39 +98,11 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &OrderSpectru
         top + 0.5 * height,
         escaped(unit)
     );
-    // The first curve on top.
-    for (k, (name, spectrum)) in curves.iter().enumerate().rev() {
-        let colour = if k == 0 { "#1c6dd0" } else { "#999" };
-        let _infallible = writeln!(
-            s,
-            "<path d=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.2\"/><text x=\"{:.1}\" y=\"{:.1}\" fill=\"{colour}\" \
-             text-anchor=\"end\">{}</text>",
-            curve(spectrum, highest, &x, &y),
-            left + width - 8.0,
-            top + 16.0 + 15.0 * k as f64,
-            escaped(name)
-        );
-    }
-    let mut named: Vec<f64> = Vec::new();
-    for peak in curves.first().iter().flat_map(|(_, s)| s.peaks.iter().filter(|p| p.order <= highest)) {
-        let Some(text) = peak.names.first() else { continue };
-        if named.len() >= NAMED || named.iter().any(|at| (at - x(peak.order)).abs() < APART) {
-            continue;
-        }
-        named.push(x(peak.order));
-        let _infallible = writeln!(
-            s,
-            "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" transform=\"rotate(-55 {x:.1} {y:.1})\">{}</text>",
-            escaped(text),
-            x = x(peak.order) + 3.0,
-            y = (y(peak.amplitude) - 4.0).max(top + 8.0)
-        );
-    }
-    s + "</svg>\n"
+    s
 }
 
 /// The largest amplitude of every half user unit.
-fn curve(spectrum: &OrderSpectrum, highest: f64, x: &impl Fn(f64) -> f64, y: &impl Fn(f64) -> f64) -> String {
+fn curve(spectrum: &AngleSpectrum, highest: f64, x: &impl Fn(f64) -> f64, y: &impl Fn(f64) -> f64) -> String {
     let mut d = String::new();
     let per_column = (highest / spectrum.step / (2.0 * FIELD.2)).max(1.0);
     let mut from = 0.0;

@@ -96,7 +96,9 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
         let scatter = middle(&pairs.iter().map(|(_, d)| *d).collect::<Vec<_>>()).1;
         for (m, difference) in &pairs {
             let reference = m.estimate.value - difference + if common { shift } else { 0.0 };
-            found.extend(Judged { reference, scatter, against: "recording" }.finding(m, header));
+            // Beside a difference that all share, a part differs from its neighbours.
+            let against = if common { "neighbours" } else { "recording" };
+            found.extend(Judged { reference, scatter, against }.finding(m, header));
         }
     }
     let mut moved_m = 0.0_f64;
@@ -246,12 +248,12 @@ impl Judged {
         let (own, other) = (m.measure.shown(m.estimate.value), m.measure.shown(self.reference));
         let share = share(m.measure, difference, self.reference);
         let place = place(m.part, header);
-        let text = match m.part {
-            AuditPart::Gap(..) => format!("{name} lies {size} {word} {}", beside(self.against)),
-            _ if m.declared == Some(0.0) => {
-                format!("{name}: {} {own}, {other} {}", m.measure.words, from(self.against))
-            }
-            _ => format!("{name}: {} {own}, {size}{share} {word} {than} ({other}){place}", m.measure.words),
+        let text = if matches!(m.part, AuditPart::Gap(..)) {
+            format!("{name} lies {size} {word} {}", beside(self.against))
+        } else if m.declared == Some(0.0) {
+            format!("{name}: {} {own}, {other} {}", m.measure.words, from(self.against))
+        } else {
+            format!("{name}: {} {own}, {size}{share} {word} {than} ({other}){place}", m.measure.words)
         };
         Some(self.told(m, header, difference, score, text))
     }

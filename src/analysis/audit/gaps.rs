@@ -38,18 +38,18 @@ const NEAR: f64 = 0.2;
 /// Waves of a ring over a turn that it shares with its teeth.
 const RING_UNKNOWNS: usize = 9;
 
-type Arc = NormalEquations<3>;
+type ArcSums = NormalEquations<3>;
 
 /// Sums over the contacts of one sprocket.
 #[derive(Clone, Debug, Default)]
 struct SprocketSums {
     /// By gap and segment.
-    arcs: BTreeMap<(u32, u32), Arc>,
+    arcs: BTreeMap<(u32, u32), ArcSums>,
     /// By segment: sum of the points of the contour in the frame of their gap, and their number.
     points: BTreeMap<u32, ([f64; 2], usize)>,
     ring: NormalEquations<RING_UNKNOWNS>,
     /// The same without waves.
-    circle: Arc,
+    circle: ArcSums,
     law: NormalEquations<2>,
     /// Of each gap: frames in which a bush or a flank pushes in it, frames in which a joint lies over it, its least radius [m].
     seated: Vec<usize>,
@@ -73,7 +73,7 @@ pub struct GapFit {
 
 /// A part of the contour that all gaps share, where links touch it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GapForm {
+pub struct TouchedForm {
     /// A [`Segment`].
     pub segment: u32,
     /// Radius (negative: concave) and centre in the frame of gap 0 [m].
@@ -86,7 +86,7 @@ pub struct GapForm {
     pub samples: usize,
 }
 
-impl GapForm {
+impl TouchedForm {
     /// Points of the contour with their normals: in the middle of where it is touched, and to both sides where the normals spread enough to
     /// tell the arc.
     pub fn places(&self) -> Vec<([f64; 2], [f64; 2])> {
@@ -126,7 +126,7 @@ pub struct SprocketFit {
     pub eccentricity_m: Option<Estimate>,
     pub eccentric_towards_rad: f64,
     /// What all gaps share, by segment.
-    pub forms: Vec<GapForm>,
+    pub forms: Vec<TouchedForm>,
     /// Of the gaps' places along the turn.
     pub wave: Option<PlaceWave>,
     /// Radius of the seats' arc, where normals spread enough to tell it [m].
@@ -242,8 +242,8 @@ impl SprocketSums {
         self.common_sums(odd, beside).into_iter().filter_map(|(s, arc)| Some((s, arc.solve(RIDGE)?.value))).collect()
     }
 
-    fn common_sums(&self, odd: &[bool], beside: &[[f64; 2]]) -> BTreeMap<u32, Arc> {
-        let (mut sums, mut gaps): (BTreeMap<u32, Arc>, BTreeMap<u32, usize>) = Default::default();
+    fn common_sums(&self, odd: &[bool], beside: &[[f64; 2]]) -> BTreeMap<u32, ArcSums> {
+        let (mut sums, mut gaps): (BTreeMap<u32, ArcSums>, BTreeMap<u32, usize>) = Default::default();
         for ((gap, segment), arc) in self.arcs.iter().filter(|((gap, _), _)| !odd[*gap as usize]) {
             let (mut own, e) = (*arc, beside[*gap as usize]);
             own.xy = std::array::from_fn(|i| arc.xy[i] - e[0] * arc.xx[i][1] - e[1] * arc.xx[i][2]);
@@ -320,7 +320,7 @@ impl SprocketSums {
         &self,
         shifts: &[Option<Solution<2>>],
         eccentric: Option<(Solution<2>, usize)>,
-        forms: Vec<GapForm>,
+        forms: Vec<TouchedForm>,
     ) -> SprocketFit {
         let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
         let (outward, sideways) = (middle_of(0), middle_of(1));
@@ -368,14 +368,14 @@ impl SprocketSums {
 }
 
 /// The common arc of a segment, with where it is touched.
-fn form(segment: u32, sums: &Arc, arc: &[f64; 3], point_m: [f64; 2]) -> Option<GapForm> {
+fn form(segment: u32, sums: &ArcSums, arc: &[f64; 3], point_m: [f64; 2]) -> Option<TouchedForm> {
     let n = sums.samples as f64;
     let (cos, sin) = (sums.xx[0][1] / n, sums.xx[0][2] / n);
     // Of a narrow bundle: 1 - |mean| is half the variance.
     let spread_rad = (2.0 * (1.0 - libm::hypot(cos, sin))).max(0.0).sqrt();
     let direction_rad = crate::units::atan2(sin, cos);
     let samples = sums.samples;
-    (samples >= SAMPLES).then_some(GapForm { segment, arc: *arc, point_m, direction_rad, spread_rad, samples })
+    (samples >= SAMPLES).then_some(TouchedForm { segment, arc: *arc, point_m, direction_rad, spread_rad, samples })
 }
 
 /// The wave that most of the scatter of the gaps' places along the turn belongs to; None where there is none, or gaps are unknown.
