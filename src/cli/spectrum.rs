@@ -44,7 +44,7 @@ const SHOWN: f64 = 0.9;
 const DIFFERS: (f64, f64, f64) = (1.5, 0.02, 5.0);
 
 /// A recording's spectrum.
-struct Sheet {
+struct SpectrumSheet {
     record: AngleRecord,
     spectrum: AngleSpectrum,
     name: String,
@@ -91,7 +91,7 @@ pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
     answer(&readers, found, Outcome::Done)
 }
 
-fn sheet(reader: &mut Reader, signal: &Signal) -> Result<Sheet, Failure> {
+fn sheet(reader: &mut Reader, signal: &Signal) -> Result<SpectrumSheet, Failure> {
     let name = reader.path().display().to_string();
     let record = read(reader, signal)?;
     let spectrum = spectrum(&record).map_err(|e| {
@@ -108,14 +108,14 @@ fn sheet(reader: &mut Reader, signal: &Signal) -> Result<Sheet, Failure> {
             ),
         })
     })?;
-    Ok(Sheet { record, spectrum, name })
+    Ok(SpectrumSheet { record, spectrum, name })
 }
 
 fn draw(
     path: &Path,
     args: &SpectrumArgs,
     signal: &Signal,
-    (own, theirs): (&Sheet, Option<&Sheet>),
+    (own, theirs): (&SpectrumSheet, Option<&SpectrumSheet>),
     highest: f64,
 ) -> Result<(), Failure> {
     let inputs = std::iter::once(args.recording.as_path()).chain(args.against.as_deref());
@@ -142,7 +142,7 @@ fn shown(spectrum: &AngleSpectrum, highest: f64, top: usize) -> Vec<&SpectrumPea
 }
 
 /// Orders of either recording whose amplitudes differ, the largest difference first: order, names, own amplitude, the other's.
-fn differing(own: &Sheet, theirs: &Sheet, highest: f64) -> Vec<(f64, Vec<String>, f64, f64)> {
+fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(f64, Vec<String>, f64, f64)> {
     let (a, b) = (&own.spectrum, &theirs.spectrum);
     let largest = a.peaks.iter().chain(&b.peaks).map(|p| p.amplitude).fold(0.0, f64::max);
     let mut found: Vec<(f64, Vec<String>, f64, f64)> = Vec::new();
@@ -165,7 +165,13 @@ fn name_of(names: &[String]) -> String {
     if names.is_empty() { "-".into() } else { names.join(", ") }
 }
 
-fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
+fn text(
+    args: &SpectrumArgs,
+    signal: &Signal,
+    own: &SpectrumSheet,
+    theirs: Option<&SpectrumSheet>,
+    highest: f64,
+) -> String {
     let s = &own.spectrum;
     let unit = bracketed(&signal.unit);
     let mut lines = vec![
@@ -220,7 +226,7 @@ fn text(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet
     lines.join("\n") + "\n"
 }
 
-fn csv(own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
+fn csv(own: &SpectrumSheet, theirs: Option<&SpectrumSheet>, highest: f64) -> String {
     let s = &own.spectrum;
     let mut lines =
         vec![format!("order,frequency_hz,amplitude{}", if theirs.is_some() { ",amplitude_other" } else { "" })];
@@ -236,7 +242,13 @@ fn csv(own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> String {
     lines.join("\n") + "\n"
 }
 
-fn json(args: &SpectrumArgs, signal: &Signal, own: &Sheet, theirs: Option<&Sheet>, highest: f64) -> serde_json::Value {
+fn json(
+    args: &SpectrumArgs,
+    signal: &Signal,
+    own: &SpectrumSheet,
+    theirs: Option<&SpectrumSheet>,
+    highest: f64,
+) -> serde_json::Value {
     let s = &own.spectrum;
     let peaks = shown(s, highest, args.top).into_iter().map(|peak| {
         let mut value = serde_json::json!(peak);
