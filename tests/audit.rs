@@ -314,7 +314,7 @@ fn what_cannot_be_measured_is_said_with_what_it_takes() {
     refused(&["spectrum", &long, "joints.force_x_n[90]"], &["has no row `90`"]);
     refused(&["spectrum", &long, "sprocket.driven.speed", "-o", "a.gif"], &[".svg or .png"]);
     let missing = json(&["audit", &long])["not_measured"].to_string();
-    assert!(missing.contains("joints, which turn in fewer than 6 frames: it takes 90.0 ms"), "{missing}");
+    assert!(missing.contains("joints, which turn in fewer than 12 frames: it takes 90.0 ms"), "{missing}");
     let missing = json(&["audit", &coarse])["not_measured"].to_string();
     let coarse_gaps = missing.contains("us is too coarse") && missing.contains("tooth gaps of");
     assert!(coarse_gaps && missing.contains("zoom"), "{missing}");
@@ -343,6 +343,7 @@ fn healthy_drives_are_told_healthy_alone_and_against_themselves() {
         ("arm-20-40", "60ms"),
         ("tensioner-20-40", "60ms"),
         ("reduction-20-40-20-40", "60ms"),
+        ("smartchain-20-40", "4ms"),
     ] {
         record(drive, &a, (ms, "150us"), &[]);
         record(drive, &b, ("100ms", "200us"), &[]);

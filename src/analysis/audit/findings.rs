@@ -27,6 +27,8 @@ const MOST: f64 = 0.6;
 const LEANS: f64 = 0.3;
 /// A gap counts as never seated if the others are, in at least this share of the frames in which a joint lies over them.
 const SEATED: f64 = 0.2;
+/// Turns of a sprocket after which all its gaps have carried the chain.
+const TURNS: f64 = 1.1;
 
 /// Something that stands out.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -354,10 +356,12 @@ fn unseated(audit: &Audit, header: &Header) -> Vec<Finding> {
     for (body, fit) in audit.sprockets.iter().enumerate() {
         let share = |g: &super::gaps::GapFit| g.seated as f64 / g.over.max(1) as f64;
         let usual = median(fit.gaps.iter().filter(|g| g.over >= TOUCHED).map(share));
-        if usual.is_nan() || usual < SEATED {
+        // Within less than a turn, a gap may have met the chain only where it leaves.
+        if usual.is_nan() || usual < SEATED || fit.turns < TURNS {
             continue;
         }
-        for (g, gap) in fit.gaps.iter().enumerate().filter(|(_, g)| g.over >= TOUCHED && share(g) < 0.02 * usual) {
+        let met = TOUCHED.max(median(fit.gaps.iter().map(|g| g.over as f64)) as usize / 2);
+        for (g, gap) in fit.gaps.iter().enumerate().filter(|(_, g)| g.over >= met && share(g) < 0.02 * usual) {
             let gap_number = u32::try_from(g).unwrap_or(u32::MAX);
             let estimate = Estimate { value: gap.sinks_m, error: 0.0, samples: gap.over };
             let part = AuditPart::Gap(body, gap_number);
@@ -366,11 +370,13 @@ fn unseated(audit: &Audit, header: &Header) -> Vec<Finding> {
                 0 => format!("is never seated in the {} frames", gap.over),
                 n => format!("is seated in {n} of the {} frames only", gap.over),
             };
-            let text = format!(
-                "{} {seated} in which a joint lies over it: it is low, by more than the {:.1} um that joints sink deeper there",
-                part.name(header),
-                (-gap.sinks_m * 1e6).max(0.0)
-            );
+            let sinks_um = -gap.sinks_m * 1e6;
+            let depth = if sinks_um < 0.5 {
+                String::new()
+            } else {
+                format!(", by more than the {sinks_um:.1} um that joints sink deeper there")
+            };
+            let text = format!("{} {seated} in which a joint lies over it: it is low{depth}", part.name(header));
             let judged = Judged { reference: 0.0, scatter: 0.0, against: "neighbours" };
             found.push(judged.told(&m, header, gap.sinks_m.min(0.0), usual / SEATED * SCORE, text));
         }

@@ -55,6 +55,8 @@ struct SprocketSums {
     seated: Vec<usize>,
     over: Vec<usize>,
     lowest_m: Vec<f64>,
+    /// Angle in the first frame, and in the last [rad].
+    turned: Option<(f64, f64)>,
     has_seats: bool,
 }
 
@@ -122,6 +124,8 @@ pub struct PlaceWave {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SprocketFit {
     pub gaps: Vec<GapFit>,
+    /// Turns from the first frame to the last.
+    pub turns: f64,
     /// Size [m] and direction [rad], from gap 0 counterclockwise, of where its gaps lie beside its axis.
     pub eccentricity_m: Option<Estimate>,
     pub eccentric_towards_rad: f64,
@@ -160,6 +164,7 @@ impl GapPass {
         let c = &frame.contacts;
         for (body, (sums, info)) in self.sprockets.iter_mut().zip(&header.bodies).enumerate() {
             let (origin, angle) = info.pose(frame);
+            sums.turned = Some((sums.turned.map_or(angle, |(first, _)| first), angle));
             for row in (0..c.link.len()).filter(|row| c.body[*row] as usize == body) {
                 let in_gap = c.tooth[row] < info.teeth;
                 if c.penetration_m[row] <= 0.0 || !in_gap {
@@ -345,6 +350,7 @@ impl SprocketSums {
         let seat = seat.and_then(|f| Some(Estimate { value: f.radius_m()?, error: 0.0, samples: f.samples }));
         SprocketFit {
             gaps: shifts.iter().enumerate().map(gap).collect(),
+            turns: self.turned.map_or(0.0, |(first, last)| (last - first).abs() / (2.0 * PI)),
             eccentricity_m: eccentric.map(|(e, samples)| Estimate {
                 value: libm::hypot(e.value[0], e.value[1]),
                 error: libm::hypot(e.error[0], e.error[1]),

@@ -255,7 +255,7 @@ fn put_links(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
     }
     for (j, fit) in audit.joints.iter().enumerate() {
         let part = AuditPart::Joint(j);
-        let turned = fit.turning_samples >= TURNED;
+        let turned = fit.turning_samples >= TURNED && fit.tight_torque_nm.is_some_and(|t| t.error < TORQUE_ERROR_NM);
         put(part, &JOINT_STIFFNESS, fit.stiffness_n_per_m, None, "joints");
         put(part, &JOINT_DAMPING, fit.damping_n_s_per_m, None, "joints");
         put(part, &CLEARANCE, fit.clearance_m, None, "joints");
@@ -288,7 +288,9 @@ fn put_sprockets(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
 }
 
 /// Frames in which a joint must turn fast for its friction to be told.
-pub const TURNED: usize = 6;
+pub const TURNED: usize = 12;
+/// Largest error of a friction torque that is told [N m]: frames in which a joint sticks are no friction at its limit.
+const TORQUE_ERROR_NM: f64 = 5e-3;
 /// Frames in which a gap must be touched for its place to be told.
 pub const TOUCHED: usize = 8;
 
