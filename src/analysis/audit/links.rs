@@ -20,7 +20,8 @@ use crate::recording::frame::Frame;
 
 /// A joint pulls by more than this share of its largest force where its stretch is read: below, damping decides.
 const PULLED: f64 = 0.02;
-/// A joint turns fast where its relative speed exceeds this share of the largest: its friction has its full size there.
+/// A joint turns fast where its relative speed exceeds this share of the fastest sprocket's speed, with which joints bend onto it: its friction
+/// has its full size there. Where nothing turns but links, of what most joints reach.
 const TURNING: f64 = 0.3;
 
 /// Sums over the balance of one link.
@@ -51,8 +52,9 @@ impl LinkFit {
 pub struct LinkSums {
     links: Vec<LinkBalance>,
     pub largest_force_n: f64,
-    /// Of each joint [rad/s].
+    /// Of each joint, and of all that turns [rad/s].
     fastest_rad_s: Vec<f64>,
+    rotor_rad_s: f64,
     moments: Vec<f64>,
     forces: Vec<[f64; 2]>,
 }
@@ -63,6 +65,7 @@ impl LinkSums {
             links: vec![LinkBalance::default(); links],
             largest_force_n: 0.0,
             fastest_rad_s: vec![0.0; links],
+            rotor_rad_s: 0.0,
             moments: Vec::new(),
             forces: Vec::new(),
         }
@@ -86,6 +89,7 @@ impl LinkSums {
             self.moments[i] += arm[0] * force[1] - arm[1] * force[0];
             self.forces[i] = [self.forces[i][0] + force[0], self.forces[i][1] + force[1]];
         }
+        self.rotor_rad_s = frame.rotors.speed_rad_s.iter().fold(self.rotor_rad_s, |most, w| most.max(w.abs()));
         for i in 0..n {
             let rear = topology.behind[i];
             let (sin, cos) = crate::units::sin_cos(l.angle_rad[i]);
@@ -120,7 +124,8 @@ impl LinkSums {
 
     /// Relative speed above which a joint counts as turning [rad/s].
     fn turning_rad_s(&self) -> f64 {
-        TURNING * median(self.fastest_rad_s.iter().copied())
+        let usual = || median(self.fastest_rad_s.iter().copied());
+        TURNING * if self.rotor_rad_s > 0.0 { self.rotor_rad_s } else { usual() }
     }
 }
 
