@@ -6,6 +6,7 @@ pub mod identify;
 pub mod png;
 pub mod silent;
 pub mod snapshot;
+pub mod spectrum;
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::smartchain::{Abutment, LobedRing};

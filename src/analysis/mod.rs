@@ -1,5 +1,8 @@
 //! Analysis of recordings: plain results from Headers, Frames and Impacts.
 
+pub mod audit;
 pub mod diff;
 pub mod explain;
+pub mod order_spectrum;
+pub mod signal;
 pub mod suspects;

@@ -373,6 +373,11 @@ fn number(number: &Number, values: &impl QuantityValues, bound: &BoundRows<'_>) 
     }
 }
 
+/// The value of a number in a frame; `chains`: links of every chain.
+pub fn in_frame(wanted: &Number, frame: &Frame, chains: &[usize]) -> Option<f64> {
+    number(wanted, &FrameValues { frame, chains }, &BoundRows::default())
+}
+
 impl Operator {
     /// The operator for exchanged sides.
     fn mirrored(self) -> Operator {

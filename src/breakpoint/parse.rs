@@ -49,6 +49,26 @@ pub fn parse(text: &str, names: &Names) -> Result<Expr, Report> {
     })
 }
 
+/// One quantity, as an expression names it, and nothing else.
+pub fn quantity(text: &str, names: &Names) -> Result<(Number, &'static Quantity), Report> {
+    let mut parser = Parser { text, at: 0, depth: 0, names };
+    let parsed = if text.len() > MAX_LENGTH {
+        Err(parser.error(0..0, format!("a quantity has at most {MAX_LENGTH} characters"), None))
+    } else {
+        parser.quantity().and_then(|found| {
+            parser.space();
+            let word = parser.word_here();
+            if parser.at < text.len() {
+                Err(parser.error(word, "the quantity should end here".into(), None))
+            } else {
+                Ok(found)
+            }
+        })
+    };
+    parsed
+        .map_err(|diag| Report::new(vec![SourceText { name: "quantity".into(), text: format!("{text} ") }], vec![diag]))
+}
+
 /// An error of the expression as a whole.
 pub fn refused(text: &str, title: &str, help: &str) -> Report {
     let place = Place { source: 0, span: 0..text.len() };

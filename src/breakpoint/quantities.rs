@@ -91,6 +91,11 @@ impl Dimension {
         }
     }
 
+    /// Its SI unit; empty where it has none.
+    pub fn si(self) -> &'static str {
+        UNITS.iter().find(|(_, dimension, size)| *dimension == self && *size == 1.0).map_or("", |(name, ..)| *name)
+    }
+
     /// Its units as a list.
     pub fn units(self) -> String {
         let own = UNITS.iter().filter(|(name, dimension, _)| *dimension == self && name.is_ascii());

@@ -3,6 +3,7 @@
 // These modules read untrusted files, so that every index is checked.
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
+mod audit;
 mod check;
 mod compare;
 mod completions;
@@ -23,6 +24,7 @@ mod pair_stats;
 mod replay;
 mod run;
 mod snapshot;
+mod spectrum;
 mod tune;
 mod view;
 #[cfg(feature = "web")]
@@ -65,6 +67,8 @@ fn verbs() -> Vec<Verb> {
             tune::run,
         ),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
+        verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
+        verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
         verb("zoom", "Record a part of a recording again, every step of it if wanted", zoom::run),

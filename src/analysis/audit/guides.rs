@@ -1,0 +1,116 @@
+//! Guides and rails: place of the face, contact law and friction, from where links touch and how hard.
+
+use super::Estimate;
+use super::least_squares::NormalEquations;
+use crate::recording::frame::{BodyKind, Frame, Header, Segment};
+
+/// Sums over the contacts of one guide.
+#[derive(Clone, Debug)]
+struct GuideSums {
+    body: usize,
+    law: NormalEquations<2>,
+    friction: NormalEquations<1>,
+    /// Of a straight face: height over the way along it, in the guide's frame.
+    face: NormalEquations<2>,
+    from_m: f64,
+    to_m: f64,
+    force_n: f64,
+    touched: usize,
+    frames: usize,
+}
+
+/// What the frames tell of a guide.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GuideFit {
+    /// Index into `Header::bodies`.
+    pub body: usize,
+    pub stiffness_n_per_m: Option<Estimate>,
+    pub damping_n_s_per_m: Option<Estimate>,
+    pub friction: Option<Estimate>,
+    /// Mean of the sum of all normal forces on it [N].
+    pub force_n: Option<Estimate>,
+    /// Two points of a straight face, where contacts begin and end along it, in the world [m].
+    pub face: Option<[[f64; 2]; 2]>,
+    pub touched: usize,
+}
+
+#[derive(Clone, Debug)]
+pub struct GuidePass {
+    guides: Vec<GuideSums>,
+}
+
+impl GuidePass {
+    pub fn new(header: &Header) -> GuidePass {
+        let guides = header.bodies.iter().enumerate();
+        let guides = guides.filter(|(_, b)| [BodyKind::Guide as u32, BodyKind::Rail as u32].contains(&b.kind));
+        let empty = |body: usize| GuideSums {
+            body,
+            law: NormalEquations::default(),
+            friction: NormalEquations::default(),
+            face: NormalEquations::default(),
+            from_m: f64::INFINITY,
+            to_m: f64::NEG_INFINITY,
+            force_n: 0.0,
+            touched: 0,
+            frames: 0,
+        };
+        GuidePass { guides: guides.map(|(body, _)| empty(body)).collect() }
+    }
+
+    pub fn take(&mut self, frame: &Frame, header: &Header) {
+        let c = &frame.contacts;
+        for sums in &mut self.guides {
+            let (origin, angle) = header.bodies[sums.body].pose(frame);
+            let (sin, cos) = crate::units::sin_cos(angle);
+            let before = sums.law.samples;
+            sums.frames += 1;
+            for row in (0..c.link.len()).filter(|row| c.body[*row] as usize == sums.body) {
+                sums.force_n += c.normal_force_n[row];
+                if !c.stick[row] && c.normal_force_n[row] > 0.0 {
+                    sums.friction.add([c.normal_force_n[row]], c.tangential_force_n[row].abs());
+                }
+                if c.penetration_m[row] <= 0.0 {
+                    continue;
+                }
+                sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                if c.segment[row] == Segment::GuideFace as u32 {
+                    let at = [c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]];
+                    let (x, y) = (at[0] * cos + at[1] * sin, at[1] * cos - at[0] * sin);
+                    sums.face.add([1.0, x], y);
+                    (sums.from_m, sums.to_m) = (sums.from_m.min(x), sums.to_m.max(x));
+                }
+            }
+            sums.touched += usize::from(sums.law.samples > before);
+        }
+    }
+
+    pub fn fits(&self, header: &Header) -> Vec<GuideFit> {
+        self.guides.iter().map(|sums| sums.fit(header)).collect()
+    }
+}
+
+impl GuideSums {
+    fn fit(&self, header: &Header) -> GuideFit {
+        let (stiffness, damping) = super::law_of(&self.law);
+        let friction = self.friction.solve(0.0);
+        let info = &header.bodies[self.body];
+        // Of a guide that stands: its frame is that of the header.
+        let face = self.face.solve(0.0).filter(|_| !info.moves() && self.face.samples >= 8).map(|line| {
+            let (sin, cos) = crate::units::sin_cos(info.angle_rad);
+            [self.from_m, self.to_m].map(|x| {
+                let y = line.value[0] + line.value[1] * x;
+                [info.x_m + x * cos - y * sin, info.y_m + x * sin + y * cos]
+            })
+        });
+        let frames = self.frames.max(1);
+        GuideFit {
+            body: self.body,
+            stiffness_n_per_m: stiffness,
+            damping_n_s_per_m: damping,
+            friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
+            force_n: Some(Estimate { value: self.force_n / frames as f64, error: 0.0, samples: frames }),
+            face,
+            touched: self.touched,
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! What a recording itself says of every part of its drive: measured from poses, forces and accelerations in the frames.
+//!
+//! Two passes over the frames. The first finds mass, moment of inertia and arms of every link from the balance on it; the second, with these
+//! arms, joints, tooth gaps, guides and spans. Nothing is read from the drive's text. What the header declares is only compared with.
+//! A number of a part is a [`Measured`]; what is measured of which part is a row of [`measures`].
+
+pub mod findings;
+pub mod gaps;
+pub mod guides;
+pub mod least_squares;
+pub mod links;
+pub mod measures;
+pub mod spans;
+
+use crate::recording::frame::{Frame, Header};
+use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
+use gaps::{GapPass, SprocketFit};
+use guides::{GuideFit, GuidePass};
+use least_squares::Solution;
+use links::{JointFit, JointPass, LinkFit, LinkSums};
+use spans::{SpanFit, SpanPass};
+
+pub use findings::{Finding, compared, findings};
+pub use measures::{AuditPart, Measured, measured};
+
+/// Most frames that are looked at; of longer recordings every second, third and so on.
+const MOST_FRAMES: u64 = 20_000;
+
+/// A measured number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Estimate {
+    pub value: f64,
+    /// Standard error of the fit.
+    pub error: f64,
+    /// Frames, or contacts in frames, from which it comes.
+    pub samples: usize,
+}
+
+/// Contacts from which a contact law is told, and the largest share of a stiffness that its error may be.
+const CONTACTS: usize = 20;
+const LAW_ERROR: f64 = 0.1;
+
+/// Stiffness and damping of a contact law; None where the contacts do not tell.
+fn law_of(sums: &least_squares::NormalEquations<2>) -> (Option<Estimate>, Option<Estimate>) {
+    let law = sums.solve(0.0).filter(|l| sums.samples >= CONTACTS && l.error[0] < LAW_ERROR * l.value[0]);
+    let of = |i: usize| law.map(|l| Estimate::of(&l, i, sums.samples));
+    (of(0), of(1))
+}
+
+impl Estimate {
+    fn of<const N: usize>(solution: &Solution<N>, i: usize, samples: usize) -> Estimate {
+        Estimate { value: solution.value[i], error: solution.error[i], samples }
+    }
+}
+
+/// How links hang together, from the header.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Topology {
+    /// Link ahead and link behind.
+    pub ahead: Vec<usize>,
+    pub behind: Vec<usize>,
+    /// Links of one row are alike: their outline in the header.
+    pub row: Vec<u32>,
+    /// Mean pitch that the header declares: it tells which joints lie near a sprocket [m].
+    pub pitch_m: f64,
+    /// Whether the chain runs towards the link ahead.
+    pub forwards: bool,
+}
+
+impl Topology {
+    pub fn of(header: &Header) -> Topology {
+        let n = header.links.len();
+        let ahead: Vec<usize> = header.links.iter().map(|l| (l.ahead as usize).min(n.saturating_sub(1))).collect();
+        let mut behind = vec![0; n];
+        ahead.iter().enumerate().for_each(|(i, to)| behind[*to] = i);
+        Topology {
+            ahead,
+            behind,
+            row: header.links.iter().map(|l| l.outline).collect(),
+            pitch_m: header.links.iter().map(|l| l.pitch_m).sum::<f64>() / n.max(1) as f64,
+            forwards: header.chain_speed_m_s >= 0.0,
+        }
+    }
+}
+
+/// All that the frames of a recording tell.
+#[derive(Clone, Debug, Default)]
+pub struct Audit {
+    /// Frames that were looked at, of all; from the first to the last [s].
+    pub frames: u64,
+    pub every: u64,
+    pub from_s: f64,
+    pub to_s: f64,
+    /// Between two frames that were looked at [s].
+    pub interval_s: f64,
+    pub links: Vec<LinkFit>,
+    pub joints: Vec<JointFit>,
+    pub sprockets: Vec<SprocketFit>,
+    pub guides: Vec<GuideFit>,
+    pub spans: SpanFit,
+    /// What could not be measured, with what it takes.
+    pub lacking: Vec<String>,
+}
+
+/// Why a recording cannot be audited.
+#[derive(Clone, Debug, PartialEq)]
+pub enum AuditError {
+    /// Frames that there are, and needed.
+    Short { frames: u64, needed: u64 },
+    /// It holds no forces.
+    Forceless,
+}
+
+/// Fewest frames: three unknowns of a link want more equations than unknowns.
+const FEWEST_FRAMES: u64 = 12;
+
+/// Audits a recording.
+///
+/// # Errors
+/// The recording cannot be read; or, as the inner error, it is too short or holds no forces.
+pub fn audit(reader: &mut Reader) -> anyhow::Result<Result<Audit, AuditError>> {
+    let header = reader.header().clone();
+    let topology = Topology::of(&header);
+    let total = reader.heads()?.len() as u64;
+    if total < FEWEST_FRAMES {
+        return Ok(Err(AuditError::Short { frames: total, needed: FEWEST_FRAMES }));
+    }
+    let every = total.div_ceil(MOST_FRAMES);
+    let mut sums = LinkSums::new(header.links.len());
+    let (mut frames, mut from_s, mut to_s) = (0, 0.0, 0.0);
+    each_frame(reader, every, |frame| {
+        sums.take(frame, &topology);
+        if frames == 0 {
+            from_s = frame.t_s;
+        }
+        (frames, to_s) = (frames + 1, frame.t_s);
+    })?;
+    if sums.largest_force_n == 0.0 {
+        return Ok(Err(AuditError::Forceless));
+    }
+    let links = sums.fits();
+    let mut joints = JointPass::new(&sums, &links, &topology);
+    let (mut gaps, mut guides, mut spans) = (GapPass::new(&header), GuidePass::new(&header), SpanPass::default());
+    each_frame(reader, every, |frame| {
+        joints.take(frame, &topology);
+        gaps.take(frame, &header, &joints, &topology);
+        guides.take(frame, &header);
+        spans.take(frame, &header, &topology);
+    })?;
+    let mut audit = Audit {
+        frames,
+        every,
+        from_s,
+        to_s,
+        interval_s: (to_s - from_s) / (frames.max(2) - 1) as f64,
+        links,
+        joints: joints.fits(),
+        sprockets: gaps.fits(),
+        guides: guides.fits(&header),
+        spans: spans.fit(),
+        lacking: Vec::new(),
+    };
+    audit.lacking = measures::lacking(&audit, &header);
+    Ok(Ok(audit))
+}
+
+fn each_frame(reader: &mut Reader, every: u64, mut take: impl FnMut(&Frame)) -> anyhow::Result<()> {
+    let mut number = 0;
+    reader.each(Wanted { frames: true, ..Wanted::default() }, WHOLE, |entry| {
+        if let Entry::Frame(frame) = entry {
+            if number % every == 0 {
+                take(frame);
+            }
+            number += 1;
+        }
+        Ok(Flow::On)
+    })
+}

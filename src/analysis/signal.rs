@@ -1,0 +1,235 @@
+//! A number of every frame, by its name: quantities of break expressions (`sprocket.driven.speed`, `joint[3].force`), sensors
+//! (`sensors.KIND.NAME`), tensions of spans (`span.LEAVES.REACHES.tension`), and columns of tables as `export` writes them
+//! (`joints.force_x_n[3]`, `rotors.driven.speed_rad_s`, `energy.kinetic_j`).
+
+use super::audit::Topology;
+use super::audit::spans::{SpanEnds, spans_of};
+use crate::breakpoint::quantities::{QUANTITIES, Quantity, Scope};
+use crate::breakpoint::{Names, Number, in_frame, parse};
+use crate::diag::nearest;
+use crate::recording::columns::{ColumnValues, Rows};
+use crate::recording::frame::{Energy, Frame, Header, TABLES};
+
+/// Where a number stands in a frame.
+#[derive(Clone, Debug, PartialEq)]
+enum SignalSource {
+    Expression(Number),
+    Sensor(usize),
+    Span(SpanEnds),
+    /// Table, column and row.
+    Column(usize, usize, usize),
+    Account(usize),
+}
+
+/// A number of every frame.
+#[derive(Clone, Debug)]
+pub struct Signal {
+    pub name: String,
+    /// SI; empty for plain numbers.
+    pub unit: String,
+    source: SignalSource,
+    names: Names,
+    topology: Topology,
+}
+
+impl Signal {
+    /// Finds a quantity by its name.
+    ///
+    /// # Errors
+    /// There is none, or several have this name: one sentence, and what was probably meant.
+    pub fn find(name: &str, header: &Header) -> Result<Signal, String> {
+        let names = names(header);
+        let made = |source, unit: &str| {
+            let topology = Topology::of(header);
+            Ok(Signal { name: name.to_string(), unit: unit.to_string(), source, names: names.clone(), topology })
+        };
+        if let Some(k) = header.sensors.iter().position(|s| s.path == name) {
+            return made(SignalSource::Sensor(k), &header.sensors[k].unit);
+        }
+        if let Some(ends) = span(name, header) {
+            return made(SignalSource::Span(ends), "N");
+        }
+        if let Some(k) = Energy::MESSAGE.columns.iter().position(|c| c.channel == name) {
+            return made(SignalSource::Account(k), "J");
+        }
+        if let Some((table, column, row)) = column(name, header)? {
+            let unit = TABLES[table].message.columns[column].unit;
+            return made(SignalSource::Column(table, column, row), if unit == "1" { "" } else { unit });
+        }
+        match parse::quantity(name, &names) {
+            Ok((number, quantity)) => {
+                is_one(&number, quantity)?;
+                made(SignalSource::Expression(number), quantity.dimension.si())
+            }
+            Err(report) => {
+                let all = known(header, &names);
+                let help = match nearest(name, all.iter().map(String::as_str)) {
+                    Some(near) => format!("did you mean `{near}`?"),
+                    None => format!("{report}").lines().last().unwrap_or_default().trim().to_string(),
+                };
+                let sensors: Vec<&str> = header.sensors.iter().map(|s| s.path.as_str()).collect();
+                let sensors =
+                    if sensors.is_empty() { String::new() } else { format!("; sensors: {}", sensors.join(", ")) };
+                Err(format!(
+                    "this recording has no quantity `{name}`\nhelp: {}{sensors}",
+                    help.trim_start_matches("= help: ")
+                ))
+            }
+        }
+    }
+
+    /// Its value in a frame; None where it has none.
+    pub fn value(&self, frame: &Frame, header: &Header) -> Option<f64> {
+        match &self.source {
+            SignalSource::Expression(number) => in_frame(number, frame, &self.names.chains),
+            SignalSource::Sensor(k) => frame.sensors.get(*k).copied(),
+            SignalSource::Span(ends) => {
+                spans_of(frame, header, &self.topology).into_iter().find(|(own, _)| own == ends).map(|(_, force)| force)
+            }
+            SignalSource::Account(k) => frame.energy.accounts().nth(*k).map(|(_, value)| value),
+            SignalSource::Column(table, column, row) => {
+                let (mut number, mut value) = (0, None);
+                frame.each_table(|_, columns| {
+                    if number == *table {
+                        value = columns.get(*column).and_then(|values| float(values, *row));
+                    }
+                    number += 1;
+                });
+                value
+            }
+        }
+    }
+}
+
+fn float(values: &ColumnValues<'_>, row: usize) -> Option<f64> {
+    match values {
+        ColumnValues::F64(v) => v.get(row).copied(),
+        ColumnValues::U32(v) => v.get(row).map(|v| f64::from(*v)),
+        ColumnValues::Bool(v) => v.get(row).map(|v| f64::from(u8::from(*v))),
+        ColumnValues::U64(_) | ColumnValues::Text(_) => None,
+    }
+}
+
+/// Whether a quantity is one number a frame.
+fn is_one(number: &Number, quantity: &Quantity) -> Result<(), String> {
+    let Number::Quantity { index, .. } = number else { return Err("this never changes".into()) };
+    let (scope, name) = (quantity.scope.name(), quantity.name);
+    match quantity.scope {
+        Scope::Link | Scope::Joint if index.is_none() => {
+            Err(format!("`{scope}.{name}` is of every {scope}\nhelp: choose one, e.g. `{scope}[12].{name}`"))
+        }
+        Scope::Contact | Scope::Impact => Err(format!(
+            "`{scope}.{name}` is of contacts, which come and go\nhelp: e.g. `sprocket.NAME.chain_torque` sums them up; `pitchline impacts` lists impacts"
+        )),
+        Scope::Link | Scope::Joint | Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Slider => Ok(()),
+        Scope::Ball | Scope::Touch | Scope::Chamber | Scope::Reservoir | Scope::Passage | Scope::Span => Ok(()),
+        Scope::Energy | Scope::Run => Ok(()),
+    }
+}
+
+/// Names of what a recording holds.
+fn names(header: &Header) -> Names {
+    let own = header.bodies.iter().filter(|b| b.rotor);
+    let mut turning: Vec<(String, usize)> =
+        own.filter_map(|b| Some((b.path.clone(), b.coordinate? as usize))).collect();
+    for (row, path) in header.coordinates.iter().enumerate() {
+        if turning.iter().all(|(known, _)| known != path) {
+            turning.push((path.clone(), row));
+        }
+    }
+    let mut chains = Vec::new();
+    let mut first = 0;
+    for (i, link) in header.links.iter().enumerate() {
+        // The last link of a chain leads back to its first.
+        if (link.ahead as usize) <= i {
+            chains.push(i + 1 - first);
+            first = i + 1;
+        }
+    }
+    Names {
+        bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
+        turning,
+        rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage, Rows::Span]
+            .map(|rows| (rows, header.row_paths(rows).unwrap_or_default().to_vec()))
+            .to_vec(),
+        chains,
+    }
+}
+
+fn last(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or(path)
+}
+
+/// `span.LEAVES.REACHES.tension`.
+fn span(name: &str, header: &Header) -> Option<SpanEnds> {
+    let words: Vec<&str> = name.split('.').collect();
+    let ["span", from, to, "tension"] = words.as_slice() else { return None };
+    let body = |wanted: &str| header.bodies.iter().position(|b| b.rotor && last(&b.path) == wanted);
+    Some((body(from)?, body(to)?))
+}
+
+/// `TABLE.COLUMN[ROW]` or `TABLE.NAME.COLUMN`: table, column, row.
+fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, String> {
+    let Some((table_name, rest)) = name.split_once('.') else { return Ok(None) };
+    let Some(table) = TABLES.iter().position(|t| t.message.name == table_name) else { return Ok(None) };
+    let info = &TABLES[table];
+    let rows = match info.rows {
+        Rows::Link | Rows::Joint => header.links.len(),
+        Rows::Contact => return Err(format!("rows of `{table_name}` come and go: they have no spectrum")),
+        Rows::Roller => header.rollers.len(),
+        Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
+            header.row_paths(info.rows).map_or(0, <[String]>::len)
+        }
+    };
+    let of = |wanted: &str| {
+        let own = info.message.columns.iter();
+        own.clone().position(|c| c.name == wanted).ok_or_else(|| {
+            let names: Vec<&str> = own.map(|c| c.name).collect();
+            let help = nearest(wanted, names.iter().copied());
+            let help =
+                help.map_or_else(|| format!("it has {}", names.join(", ")), |near| format!("did you mean `{near}`?"));
+            format!("table `{table_name}` has no column `{wanted}`\nhelp: {help}")
+        })
+    };
+    if let Some((wanted, index)) = rest.strip_suffix(']').and_then(|r| r.split_once('[')) {
+        let row = index.parse::<usize>().ok().filter(|row| *row < rows);
+        let row = row.ok_or_else(|| format!("`{table_name}` has no row `{index}`: it has {rows}, counted from 0"))?;
+        return Ok(Some((table, of(wanted)?, row)));
+    }
+    let paths = header.row_paths(info.rows).unwrap_or_default();
+    let found = rest
+        .rsplit_once('.')
+        .and_then(|(path, wanted)| Some((wanted, paths.iter().position(|p| p == path || last(p) == path)?)));
+    match found {
+        Some((wanted, row)) => Ok(Some((table, of(wanted)?, row))),
+        None => {
+            let row = if paths.is_empty() { "[12]".to_string() } else { "[0]".to_string() };
+            let column = info.message.columns.first().map_or("", |c| c.name);
+            let rows = if paths.is_empty() { String::new() } else { format!("; rows: {}", paths.join(", ")) };
+            Err(format!("`{name}` names no row of table `{table_name}`\nhelp: e.g. `{table_name}.{column}{row}`{rows}"))
+        }
+    }
+}
+
+/// Names that there are, for those who mistype one.
+fn known(header: &Header, names: &Names) -> Vec<String> {
+    let mut all: Vec<String> = header.sensors.iter().map(|s| s.path.clone()).collect();
+    let turning = names.turning.iter().map(|(path, _)| path);
+    let paths: Vec<&String> = turning.chain(names.rows.iter().flat_map(|(_, paths)| paths)).collect();
+    for quantity in &QUANTITIES {
+        let scope = quantity.scope.name();
+        if quantity.scope.named_rows().is_some() {
+            let own = paths.iter().filter_map(|p| quantity.scope.short_name(p));
+            all.extend(own.map(|own| format!("{scope}.{own}.{}", quantity.name)));
+        } else if matches!(quantity.scope, Scope::Link | Scope::Joint) {
+            all.push(format!("{scope}[12].{}", quantity.name));
+        } else if quantity.scope == Scope::Energy {
+            all.push(format!("{scope}.{}", quantity.name));
+        }
+    }
+    let sprockets: Vec<&str> = header.bodies.iter().filter(|b| b.rotor).map(|b| last(&b.path)).collect();
+    for from in &sprockets {
+        all.extend(sprockets.iter().filter(|to| *to != from).map(|to| format!("span.{from}.{to}.tension")));
+    }
+    all
+}

@@ -1,0 +1,282 @@
+//! `pitchline spectrum`: which orders a number of a recording has, and what turns with them.
+
+use super::{Answer, Failure, Outcome, answer};
+use crate::analysis::audit::findings::same_drive;
+use crate::analysis::order_spectrum::{
+    AngleRecord, AngleSpectrum, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
+};
+use crate::analysis::signal::Signal;
+use crate::recording::reader::Reader;
+use crate::render;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Debug)]
+pub struct SpectrumArgs {
+    /// Recording (.mcap)
+    recording: PathBuf,
+    /// Quantity, as break expressions and tables call it: sprocket.driven.speed, joint[3].force,
+    /// span.driven.driver.tension, sensors.KIND.NAME, rotors.driven.speed_rad_s
+    quantity: String,
+    /// Show the amplitudes of this recording of the same drive beside
+    #[arg(long, value_name = "REC")]
+    against: Option<PathBuf>,
+    /// Print only the N largest peaks [default: 20]
+    #[arg(long, value_name = "N", default_value = "20")]
+    top: usize,
+    /// Leave out orders above this one, counted per turn of the driver
+    #[arg(long, value_name = "ORDER", value_parser = super::finite)]
+    to_order: Option<f64>,
+    /// Picture to write, .svg or .png
+    #[arg(short, long = "output", value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long, conflicts_with = "csv")]
+    json: bool,
+    /// Print the whole spectrum as CSV: order, frequency, amplitude
+    #[arg(long)]
+    csv: bool,
+}
+
+/// Share of the highest order that frames resolve up to which a spectrum is shown: above, interpolation and aliases count.
+const SHOWN: f64 = 0.9;
+/// Ratio of amplitudes from which an order differs from the other recording, if it has at least this share of the largest, and this
+/// prominence: what rises less from its surroundings is noise, or a resonance.
+const DIFFERS: (f64, f64, f64) = (1.5, 0.02, 5.0);
+
+/// A recording's spectrum.
+struct SpectrumSheet {
+    record: AngleRecord,
+    spectrum: AngleSpectrum,
+    name: String,
+}
+
+pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
+    let mut reader = super::open_recording(&args.recording)?;
+    let header = reader.header().clone();
+    let signal = Signal::find(&args.quantity, &header).map_err(Failure::Input)?;
+    let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
+    if let Some(other) = &other {
+        same_drive(&header, other.header()).map_err(|what| {
+            let (a, b) = (args.recording.display(), other.path().display());
+            Failure::Input(format!("{a} and {b} are recordings of two drives: {what}"))
+        })?;
+    }
+    let own = sheet(&mut reader, &signal)?;
+    let theirs = match &mut other {
+        None => None,
+        Some(other) => {
+            let signal = Signal::find(&args.quantity, other.header()).map_err(Failure::Input)?;
+            Some(sheet(other, &signal)?)
+        }
+    };
+    let half = 0.5 / (own.record.interval_s * own.record.turns_per_s).max(1e-12);
+    let highest = args.to_order.unwrap_or(SHOWN * half).min(half);
+    if highest <= own.spectrum.resolution() {
+        return Err(Failure::Input(format!(
+            "up to order {highest} there is nothing to show: orders are {:.3} apart",
+            own.spectrum.resolution()
+        )));
+    }
+    if let Some(path) = &args.output {
+        draw(path, args, &signal, (&own, theirs.as_ref()), highest)?;
+    }
+    let found = if args.json {
+        Answer::Json(json(args, &signal, &own, theirs.as_ref(), highest))
+    } else if args.csv {
+        Answer::Text(csv(&own, theirs.as_ref(), highest))
+    } else {
+        Answer::Text(text(args, &signal, &own, theirs.as_ref(), highest))
+    };
+    let readers: Vec<&Reader> = std::iter::once(&reader).chain(&other).collect();
+    answer(&readers, found, Outcome::Done)
+}
+
+fn sheet(reader: &mut Reader, signal: &Signal) -> Result<SpectrumSheet, Failure> {
+    let name = reader.path().display().to_string();
+    let record = read(reader, signal)?;
+    let spectrum = spectrum(&record).map_err(|e| {
+        Failure::Input(match e {
+            SpectrumError::Few(there, needed) => format!(
+                "{name}: `{}` has {there} values; a spectrum takes {needed}: record it longer, or more often (--every)",
+                signal.name
+            ),
+            SpectrumError::Still => format!("{name}: the driver stands still: there are no orders"),
+            SpectrumError::Short { turns, needed, needed_s } => format!(
+                "{name} is {turns:.3} turns of `{}` long; the highest order of the drive, that of its teeth, takes {needed:.3} turns: {:.3} ms",
+                record.driver,
+                needed_s * 1e3
+            ),
+        })
+    })?;
+    Ok(SpectrumSheet { record, spectrum, name })
+}
+
+fn draw(
+    path: &Path,
+    args: &SpectrumArgs,
+    signal: &Signal,
+    (own, theirs): (&SpectrumSheet, Option<&SpectrumSheet>),
+    highest: f64,
+) -> Result<(), Failure> {
+    let inputs = std::iter::once(args.recording.as_path()).chain(args.against.as_deref());
+    super::check_outputs([path], inputs)?;
+    let title = format!("{}: {}", own.name, signal.name);
+    let curves: Vec<(&str, &AngleSpectrum)> =
+        std::iter::once(own).chain(theirs).map(|s| (s.name.as_str(), &s.spectrum)).collect();
+    let svg = render::spectrum::svg(&title, &bracketed(&signal.unit), &own.record.driver, &curves, highest);
+    let bytes = match path.extension().and_then(|e| e.to_str()) {
+        Some("svg") => svg.into_bytes(),
+        Some("png") => render::png::encode(&svg, 2.0)?,
+        _ => return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display()))),
+    };
+    Ok(crate::output::write(path, &bytes)?)
+}
+
+fn bracketed(unit: &str) -> String {
+    if unit.is_empty() { String::new() } else { format!("[{unit}]") }
+}
+
+/// Peaks up to an order, the largest first.
+fn shown(spectrum: &AngleSpectrum, highest: f64, top: usize) -> Vec<&SpectrumPeak> {
+    spectrum.peaks.iter().filter(|p| p.order <= highest).take(top).collect()
+}
+
+/// Orders of either recording whose amplitudes differ, the largest difference first: order, names, own amplitude, the other's.
+fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(f64, Vec<String>, f64, f64)> {
+    let (a, b) = (&own.spectrum, &theirs.spectrum);
+    let largest = a.peaks.iter().chain(&b.peaks).map(|p| p.amplitude).fold(0.0, f64::max);
+    let mut found: Vec<(f64, Vec<String>, f64, f64)> = Vec::new();
+    let mut peaks: Vec<&SpectrumPeak> = a.peaks.iter().chain(&b.peaks).filter(|p| p.order <= highest).collect();
+    peaks.retain(|p| p.prominence >= DIFFERS.2);
+    peaks.sort_by(|p, q| q.amplitude.total_cmp(&p.amplitude));
+    for peak in peaks {
+        let (here, there) = (a.near(peak.order), b.near(peak.order));
+        let counts = here.max(there) >= DIFFERS.0 * here.min(there) && here.max(there) >= DIFFERS.1 * largest;
+        let is_new = found.iter().all(|(order, ..)| (order - peak.order).abs() > a.resolution());
+        if counts && is_new {
+            found.push((peak.order, peak.names.clone(), here, there));
+        }
+    }
+    found.sort_by(|p, q| (q.2 - q.3).abs().total_cmp(&(p.2 - p.3).abs()));
+    found
+}
+
+fn name_of(names: &[String]) -> String {
+    if names.is_empty() { "-".into() } else { names.join(", ") }
+}
+
+fn text(
+    args: &SpectrumArgs,
+    signal: &Signal,
+    own: &SpectrumSheet,
+    theirs: Option<&SpectrumSheet>,
+    highest: f64,
+) -> String {
+    let s = &own.spectrum;
+    let unit = bracketed(&signal.unit);
+    let mut lines = vec![
+        format!(
+            "{}: {} {unit}, mean {:.6}; {} values over {:.3} turns of `{}` at {:.3} 1/s",
+            own.name,
+            signal.name,
+            s.mean,
+            own.record.values.len(),
+            s.turns,
+            own.record.driver,
+            s.turns_per_s
+        ),
+        format!("orders are {:.4} apart, and are shown up to {highest:.1}", s.resolution()),
+    ];
+    let beside = if theirs.is_some() { "  in the other" } else { "" };
+    lines.push(format!(
+        "      order  frequency [Hz]  {:>16}{beside}  over its surroundings  name",
+        format!("size {unit}")
+    ));
+    for peak in shown(s, highest, args.top) {
+        let beside = theirs.map_or(String::new(), |t| format!("{:14.5}", t.spectrum.near(peak.order)));
+        let times = if peak.prominence >= 1e4 { ">1e4 x".to_string() } else { format!("{:.1} x", peak.prominence) };
+        lines.push(format!(
+            "{:11.4} {:15.2} {:17.5}{beside} {times:>22}  {}",
+            peak.order,
+            peak.frequency_hz,
+            peak.amplitude,
+            name_of(&peak.names)
+        ));
+    }
+    if let Some(theirs) = theirs {
+        let found = differing(own, theirs, highest);
+        lines.push(if found.is_empty() {
+            "no order differs from the other recording".into()
+        } else {
+            "what differs:".to_string()
+        });
+        for (order, names, here, there) in found.iter().take(args.top) {
+            lines.push(format!(
+                "  {} (order {order:.3}): {here:.5} {}, in the other recording {there:.5} {}",
+                if names.is_empty() { "no part's order".into() } else { name_of(names) },
+                signal.unit,
+                signal.unit
+            ));
+        }
+    }
+    for (name, needed_s) in unresolved(&own.record, s) {
+        lines.push(format!("too short for `{name}`: it takes {:.1} ms", needed_s * 1e3));
+    }
+    lines.extend(args.output.iter().map(|path| format!("drawn in {}", path.display())));
+    lines.join("\n") + "\n"
+}
+
+fn csv(own: &SpectrumSheet, theirs: Option<&SpectrumSheet>, highest: f64) -> String {
+    let s = &own.spectrum;
+    let mut lines =
+        vec![format!("order,frequency_hz,amplitude{}", if theirs.is_some() { ",amplitude_other" } else { "" })];
+    // Zeros made it denser than it is.
+    for (k, amplitude) in s.amplitudes.iter().enumerate().step_by(s.values_per_resolution().div_ceil(2).max(1)) {
+        let order = k as f64 * s.step;
+        if order > highest {
+            break;
+        }
+        let beside = theirs.map_or(String::new(), |t| format!(",{:e}", t.spectrum.near(order)));
+        lines.push(format!("{order},{},{amplitude:e}{beside}", order * s.turns_per_s));
+    }
+    lines.join("\n") + "\n"
+}
+
+fn json(
+    args: &SpectrumArgs,
+    signal: &Signal,
+    own: &SpectrumSheet,
+    theirs: Option<&SpectrumSheet>,
+    highest: f64,
+) -> serde_json::Value {
+    let s = &own.spectrum;
+    let peaks = shown(s, highest, args.top).into_iter().map(|peak| {
+        let mut value = serde_json::json!(peak);
+        if let Some(theirs) = theirs {
+            super::add_field(&mut value, "amplitude_other", serde_json::json!(theirs.spectrum.near(peak.order)));
+        }
+        value
+    });
+    let differing = theirs.map(|theirs| {
+        let rows = differing(own, theirs, highest).into_iter().map(|(order, names, here, there)| {
+            serde_json::json!({ "order": order, "names": names, "amplitude": here, "amplitude_other": there })
+        });
+        rows.collect::<Vec<_>>()
+    });
+    serde_json::json!({
+        "recording": args.recording,
+        "quantity": signal.name,
+        "unit": signal.unit,
+        "mean": s.mean,
+        "driver": own.record.driver,
+        "turns": s.turns,
+        "resolution": s.resolution(),
+        "highest_order": highest,
+        "peaks": peaks.collect::<Vec<_>>(),
+        "differing": differing,
+        "too_short_for": unresolved(&own.record, s)
+            .into_iter()
+            .map(|(name, needed_s)| serde_json::json!({ "name": name, "needed_s": needed_s }))
+            .collect::<Vec<_>>(),
+    })
+}
