@@ -189,7 +189,7 @@ impl GapPass {
                 *sum = [sum[0] + s[0] * turn_cos - s[1] * turn_sin, sum[1] + s[0] * turn_sin + s[1] * turn_cos];
                 *count += 1;
                 sums.seated[c.tooth[row] as usize] += 1;
-                sums.has_seats |= c.feature[row] <= Feature::FrontBush as u32;
+                sums.has_seats |= c.feature[row] <= Feature::FrontBush as u32 || Feature::is_roller(c.feature[row]);
             }
             sums.look_at_joints(frame, (origin, angle, info.teeth), joints, topology);
         }

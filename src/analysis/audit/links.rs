@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! m a = sum F
-//! J alpha = a_front (-F_front x e) + a_rear (F_rear x -e) + friction of both joints + moments of the contacts
+//! J alpha = a_front (-F_front x e) + a_rear (F_rear x -e) + friction of both joints + moments of contacts and rollers
 //! ```
 //! with e the heading, x the plane cross product e x F. m, J and the two arms are the unknowns; the pitch is a_front + a_rear: the distance
 //! of the lines along which the joints' forces act. Forces and accelerations of a frame are means over the same step, so that what is left
@@ -16,7 +16,7 @@
 
 use super::least_squares::{NormalEquations, median};
 use super::{Estimate, Topology};
-use crate::recording::frame::Frame;
+use crate::recording::frame::{Feature, Frame};
 
 /// A joint pulls by more than this share of its largest force where its stretch is read: below, damping decides.
 const PULLED: f64 = 0.02;
@@ -57,6 +57,8 @@ pub struct LinkSums {
     rotor_rad_s: f64,
     moments: Vec<f64>,
     forces: Vec<[f64; 2]>,
+    /// Of rollers, at the front joint and at the rear one.
+    at_joints: Vec<[[f64; 2]; 2]>,
 }
 
 impl LinkSums {
@@ -68,6 +70,7 @@ impl LinkSums {
             rotor_rad_s: 0.0,
             moments: Vec::new(),
             forces: Vec::new(),
+            at_joints: Vec::new(),
         }
     }
 
@@ -78,7 +81,16 @@ impl LinkSums {
         self.moments.resize(n, 0.0);
         self.forces.clear();
         self.forces.resize(n, [0.0; 2]);
-        for row in 0..c.link.len() {
+        // Rollers push the link at its joints, as their neighbours do.
+        self.at_joints.clear();
+        self.at_joints.resize(n, [[0.0; 2]; 2]);
+        let r = &frame.rollers;
+        for (k, (link, front)) in topology.rollers.iter().enumerate().take(r.force_x_n.len()) {
+            let at = &mut self.at_joints[*link][usize::from(!front)];
+            *at = [at[0] - r.force_x_n[k], at[1] - r.force_y_n[k]];
+            self.moments[*link] += r.bush_moment_nm[k];
+        }
+        for row in (0..c.link.len()).filter(|row| !Feature::is_roller(c.feature[*row])) {
             let i = c.link[row] as usize;
             let (normal, friction) = (c.normal_force_n[row], c.tangential_force_n[row]);
             let force = [
@@ -93,8 +105,9 @@ impl LinkSums {
         for i in 0..n {
             let rear = topology.behind[i];
             let (sin, cos) = crate::units::sin_cos(l.angle_rad[i]);
-            let (front_x, front_y) = (-j.force_x_n[i], -j.force_y_n[i]);
-            let (rear_x, rear_y) = (j.force_x_n[rear], j.force_y_n[rear]);
+            let [at_front, at_rear] = self.at_joints[i];
+            let (front_x, front_y) = (at_front[0] - j.force_x_n[i], at_front[1] - j.force_y_n[i]);
+            let (rear_x, rear_y) = (at_rear[0] + j.force_x_n[rear], at_rear[1] + j.force_y_n[rear]);
             let sums = &mut self.links[i];
             sums.mass.add([l.ax_m_s2[i]], front_x + rear_x + self.forces[i][0]);
             sums.mass.add([l.ay_m_s2[i]], front_y + rear_y + self.forces[i][1]);

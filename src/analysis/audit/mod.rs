@@ -65,6 +65,8 @@ pub struct Topology {
     pub pitch_m: f64,
     /// Whether the chain runs towards the link ahead.
     pub forwards: bool,
+    /// Of every roller that is a body: the link whose bush carries it, and whether at its front.
+    pub rollers: Vec<(usize, bool)>,
 }
 
 impl Topology {
@@ -79,6 +81,7 @@ impl Topology {
             row: header.links.iter().map(|l| l.outline).collect(),
             pitch_m: header.links.iter().map(|l| l.pitch_m).sum::<f64>() / n.max(1) as f64,
             forwards: header.chain_speed_m_s >= 0.0,
+            rollers: header.rollers.iter().map(|r| (r.link as usize, r.link == r.joint)).collect(),
         }
     }
 }
