@@ -258,34 +258,71 @@ fn identity(path: &Path) -> std::io::Result<PathBuf> {
     path.canonicalize()
 }
 
+/// Why a file cannot be an output.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum UnfitOutput {
+    Directory(PathBuf),
+    /// e.g. `..`, which ends in no name.
+    Nameless(PathBuf),
+    GivenTwice(PathBuf),
+    /// Two names of one file.
+    SameFile(PathBuf, PathBuf),
+    /// The file is one of the inputs, perhaps by another name.
+    IsInput {
+        output: PathBuf,
+        input: PathBuf,
+    },
+}
+
+impl std::fmt::Display for UnfitOutput {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            UnfitOutput::Directory(path) => write!(f, "{} is a directory, not a file to write", path.display()),
+            UnfitOutput::Nameless(path) => write!(f, "{} is no name of a file to write", path.display()),
+            UnfitOutput::GivenTwice(path) => write!(f, "{} is given twice", path.display()),
+            UnfitOutput::SameFile(a, b) => write!(f, "{} and {} are one file", a.display(), b.display()),
+            UnfitOutput::IsInput { output, input } => {
+                let what = if input.extension().is_some_and(|e| e == "toml") { "the drive" } else { "the input" };
+                write!(f, "{} is {what} ", output.display())?;
+                if output == input {
+                    f.write_str("itself")?
+                } else {
+                    write!(f, "{}", input.display())?
+                }
+                f.write_str("; it is not overwritten")
+            }
+        }
+    }
+}
+
+impl std::error::Error for UnfitOutput {}
+
 /// Checks outputs before anything is computed: no directory, no input, no file twice. The error is one sentence.
 pub fn check<'a>(
     outputs: impl IntoIterator<Item = &'a Path>,
     inputs: impl IntoIterator<Item = &'a Path> + Clone,
-) -> Result<(), String> {
+) -> Result<(), UnfitOutput> {
     let mut seen: Vec<&Path> = Vec::new();
     for path in outputs {
-        let shown = path.display();
+        let output = path.to_path_buf();
         if path.is_dir() {
-            return Err(format!("{shown} is a directory, not a file to write"));
+            return Err(UnfitOutput::Directory(output));
         }
         if path.file_name().is_none() {
-            return Err(format!("{shown} is no name of a file to write"));
+            return Err(UnfitOutput::Nameless(output));
         }
         // A device may be given twice.
         let is_device = std::fs::metadata(path).is_ok_and(|there| !there.is_file());
         if let Some(other) = seen.iter().find(|other| !is_device && same_file(path, other)) {
             return Err(if path == *other {
-                format!("{shown} is given twice")
+                UnfitOutput::GivenTwice(output)
             } else {
-                format!("{shown} and {} are one file", other.display())
+                UnfitOutput::SameFile(output, other.to_path_buf())
             });
         }
         for input in inputs.clone() {
             if same_file(path, input) {
-                let what = if input.extension().is_some_and(|e| e == "toml") { "the drive" } else { "the input" };
-                let what = if path == input { format!("{what} itself") } else { format!("{what} {}", input.display()) };
-                return Err(format!("{shown} is {what}; it is not overwritten"));
+                return Err(UnfitOutput::IsInput { output, input: input.to_path_buf() });
             }
         }
         seen.push(path);
@@ -354,11 +391,11 @@ mod tests {
         std::os::unix::fs::symlink(folder.path(), at("folder")).unwrap();
         let (a, new) = (at("a.mcap"), at("new.mcap"));
         for name in ["a.mcap", "./a.mcap", "hard.mcap", "soft.mcap", "folder/a.mcap"] {
-            let said = check([at(name).as_path()], [a.as_path()]).unwrap_err();
+            let said = check([at(name).as_path()], [a.as_path()]).unwrap_err().to_string();
             assert!(said.contains("is the input") && said.ends_with("it is not overwritten"), "{name}: {said}");
         }
         for name in ["dangling.mcap", "folder/new.mcap", "./new.mcap"] {
-            let said = check([at(name).as_path(), new.as_path()], []).unwrap_err();
+            let said = check([at(name).as_path(), new.as_path()], []).unwrap_err().to_string();
             assert!(said.ends_with("are one file") || said.ends_with("given twice"), "{name}: {said}");
         }
         check([new.as_path()], [a.as_path()]).unwrap();

@@ -1,9 +1,10 @@
 //! Sensor readings of a drive with link bodies at a node: after `evaluate`, before `advance`.
 
-use crate::assemble::{Assembly, assemble};
+use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
 use crate::elements::span::ChainSpan;
+use crate::integrate::StepError;
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::pairs::part_part::TouchShape;
@@ -109,8 +110,8 @@ pub struct Tracer {
 
 impl Tracer {
     /// Assembles a drive, to be read at intervals of at most `every_s` seconds.
-    pub fn new(drive: &Drive, every_s: f64) -> Result<Tracer, String> {
-        let Assembly { model, state, .. } = assemble(drive).map_err(|e| e.to_string())?;
+    pub fn new(drive: &Drive, every_s: f64) -> Result<Tracer, AssemblyError> {
+        let Assembly { model, state, .. } = assemble(drive)?;
         let stride = (every_s / model.step_s * (1.0 + 1e-9)).floor().max(1.0) as u64;
         let readings = vec![Vec::new(); drive.sensors.len()];
         Ok(Tracer { drive: drive.clone(), scratch: Scratch::new(&model), model, state, stride, readings })
@@ -136,12 +137,12 @@ impl Tracer {
     }
 
     /// Runs until readings cover this time.
-    pub fn run_until(&mut self, covered_s: f64) -> Result<(), String> {
+    pub fn run_until(&mut self, covered_s: f64) -> Result<(), StepError> {
         let wanted = libm::ceil(covered_s / self.step_s()) as usize + 1;
         let have = self.readings.first().map_or(0, Vec::len);
         for _ in have..wanted {
             for k in 0..self.stride {
-                explicit::evaluate(&self.model, &self.state, &mut self.scratch).map_err(|e| e.to_string())?;
+                explicit::evaluate(&self.model, &self.state, &mut self.scratch)?;
                 if k == 0 {
                     for (series, sensor) in self.readings.iter_mut().zip(&self.drive.sensors) {
                         series.push(read(&self.model, &self.state, &self.scratch, sensor.reads));
@@ -154,7 +155,7 @@ impl Tracer {
     }
 
     /// Continues the run for this time.
-    pub fn run_for(&mut self, duration_s: f64) -> Result<(), String> {
+    pub fn run_for(&mut self, duration_s: f64) -> Result<(), StepError> {
         let have = self.readings.first().map_or(0, Vec::len);
         self.run_until(have as f64 * self.step_s() + duration_s)
     }

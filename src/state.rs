@@ -23,6 +23,34 @@ impl std::fmt::Display for ColumnName {
     }
 }
 
+/// Why a keyframe is not one of this State.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RestoreError {
+    /// Another column stands where this one is expected; with the number of values of each.
+    OtherColumn { found: String, found_len: usize, expected: ColumnName, expected_len: usize },
+    /// The keyframe ends before this column.
+    MissingColumn(ColumnName),
+    /// All columns fit, but their values are not those that were hashed.
+    OtherHash { found: u64, expected: u64 },
+}
+
+impl std::fmt::Display for RestoreError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            RestoreError::OtherColumn { found, found_len, expected, expected_len } => write!(
+                f,
+                "column `{found}` with {found_len} values stands where `{expected}` with {expected_len} is expected"
+            ),
+            RestoreError::MissingColumn(name) => write!(f, "column `{name}` is missing"),
+            RestoreError::OtherHash { found, expected } => {
+                write!(f, "the state hashes to {found:016x}, the keyframe says {expected:016x}")
+            }
+        }
+    }
+}
+
+impl std::error::Error for RestoreError {}
+
 /// Columns with one value per link.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkState {
@@ -393,7 +421,7 @@ impl State {
 
     /// Puts a keyframe back into a State of the same drive. Fails when columns differ in name, number or length, or when
     /// the hash does not match.
-    pub fn restore(&mut self, keyframe: &Keyframe) -> Result<(), String> {
+    pub fn restore(&mut self, keyframe: &Keyframe) -> Result<(), RestoreError> {
         let mut given = keyframe.columns.iter();
         let mut problem = None;
         self.for_each_column_mut(|name, column| match given.next() {
@@ -401,15 +429,15 @@ impl State {
                 column.copy_from_slice(&c.values)
             }
             Some(c) => {
-                problem.get_or_insert(format!(
-                    "column `{}` with {} values stands where `{name}` with {} is expected",
-                    c.name,
-                    c.values.len(),
-                    column.len()
-                ));
+                problem.get_or_insert_with(|| RestoreError::OtherColumn {
+                    found: c.name.clone(),
+                    found_len: c.values.len(),
+                    expected: name,
+                    expected_len: column.len(),
+                });
             }
             None => {
-                problem.get_or_insert(format!("column `{name}` is missing"));
+                problem.get_or_insert(RestoreError::MissingColumn(name));
             }
         });
         if let Some(problem) = problem {
@@ -418,7 +446,7 @@ impl State {
         self.step = keyframe.step;
         let hash = self.hash();
         if hash != keyframe.state_hash {
-            return Err(format!("the state hashes to {hash:016x}, the keyframe says {:016x}", keyframe.state_hash));
+            return Err(RestoreError::OtherHash { found: hash, expected: keyframe.state_hash });
         }
         Ok(())
     }

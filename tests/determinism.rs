@@ -73,7 +73,7 @@ fn a_run_resumed_from_a_keyframe_ends_in_the_same_state() {
     assert_eq!(hash_after(&a, &resumed, &mut Scratch::new(&a.model), STEPS - STEPS / 3).0, end);
     let mut broken = keyframe.clone();
     broken.columns[0].values[3] += 1e-12;
-    assert!(resumed.restore(&broken).expect_err("a changed value").contains("hashes"));
+    assert!(resumed.restore(&broken).expect_err("a changed value").to_string().contains("hashes"));
     broken.columns.remove(4);
     assert!(resumed.restore(&broken).is_err());
 }

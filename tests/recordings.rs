@@ -278,6 +278,7 @@ fn asam_mdf_is_a_measured_file_and_damage_is_an_error() {
         let file = falcon_mdf::Mf4File::from_bytes(bytes).map_err(|e| e.to_string())?;
         let mut memory = Memory::for_program(1_000_000_000);
         pitchline::measurement::columns::parse_mdf(&file, group, ColumnSelection::All, &mut memory)
+            .map_err(|e| e.to_string())
     };
     let error = parse_mdf(BENCH.to_vec(), None).expect_err("two groups");
     assert!(error.contains("2 groups") && error.contains("group = 0") && error.contains("pressure"), "{error}");

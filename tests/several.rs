@@ -12,7 +12,7 @@ use pitchline::model::Model;
 use pitchline::pairs::contour_body::EndShape;
 use pitchline::recording::capture::Camera;
 use pitchline::recording::frame::Feature;
-use pitchline::state::State;
+use pitchline::state::{RestoreError, State};
 use std::ops::Range;
 
 fn parsed(text: &str, sets: &[&str]) -> Drive {
@@ -45,9 +45,8 @@ fn side_by_side(model: &Model, parts: &[Assembly]) -> State {
         }
     }
     // The hash of the joined State is found by restoring it once with a wrong one.
-    let text = state.clone().restore(&joined).expect_err("another hash");
-    let hash = text.split_whitespace().nth(4).expect("the hash").trim_end_matches(',');
-    joined.state_hash = u64::from_str_radix(hash, 16).expect("hexadecimal");
+    let Err(RestoreError::OtherHash { found, .. }) = state.clone().restore(&joined) else { panic!("another hash") };
+    joined.state_hash = found;
     state.restore(&joined).expect("the same columns");
     state
 }

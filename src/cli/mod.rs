@@ -225,7 +225,7 @@ fn check_outputs<'a>(
     outputs: impl IntoIterator<Item = &'a Path>,
     inputs: impl IntoIterator<Item = &'a Path> + Clone,
 ) -> Result<(), Failure> {
-    crate::output::check(outputs, inputs).map_err(Failure::Input)
+    crate::output::check(outputs, inputs).map_err(|e| Failure::Input(e.to_string()))
 }
 
 /// Largest drive file that is read [bytes].

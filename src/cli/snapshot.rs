@@ -183,10 +183,33 @@ fn exact_frames(path: &Path, at: At, times_s: &[f64]) -> Result<Vec<Frame>, Fail
     Ok(frames)
 }
 
+/// Why a recording lacks a requested frame. The text follows the name of the recording.
+#[derive(Clone, Debug, PartialEq)]
+enum NotRecorded {
+    NoFrames,
+    Number { number: usize, last: usize },
+    Time { t_s: f64, first_s: f64, last_s: f64 },
+}
+
+impl std::fmt::Display for NotRecorded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            NotRecorded::NoFrames => f.write_str("holds no frames"),
+            NotRecorded::Number { number, last } => write!(f, "has no frame {number}; its frames are 0 to {last}"),
+            NotRecorded::Time { t_s, first_s, last_s } => {
+                let (t, first, last) = (t_s * 1e3, first_s * 1e3, last_s * 1e3);
+                write!(f, "{t:.4} ms was not recorded; the recording goes from {first:.4} to {last:.4} ms")
+            }
+        }
+    }
+}
+
+impl std::error::Error for NotRecorded {}
+
 /// Numbers of the requested frames, without repetition. `times_s` are those of all frames, ascending.
-fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> {
+fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, NotRecorded> {
     let (Some(&first), Some(&last)) = (times_s.first(), times_s.last()) else {
-        return Err("holds no frames".into());
+        return Err(NotRecorded::NoFrames);
     };
     #[expect(clippy::indexing_slicing, reason = "there is a frame, and both numbers are at most that of the last")]
     let nearest = |t: f64| {
@@ -198,7 +221,7 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
     let wanted_s: Vec<f64> = match at {
         At::Frame(number) if number < times_s.len() => return Ok(vec![number]),
         At::Frame(number) => {
-            return Err(format!("has no frame {number}; its frames are 0 to {}", times_s.len() - 1));
+            return Err(NotRecorded::Number { number, last: times_s.len() - 1 });
         }
         At::Time(t) => vec![t],
         At::Strip { from_s, to_s, count } => {
@@ -209,8 +232,7 @@ fn pick(times_s: &[f64], interval_s: f64, at: At) -> Result<Vec<usize>, String> 
     // A time up to half a frame beyond the ends is accepted; the factor allows for rounding.
     let slack_s = 0.5 * interval_s * (1.0 + 1e-9);
     if let Some(t) = wanted_s.iter().find(|t| **t < first - slack_s || **t > last + slack_s) {
-        let (t, first, last) = (t * 1e3, first * 1e3, last * 1e3);
-        return Err(format!("{t:.4} ms was not recorded; the recording goes from {first:.4} to {last:.4} ms"));
+        return Err(NotRecorded::Time { t_s: *t, first_s: first, last_s: last });
     }
     let mut numbers = Vec::new();
     for t in &wanted_s {

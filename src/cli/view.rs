@@ -145,23 +145,57 @@ fn without(feature: &str) -> Failure {
     ))
 }
 
+/// Why the Rerun viewer cannot show a recording here.
+#[derive(Debug)]
+enum NoViewer {
+    NotStarted {
+        program: String,
+        why: std::io::Error,
+    },
+    TooOld {
+        program: String,
+        version: (u32, u32),
+    },
+    /// What it prints for `--version` holds none.
+    WithoutVersion {
+        program: String,
+    },
+    NoScreen,
+}
+
+impl std::fmt::Display for NoViewer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            NoViewer::NotStarted { program, why } => write!(f, "no program `{program}`: {why}"),
+            NoViewer::TooOld { program, version: (major, minor) } => {
+                write!(f, "`{program}` is version {major}.{minor}, which is too old: 0.36 is needed")
+            }
+            NoViewer::WithoutVersion { program } => write!(f, "`{program} --version` does not tell a version"),
+            NoViewer::NoScreen => f.write_str("there is no screen for the Rerun viewer"),
+        }
+    }
+}
+
+impl std::error::Error for NoViewer {}
+
 /// The `rerun` program if it can show these recordings here, or the reason why not. PITCHLINE_RERUN names another one.
-fn native_viewer() -> Result<OsString, String> {
+fn native_viewer() -> Result<OsString, NoViewer> {
     let program = std::env::var_os("PITCHLINE_RERUN").unwrap_or_else(|| "rerun".into());
     let shown = program.to_string_lossy().into_owned();
-    let out = Command::new(&program).arg("--version").output().map_err(|e| format!("no program `{shown}`: {e}"))?;
+    let out = match Command::new(&program).arg("--version").output() {
+        Ok(out) => out,
+        Err(why) => return Err(NoViewer::NotStarted { program: shown, why }),
+    };
     let said = String::from_utf8_lossy(&out.stdout).into_owned();
     match version(&said) {
         // Newer viewers read older files; 0.41 was tried.
         Some(version) if version >= (0, 36) => {}
-        Some((major, minor)) => {
-            return Err(format!("`{shown}` is version {major}.{minor}, which is too old: 0.36 is needed"));
-        }
-        None => return Err(format!("`{shown} --version` does not tell a version")),
+        Some(version) => return Err(NoViewer::TooOld { program: shown, version }),
+        None => return Err(NoViewer::WithoutVersion { program: shown }),
     }
     let has_screen = |variable| std::env::var_os(variable).is_some_and(|value| !value.is_empty());
     if cfg!(target_os = "linux") && !has_screen("DISPLAY") && !has_screen("WAYLAND_DISPLAY") {
-        return Err("there is no screen for the Rerun viewer".into());
+        return Err(NoViewer::NoScreen);
     }
     Ok(program)
 }

@@ -63,8 +63,8 @@ impl DriveReader {
                     place: Place { source, span: start..given.len() },
                     used: Cell::new(false),
                 }),
-                Err(title) => diags.push(Diag {
-                    title,
+                Err(e) => diags.push(Diag {
+                    title: e.to_string(),
                     place: Place { source, span: 0..given.len() },
                     help: Some(
                         "write --set path=value, e.g. --set sprockets.driver.teeth=21 or --set 'title=\"x\"'".into(),
@@ -201,14 +201,43 @@ impl Places {
     }
 }
 
-fn parse_override(given: &str) -> Result<(String, DocumentValue, usize), String> {
+/// Why a text is no override.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum OverrideError {
+    NoEqualSign {
+        given: String,
+    },
+    /// Nothing stands on one side of the equal sign.
+    Incomplete {
+        given: String,
+    },
+    NoTomlValue {
+        value: String,
+        why: String,
+    },
+}
+
+impl std::fmt::Display for OverrideError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            OverrideError::NoEqualSign { given } => write!(f, "`{given}` has no `=`"),
+            OverrideError::Incomplete { given } => write!(f, "`{given}` lacks a path or a value"),
+            OverrideError::NoTomlValue { value, why } => write!(f, "`{value}` is no TOML value: {why}"),
+        }
+    }
+}
+
+impl std::error::Error for OverrideError {}
+
+/// Path and value of an override, and where its value begins.
+fn parse_override(given: &str) -> Result<(String, DocumentValue, usize), OverrideError> {
     let Some((path, value)) = given.split_once('=') else {
-        return Err(format!("`{given}` has no `=`"));
+        return Err(OverrideError::NoEqualSign { given: given.to_string() });
     };
     let start = path.len() + 1;
     let (path, value) = (path.trim(), value.trim());
     if path.is_empty() || value.is_empty() {
-        return Err(format!("`{given}` lacks a path or a value"));
+        return Err(OverrideError::Incomplete { given: given.to_string() });
     }
     let parsed = match DeValue::parse(value) {
         Ok(v) => DocumentValue::from_toml(v.get_ref()),
@@ -216,7 +245,9 @@ fn parse_override(given: &str) -> Result<(String, DocumentValue, usize), String>
         Err(_) if value.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-') => {
             DocumentValue::Text(value.to_string())
         }
-        Err(e) => return Err(format!("`{value}` is no TOML value: {}", e.message())),
+        Err(e) => {
+            return Err(OverrideError::NoTomlValue { value: value.to_string(), why: e.message().to_string() });
+        }
     };
     Ok((path.to_string(), parsed, start))
 }

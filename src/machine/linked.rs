@@ -2,7 +2,7 @@
 
 use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use super::links::lcm;
-use super::response::PeriodicResponse;
+use super::response::{PeriodicResponse, ResponseError};
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
 use super::{Body, BodyMotion, Machine, Reads, Target};
 use crate::drive::Drive;
@@ -29,7 +29,7 @@ pub(super) struct LinkedDrive {
     turns_as: Vec<Option<usize>>,
     /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
     noise: Vec<f64>,
-    known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, String>>>>,
+    known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, ResponseError>>>>,
 }
 
 const EFFORT: SearchEffort = SearchEffort {
@@ -82,7 +82,7 @@ impl LinkedDrive {
     }
 
     /// One period of the drive with these values.
-    fn response(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<PeriodicResponse, String>> {
+    fn response(&self, m: &Machine, values: &[f64], runs: &AtomicU64) -> Arc<Result<PeriodicResponse, ResponseError>> {
         let numbers = self.numbers(m, values);
         let key: ChangedNumbers = numbers.iter().map(|(path, x)| (path.clone(), (x + 0.0).to_bits())).collect();
         if let Ok(known) = self.known.lock()
@@ -91,7 +91,7 @@ impl LinkedDrive {
             return response.clone();
         }
         runs.fetch_add(1, Ordering::Relaxed);
-        let drive = self.drive.with_numbers(&numbers).map_err(|e| e.to_string());
+        let drive = self.drive.with_numbers(&numbers).map_err(ResponseError::Drive);
         let pitches = self.pitches(m);
         let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, pitches, &self.noise)));
         if let Ok(mut known) = self.known.lock() {
@@ -239,7 +239,7 @@ impl Fidelity for LinkedDrive {
         let mut response: Option<PeriodicResponse> = None;
         for (weight, values) in r.corners {
             let run = self.response(m, values, r.runs);
-            let run = run.as_ref().as_ref().map_err(|why| RunError::Refused { why: why.clone() })?;
+            let run = run.as_ref().as_ref().map_err(|why| RunError::Refused { why: why.to_string() })?;
             match &mut response {
                 None if *weight == 1.0 => response = Some(run.clone()),
                 None => response = Some(run.scaled_by(*weight)),

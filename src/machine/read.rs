@@ -264,7 +264,7 @@ fn read_effects(root: &TomlTable<'_>, m: &mut Machine) {
         for (name, t) in of_kind.tables_or_set() {
             match m.target(effect, &name) {
                 Ok(target) => place(m, &t, effect, target),
-                Err(e) => t.error(e, Some("`pitchline effects NAME` says what it is put on".into())),
+                Err(e) => t.error(e.to_string(), Some("`pitchline effects NAME` says what it is put on".into())),
             }
             t.finish();
         }
@@ -280,20 +280,49 @@ fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Ta
     m.attach_effect(effect, t.path().to_string(), target, slots);
 }
 
+/// Why an effect cannot be put on what its table names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum TargetError {
+    NoChain,
+    /// The machine has nothing that bears the effect.
+    NoneThere {
+        effect: &'static str,
+        on: &'static str,
+    },
+    /// The machine has some, and none with this name.
+    Unknown {
+        effect: &'static str,
+        on: &'static str,
+        known: Vec<String>,
+    },
+}
+
+impl std::fmt::Display for TargetError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            TargetError::NoChain => f.write_str("this machine has no `[chain]`"),
+            TargetError::NoneThere { effect, on } => write!(f, "`{effect}` needs {on}, and this machine has none"),
+            TargetError::Unknown { effect, on, known } => write!(f, "`{effect}` goes on {on}: {}", known.join(", ")),
+        }
+    }
+}
+
+impl std::error::Error for TargetError {}
+
 impl Machine {
     /// Resolves the target `name` of an effect.
-    fn target(&self, effect: &Effect, name: &str) -> Result<Target, String> {
+    fn target(&self, effect: &Effect, name: &str) -> Result<Target, TargetError> {
         let known = self.targets(effect);
         // Trailing plus signs distinguish effects of the same kind at the same place.
         let name = name.trim_end_matches('+');
         if effect.on == On::Chain {
-            return known.first().map(|(_, t)| *t).ok_or_else(|| "this machine has no `[chain]`".to_string());
+            return known.first().map(|(_, t)| *t).ok_or(TargetError::NoChain);
         }
         known.iter().find(|(n, _)| n == name).map(|(_, t)| *t).ok_or_else(|| {
-            let names: Vec<_> = known.iter().map(|(n, _)| n.as_str()).collect();
-            match names.is_empty() {
-                true => format!("`{}` needs {}, and this machine has none", effect.name, effect.on.label()),
-                false => format!("`{}` goes on {}: {}", effect.name, effect.on.label(), names.join(", ")),
+            let (effect, on) = (effect.name, effect.on.label());
+            match known.is_empty() {
+                true => TargetError::NoneThere { effect, on },
+                false => TargetError::Unknown { effect, on, known: known.iter().map(|(n, _)| n.clone()).collect() },
             }
         })
     }

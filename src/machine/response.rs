@@ -8,9 +8,12 @@
 //! pitches.
 
 use super::simulate::{between, cubic};
+use crate::assemble::AssemblyError;
+use crate::diag::Report;
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
 use crate::elements::driver_motion::Harmonic;
+use crate::integrate::StepError;
 use crate::sensing::Tracer;
 
 /// Settling time after the drive's own run-in [s], for transients of its start.
@@ -39,7 +42,32 @@ pub(super) struct PeriodicResponse {
     pub(super) periods: usize,
 }
 
+/// Why there is no period of a drive's sensors.
+#[derive(Debug)]
+pub(super) enum ResponseError {
+    /// The drive cannot have these numbers.
+    Drive(Report),
+    WithoutPeriod(WithoutPeriod),
+    Assembly(AssemblyError),
+    /// The run broke down.
+    Step(StepError),
+}
+
+impl std::fmt::Display for ResponseError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            ResponseError::Drive(e) => write!(f, "{e}"),
+            ResponseError::WithoutPeriod(WithoutPeriod { title, help, .. }) => write!(f, "{title}; {help}"),
+            ResponseError::Assembly(e) => write!(f, "{e}"),
+            ResponseError::Step(e) => write!(f, "{e}"),
+        }
+    }
+}
+
+impl std::error::Error for ResponseError {}
+
 /// Why a drive has no period, so that records cannot be compared with it.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct WithoutPeriod {
     pub(super) path: String,
     pub(super) title: String,
@@ -91,9 +119,9 @@ pub(super) fn turns_of_orders<'a>(orders: impl Iterator<Item = &'a Harmonic> + C
 
 impl PeriodicResponse {
     /// Runs a drive that repeats itself after this many pitches. `noise` of every sensor [SI], 0: nobody reads it.
-    pub(super) fn of(drive: &Drive, repeats: u32, noise: &[f64]) -> Result<PeriodicResponse, String> {
-        if let Some(WithoutPeriod { title, help, .. }) = without_period(drive) {
-            return Err(format!("{title}; {help}"));
+    pub(super) fn of(drive: &Drive, repeats: u32, noise: &[f64]) -> Result<PeriodicResponse, ResponseError> {
+        if let Some(why) = without_period(drive) {
+            return Err(ResponseError::WithoutPeriod(why));
         }
         let pitches = f64::from(repeats);
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
@@ -101,8 +129,8 @@ impl PeriodicResponse {
         let pairs = (repeats / 2).max(1);
         let pair_s = period_s / f64::from(pairs);
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
-        let mut tracer = Tracer::new(drive, bin_s)?;
-        tracer.run_for(SETTLE_S)?;
+        let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
+        tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
         tracer.clear_readings();
         let turning: Vec<Option<f64>> = drive
             .sensors
@@ -127,7 +155,8 @@ impl PeriodicResponse {
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
             // Two readings beyond the end, for the cubic interpolation.
-            tracer.run_until(wanted as f64 * period_s + 3.0 * tracer.step_s())?;
+            let covered_s = wanted as f64 * period_s + 3.0 * tracer.step_s();
+            tracer.run_until(covered_s).map_err(ResponseError::Step)?;
             fold.add_periods(&tracer, &turning, period_s, wanted);
             let sure = (0..drive.sensors.len()).all(|s| {
                 let noise = noise.get(s).copied().unwrap_or(0.0);

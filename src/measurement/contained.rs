@@ -3,6 +3,7 @@
 //! Parquet's decoders (60.1) trust a file's metadata about its pages and index out of bounds if it is wrong. This
 //! cannot be checked from outside before they decode.
 
+use super::columns::ColumnsError;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::Path;
@@ -23,13 +24,13 @@ pub fn silence_contained_panics() {
 }
 
 /// Runs a function that may panic while it reads `path`; a panic is returned as an error.
-pub(super) fn contained<T>(path: &Path, reads: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+pub(super) fn contained<T>(path: &Path, reads: impl FnOnce() -> Result<T, ColumnsError>) -> Result<T, ColumnsError> {
     CONTAINS_PANICS.set(true);
     // Partial results are discarded with the error, so that no half-changed state is visible.
     let result = catch_unwind(AssertUnwindSafe(reads));
     CONTAINS_PANICS.set(false);
     result.unwrap_or_else(|panic| {
         let said = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-        Err(format!("`{}` is damaged: its reader gave up ({})", path.display(), said.unwrap_or("no message")))
+        Err(ColumnsError::Damaged { path: path.to_path_buf(), said: said.map(str::to_string) })
     })
 }

@@ -141,7 +141,8 @@ pub fn load(
     for file in &measurement.files {
         let path = folder.join(&file.path);
         let wanted = needed_columns(measurement, &file.name);
-        let columns = read(&path, file.layout, ColumnSelection::Named(&wanted), memory).map_err(DataError::World)?;
+        let columns = read(&path, file.layout, ColumnSelection::Named(&wanted), memory);
+        let columns = columns.map_err(|e| DataError::World(e.to_string()))?;
         tables.push((file.name.clone(), columns));
     }
     split_into_segments(measurement, machine, bound, &tables)

@@ -7,7 +7,7 @@
 //! exports, would swallow the following rows: if the next line is a complete row, the quotation mark is treated as
 //! stray, with a warning.
 
-use super::{ColumnSelection, Columns, FileLayout, Memory};
+use super::{ColumnSelection, Columns, CsvError, CsvLineError, FileLayout, Memory};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
 use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
@@ -30,8 +30,8 @@ pub fn parse_csv(
     layout: FileLayout,
     wanted: ColumnSelection<'_>,
     memory: &mut Memory,
-) -> Result<Columns, String> {
-    let (input, encoding) = decoded(input).map_err(|e| format!(" cannot be read: {e}"))?;
+) -> Result<Columns, CsvError> {
+    let (input, encoding) = decoded(input).map_err(CsvError::Unreadable)?;
     let mut lines = Lines { input: BufReader::with_capacity(1 << 16, input), line: Vec::new(), number: 0 };
     for _ in 0..layout.skip_lines {
         lines.next()?;
@@ -81,17 +81,15 @@ struct Lines<R> {
 
 impl<R: Read> Lines<R> {
     /// Reads the next line; false at the end.
-    fn next(&mut self) -> Result<bool, String> {
+    fn next(&mut self) -> Result<bool, CsvError> {
         self.line.clear();
         let most = LONGEST_LINE as u64 + 1;
         let read = self.input.by_ref().take(most).read_until(b'\n', &mut self.line);
-        let read = read.map_err(|e| format!(": line {}: {e}", self.number + 1))?;
+        let read = read.map_err(|why| CsvError::Interrupted { line: self.number + 1, why })?;
         self.number += 1;
         if read > LONGEST_LINE {
-            return Err(format!(
-                ":{}: a line of more than {LONGEST_LINE} bytes: this is not a table of numbers",
-                self.number
-            ));
+            let what = CsvLineError::TooLong { limit_bytes: LONGEST_LINE };
+            return Err(CsvError::AtLine { line: self.number, what });
         }
         while self.line.last().is_some_and(|b| matches!(b, b'\n' | b'\r')) {
             self.line.pop();
@@ -163,7 +161,7 @@ impl<'a> CsvTable<'a> {
     }
 
     /// Processes the next line, which is a row or part of one.
-    fn line(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+    fn line(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), CsvError> {
         let Some((open, first)) = self.open.take() else {
             if line.trim().is_empty() || line.starts_with('#') {
                 return Ok(());
@@ -173,7 +171,7 @@ impl<'a> CsvTable<'a> {
                 self.splitter = ReaderBuilder::new().delimiter(self.separator).terminator(LINE_END).build();
             }
             if self.split(line, true) {
-                return self.row(number, memory).map_err(|e| format!(":{number}: {e}"));
+                return self.row(number, memory).map_err(|what| CsvError::AtLine { line: number, what });
             }
             self.open = Some((line.to_string(), number));
             return Ok(());
@@ -185,33 +183,32 @@ impl<'a> CsvTable<'a> {
         }
         let joined = format!("{open}\n{line}");
         if joined.len() > LONGEST_LINE || number - first > MAX_LINES_PER_ROW {
-            return Err(format!(":{first}: a quotation mark is not closed within {MAX_LINES_PER_ROW} lines"));
+            let what = CsvLineError::QuoteNotClosed { limit_lines: MAX_LINES_PER_ROW };
+            return Err(CsvError::AtLine { line: first, what });
         }
         if self.split(&joined, true) {
-            return self.row(first, memory).map_err(|e| format!(":{first}: {e}"));
+            return self.row(first, memory).map_err(|what| CsvError::AtLine { line: first, what });
         }
         self.open = Some((joined, first));
         Ok(())
     }
 
     /// Processes a line with a stray quotation mark.
-    fn stray_quote(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), String> {
+    fn stray_quote(&mut self, line: &str, number: usize, memory: &mut Memory) -> Result<(), CsvError> {
         self.split(line, false);
         if line.contains('\n') || self.ends.len() != self.columns.names.len() {
-            return Err(format!(
-                ":{number}: a quotation mark is not closed, and the line has not all columns\nhelp: close it, or take that column out of the file"
-            ));
+            return Err(CsvError::AtLine { line: number, what: CsvLineError::StrayQuote });
         }
         self.stray_quotes += 1;
         if self.stray_quotes == 1 {
             let what = format!("line {number}: a quotation mark is not closed on its line; the line is taken as it is");
             self.columns.warnings.push(what);
         }
-        self.row(number, memory).map_err(|e| format!(":{number}: {e}"))
+        self.row(number, memory).map_err(|what| CsvError::AtLine { line: number, what })
     }
 
     /// Processes the row that was split last.
-    fn row(&mut self, number: usize, memory: &mut Memory) -> Result<(), String> {
+    fn row(&mut self, number: usize, memory: &mut Memory) -> Result<(), CsvLineError> {
         let whole = self.ends.len();
         let mut width = whole;
         // A separator at the end of every line does not make a column.
@@ -232,7 +229,7 @@ impl<'a> CsvTable<'a> {
         }
         let names = self.columns.names.len();
         if width > names {
-            return Err(format!("{width} values, where the file has {names} columns"));
+            return Err(CsvLineError::TooManyValues { values: width, columns: names });
         }
         if self.columns.rows == 0 && self.is_row_of_units(width) {
             let texts = (0..width).map(|i| self.field(i).trim_matches(|c| "[]()".contains(c)).to_string());
@@ -301,16 +298,16 @@ impl<'a> CsvTable<'a> {
         field(&self.fields, &self.ends, index)
     }
 
-    fn name_columns(&mut self, width: usize) -> Result<(), String> {
+    fn name_columns(&mut self, width: usize) -> Result<(), CsvLineError> {
         self.has_names = true;
         if width > MAX_COLUMNS {
-            return Err(format!("{width} columns; at most {MAX_COLUMNS} are read"));
+            return Err(CsvLineError::TooManyColumns { columns: width, limit: MAX_COLUMNS });
         }
         let header = self.layout.header;
         let name = |i: usize| if header { self.field(i).to_string() } else { (i + 1).to_string() };
         let names: Vec<String> = (0..width).map(name).collect();
         if header && names.iter().all(|n| n.parse::<f64>().is_ok()) {
-            return Err("the first line holds numbers, not the names of columns\nhelp: write `header = false` for this file; its columns are then called 1, 2 ...".into());
+            return Err(CsvLineError::NumbersAsNames);
         }
         let kept = names.iter().enumerate().filter(|(_, name)| self.wanted.selects(name));
         self.kept = kept
@@ -331,12 +328,12 @@ impl<'a> CsvTable<'a> {
             && numbers.next().is_none()
     }
 
-    fn finish(mut self, memory: &mut Memory) -> Result<Columns, String> {
+    fn finish(mut self, memory: &mut Memory) -> Result<Columns, CsvError> {
         if let Some((open, first)) = self.open.take() {
             self.stray_quote(&open, first, memory)?;
         }
         if self.columns.rows == 0 {
-            return Err(" holds no rows".into());
+            return Err(CsvError::NoRows);
         }
         if self.stray_quotes > 1 {
             let more = self.stray_quotes - 1;

@@ -3,11 +3,14 @@
 //! not depend on what a file claims.
 
 mod csv;
+mod error;
 mod parquet;
 
 #[doc(hidden)]
 pub use self::csv::parse_csv;
+pub use self::error::{ColumnsError, CsvError, CsvLineError, MdfError, MdfGroup, MemoryExceeded, ParquetFileError};
 
+use self::error::MdfChannelError;
 use super::contained::contained;
 use crate::drive::Drive;
 use crate::machine::Machine;
@@ -91,16 +94,13 @@ impl Memory {
         Memory { bytes: bytes / COPIES, left: bytes / COPIES }
     }
 
-    fn take(&mut self, bytes: usize) -> Result<(), String> {
+    fn take(&mut self, bytes: usize) -> Result<(), MemoryExceeded> {
         match self.left.checked_sub(bytes) {
             Some(left) => {
                 self.left = left;
                 Ok(())
             }
-            None => Err(format!(
-                "the measured columns hold more than the {:.0} MB that they may take, a tenth of the memory\nhelp: cut the files to what is needed, or give more: `--memory 4GB`",
-                self.bytes as f64 / 1e6
-            )),
+            None => Err(MemoryExceeded { limit_bytes: self.bytes }),
         }
     }
 }
@@ -168,30 +168,29 @@ pub fn read(
     layout: FileLayout,
     wanted: ColumnSelection<'_>,
     memory: &mut Memory,
-) -> Result<Columns, String> {
-    let shown = path.display();
-    let cannot = |e: &dyn std::fmt::Display| format!("cannot read `{shown}`: {e}");
-    let metadata = std::fs::metadata(path).map_err(|e| cannot(&e))?;
+) -> Result<Columns, ColumnsError> {
+    let cannot = |why| ColumnsError::Unreadable { path: path.to_path_buf(), why };
+    let metadata = std::fs::metadata(path).map_err(cannot)?;
     if metadata.is_dir() {
-        return Err(format!("`{shown}` is a directory"));
+        return Err(ColumnsError::Directory(path.to_path_buf()));
     }
     // A pipe may never end, and a device never does.
     if !metadata.is_file() {
-        return Err(format!("`{shown}` is no file"));
+        return Err(ColumnsError::NoFile(path.to_path_buf()));
     }
     let extension = |path: &Path| path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     match extension(path).as_deref() {
         Some("parquet") => contained(path, || parquet::read(path, wanted, memory)),
-        Some("mcap") => read_recording(path, wanted, memory).map_err(|e| format!("{e:#}")),
+        Some("mcap") => read_recording(path, wanted, memory).map_err(ColumnsError::Recording),
         Some("mf4" | "mdf" | "dat") => contained(path, || read_mdf(path, layout, wanted, memory)),
         ending => {
-            let file = crate::input::open(path).map_err(|e| cannot(&e))?;
+            let file = crate::input::open(path).map_err(cannot)?;
             let parsed = if ending == Some("gz") {
                 parse_csv(flate2::read::MultiGzDecoder::new(file), layout, wanted, memory)
             } else {
                 parse_csv(file, layout, wanted, memory)
             };
-            parsed.map_err(|e| format!("`{shown}`{e}"))
+            parsed.map_err(|what| ColumnsError::Csv { path: path.to_path_buf(), what })
         }
     }
 }
@@ -204,14 +203,15 @@ fn read_mdf(
     layout: FileLayout,
     wanted: ColumnSelection<'_>,
     memory: &mut Memory,
-) -> Result<Columns, String> {
-    let shown = path.display();
+) -> Result<Columns, ColumnsError> {
+    let path_buf = || path.to_path_buf();
     let options = falcon_mdf::OpenOptions { max_alloc: LARGEST_BLOCK, ..Default::default() };
-    let source = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
-    let source = falcon_mdf::io::range::read_seek_source(source).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
+    let source = crate::input::open(path).map_err(|why| ColumnsError::Unreadable { path: path_buf(), why })?;
+    let source = falcon_mdf::io::range::read_seek_source(source);
+    let source = source.map_err(|why| ColumnsError::MdfSource { path: path_buf(), why })?;
     let file = falcon_mdf::Mf4File::from_source_with_options(std::sync::Arc::new(source), options);
-    let file = file.map_err(|e| format!("`{shown}` is no MDF file that can be read: {e}"))?;
-    parse_mdf(&file, layout.group, wanted, memory).map_err(|e| format!("`{shown}` {e}"))
+    let file = file.map_err(|why| ColumnsError::NoMdf { path: path_buf(), why })?;
+    parse_mdf(&file, layout.group, wanted, memory).map_err(|what| ColumnsError::Mdf { path: path_buf(), what })
 }
 
 #[doc(hidden)]
@@ -222,42 +222,39 @@ pub fn parse_mdf(
     group: Option<usize>,
     wanted: ColumnSelection<'_>,
     memory: &mut Memory,
-) -> Result<Columns, String> {
+) -> Result<Columns, MdfError> {
     let groups = file.data_groups().iter().flat_map(|g| &g.channel_groups).enumerate();
     let mut full: Vec<_> =
         groups.filter(|(_, g)| g.sample_count > 0 && !g.is_vlsd() && !g.channels.is_empty()).collect();
     let Some((first, samples)) = full.first().map(|(number, g)| (*number, g.sample_count)) else {
-        return Err("holds no samples".into());
+        return Err(MdfError::NoSamples);
     };
     // Column-oriented storage (MDF 4.2) has a group for each channel, and one clock for all.
     let by_columns = full.iter().all(|(_, g)| g.channels.len() == 1 && g.sample_count == samples);
-    let wrong = match group {
+    let there = |full: &[(usize, &falcon_mdf::ChannelGroup)]| {
+        let shown = full.iter().take(12).map(|(number, g)| MdfGroup {
+            number: *number,
+            samples: g.sample_count,
+            channels: g.channels.iter().take(6).map(|c| c.name.clone()).collect(),
+        });
+        shown.collect()
+    };
+    match group {
         Some(group) if full.iter().any(|(number, _)| *number == group) => {
             full.retain(|(number, _)| *number == group);
-            None
         }
-        Some(group) => Some(format!("has no group {group} with samples\nhelp: ")),
-        None if full.len() == 1 || by_columns => None,
-        None => {
-            let n = full.len();
-            Some(format!("holds {n} groups of channels\nhelp: write `group = {first}` with the file; "))
-        }
-    };
-    if let Some(wrong) = wrong {
-        let list = full.iter().take(12).map(|(number, g)| {
-            let names: Vec<&str> = g.channels.iter().take(6).map(|c| c.name.as_str()).collect();
-            format!("{number} ({} samples: {})", g.sample_count, names.join(", "))
-        });
-        return Err(format!("{wrong}groups there: {}", list.collect::<Vec<_>>().join("; ")));
+        Some(group) => return Err(MdfError::NoGroup { group, there: there(&full) }),
+        None if full.len() == 1 || by_columns => {}
+        None => return Err(MdfError::SeveralGroups { count: full.len(), first, there: there(&full) }),
     }
     let samples = full.first().map_or(0, |(_, g)| g.sample_count);
-    let rows = usize::try_from(samples).map_err(|_| format!("holds {samples} samples"))?;
+    let rows = usize::try_from(samples).map_err(|_| MdfError::TooManySamples(samples))?;
     let channels: Vec<&falcon_mdf::Channel> = full.iter().flat_map(|(_, g)| &g.channels).collect();
     let names: Vec<String> = channels.iter().map(|c| c.name.clone()).collect();
     let mut columns = Columns::from_numbers(names, vec![Vec::new(); channels.len()]);
     columns.rows = rows;
     for (index, channel) in channels.into_iter().enumerate().filter(|(_, c)| wanted.selects(&c.name)) {
-        memory.take(rows.saturating_mul(8)).map_err(|e| format!("holds {rows} samples: {e}"))?;
+        memory.take(rows.saturating_mul(8)).map_err(|limit| MdfError::Memory { rows, limit })?;
         // An unreadable channel is an error only if it is requested.
         match mdf_channel(file, channel, rows) {
             Ok((values, unit)) => columns.set_column(index, values, (!unit.is_empty()).then_some(unit)),
@@ -273,12 +270,12 @@ fn mdf_channel(
     file: &falcon_mdf::Mf4File,
     channel: &falcon_mdf::Channel,
     rows: usize,
-) -> Result<(Vec<f64>, String), String> {
+) -> Result<(Vec<f64>, String), MdfChannelError> {
     // Texts and bytes. The library allocates what their offsets claim before it checks that the data exist.
     if channel.channel_type == falcon_mdf::blocks::channel::ChannelType::VariableLength {
-        return Err("has values of variable length, no numbers".into());
+        return Err(MdfChannelError::VariableLength);
     }
-    let cannot = |e: falcon_mdf::Mf4Error| format!("cannot be read: {e}");
+    let cannot = MdfChannelError::Undecodable;
     let (mut values, mut unit) = (Vec::new(), String::new());
     let mut add = |signal: &falcon_mdf::Signal, values: &mut Vec<f64>| -> Result<(), falcon_mdf::Mf4Error> {
         let mut own = signal.values_f64()?;
@@ -296,7 +293,7 @@ fn mdf_channel(
             for chunk in chunks {
                 add(&chunk.map_err(cannot)?, &mut values).map_err(cannot)?;
                 if values.len() > rows {
-                    return Err(format!("has more than {rows} values"));
+                    return Err(MdfChannelError::TooManyValues { rows });
                 }
             }
         }
@@ -304,7 +301,7 @@ fn mdf_channel(
         Err(_) => add(&file.signal(channel).map_err(cannot)?, &mut values).map_err(cannot)?,
     }
     if values.len() != rows {
-        return Err(format!("has {} values in {rows} samples", values.len()));
+        return Err(MdfChannelError::TooFewValues { values: values.len(), rows });
     }
     Ok((values, unit))
 }

@@ -2,7 +2,7 @@
 
 mod thrift;
 
-use super::{ColumnSelection, Columns, Memory};
+use super::{ColumnSelection, Columns, ColumnsError, Memory, ParquetFileError};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
@@ -14,17 +14,19 @@ use std::path::Path;
 /// Values per read.
 const BATCH: usize = 1 << 14;
 
-pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> Result<Columns, String> {
-    let shown = path.display();
-    let file = crate::input::open(path).map_err(|e| format!("cannot read `{shown}`: {e}"))?;
-    let pages = file.try_clone().map_err(|e| format!("cannot read `{shown}`: {e}"))?;
-    thrift::check_footer(&file).map_err(|e| file_error(path, &e))?;
-    let reader = SerializedFileReader::new(file).map_err(|e| file_error(path, &e))?;
+pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory) -> Result<Columns, ColumnsError> {
+    let cannot = |why| ColumnsError::Unreadable { path: path.to_path_buf(), why };
+    let unfit = |what| ColumnsError::Parquet { path: path.to_path_buf(), what };
+    let undecodable = |e: ParquetError| unfit(ParquetFileError::Undecodable(e));
+    let file = crate::input::open(path).map_err(cannot)?;
+    let pages = file.try_clone().map_err(cannot)?;
+    thrift::check_footer(&file).map_err(undecodable)?;
+    let reader = SerializedFileReader::new(file).map_err(undecodable)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
     let rows = usize::try_from(reader.metadata().file_metadata().num_rows()).unwrap_or(0);
     if rows == 0 {
-        return Err(format!("`{shown}` holds no rows"));
+        return Err(unfit(ParquetFileError::NoRows));
     }
     let mut columns = Columns::from_numbers(names.clone(), vec![Vec::new(); names.len()]);
     columns.rows = rows;
@@ -33,10 +35,11 @@ pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory
         match unreadable(&about) {
             Some(why) => columns.mark_unusable(index, format!("column `{name}` {why}")),
             None => {
-                memory.take(rows.saturating_mul(8)).map_err(|e| format!("`{shown}`: {rows} rows: {e}"))?;
+                let taken = memory.take(rows.saturating_mul(8));
+                taken.map_err(|limit| unfit(ParquetFileError::Memory { rows, limit }))?;
                 let is_time = ticks_per_second(&about).is_some();
-                let mut values = column(&reader, &pages, index, (rows, is_time), memory.bytes as u64)
-                    .map_err(|e| file_error(path, &e))?;
+                let mut values =
+                    column(&reader, &pages, index, (rows, is_time), memory.bytes as u64).map_err(undecodable)?;
                 in_units(&about, &mut values);
                 columns.set_column(index, values, is_time.then(|| "s".to_string()));
             }
@@ -44,14 +47,6 @@ pub(super) fn read(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory
     }
     columns.refuse_duplicate_names();
     Ok(columns)
-}
-
-/// Error message for an unreadable file, with a remedy.
-fn file_error(path: &Path, e: &ParquetError) -> String {
-    format!(
-        "`{}` is no Parquet file that can be read: {e}\nhelp: write it anew in Python: pandas.read_parquet(\"FILE\").to_parquet(\"NEW\", compression=\"snappy\")",
-        path.display()
-    )
 }
 
 /// Why a column does not contain numbers.
