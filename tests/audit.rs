@@ -370,6 +370,7 @@ fn frames_made_by_hand_give_back_masses_arms_and_joints() {
     let damping = [100.0, 100.0, 700.0, 100.0, 100.0, 100.0];
     let (friction_arm, tight) = (165e-6, [0.0, 0.0, 0.0, 0.0, 0.2, 0.0]);
     let topology = Topology {
+        rollers: Vec::new(),
         ahead: (0..N).map(|i| (i + 1) % N).collect(),
         behind: (0..N).map(|i| (i + N - 1) % N).collect(),
         row: (0..N as u32).map(|i| i % 2).collect(),
