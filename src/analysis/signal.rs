@@ -32,12 +32,24 @@ pub struct Signal {
     topology: Topology,
 }
 
+/// Why a recording has no such number: one sentence, and what helps.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownSignal(String);
+
+impl std::fmt::Display for UnknownSignal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UnknownSignal {}
+
 impl Signal {
     /// Finds a quantity by its name.
     ///
     /// # Errors
     /// There is none, or several have this name: one sentence, and what was probably meant.
-    pub fn find(name: &str, header: &Header) -> Result<Signal, String> {
+    pub fn find(name: &str, header: &Header) -> Result<Signal, UnknownSignal> {
         let names = names(header);
         let made = |source, unit: &str| {
             let topology = Topology::of(header);
@@ -70,10 +82,10 @@ impl Signal {
                 let sensors: Vec<&str> = header.sensors.iter().map(|s| s.path.as_str()).collect();
                 let sensors =
                     if sensors.is_empty() { String::new() } else { format!("; sensors: {}", sensors.join(", ")) };
-                Err(format!(
+                Err(UnknownSignal(format!(
                     "this recording has no quantity `{name}`\nhelp: {}{sensors}",
                     help.trim_start_matches("= help: ")
-                ))
+                )))
             }
         }
     }
@@ -111,16 +123,16 @@ fn float(values: &ColumnValues<'_>, row: usize) -> Option<f64> {
 }
 
 /// Whether a quantity is one number a frame.
-fn is_one(number: &Number, quantity: &Quantity) -> Result<(), String> {
-    let Number::Quantity { index, .. } = number else { return Err("this never changes".into()) };
+fn is_one(number: &Number, quantity: &Quantity) -> Result<(), UnknownSignal> {
+    let Number::Quantity { index, .. } = number else { return Err(UnknownSignal("this never changes".into())) };
     let (scope, name) = (quantity.scope.name(), quantity.name);
     match quantity.scope {
-        Scope::Link | Scope::Joint if index.is_none() => {
-            Err(format!("`{scope}.{name}` is of every {scope}\nhelp: choose one, e.g. `{scope}[12].{name}`"))
-        }
-        Scope::Contact | Scope::Impact => Err(format!(
+        Scope::Link | Scope::Joint if index.is_none() => Err(UnknownSignal(format!(
+            "`{scope}.{name}` is of every {scope}\nhelp: choose one, e.g. `{scope}[12].{name}`"
+        ))),
+        Scope::Contact | Scope::Impact => Err(UnknownSignal(format!(
             "`{scope}.{name}` is of contacts, which come and go\nhelp: e.g. `sprocket.NAME.chain_torque` sums them up; `pitchline impacts` lists impacts"
-        )),
+        ))),
         Scope::Link | Scope::Joint | Scope::Sprocket | Scope::Shaft | Scope::Arm | Scope::Slider => Ok(()),
         Scope::Ball | Scope::Touch | Scope::Chamber | Scope::Reservoir | Scope::Passage | Scope::Span => Ok(()),
         Scope::Energy | Scope::Run => Ok(()),
@@ -169,13 +181,15 @@ fn span(name: &str, header: &Header) -> Option<SpanEnds> {
 }
 
 /// `TABLE.COLUMN[ROW]` or `TABLE.NAME.COLUMN`: table, column, row.
-fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, String> {
+fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, UnknownSignal> {
     let Some((table_name, rest)) = name.split_once('.') else { return Ok(None) };
     let Some(table) = TABLES.iter().position(|t| t.message.name == table_name) else { return Ok(None) };
     let info = &TABLES[table];
     let rows = match info.rows {
         Rows::Link | Rows::Joint => header.links.len(),
-        Rows::Contact => return Err(format!("rows of `{table_name}` come and go: they have no spectrum")),
+        Rows::Contact => {
+            return Err(UnknownSignal(format!("rows of `{table_name}` come and go: they have no spectrum")));
+        }
         Rows::Roller => header.rollers.len(),
         Rows::Rotor | Rows::Slider | Rows::Touch | Rows::Chamber | Rows::Passage | Rows::Span => {
             header.row_paths(info.rows).map_or(0, <[String]>::len)
@@ -188,12 +202,14 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
             let help = nearest(wanted, names.iter().copied());
             let help =
                 help.map_or_else(|| format!("it has {}", names.join(", ")), |near| format!("did you mean `{near}`?"));
-            format!("table `{table_name}` has no column `{wanted}`\nhelp: {help}")
+            UnknownSignal(format!("table `{table_name}` has no column `{wanted}`\nhelp: {help}"))
         })
     };
     if let Some((wanted, index)) = rest.strip_suffix(']').and_then(|r| r.split_once('[')) {
         let row = index.parse::<usize>().ok().filter(|row| *row < rows);
-        let row = row.ok_or_else(|| format!("`{table_name}` has no row `{index}`: it has {rows}, counted from 0"))?;
+        let row = row.ok_or_else(|| {
+            UnknownSignal(format!("`{table_name}` has no row `{index}`: it has {rows}, counted from 0"))
+        })?;
         return Ok(Some((table, of(wanted)?, row)));
     }
     let paths = header.row_paths(info.rows).unwrap_or_default();
@@ -206,7 +222,9 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
             let row = if paths.is_empty() { "[12]".to_string() } else { "[0]".to_string() };
             let column = info.message.columns.first().map_or("", |c| c.name);
             let rows = if paths.is_empty() { String::new() } else { format!("; rows: {}", paths.join(", ")) };
-            Err(format!("`{name}` names no row of table `{table_name}`\nhelp: e.g. `{table_name}.{column}{row}`{rows}"))
+            Err(UnknownSignal(format!(
+                "`{name}` names no row of table `{table_name}`\nhelp: e.g. `{table_name}.{column}{row}`{rows}"
+            )))
         }
     }
 }

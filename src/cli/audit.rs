@@ -1,7 +1,7 @@
 //! `pitchline audit`: what a recording itself says of every part, and what stands out.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::audit::findings::same_drive;
+use crate::analysis::audit::findings::difference;
 use crate::analysis::audit::least_squares::middle;
 use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::{Audit, AuditError, Finding, Measured, audit, compared, findings, measured};
@@ -32,11 +32,12 @@ pub fn run(args: &AuditArgs) -> Result<Outcome, Failure> {
     let mut reader = super::open_recording(&args.recording)?;
     let header = reader.header().clone();
     let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
-    if let Some(other) = &other {
-        same_drive(&header, other.header()).map_err(|what| {
-            let (a, b) = (args.recording.display(), other.path().display());
-            Failure::Input(format!("{a} and {b} are recordings of two drives: {what}\nhelp: audit each by itself"))
-        })?;
+    if let Some(other) = &other
+        && let Some(what) = difference(&header, other.header())
+    {
+        let (a, b) = (args.recording.display(), other.path().display());
+        let help = "help: audit each by itself";
+        return Err(Failure::Input(format!("{a} and {b} are recordings of two drives: {what}\n{help}")));
     }
     let own = read(&mut reader)?;
     let found = match &mut other {

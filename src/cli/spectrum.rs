@@ -1,7 +1,7 @@
 //! `pitchline spectrum`: which orders a number of a recording has, and what turns with them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::audit::findings::same_drive;
+use crate::analysis::audit::findings::difference;
 use crate::analysis::order_spectrum::{
     AngleRecord, AngleSpectrum, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
 };
@@ -53,19 +53,19 @@ struct SpectrumSheet {
 pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
     let mut reader = super::open_recording(&args.recording)?;
     let header = reader.header().clone();
-    let signal = Signal::find(&args.quantity, &header).map_err(Failure::Input)?;
+    let signal = Signal::find(&args.quantity, &header).map_err(|e| Failure::Input(e.to_string()))?;
     let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
-    if let Some(other) = &other {
-        same_drive(&header, other.header()).map_err(|what| {
-            let (a, b) = (args.recording.display(), other.path().display());
-            Failure::Input(format!("{a} and {b} are recordings of two drives: {what}"))
-        })?;
+    if let Some(other) = &other
+        && let Some(what) = difference(&header, other.header())
+    {
+        let (a, b) = (args.recording.display(), other.path().display());
+        return Err(Failure::Input(format!("{a} and {b} are recordings of two drives: {what}")));
     }
     let own = sheet(&mut reader, &signal)?;
     let theirs = match &mut other {
         None => None,
         Some(other) => {
-            let signal = Signal::find(&args.quantity, other.header()).map_err(Failure::Input)?;
+            let signal = Signal::find(&args.quantity, other.header()).map_err(|e| Failure::Input(e.to_string()))?;
             Some(sheet(other, &signal)?)
         }
     };

@@ -562,24 +562,24 @@ fn elements(outline: &Outline) -> Vec<Element> {
     outline.elements.iter().map(of).collect()
 }
 
-/// Whether two recordings are of one drive; if not, what differs.
-pub fn same_drive(a: &Header, b: &Header) -> Result<(), String> {
+/// What differs between two recordings that are of two drives; None: they are of one.
+pub fn difference(a: &Header, b: &Header) -> Option<String> {
     if a.links.len() != b.links.len() {
-        return Err(format!("their chains have {} and {} links", a.links.len(), b.links.len()));
+        return Some(format!("their chains have {} and {} links", a.links.len(), b.links.len()));
     }
     let kinds = |h: &Header| h.link_outlines.iter().map(|o| o.name.clone()).collect::<Vec<_>>();
     let bodies = |h: &Header| h.bodies.iter().map(|b| (b.path.clone(), b.teeth)).collect::<Vec<_>>();
     let (own, theirs) = (bodies(a), bodies(b));
     if let Some((path, teeth)) = own.iter().find(|body| !theirs.contains(body)) {
         let other = theirs.iter().find(|(other, _)| other == path);
-        return Err(match other {
+        return Some(match other {
             Some((_, other)) => format!("`{}` has {teeth} and {other} teeth", short(path)),
             None => format!("`{path}` is in one only"),
         });
     }
     let shape = |h: &Header| h.link_outlines.iter().map(|o| o.elements.len()).collect::<Vec<_>>();
     if own.len() != theirs.len() || kinds(a) != kinds(b) || shape(a) != shape(b) {
-        return Err("their links or bodies have other contours".into());
+        return Some("their links or bodies have other contours".into());
     }
-    Ok(())
+    None
 }
