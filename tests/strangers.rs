@@ -153,6 +153,7 @@ fn what_a_file_says_of_itself_takes_no_memory() {
     let folder = tempfile::tempdir().expect("a folder");
     let read_within = |name: &str, bytes: usize| {
         read(&folder.path().join(name), FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(bytes))
+            .map_err(|e| e.to_string())
     };
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
     // A line without end: two gigabytes of zeros in a sparse file.
@@ -192,7 +193,7 @@ fn odd_rows_of_text_files() {
     let parse = |text: &str, header: bool| {
         std::fs::write(&path, text).expect("written");
         let layout = FileLayout { header, ..FileLayout::default() };
-        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000))
+        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000)).map_err(|e| e.to_string())
     };
     let numbers = |text: &str, header: bool, name: &str| {
         let c = parse(text, header).unwrap_or_else(|e| panic!("{text:?}: {e}"));
@@ -222,7 +223,8 @@ fn odd_rows_of_text_files() {
 fn a_library_that_gives_up_is_an_error() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/byte_stream_split.parquet");
     let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
-        .expect_err("damaged");
+        .expect_err("damaged")
+        .to_string();
     assert!(said.contains("byte_stream_split.parquet") && said.contains("its reader gave up"), "{said}");
 }
 
@@ -237,7 +239,8 @@ fn what_is_not_there_is_refused_before_the_library_takes_it_for_granted() {
     ] {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/hostile/{name}.parquet"));
         let said = read(&path, FileLayout::default(), ColumnSelection::All, &mut Memory::for_program(100_000_000))
-            .expect_err("damaged");
+            .expect_err("damaged")
+            .to_string();
         assert!(said.contains(name) && said.contains(why), "{said}");
     }
 }

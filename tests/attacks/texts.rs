@@ -193,7 +193,7 @@ fn measured_files_are_read_or_refused_within_their_memory() {
                 fine += 1;
             }
             Err(e) => {
-                assert!(!e.is_empty());
+                assert!(!e.to_string().is_empty());
                 refused += 1;
             }
         }
