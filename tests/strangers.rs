@@ -193,7 +193,7 @@ fn odd_rows_of_text_files() {
     let parse = |text: &str, header: bool| {
         std::fs::write(&path, text).expect("written");
         let layout = FileLayout { header, ..FileLayout::default() };
-        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000))
+        read(&path, layout, ColumnSelection::All, &mut Memory::for_program(1_000_000)).map_err(|e| e.to_string())
     };
     let numbers = |text: &str, header: bool, name: &str| {
         let c = parse(text, header).unwrap_or_else(|e| panic!("{text:?}: {e}"));
