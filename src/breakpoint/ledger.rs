@@ -117,9 +117,15 @@ impl Ledger {
             damper_j += state.oil.lost_j.iter().sum::<f64>();
             work_in_j += state.oil.work_j.iter().sum::<f64>();
         }
-        let of_touches = touches::energies(model, state, scratch);
-        let of_rollers = rollers::energies(model, state, scratch);
-        let [touching_j, damping_j, friction_j] = std::array::from_fn(|i| of_touches[i] + of_rollers[i]);
+        let mut touching = [0.0; 3];
+        if !model.touches.is_empty() {
+            touching = touches::energies(model, state, scratch);
+        }
+        if model.chain.has_rollers() {
+            let of_rollers = rollers::energies(model, state, scratch);
+            touching = std::array::from_fn(|i| touching[i] + of_rollers[i]);
+        }
+        let [touching_j, damping_j, friction_j] = touching;
         let (elastic_j, lost_j) = (elastic_j + spring_j + touching_j, lost_j + damper_j + damping_j + friction_j);
         let stored_j = kinetic_j + elastic_j;
         let (e, uncertainty_j) = &mut self.now;

@@ -220,7 +220,9 @@ impl StepValues<'_> {
             }
             for (p, part) in self.parts.iter().enumerate() {
                 let memory = self.scratch.memory(*part);
-                for lane in chain.bodies().filter(|lane| memory.age[*lane] != 0.0) {
+                let own = chain.loops.iter().chain(&chain.rollers);
+                let ages = own.flat_map(|own| own.clone().zip(&memory.age[own.clone()]));
+                for (lane, _) in ages.filter(|(_, age)| **age != 0.0) {
                     if !self.scratch.is_contact(*part, lane) {
                         continue;
                     }

@@ -27,6 +27,8 @@ pub struct ChainModel {
     pub padded: usize,
     /// Blocks of which every lane holds a link or a roller.
     full_blocks: Vec<bool>,
+    /// Lanes of every block that hold one.
+    held_lanes: Vec<[bool; LANES]>,
     /// Half the pitch [m]: lever of both joints.
     pub lever: Vec<f64>,
     /// Mass per lane [kg].
@@ -77,6 +79,7 @@ impl ChainModel {
             lanes: n_links,
             padded,
             full_blocks: Vec::new(),
+            held_lanes: Vec::new(),
             lever: column(&half_pitch, 0.0, padded),
             mass: column(&|i| row(i).mass_kg, 0.0, padded),
             inertia: column(&|i| row(i).inertia_kg_m2, 0.0, padded),
@@ -121,12 +124,9 @@ impl ChainModel {
             extend(&mut self.bush_inverse_inertia, 0.0, inverse_inertia, 0, 0);
             self.rollers.push(rollers);
         }
-        self.full_blocks = self.blocks_that_are_full();
-    }
-
-    fn blocks_that_are_full(&self) -> Vec<bool> {
-        let is_full = |at: usize| self.loops.iter().chain(&self.rollers).any(|l| l.start <= at && at + LANES <= l.end);
-        (0..self.padded).step_by(LANES).map(is_full).collect()
+        self.held_lanes =
+            (0..self.padded).step_by(LANES).map(|at| std::array::from_fn(|i| self.is_body(at + i))).collect();
+        self.full_blocks = self.held_lanes.iter().map(|held| *held == [true; LANES]).collect();
     }
 
     /// A chain without link bodies.
@@ -139,6 +139,7 @@ impl ChainModel {
             lanes: 0,
             padded: 0,
             full_blocks: Vec::new(),
+            held_lanes: Vec::new(),
             lever: Vec::new(),
             mass: Vec::new(),
             inertia: Vec::new(),
@@ -185,6 +186,7 @@ impl ChainModel {
             lanes,
             padded,
             full_blocks: Vec::new(),
+            held_lanes: Vec::new(),
             lever: joined(&|c| &c.lever, 0.0, 0),
             mass: joined(&|c| &c.mass, 0.0, 0),
             inertia: joined(&|c| &c.inertia, 0.0, 0),
@@ -235,6 +237,10 @@ impl ChainModel {
 
     /// Lane of the joint whose bush carries the roller in this lane; any other lane as it is.
     pub fn joint_of(&self, lane: usize) -> usize {
+        // Rollers stand behind all links.
+        if self.loops.last().is_none_or(|l| lane < l.end) {
+            return lane;
+        }
         let own = self.rollers.iter().zip(&self.loops).find(|(r, _)| r.contains(&lane));
         own.map_or(lane, |(r, l)| l.start + lane - r.start)
     }
@@ -247,7 +253,7 @@ impl ChainModel {
 
     /// Lanes of all links, then of all rollers.
     pub fn bodies(&self) -> impl Iterator<Item = usize> + Clone + '_ {
-        self.links().chain(self.all_rollers())
+        self.loops.iter().chain(&self.rollers).cloned().flatten()
     }
 
     /// Whether a lane holds a link or a roller.
@@ -296,13 +302,7 @@ impl ChainModel {
     /// Which of the lanes from `at` hold links or rollers; None: all of them.
     #[inline(always)]
     pub fn link_lanes(&self, at: usize) -> Option<[bool; LANES]> {
-        if self.full_blocks[at / LANES] { None } else { Some(self.lanes_with_links(at)) }
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn lanes_with_links(&self, at: usize) -> [bool; LANES] {
-        std::array::from_fn(|i| self.is_body(at + i))
+        if self.full_blocks[at / LANES] { None } else { Some(self.held_lanes[at / LANES]) }
     }
 
     /// Number of a link, counted over all loops, and its lane.
