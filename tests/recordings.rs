@@ -11,7 +11,7 @@ use pitchline::drive::{BUNDLED, Drive};
 use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::{self, Camera};
 use pitchline::recording::columns::{ColumnValues, Stored};
-use pitchline::recording::frame::{Frame, Header, LinkInfo};
+use pitchline::recording::frame::{Feature, Frame, Header, LinkInfo};
 use pitchline::recording::{ViewOptions, create, mcap};
 use pitchline::simulate::{RunLength, run};
 use prost::Message;
@@ -335,8 +335,16 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
             push(link, at, (sign * force.0, sign * force.1), sign * f.joints.friction_torque_nm[j]);
         }
     }
+    // Rollers push their links at the joints that they sit on.
+    let r = &f.rollers;
+    for (i, info) in header.rollers.iter().enumerate() {
+        let (link, side) = (info.link as usize, if info.link == info.joint { 0.5 } else { -0.5 });
+        let (arm, angle) = (side * header.links[link].pitch_m, l.angle_rad[link]);
+        let at = (l.x_m[link] + arm * angle.cos(), l.y_m[link] + arm * angle.sin());
+        push(link, at, (-r.force_x_n[i], -r.force_y_n[i]), r.bush_moment_nm[i]);
+    }
     let c = &f.contacts;
-    for i in 0..c.link.len() {
+    for i in (0..c.link.len()).filter(|i| !Feature::is_roller(c.feature[*i])) {
         let (nx, ny, normal, friction) = (c.normal_x[i], c.normal_y[i], c.normal_force_n[i], c.tangential_force_n[i]);
         let force = (normal * nx - friction * ny, normal * ny + friction * nx);
         push(c.link[i] as usize, (c.point_link_x_m[i], c.point_link_y_m[i]), force, 0.0);
