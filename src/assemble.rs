@@ -9,11 +9,9 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 mod report;
-
-pub use report::{AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport};
-
 mod start;
 
+pub use report::{AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport};
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
 
@@ -85,9 +83,11 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
 fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
     if drive.fidelity == ChainFidelity::Spans {
-        // Its preload is a number of its spans; the axis stands where its nominal links close.
-        let model = Model::build(drive, &placed, 0.0).map_err(AssemblyError::Input)?.with_fidelity(drive);
-        return Ok((model, vec![drive.preload.tension_n()]));
+        // Tightened with its links, which then leave their tension to the spans.
+        let linked = Drive { fidelity: ChainFidelity::Links, ..drive.clone() };
+        let (model, tensions_n) = compile_alone(&linked)?;
+        let tension_n = tension_under_load(&model, &linked)?;
+        return Ok((model.with_fidelity(drive, tension_n), tensions_n));
     }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
@@ -98,6 +98,33 @@ fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
         }
     };
     Ok((Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?, tensions_n))
+}
+
+/// Tension that all spans of a chain with links would have if none were longer than the others [N]: the mean of their tensions at rest under
+/// the load, each weighted with its length. The preload is the mean of all joints; those in the wraps bear less than it, and spans more.
+fn tension_under_load(model: &Model, drive: &Drive) -> Result<f64, AssemblyError> {
+    let mut model = model.clone();
+    let sense = drive.chain_speed_m_s().signum();
+    for (s, spec) in model.sprockets.iter().zip(&drive.sprockets) {
+        model.coordinates[s.coordinate].rest_load -= spec.passes_on_nm * sense * spec.wrap.sign();
+    }
+    let unloaded = solve(&model, rest_configuration(&model, drive, 0.0)?, 0.0, "tightening the loop")?;
+    let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for k in 0..model.sprockets.len() {
+        let Some((route, place)) = model.route_at(k) else { continue };
+        let span = route.span_after(place);
+        let pitch_m = drive.chain.pitch_m();
+        for joint in model.chain.links() {
+            let (centre, heading) = loaded.configuration.links[joint];
+            let from = centre + unit(heading) * model.chain.lever[joint] - span.start;
+            let (along_m, aside_m) = (from.dot(&span.direction), cross(span.direction, from));
+            if aside_m.abs() < 0.5 * pitch_m && (pitch_m..span.length_m - pitch_m).contains(&along_m) {
+                (sum, weights) = (sum + loaded.tensions_n[joint], weights + 1.0);
+            }
+        }
+    }
+    Ok(if weights > 0.0 { sum / weights } else { drive.preload.tension_n() })
 }
 
 /// Compiles a drive whose tightening sprocket stays where it is in another model: for runs that go on with other values.
@@ -113,7 +140,9 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
                 .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
             PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         };
-        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own));
+        let spans = other.spans.iter().find(|s| s.chain == chain);
+        let tension_n = spans.map_or(own.preload.tension_n(), |s| s.preload_n);
+        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own, tension_n));
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);

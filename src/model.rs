@@ -4,17 +4,11 @@
 //! are inner and carry the bushes. Columns are padded with inert links (no inverse mass, far away from everything) to a
 //! multiple of the lane width, so that loops over them need no remainder.
 
-mod parts;
-
-pub use parts::runs_through;
-use parts::{
-    build_bore, build_coordinates, build_end_bodies, build_guides, build_rails, check_clearances, join_end_bodies,
-};
-
 mod bearings;
 mod blades;
 mod chain;
 mod mechanism;
+mod parts;
 mod place;
 mod shafts;
 mod spans;
@@ -23,6 +17,10 @@ pub use bearings::BearingModel;
 pub use blades::BladeModel;
 pub use chain::ChainModel;
 pub use mechanism::SliderModel;
+pub use parts::runs_through;
+use parts::{
+    build_bore, build_coordinates, build_end_bodies, build_guides, build_rails, check_clearances, join_end_bodies,
+};
 use place::route_diag;
 pub use place::{PlacedDrive, place};
 

@@ -41,7 +41,8 @@ fn rollers_stand_still_at_rest() {
     let seated = c.all_rollers().filter(|i| still.bores.normal_force[*i] > 0.0).count();
     println!("unbalanced: rollers {rollers:.1e} N, links {links:.1e} N; {seated} rollers seated");
     assert!(seated > 25, "{seated}");
-    assert!(rollers < 1e-5 && links < 1e-5);
+    // measured: 4e-9 and 4e-7 N.
+    assert!(rollers < 1e-7 && links < 1e-5);
 }
 
 /// What a run shows of a chain: means and scatters by which a model with separate rollers is held against one without.
@@ -114,8 +115,9 @@ fn separate_rollers_are_nearly_parts_of_their_links() {
     let lumped = shown(&[&[IN_LINKS][..], &softer].concat(), 0.06);
     let separate = shown(&[], 0.06);
     println!("parts of links {lumped:.4?}\nseparate       {separate:.4?}");
+    // measured: scatter +17 %, peaks -9 %, spin +0.6 %, energies 1e-5: play and spin are what separate rollers add.
     assert!((separate.tension_rms / lumped.tension_rms - 1.0).abs() < 0.25);
-    assert!((separate.peak_n / lumped.peak_n - 1.0).abs() < 0.25);
+    assert!((separate.peak_n / lumped.peak_n - 1.0).abs() < 0.15);
     assert!(separate.speed_rms < lumped.speed_rms, "play and softness of bores even out");
     assert!((separate.spin_share - 1.0).abs() < 0.01, "{}", separate.spin_share);
     assert!(separate.energy.abs() < 1e-4 && lumped.energy.abs() < 1e-4);
@@ -189,6 +191,7 @@ fn errors_fall_with_the_square_of_the_step() {
     };
     let errors = [1, 2, 4].map(error);
     println!("errors {errors:.2?} m: {:.1}, {:.1} times less", errors[0] / errors[1], errors[1] / errors[2]);
+    // measured: 14 times; a touch that falls elsewhere in its step takes some of the 16.
     assert!(errors[0] / errors[2] > 10.0, "{errors:?}");
 }
 

@@ -57,7 +57,7 @@ pub struct AngleRecord {
     pub values: Vec<f64>,
     pub bases: Vec<OrderBase>,
     pub driver: String,
-    /// Of the driver, mean [1/s].
+    /// Mean speed of the driver [1/s].
     pub turns_per_s: f64,
     /// Between two frames, mean [s].
     pub interval_s: f64,
@@ -356,7 +356,7 @@ impl AngleSpectrum {
         };
         let mut found: Vec<&OrderBase> = bases.iter().filter(fits).collect();
         found.sort_by(|a, b| times(a).total_cmp(&times(b)));
-        // Beside a small multiple of one, large multiples of others say nothing.
+        // Where an order is a small multiple of one part's, that it is also a large multiple of another's says nothing.
         let few = found.iter().filter(|b| times(b) <= FEW).count();
         let names: Vec<String> = found.into_iter().map(name).take(few.clamp(1, 3)).collect();
         if names.is_empty() { self.side_band(order, bases).into_iter().collect() } else { names }

@@ -24,7 +24,7 @@ pub struct ChainSpan {
     pub length_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// Tension without elongation [N].
+    /// Tension T0 without elongation [N].
     pub preload_n: f64,
 }
 

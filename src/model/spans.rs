@@ -10,8 +10,8 @@ const LINKS_ON_SPROCKETS: f64 = 1.0;
 impl Model {
     /// The model of one chain, its links taken off where the drive says so: spans stand in their place, and the mass of the whole chain turns
     /// with its sprockets, that of a wrap and of half of both spans with each. At a constant speed that is the kinetic energy of all links moving
-    /// along the pitch line.
-    pub fn with_fidelity(mut self, drive: &Drive) -> Model {
+    /// along the pitch line. `tension_n`: of its spans where none is longer than the others.
+    pub fn with_fidelity(mut self, drive: &Drive, tension_n: f64) -> Model {
         let Some(route) = self.routes.first().filter(|_| drive.fidelity == ChainFidelity::Spans) else { return self };
         let n = self.sprockets.len();
         let mass_per_m = self.chain.mass.iter().sum::<f64>() / route.length_m();
@@ -30,7 +30,7 @@ impl Model {
                 length_m,
                 stiffness_n_per_m: joint.stiffness_n_per_m / joints,
                 damping_n_s_per_m: joint.damping_n_s_per_m / joints,
-                preload_n: drive.preload.tension_n(),
+                preload_n: tension_n,
             }
         };
         let spans: Vec<ChainSpan> = (0..n).map(span).collect();

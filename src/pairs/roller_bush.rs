@@ -171,7 +171,7 @@ pub fn solve_together(tooth: &mut RollerFriction, bush: &mut RollerFriction, mix
     tooth.slide_m_s = tooth_m_s + mixed * (bush.force_n - bush.past_n) + tooth.mobility * tooth.force_n;
 }
 
-/// Sweeps of [`solve_together`]: 4^-16 is below the rounding of a float.
+/// Most sweeps of [`solve_together`]: the error left is below 4^-16 = 2e-10 of the first one. Where forces stop changing it ends before.
 const SWEEPS: u32 = 16;
 
 /// What a gap holds at rest: a bush, or a roller with its bush on it.

@@ -5,15 +5,13 @@
 //! found again, by the exact detection of [`crate::pairs::bush_gap`]. Velocities at the node are v(n-1/2) + h/2 a_n. The ledger is read at
 //! the node as well: sums up to the step before, plus half of this step's.
 
-mod ledger;
-use ledger::{ledger, since};
-
 mod header;
+mod ledger;
+mod mechanism;
 
 use header::outline_element;
 pub use header::{bodies, header, header_of};
-
-mod mechanism;
+use ledger::{ledger, since};
 
 use super::frame::{Contacts, Energy, Feature, Frame, Links, Rollers, Rotors, Segment};
 use crate::elements::contact_law::{ContactLaw, PairRadii};

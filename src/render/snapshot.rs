@@ -64,7 +64,7 @@ const LINK_VIEW_PITCHES: f64 = 6.0;
 const LINK_VIEW_ASPECT: f64 = 0.72;
 /// Pitch on the page above which every link and every gap has its number, and every contact its force [user units].
 const NUMBERED_PITCH: f64 = 38.0;
-/// Of rollers, which lie in front of the links.
+/// Colour of rollers, which lie in front of the links.
 const ROLLER_COLOUR: &str = "#7a6a1e";
 /// Colours of the links' rows, in the order of `Header::link_outlines`; clearly different also in grey.
 const ROW_COLOURS: [&str; 6] = ["#1f5fbf", "#c8641a", "#2f8a57", "#8d4bb4", "#a08a00", "#5a6b7b"];

@@ -98,7 +98,7 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
         let scatter = middle(&pairs.iter().map(|(_, d)| *d).collect::<Vec<_>>()).1;
         for (m, difference) in &pairs {
             let reference = m.estimate.value - difference + if common { shift } else { 0.0 };
-            // Beside a difference that all share, a part differs from its neighbours.
+            // Where all share a difference, what is left of a part is its difference from its neighbours.
             let against = if common { "neighbours" } else { "recording" };
             found.extend(Judged { reference, scatter, against }.finding(m, header));
         }

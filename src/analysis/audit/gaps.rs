@@ -43,17 +43,19 @@ type ArcSums = NormalEquations<3>;
 /// Sums over the contacts of one sprocket.
 #[derive(Clone, Debug, Default)]
 struct SprocketSums {
-    /// By gap and segment.
+    /// Sums for the arc that each segment of each gap lies on, by gap and segment.
     arcs: BTreeMap<(u32, u32), ArcSums>,
-    /// By segment: sum of the points of the contour in the frame of their gap, and their number.
+    /// Sum of the points that links touch, in the frame of their gap, and their number; by segment.
     points: BTreeMap<u32, ([f64; 2], usize)>,
     ring: NormalEquations<RING_UNKNOWNS>,
     /// The same without waves.
     circle: ArcSums,
     law: NormalEquations<2>,
-    /// Of each gap: frames in which a bush or a flank pushes in it, frames in which a joint lies over it, its least radius [m].
+    /// Frames in which a bush or a flank pushes in a gap, by gap.
     seated: Vec<usize>,
+    /// Frames in which a joint lies over it.
     over: Vec<usize>,
+    /// Least distance of such a joint from the axis [m].
     lowest_m: Vec<f64>,
     /// Angle in the first frame, and in the last [rad].
     turned: Option<(f64, f64)>,
@@ -131,11 +133,11 @@ pub struct SprocketFit {
     pub eccentric_towards_rad: f64,
     /// What all gaps share, by segment.
     pub forms: Vec<TouchedForm>,
-    /// Of the gaps' places along the turn.
+    /// The wave that the places of the gaps along the turn follow, where there is one.
     pub wave: Option<PlaceWave>,
     /// Radius of the seats' arc, where normals spread enough to tell it [m].
     pub seat_radius_m: Option<Estimate>,
-    /// Of the contact law: force over penetration, over its rate.
+    /// Stiffness and damping of the contact law, fitted to all contacts.
     pub stiffness_n_per_m: Option<Estimate>,
     pub damping_n_s_per_m: Option<Estimate>,
     pub ring_radius_m: Option<Estimate>,
@@ -264,7 +266,7 @@ impl SprocketSums {
         let mut shift = NormalEquations::<2>::default();
         for ((_, segment), arc) in self.arcs.range((gap, 0)..=(gap, u32::MAX)) {
             let Some(p) = common.get(segment) else { continue };
-            // Of h - p . (1, cos, sin) on (cos, sin).
+            // A gap's shift explains what the common arc p leaves of the support: h - p . (1, cos, sin), on the columns cos and sin.
             let left = |i: usize| arc.xy[i] - (0..3).map(|k| p[k] * arc.xx[k][i]).sum::<f64>();
             for i in 0..2 {
                 for j in 0..2 {
@@ -377,7 +379,7 @@ impl SprocketSums {
 fn form(segment: u32, sums: &ArcSums, arc: &[f64; 3], point_m: [f64; 2]) -> Option<TouchedForm> {
     let n = sums.samples as f64;
     let (cos, sin) = (sums.xx[0][1] / n, sums.xx[0][2] / n);
-    // Of a narrow bundle: 1 - |mean| is half the variance.
+    // Normals that spread little have a mean of nearly unit length: what it lacks is half their variance.
     let spread_rad = (2.0 * (1.0 - libm::hypot(cos, sin))).max(0.0).sqrt();
     let direction_rad = crate::units::atan2(sin, cos);
     let samples = sums.samples;

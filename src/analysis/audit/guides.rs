@@ -10,7 +10,7 @@ struct GuideSums {
     body: usize,
     law: NormalEquations<2>,
     friction: NormalEquations<1>,
-    /// Of a straight face: height over the way along it, in the guide's frame.
+    /// Height of a straight face over the way along it, in the guide's frame.
     face: NormalEquations<2>,
     from_m: f64,
     to_m: f64,
@@ -94,7 +94,7 @@ impl GuideSums {
         let (stiffness, damping) = super::law_of(&self.law);
         let friction = self.friction.solve(0.0);
         let info = &header.bodies[self.body];
-        // Of a guide that stands: its frame is that of the header.
+        // A guide that stands still has the frame of the header.
         let face = self.face.solve(0.0).filter(|_| !info.moves() && self.face.samples >= 8).map(|line| {
             let (sin, cos) = crate::units::sin_cos(info.angle_rad);
             [self.from_m, self.to_m].map(|x| {

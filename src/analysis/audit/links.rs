@@ -52,12 +52,13 @@ impl LinkFit {
 pub struct LinkSums {
     links: Vec<LinkBalance>,
     pub largest_force_n: f64,
-    /// Of each joint, and of all that turns [rad/s].
+    /// Fastest relative turning of each joint [rad/s].
     fastest_rad_s: Vec<f64>,
+    /// Fastest turning of a shaft or sprocket [rad/s].
     rotor_rad_s: f64,
     moments: Vec<f64>,
     forces: Vec<[f64; 2]>,
-    /// Of rollers, at the front joint and at the rear one.
+    /// Forces of rollers on each link, at its front joint and at its rear one [N].
     at_joints: Vec<[[f64; 2]; 2]>,
 }
 

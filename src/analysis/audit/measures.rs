@@ -41,6 +41,7 @@ const MM: (&str, f64) = ("mm", 1e-3);
 const NEWTON: (&str, f64) = ("N", 1.0);
 const TORQUE: (&str, f64) = ("N m", 1.0);
 
+/// A number that belongs to a part.
 const fn property(
     key: &'static str,
     words: &'static str,
@@ -51,14 +52,15 @@ const fn property(
     Measure { key, words, more, less, unit, shown_in: unit, least, least_share, kind: MeasureKind::Property }
 }
 
+/// A number that follows from others.
 const fn effect(
     key: &'static str,
     words: &'static str,
-    (more, less): (&'static str, &'static str),
+    signs: (&'static str, &'static str),
     unit: (&'static str, f64),
-    (least, least_share): (f64, f64),
+    least: (f64, f64),
 ) -> Measure {
-    Measure { key, words, more, less, unit, shown_in: unit, least, least_share, kind: MeasureKind::Consequence }
+    Measure { kind: MeasureKind::Consequence, ..property(key, words, signs, unit, least) }
 }
 
 // Differences that count: healthy bundled drives of 40 to 200 ms scatter by less than a third of them.
@@ -131,7 +133,7 @@ pub static POWER: Measure = effect("power_w", "power", ("more", "less"), ("W", 1
 pub enum AuditPart {
     Link(usize),
     Joint(usize),
-    /// Of a sprocket, by its index into `Header::bodies`.
+    /// A tooth gap: index of the sprocket in `Header::bodies`, and number of the gap.
     Gap(usize, u32),
     Body(usize),
     Span(SpanEnds),
@@ -156,7 +158,7 @@ pub struct Measured {
 }
 
 impl AuditPart {
-    /// As texts call it.
+    /// Its name in texts.
     pub fn name(self, header: &Header) -> String {
         let body = |b: usize| header.bodies.get(b).map_or_else(String::new, |b| short(&b.path));
         match self {

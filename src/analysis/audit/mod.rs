@@ -65,7 +65,7 @@ pub struct Topology {
     pub pitch_m: f64,
     /// Whether the chain runs towards the link ahead.
     pub forwards: bool,
-    /// Of every roller that is a body: the link whose bush carries it, and whether at its front.
+    /// The link whose bush carries each roller, and whether at its front.
     pub rollers: Vec<(usize, bool)>,
 }
 
