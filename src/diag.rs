@@ -82,6 +82,11 @@ impl std::fmt::Display for Report {
 
 impl std::error::Error for Report {}
 
+/// The last name of a path: `driven` of `sprockets.driven`.
+pub fn last_name(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or(path)
+}
+
 /// The name among `known` that is most similar to `name`, if any is similar.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     known

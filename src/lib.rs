@@ -93,4 +93,6 @@ pub mod state;
 #[doc(hidden)]
 pub mod statics;
 #[doc(hidden)]
+pub mod statistics;
+#[doc(hidden)]
 pub mod units;

@@ -13,6 +13,12 @@ use crate::geometry::smartchain::{Abutment, LobedRing};
 use crate::geometry::sprocket::Sprocket;
 use std::fmt::Write;
 
+/// Text as XML holds it, control characters as spaces.
+fn escape(text: &str) -> String {
+    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    shown.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
 /// Path data of a profile in millimetres, y up.
 fn path_data(profile: &Profile) -> String {
     let mut d = String::new();

@@ -139,6 +139,7 @@ fn modules_use_only_what_stands_above_them() {
     let order = [
         "units",
         "diag",
+        "statistics",
         "geometry",
         "recording::columns",
         "recording::frame",

@@ -6,9 +6,9 @@ use super::audit::Topology;
 use super::audit::spans::{SpanEnds, spans_of};
 use crate::breakpoint::quantities::{QUANTITIES, Quantity, Scope};
 use crate::breakpoint::{Names, Number, in_frame, parse};
-use crate::diag::nearest;
+use crate::diag::{last_name, nearest};
 use crate::recording::columns::{ColumnValues, Rows};
-use crate::recording::frame::{Energy, Frame, Header, TABLES};
+use crate::recording::frame::{BodyInfo, Energy, Frame, Header, TABLES};
 
 /// Where a number stands in a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,35 +149,36 @@ fn names(header: &Header) -> Names {
             turning.push((path.clone(), row));
         }
     }
-    let mut chains = Vec::new();
-    let mut first = 0;
-    for (i, link) in header.links.iter().enumerate() {
-        // The last link of a chain leads back to its first.
-        if (link.ahead as usize) <= i {
-            chains.push(i + 1 - first);
-            first = i + 1;
-        }
-    }
     Names {
         bodies: header.bodies.iter().map(|b| b.path.clone()).collect(),
         turning,
         rows: [Rows::Slider, Rows::Touch, Rows::Chamber, Rows::Passage, Rows::Span]
             .map(|rows| (rows, header.row_paths(rows).unwrap_or_default().to_vec()))
             .to_vec(),
-        chains,
+        chains: header.chains().iter().map(ExactSizeIterator::len).collect(),
     }
-}
-
-fn last(path: &str) -> &str {
-    path.rsplit('.').next().unwrap_or(path)
 }
 
 /// `span.LEAVES.REACHES.tension`.
 fn span(name: &str, header: &Header) -> Option<SpanEnds> {
     let words: Vec<&str> = name.split('.').collect();
     let ["span", from, to, "tension"] = words.as_slice() else { return None };
-    let body = |wanted: &str| header.bodies.iter().position(|b| b.rotor && last(&b.path) == wanted);
-    Some((body(from)?, body(to)?))
+    // A path, or its last word where one sprocket alone has it.
+    let body = |wanted: &str| {
+        let named = |b: &BodyInfo| b.rotor && (b.path == wanted || last_name(&b.path) == wanted);
+        let mut found = header.bodies.iter().enumerate().filter(|(_, b)| named(b));
+        let (body, _) = found.next()?;
+        found.next().is_none().then_some(body)
+    };
+    Some((body(from)?, body(to)?)).filter(|(from, to)| from != to)
+}
+
+/// The row of a path, or of its last word where one path alone ends so.
+fn one_row(paths: &[String], wanted: &str) -> Option<usize> {
+    let exact = paths.iter().position(|p| p == wanted);
+    let mut by_word = (0..paths.len()).filter(|row| paths.get(*row).is_some_and(|p| last_name(p) == wanted));
+    let first = by_word.next().filter(|_| by_word.next().is_none());
+    exact.or(first)
 }
 
 /// `TABLE.COLUMN[ROW]` or `TABLE.NAME.COLUMN`: table, column, row.
@@ -213,9 +214,7 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
         return Ok(Some((table, of(wanted)?, row)));
     }
     let paths = header.row_paths(info.rows).unwrap_or_default();
-    let found = rest
-        .rsplit_once('.')
-        .and_then(|(path, wanted)| Some((wanted, paths.iter().position(|p| p == path || last(p) == path)?)));
+    let found = rest.rsplit_once('.').and_then(|(path, wanted)| Some((wanted, one_row(paths, path)?)));
     match found {
         Some((wanted, row)) => Ok(Some((table, of(wanted)?, row))),
         None => {
@@ -245,7 +244,7 @@ fn known(header: &Header, names: &Names) -> Vec<String> {
             all.push(format!("{scope}.{}", quantity.name));
         }
     }
-    let sprockets: Vec<&str> = header.bodies.iter().filter(|b| b.rotor).map(|b| last(&b.path)).collect();
+    let sprockets: Vec<&str> = header.bodies.iter().filter(|b| b.rotor).map(|b| last_name(&b.path)).collect();
     for from in &sprockets {
         all.extend(sprockets.iter().filter(|to| *to != from).map(|to| format!("span.{from}.{to}.tension")));
     }

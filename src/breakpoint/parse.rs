@@ -242,12 +242,12 @@ impl Parser<'_> {
         };
         let wanted = name.replace('_', " ");
         let fits = |known: &String| {
-            let last = known.rsplit('.').next().unwrap_or(known);
+            let last = crate::diag::last_name(known);
             *known == name || last == name || known.replace('_', " ") == wanted
         };
         let set: Vec<u32> = (0..known.len()).filter(|i| fits(&known[*i])).map(|i| i as u32).collect();
         if set.is_empty() {
-            let lasts = known.iter().map(|k| k.rsplit('.').next().unwrap_or(k));
+            let lasts = known.iter().map(|k| crate::diag::last_name(k));
             let help = match nearest(name, lasts.chain(known.iter().map(String::as_str))) {
                 Some(near) => format!("did you mean \"{near}\"?"),
                 None => format!("there are: {}", known.join(", ")),

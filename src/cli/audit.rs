@@ -2,11 +2,11 @@
 
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::difference;
-use crate::analysis::audit::least_squares::middle;
 use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::{Audit, AuditError, Finding, Measured, audit, compared, findings, measured};
 use crate::recording::frame::Header;
 use crate::recording::reader::Reader;
+use crate::statistics::middle;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub struct AuditArgs {
     /// Compare every number with that of this recording of the same drive
     #[arg(long, value_name = "REC")]
     against: Option<PathBuf>,
-    /// Print at most N findings [default: 20; all with --json]
+    /// Print at most N findings (without it, 20; all with --json)
     #[arg(long, value_name = "N")]
     top: Option<usize>,
     /// Print JSON, with every number of every part
@@ -50,13 +50,7 @@ pub fn run(args: &AuditArgs) -> Result<Outcome, Failure> {
     let all = measured(&own, &header);
     let shown = args.top.unwrap_or(if args.json { usize::MAX } else { PRINTED });
     let result = if args.json {
-        Answer::Json(json(
-            &args.recording,
-            &header,
-            &own,
-            &all,
-            found.get(..shown.min(found.len())).unwrap_or_default(),
-        ))
+        Answer::Json(json(&args.recording, &header, &own, &all, (&found, shown)))
     } else {
         Answer::Text(text(&args.recording, &header, (&own, &all), &found, shown))
     };
@@ -80,7 +74,13 @@ fn read(reader: &mut Reader) -> Result<Audit, Failure> {
     })
 }
 
-fn json(recording: &Path, header: &Header, own: &Audit, all: &[Measured], found: &[Finding]) -> serde_json::Value {
+fn json(
+    recording: &Path,
+    header: &Header,
+    own: &Audit,
+    all: &[Measured],
+    (found, shown): (&[Finding], usize),
+) -> serde_json::Value {
     let parts = all.iter().map(|m| {
         serde_json::json!({
             "part": m.part.name(header),
@@ -99,7 +99,7 @@ fn json(recording: &Path, header: &Header, own: &Audit, all: &[Measured], found:
         "from_s": own.from_s,
         "to_s": own.to_s,
         "healthy": found.is_empty(),
-        "findings": found,
+        "findings": found.get(..shown.min(found.len())).unwrap_or(found),
         "not_measured": own.lacking,
         "parts": parts.collect::<Vec<_>>(),
     })
@@ -112,7 +112,7 @@ fn text(
     found: &[Finding],
     shown: usize,
 ) -> String {
-    let thinned = if own.every > 1 { format!(", each {}th looked at", own.every) } else { String::new() };
+    let thinned = if own.every > 1 { format!(", one in {} looked at", own.every) } else { String::new() };
     let mut lines = vec![format!(
         "{}: {}, {} frames from {:.3} to {:.3} ms{thinned}",
         recording.display(),
@@ -124,13 +124,12 @@ fn text(
     if found.is_empty() {
         lines.push("nothing stands out: what could be measured is healthy".into());
     } else {
-        lines.push("what stands out:".into());
-        let mut kind = MeasureKind::Property;
+        let mut kind = None;
         for finding in found.iter().take(shown) {
-            if finding.kind != kind {
-                kind = finding.kind;
-                lines.push(match kind {
-                    MeasureKind::Property => "properties:".into(),
+            if kind != Some(finding.kind) {
+                kind = Some(finding.kind);
+                lines.push(match finding.kind {
+                    MeasureKind::Property => "what stands out:".into(),
                     MeasureKind::Assembly => "how it is put together:".into(),
                     MeasureKind::Consequence => "forces and losses:".into(),
                 });

@@ -220,7 +220,7 @@ fn table(summaries: &[&DriveSummary]) -> String {
             .touches
             .iter()
             .map(|t| {
-                let name = t.body.rsplit('.').next().unwrap_or(&t.body);
+                let name = crate::diag::last_name(&t.body);
                 format!("{name} {:.3} m/s ({}, {:.0} N)", t.approach_max_m_s, t.part, t.peak_there_n)
             })
             .collect();

@@ -310,11 +310,10 @@ fn assembly_failure(e: crate::assemble::AssemblyError) -> Failure {
 
 /// Index of the body of a recording with this path, or whose path ends in this name.
 fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<usize, Failure> {
-    let last = |path: &str| path.rsplit('.').next().unwrap_or(path).to_string();
-    if let Some(k) = header.bodies.iter().position(|b| b.path == name || last(&b.path) == name) {
+    if let Some(k) = header.bodies.iter().position(|b| b.path == name || crate::diag::last_name(&b.path) == name) {
         return Ok(k);
     }
-    let known: Vec<String> = header.bodies.iter().map(|b| last(&b.path)).collect();
+    let known: Vec<String> = header.bodies.iter().map(|b| crate::diag::last_name(&b.path).to_string()).collect();
     let help = match crate::diag::nearest(name, known.iter().map(String::as_str)) {
         Some(near) => format!("did you mean `{near}`?"),
         None => format!("there are: {}", known.join(", ")),

@@ -288,14 +288,15 @@ fn resolve(what: &str, header: &Header) -> Result<ViewCentre, Failure> {
         }
         return Ok(ViewCentre::Link(link));
     }
-    let last = |path: &'_ str| path.rsplit('.').next().unwrap_or_default().to_string();
     // In merged recordings several bodies may share a name; then the full path is needed.
-    let fitting = header.bodies.iter().enumerate().filter(|(_, b)| b.path == what || last(&b.path) == what);
+    let fitting =
+        header.bodies.iter().enumerate().filter(|(_, b)| b.path == what || crate::diag::last_name(&b.path) == what);
     let found: Vec<usize> = fitting.map(|(k, _)| k).collect();
     match found.as_slice() {
         [k] => Ok(ViewCentre::Body(*k)),
         [] => {
-            let lasts: Vec<String> = header.bodies.iter().map(|b| last(&b.path)).collect();
+            let lasts: Vec<String> =
+                header.bodies.iter().map(|b| crate::diag::last_name(&b.path).to_string()).collect();
             let names = header.bodies.iter().map(|b| b.path.as_str()).chain(lasts.iter().map(String::as_str));
             let help = match crate::diag::nearest(what, names) {
                 Some(near) => format!("did you mean `{near}`?"),

@@ -20,7 +20,7 @@ pub struct SpectrumArgs {
     /// Show the amplitudes of this recording of the same drive beside
     #[arg(long, value_name = "REC")]
     against: Option<PathBuf>,
-    /// Print only the N largest peaks [default: 20]
+    /// Print only the N largest peaks
     #[arg(long, value_name = "N", default_value = "20")]
     top: usize,
     /// Leave out orders above this one, counted per turn of the driver
@@ -39,9 +39,12 @@ pub struct SpectrumArgs {
 
 /// Share of the highest order that frames resolve up to which a spectrum is shown: above, interpolation and aliases count.
 const SHOWN: f64 = 0.9;
-/// Ratio of amplitudes from which an order differs from the other recording, if it has at least this share of the largest, and this
-/// prominence: what rises less from its surroundings is noise, or a resonance.
-const DIFFERS: (f64, f64, f64) = (1.5, 0.02, 5.0);
+/// Ratio of amplitudes from which an order differs from the other recording. assumed: half as much again is seen in the picture.
+const DIFFERING_RATIO: f64 = 1.5;
+/// Share of the largest amplitude that a differing order has at least. assumed: less is not seen in the picture.
+const DIFFERING_SHARE: f64 = 0.02;
+/// Prominence of a differing order: what rises less from its surroundings is noise, or a resonance. Peaks of noise reach 3 to 4 times their median.
+const DIFFERING_PROMINENCE: f64 = 5.0;
 
 /// A recording's spectrum.
 struct SpectrumSheet {
@@ -69,7 +72,9 @@ pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
             Some(sheet(other, &signal)?)
         }
     };
-    let half = 0.5 / (own.record.interval_s * own.record.turns_per_s).max(1e-12);
+    // The highest order that the frames of both recordings resolve.
+    let half_of = |s: &SpectrumSheet| 0.5 / (s.record.interval_s * s.record.turns_per_s).max(1e-12);
+    let half = theirs.iter().map(half_of).fold(half_of(&own), f64::min);
     let highest = args.to_order.unwrap_or(SHOWN * half).min(half);
     if highest <= own.spectrum.resolution() {
         return Err(Failure::Input(format!(
@@ -147,11 +152,12 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
     let largest = a.peaks.iter().chain(&b.peaks).map(|p| p.amplitude).fold(0.0, f64::max);
     let mut found: Vec<(f64, Vec<String>, f64, f64)> = Vec::new();
     let mut peaks: Vec<&SpectrumPeak> = a.peaks.iter().chain(&b.peaks).filter(|p| p.order <= highest).collect();
-    peaks.retain(|p| p.prominence >= DIFFERS.2);
+    peaks.retain(|p| p.prominence >= DIFFERING_PROMINENCE);
     peaks.sort_by(|p, q| q.amplitude.total_cmp(&p.amplitude));
     for peak in peaks {
         let (here, there) = (a.near(peak.order), b.near(peak.order));
-        let counts = here.max(there) >= DIFFERS.0 * here.min(there) && here.max(there) >= DIFFERS.1 * largest;
+        let counts =
+            here.max(there) >= DIFFERING_RATIO * here.min(there) && here.max(there) >= DIFFERING_SHARE * largest;
         let is_new = found.iter().all(|(order, ..)| (order - peak.order).abs() > a.resolution());
         if counts && is_new {
             found.push((peak.order, peak.names.clone(), here, there));
@@ -159,6 +165,11 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
     }
     found.sort_by(|p, q| (q.2 - q.3).abs().total_cmp(&(p.2 - p.3).abs()));
     found
+}
+
+/// Four digits at least: SI units make some quantities small.
+fn digits(value: f64) -> String {
+    if value.abs() >= 0.01 || value == 0.0 { format!("{value:.5}") } else { format!("{value:.3e}") }
 }
 
 fn name_of(names: &[String]) -> String {
@@ -176,10 +187,10 @@ fn text(
     let unit = bracketed(&signal.unit);
     let mut lines = vec![
         format!(
-            "{}: {} {unit}, mean {:.6}; {} values over {:.3} turns of `{}` at {:.3} 1/s",
+            "{}: {} {unit}, mean {}; {} values over {:.3} turns of `{}` at {:.3} 1/s",
             own.name,
             signal.name,
-            s.mean,
+            digits(s.mean),
             own.record.values.len(),
             s.turns,
             own.record.driver,
@@ -193,13 +204,13 @@ fn text(
         format!("size {unit}")
     ));
     for peak in shown(s, highest, args.top) {
-        let beside = theirs.map_or(String::new(), |t| format!("{:14.5}", t.spectrum.near(peak.order)));
+        let beside = theirs.map_or(String::new(), |t| format!("{:>14}", digits(t.spectrum.near(peak.order))));
         let times = if peak.prominence >= 1e4 { ">1e4 x".to_string() } else { format!("{:.1} x", peak.prominence) };
         lines.push(format!(
-            "{:11.4} {:15.2} {:17.5}{beside} {times:>22}  {}",
+            "{:11.4} {:15.2} {:>17}{beside} {times:>22}  {}",
             peak.order,
             peak.frequency_hz,
-            peak.amplitude,
+            digits(peak.amplitude),
             name_of(&peak.names)
         ));
     }
@@ -212,9 +223,11 @@ fn text(
         });
         for (order, names, here, there) in found.iter().take(args.top) {
             lines.push(format!(
-                "  {} (order {order:.3}): {here:.5} {}, in the other recording {there:.5} {}",
+                "  {} (order {order:.3}): {} {}, in the other recording {} {}",
                 if names.is_empty() { "no part's order".into() } else { name_of(names) },
+                digits(*here),
                 signal.unit,
+                digits(*there),
                 signal.unit
             ));
         }

@@ -9,8 +9,9 @@
 //!   period.
 //! * contact sequence: guide, ring, bush, rear abutment of an abutment chain; else the most common order of kinds.
 
-use super::{DriveSummary, WINDOW_T, median};
+use super::{DriveSummary, WINDOW_T};
 use crate::engagement::{BINS_PER_PITCH, ContactKind, KINDS, Pass};
+use crate::statistics::median;
 use std::collections::BTreeMap;
 
 /// Highest approach speed that still counts as impact-free, relative to p omega.

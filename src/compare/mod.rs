@@ -21,6 +21,7 @@ use crate::pairs::contour_body::LinkContour;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{BodyInfo, Event, Feature, Frame, Header, Impact};
 use crate::simulate::{RunLength, SLOWEST_EVENT_M_S, touch_event};
+use crate::statistics::median;
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -303,17 +304,6 @@ fn summarise_kind(kind: ContactKind, passes: &[Pass], exit_from: f64) -> KindSum
         peak_exit_n: largest(exit_from, f64::INFINITY),
         second_pitch_n: median(passes.iter().map(|p| p.mean(kind, 1.0, 2.0))),
         rise_t: median(passes.iter().filter_map(|p| p.rise(kind, WINDOW_T.0, 2.5))),
-    }
-}
-
-/// Median; NaN if there are no values.
-pub fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    match sorted.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => sorted[n / 2],
-        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
     }
 }
 

@@ -361,11 +361,10 @@ fn read_gap(t: &TomlTable<'_>) -> AnnularGap {
 
 /// Names of sliders, chambers and passages, for sensors.
 pub(super) fn parts<'a>(sliders: &'a [SliderSpec], oil: Option<&'a OilSpec>) -> MechanismNames<'a> {
-    let last = |path: &'a str| path.rsplit('.').next().unwrap_or(path);
     MechanismNames {
         sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
         chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
-        passages: oil.iter().flat_map(|o| &o.passages).map(|p| last(&p.path)).collect(),
+        passages: oil.iter().flat_map(|o| &o.passages).map(|p| crate::diag::last_name(&p.path)).collect(),
     }
 }
 

@@ -325,7 +325,7 @@ fn loop_paths(drive: &Drive) -> Vec<String> {
 pub(super) fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
     let paths = loop_paths(drive);
     let path = |i: usize| paths.get(i).cloned().unwrap_or_default();
-    let name = |i: usize| path(i).rsplit('.').next().unwrap_or_default().to_string();
+    let name = |i: usize| crate::diag::last_name(&path(i)).to_string();
     match e {
         RouteError::Overlap { first, second, .. }
             if [first, second].iter().any(|i| path(**i).starts_with("guides")) =>

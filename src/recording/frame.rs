@@ -94,6 +94,18 @@ pub struct Header {
 }
 
 impl Header {
+    /// Links of every chain: a chain ends with the link that leads back to its first.
+    pub fn chains(&self) -> Vec<std::ops::Range<usize>> {
+        let (mut chains, mut first) = (Vec::new(), 0);
+        for (i, link) in self.links.iter().enumerate() {
+            if link.ahead as usize <= i {
+                chains.push(first..i + 1);
+                first = i + 1;
+            }
+        }
+        chains
+    }
+
     /// Radii of the rollers, and of their bores, each pair once [m].
     pub fn roller_radii(&self) -> Vec<[f64; 2]> {
         let mut radii: Vec<[f64; 2]> = Vec::new();

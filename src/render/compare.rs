@@ -1,5 +1,6 @@
 //! The report of a comparison: one self-contained HTML file, curves as SVG.
 
+use super::escape;
 use crate::compare::{Claim, DriveSummary, Run};
 use crate::engagement::{BINS_PER_PITCH, ContactKind, KINDS, Pass};
 use std::fmt::Write;
@@ -85,10 +86,6 @@ pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<DriveSummary>)], 
         );
     }
     page + "</html>\n"
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 fn table(runs: &[Run]) -> String {

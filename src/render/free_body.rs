@@ -1,5 +1,6 @@
 //! A free-body diagram: one link, and every force on it as an arrow at its point of action, with its magnitude.
 
+use super::escape;
 use super::snapshot::contours::{Pose, circle_data, mm, path_data};
 use crate::analysis::explain::{Force, FreeBody};
 use crate::recording::frame::Header;
@@ -82,13 +83,13 @@ fn table(header: &Header, b: &FreeBody) -> String {
     let (left, top, line) = (0.68 * WIDTH, 40.0, 17.0);
     let mut s = format!(
         "<text x=\"20\" y=\"{top}\" font-size=\"16\">{}: link {} at {:.6} ms</text>\n",
-        escaped(&header.drive_name),
+        escape(&header.drive_name),
         b.link,
         b.t_s * 1e3
     );
     let mut y = top;
     let mut put = |text: &str, colour: &str| {
-        let _infallible = writeln!(s, "<text x=\"{left}\" y=\"{y}\" fill=\"{colour}\">{}</text>", escaped(text));
+        let _infallible = writeln!(s, "<text x=\"{left}\" y=\"{y}\" fill=\"{colour}\">{}</text>", escape(text));
         y += line;
     };
     for (number, f) in b.forces.iter().enumerate() {
@@ -121,8 +122,4 @@ fn broken(text: &str) -> Vec<String> {
         }
     }
     lines.iter().map(|l| format!("    {l}")).collect()
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

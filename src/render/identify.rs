@@ -2,6 +2,7 @@
 //! residual's spectrum before and after, by frequency and by order; its whiteness; the states that it follows; the
 //! error budget.
 
+use super::escape;
 use crate::identify::diagnosis::{ChannelResiduals, OrderSpectrum};
 use crate::identify::report::{Curve, IdentificationReport};
 use crate::identify::text;
@@ -54,10 +55,6 @@ pub fn html(report: &IdentificationReport) -> String {
     page += &residuals_section(report);
     let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(&text::text(report)));
     page
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 fn budget(report: &IdentificationReport) -> String {

@@ -12,6 +12,7 @@ mod legend;
 
 pub(crate) use forces::push_arrow;
 
+use super::escape;
 use crate::recording::frame::{BodyKind, Frame, Header, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
@@ -434,7 +435,7 @@ fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel
 /// Names of the bodies: sprockets on their axes, guides beside their middle.
 fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel: &Panel, taken: &mut OccupiedPlaces) {
     for (k, body) in sheet.header.bodies.iter().enumerate() {
-        let name = body.path.rsplit('.').next().unwrap_or(&body.path).to_string();
+        let name = crate::diag::last_name(&body.path).to_string();
         let [low, high] = body_box_m(sheet.header, frame, k);
         let at = panel.on_page([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])]);
         if body.rotor {
@@ -492,10 +493,4 @@ fn push_text(svg: &mut String, [x, y]: [f64; 2], size: f64, anchor: &str, colour
         y + 0.35 * size,
         escape(text)
     );
-}
-
-/// Escapes text for XML and replaces control characters.
-fn escape(text: &str) -> String {
-    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    shown.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

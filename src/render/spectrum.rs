@@ -1,5 +1,6 @@
 //! A spectrum as SVG: amplitudes over orders on a logarithmic scale, the largest peaks with their names; a second curve in grey.
 
+use super::escape;
 use crate::analysis::order_spectrum::AngleSpectrum;
 use std::fmt::Write;
 
@@ -25,7 +26,7 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &AngleSpectru
     let mut s = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w} {h}\" width=\"{w}\" height=\"{h}\" font-family=\"sans-serif\" \
          font-size=\"12\">\n<rect width=\"{w}\" height=\"{h}\" fill=\"#fff\"/>\n<text x=\"{left}\" y=\"24\" font-size=\"15\">{}</text>\n",
-        escaped(title),
+        escape(title),
         w = PAGE.0,
         h = PAGE.1,
     );
@@ -40,7 +41,7 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &AngleSpectru
             curve(spectrum, highest, &x, &y),
             left + width - 8.0,
             top + 16.0 + 15.0 * k as f64,
-            escaped(name)
+            escape(name)
         );
     }
     let mut named: Vec<f64> = Vec::new();
@@ -53,7 +54,7 @@ pub fn svg(title: &str, unit: &str, driver: &str, curves: &[(&str, &AngleSpectru
         let _infallible = writeln!(
             s,
             "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" transform=\"rotate(-55 {x:.1} {y:.1})\">{}</text>",
-            escaped(text),
+            escape(text),
             x = x(peak.order) + 3.0,
             y = (y(peak.amplitude) - 4.0).max(top + 8.0)
         );
@@ -93,10 +94,10 @@ fn grid(upper: f64, highest: f64, (unit, driver): (&str, &str)) -> String {
          transform=\"rotate(-90 14 {:.1})\" text-anchor=\"middle\">amplitude {}</text>",
         left + 0.5 * width,
         top + height + 36.0,
-        escaped(driver),
+        escape(driver),
         top + 0.5 * height,
         top + 0.5 * height,
-        escaped(unit)
+        escape(unit)
     );
     s
 }
@@ -122,8 +123,4 @@ fn tick(highest: f64) -> f64 {
     let rough = highest / 10.0;
     let power = libm::pow(10.0, libm::floor(libm::log10(rough.max(1e-9))));
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|f| f * power).find(|t| *t >= rough).unwrap_or(10.0 * power)
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

@@ -8,10 +8,11 @@
 //!
 //! A gap that no link touches tells nothing of its contour; the joints that run over it tell how far they sink into it.
 
-use super::least_squares::{NormalEquations, Solution, median, middle};
+use super::least_squares::{NormalEquations, Solution};
 use super::links::JointPass;
 use super::{Estimate, Topology};
 use crate::recording::frame::{Feature, Frame, Header, Segment};
+use crate::statistics::{median, middle};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
@@ -27,15 +28,16 @@ const SHARED_BY: usize = 4;
 const SPREAD_RAD: f64 = 0.05;
 /// A ring is round if its points lie on a circle within this [m].
 const ROUND_M: f64 = 0.5e-6;
-/// Share of the scatter of gaps that a wave must have to be one.
+/// Share of the scatter of gaps that a wave must have to be one. assumed: most of it.
 const WAVE: f64 = 0.5;
 /// A gap is compared with those that lie within this robust deviation of the others [m]; the others do not form the common arc.
 const ODD_M: f64 = 2e-6;
 /// Passes in which odd gaps and eccentricity are taken out of the common arcs.
 const PASSES: usize = 5;
-/// Joints this much nearer to the axis than the pitch line [pitches], or further, lie on the sprocket.
+/// Joints this much nearer to the axis than the pitch line [pitches], or further, lie on the sprocket. assumed: a
+/// chord of a polygon of 18 teeth and more lies 0.05 pitches inside its circle, the next joint of a span further.
 const NEAR: f64 = 0.2;
-/// Waves of a ring over a turn that it shares with its teeth.
+/// Unknowns of a ring's support over a turn: a constant, cosine and sine of once a turn, and of once, twice, three times a tooth.
 const RING_UNKNOWNS: usize = 9;
 
 type ArcSums = NormalEquations<3>;
@@ -50,7 +52,11 @@ struct SprocketSums {
     ring: NormalEquations<RING_UNKNOWNS>,
     /// The same without waves.
     circle: ArcSums,
+    /// Contacts with teeth, and with the ring.
     law: NormalEquations<2>,
+    ring_law: NormalEquations<2>,
+    /// Friction over normal force of contacts with teeth that slide.
+    friction: NormalEquations<1>,
     /// Frames in which a bush or a flank pushes in a gap, by gap.
     seated: Vec<usize>,
     /// Frames in which a joint lies over it.
@@ -137,9 +143,13 @@ pub struct SprocketFit {
     pub wave: Option<PlaceWave>,
     /// Radius of the seats' arc, where normals spread enough to tell it [m].
     pub seat_radius_m: Option<Estimate>,
-    /// Stiffness and damping of the contact law, fitted to all contacts.
+    /// Stiffness and damping of the contact law, fitted to all contacts with teeth.
     pub stiffness_n_per_m: Option<Estimate>,
     pub damping_n_s_per_m: Option<Estimate>,
+    /// Friction coefficient of contacts with teeth.
+    pub friction: Option<Estimate>,
+    pub ring_stiffness_n_per_m: Option<Estimate>,
+    pub ring_damping_n_s_per_m: Option<Estimate>,
     pub ring_radius_m: Option<Estimate>,
     pub ring_eccentricity_m: Option<Estimate>,
     pub ring_towards_rad: f64,
@@ -176,8 +186,16 @@ impl GapPass {
                 let s = [c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]];
                 let support = s[0] * n[0] + s[1] * n[1];
                 let direction = crate::units::atan2(n[1], n[0]) - angle;
-                sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
-                if c.segment[row] == Segment::Ring as u32 {
+                let is_ring = c.segment[row] == Segment::Ring as u32;
+                // A force that would pull is clipped at zero, and does not follow the law.
+                if c.instant_force_n[row] > 0.0 {
+                    let law = if is_ring { &mut sums.ring_law } else { &mut sums.law };
+                    law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                }
+                if !is_ring && !c.stick[row] && c.normal_force_n[row] > 0.0 {
+                    sums.friction.add([c.normal_force_n[row]], c.tangential_force_n[row].abs());
+                }
+                if is_ring {
                     let waves = ring_waves(direction, info.teeth);
                     sums.ring.add(waves, support);
                     sums.circle.add([1.0, waves[1], waves[2]], support);
@@ -223,11 +241,13 @@ impl SprocketSums {
             return;
         }
         let pitch_rad = 2.0 * PI / f64::from(teeth);
-        let pitch_radius_m = 0.5 * topology.pitch_m / crate::units::sin_cos(0.5 * pitch_rad).0;
-        for i in 0..topology.ahead.len() {
+        let half_sin = crate::units::sin_cos(0.5 * pitch_rad).0;
+        for (i, chain) in topology.chain.iter().enumerate() {
+            let pitch_m = topology.pitch_m[*chain];
+            let pitch_radius_m = 0.5 * pitch_m / half_sin;
             let at = joints.front_end(frame, i);
             let radius = libm::hypot(at[0] - origin[0], at[1] - origin[1]);
-            if (radius - pitch_radius_m).abs() > NEAR * topology.pitch_m {
+            if (radius - pitch_radius_m).abs() > NEAR * pitch_m {
                 continue;
             }
             let turned = (crate::units::atan2(at[1] - origin[1], at[0] - origin[0]) - angle) / pitch_rad;
@@ -243,8 +263,8 @@ impl SprocketSums {
         }
     }
 
-    /// The arc that all gaps share in a segment, without those that lie elsewhere; `beside`: by how much the sprocket's eccentricity
-    /// shifts them all.
+    /// The arc that all gaps share in a segment, without those that lie elsewhere; `beside`: how far each gap lies beside its place, by the
+    /// sprocket's eccentricity and by itself.
     fn common(&self, odd: &[bool], beside: &[[f64; 2]]) -> BTreeMap<u32, [f64; 3]> {
         self.common_sums(odd, beside).into_iter().filter_map(|(s, arc)| Some((s, arc.solve(RIDGE)?.value))).collect()
     }
@@ -346,6 +366,8 @@ impl SprocketSums {
             }
         };
         let (stiffness, damping) = super::law_of(&self.law);
+        let (ring_stiffness, ring_damping) = super::law_of(&self.ring_law);
+        let friction = self.friction.solve(0.0).filter(|_| self.friction.samples >= SAMPLES);
         let ring = self.ring.solve(0.0);
         let circle = self.circle.solve(0.0).filter(|c| c.residual <= ROUND_M);
         let seat = forms.iter().find(|f| f.segment == Segment::Seat as u32).filter(|_| self.has_seats);
@@ -364,6 +386,9 @@ impl SprocketSums {
             forms,
             stiffness_n_per_m: stiffness,
             damping_n_s_per_m: damping,
+            friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
+            ring_stiffness_n_per_m: ring_stiffness,
+            ring_damping_n_s_per_m: ring_damping,
             ring_radius_m: circle.map(|c| Estimate::of(&c, 0, self.circle.samples)),
             ring_eccentricity_m: ring.map(|r| Estimate {
                 value: libm::hypot(r.value[1], r.value[2]),

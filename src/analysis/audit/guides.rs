@@ -72,7 +72,10 @@ impl GuidePass {
                 if c.penetration_m[row] <= 0.0 {
                     continue;
                 }
-                sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                // A force that would pull is clipped at zero, and does not follow the law.
+                if c.instant_force_n[row] > 0.0 {
+                    sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                }
                 if c.segment[row] == Segment::GuideFace as u32 {
                     let at = [c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]];
                     let (x, y) = (at[0] * cos + at[1] * sin, at[1] * cos - at[0] * sin);

@@ -5,8 +5,6 @@
 
 /// Share of a column that must be its own, beside what the columns before it explain: below, two unknowns cannot be told apart.
 const SMALLEST_PIVOT: f64 = 1e-13;
-/// From the median of absolute deviations to the standard deviation of a normal distribution.
-const NORMAL: f64 = 1.4826;
 
 /// Sums of the samples of N unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,22 +94,6 @@ impl<const N: usize> NormalEquations<N> {
     }
 }
 
-/// Median; NaN of nothing.
-pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n => 0.5 * (values[(n - 1) / 2] + values[n / 2]),
-    }
-}
-
-/// Median and robust standard deviation.
-pub fn middle(values: &[f64]) -> (f64, f64) {
-    let middle = median(values.iter().copied());
-    (middle, NORMAL * median(values.iter().map(|v| (v - middle).abs())))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -125,7 +107,5 @@ mod tests {
         let mut same = NormalEquations::<2>::default();
         (0..20).for_each(|i| same.add([f64::from(i), 2.0 * f64::from(i)], 1.0));
         assert_eq!(same.solve(0.0), None);
-        let (m, s) = middle(&[1.0, 2.0, 3.0, 4.0, 100.0]);
-        assert_eq!((m, s), (3.0, NORMAL));
     }
 }

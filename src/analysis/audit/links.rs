@@ -14,14 +14,15 @@
 //! -M sign(w_rel) = mu r |F| + T                               friction arm mu r and torque T, while the joint turns fast
 //! ```
 
-use super::least_squares::{NormalEquations, median};
+use super::least_squares::NormalEquations;
 use super::{Estimate, Topology};
 use crate::recording::frame::{Feature, Frame};
+use crate::statistics::median;
 
 /// A joint pulls by more than this share of its largest force where its stretch is read: below, damping decides.
 const PULLED: f64 = 0.02;
 /// A joint turns fast where its relative speed exceeds this share of the fastest sprocket's speed, with which joints bend onto it: its friction
-/// has its full size there. Where nothing turns but links, of what most joints reach.
+/// has its full size there. assumed: joints bend within a third of a pitch. Where nothing turns but links, of what most joints reach.
 const TURNING: f64 = 0.3;
 
 /// Sums over the balance of one link.

@@ -4,7 +4,8 @@
 
 use super::spans::SpanEnds;
 use super::{Audit, Estimate, Topology};
-use crate::recording::frame::{Energy, Header};
+use crate::diag::last_name;
+use crate::recording::frame::{BodyKind, Energy, Header};
 use std::f64::consts::PI;
 
 /// A measured quantity.
@@ -109,6 +110,15 @@ pub static CONTACT_STIFFNESS: Measure =
     property("contact_stiffness_n_per_m", "contact stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.1));
 pub static CONTACT_DAMPING: Measure =
     property("contact_damping_n_s_per_m", "contact damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
+pub static RING_STIFFNESS: Measure = property(
+    "ring_stiffness_n_per_m",
+    "contact stiffness of its ring",
+    ("stiffer", "softer"),
+    ("N/um", 1e6),
+    (0.0, 0.1),
+);
+pub static RING_DAMPING: Measure =
+    property("ring_damping_n_s_per_m", "contact damping of its ring", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
 pub static GUIDE_FRICTION: Measure = property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
 pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
@@ -160,7 +170,7 @@ pub struct Measured {
 impl AuditPart {
     /// Its name in texts.
     pub fn name(self, header: &Header) -> String {
-        let body = |b: usize| header.bodies.get(b).map_or_else(String::new, |b| short(&b.path));
+        let body = |b: usize| body_name(header, b);
         match self {
             AuditPart::Link(i) => format!("link {i}"),
             AuditPart::Joint(j) => format!("joint {j}"),
@@ -176,9 +186,11 @@ impl AuditPart {
     }
 }
 
-/// The last word of a path.
-pub fn short(path: &str) -> String {
-    path.rsplit('.').next().unwrap_or(path).to_string()
+/// Name of a body: the last word of its path, or all of it where several end so.
+fn body_name(header: &Header, body: usize) -> String {
+    let Some(path) = header.bodies.get(body).map(|b| &b.path) else { return String::new() };
+    let alike = header.bodies.iter().filter(|b| b.rotor && last_name(&b.path) == last_name(path)).count();
+    if alike > 1 { path.clone() } else { last_name(path).to_string() }
 }
 
 /// All numbers of an audit.
@@ -255,21 +267,25 @@ fn put_links(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
         put(part, &MASS, fit.mass_kg, Some(info.mass_kg), &group);
         put(part, &INERTIA, fit.inertia_kg_m2, Some(info.inertia_kg_m2), &group);
     }
+    let topology = Topology::of(header);
     for (j, fit) in audit.joints.iter().enumerate() {
         let part = AuditPart::Joint(j);
+        let joints = joints_of(header, &topology, j);
+        // Joints that yield little tell little of their damping.
+        let damping = fit.damping_n_s_per_m.filter(|d| d.error < DAMPING_ERROR * d.value.abs());
         let turned = fit.turning_samples >= TURNED && fit.tight_torque_nm.is_some_and(|t| t.error < TORQUE_ERROR_NM);
-        put(part, &JOINT_STIFFNESS, fit.stiffness_n_per_m, None, "joints");
-        put(part, &JOINT_DAMPING, fit.damping_n_s_per_m, None, "joints");
-        put(part, &CLEARANCE, fit.clearance_m, None, "joints");
-        put(part, &FRICTION_ARM, fit.friction_arm_m.filter(|_| turned), None, "joints");
-        put(part, &TIGHT_TORQUE, fit.tight_torque_nm.filter(|_| turned), None, "joints");
+        put(part, &JOINT_STIFFNESS, fit.stiffness_n_per_m, None, &joints);
+        put(part, &JOINT_DAMPING, damping, None, &joints);
+        put(part, &CLEARANCE, fit.clearance_m, None, &joints);
+        put(part, &FRICTION_ARM, fit.friction_arm_m.filter(|_| turned), None, &joints);
+        put(part, &TIGHT_TORQUE, fit.tight_torque_nm.filter(|_| turned), None, &joints);
     }
 }
 
 fn put_sprockets(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
     for (body, fit) in audit.sprockets.iter().enumerate() {
         let part = AuditPart::Body(body);
-        let group = format!("gaps of `{}`", header.bodies.get(body).map_or_else(String::new, |b| short(&b.path)));
+        let group = format!("gaps of `{}`", body_name(header, body));
         for (g, gap) in fit.gaps.iter().enumerate() {
             for (measure, estimate) in [(&OUTWARD, gap.outward_m), (&SIDEWAYS, gap.sideways_m)] {
                 let Some(estimate) = estimate else { continue };
@@ -286,9 +302,25 @@ fn put_sprockets(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
         put(&RING_ECCENTRICITY, fit.ring_eccentricity_m, Some(0.0));
         put(&CONTACT_STIFFNESS, fit.stiffness_n_per_m, None);
         put(&CONTACT_DAMPING, fit.damping_n_s_per_m, None);
+        put(&GUIDE_FRICTION, fit.friction, None);
+        put(&RING_STIFFNESS, fit.ring_stiffness_n_per_m, None);
+        put(&RING_DAMPING, fit.ring_damping_n_s_per_m, None);
     }
 }
 
+/// Joints of one chain are alike: their name, with that of the chain where there are several.
+fn joints_of(header: &Header, topology: &Topology, joint: usize) -> String {
+    let first = topology.chain.get(joint).and_then(|chain| topology.chain.iter().position(|c| c == chain));
+    let outline = first.and_then(|link| header.link_outlines.get(header.links.get(link)?.outline as usize));
+    // Outlines of several chains are called after their chain, then their row.
+    match outline.and_then(|o| o.name.rsplit_once(' ')).filter(|_| topology.pitch_m.len() > 1) {
+        Some((chain, _)) => format!("joints of chain `{chain}`"),
+        None => "joints".into(),
+    }
+}
+
+/// Largest error of a joint's damping that is told, over itself.
+const DAMPING_ERROR: f64 = 0.05;
 /// Frames in which a joint must turn fast for its friction to be told.
 pub const TURNED: usize = 12;
 /// Largest error of a friction torque that is told [N m]: frames in which a joint sticks are no friction at its limit.
@@ -299,16 +331,15 @@ pub const TOUCHED: usize = 8;
 /// What could not be measured, and what it takes.
 pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
     let mut lines = Vec::new();
-    let topology = Topology::of(header);
     let duration_s = audit.to_s - audit.from_s;
-    let period_s = topology.pitch_m / header.chain_speed_m_s.abs().max(1e-12);
-    let lap_s = period_s * header.links.len() as f64;
+    let pitch_m = header.links.first().map_or(0.0, |l| l.pitch_m);
+    let period_s = pitch_m / header.chain_speed_m_s.abs().max(1e-12);
+    let longest = header.chains().iter().map(ExactSizeIterator::len).max().unwrap_or(0);
+    let lap_s = period_s * longest as f64;
     let (ms, us) = (|s: f64| s * 1e3, |s: f64| s * 1e6);
     let takes = |needed_s: f64, fine_s: f64| {
-        if duration_s < needed_s && audit.interval_s <= fine_s {
-            format!("it takes {:.1} ms of the drive; this recording has {:.1} ms", ms(needed_s), ms(duration_s))
-        } else {
-            let longer = duration_s.max(needed_s) * (audit.interval_s / fine_s).max(1.0);
+        let longer = duration_s.max(needed_s) * (audit.interval_s / fine_s).max(1.0);
+        if audit.interval_s > fine_s {
             format!(
                 "a frame every {:.0} us is too coarse: it takes one every {:.0} us, or {:.0} ms at this interval; `pitchline zoom` \
                  records a part again with --every",
@@ -316,6 +347,10 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
                 us(fine_s),
                 ms(longer)
             )
+        } else if duration_s < needed_s {
+            format!("it takes {:.1} ms of the drive; this recording has {:.1} ms", ms(needed_s), ms(duration_s))
+        } else {
+            "they seldom do; it takes a longer recording".into()
         }
     };
     let still = audit.joints.iter().filter(|j| j.turning_samples < TURNED).count();
@@ -330,13 +365,17 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
     for (fit, info) in audit.sprockets.iter().zip(&header.bodies) {
         let few = fit.gaps.iter().filter(|g| g.over < TOUCHED).count();
         if few > 0 {
-            let turn_s = period_s * f64::from(info.teeth);
+            let turn_s = if fit.turns > 0.0 { duration_s / fit.turns } else { period_s * f64::from(info.teeth) };
             let text = takes(1.2 * turn_s, 0.4 * turn_s / TOUCHED as f64);
             lines.push(format!("{few} tooth gaps of {}, met in fewer than {TOUCHED} frames: {text}", info.path));
         }
     }
     for guide in audit.guides.iter().filter(|g| g.touched == 0) {
         lines.push(format!("{}: no link touches it", AuditPart::Body(guide.body).name(header)));
+    }
+    let is_straight = |body: usize| header.bodies.get(body).is_some_and(|b| b.kind == BodyKind::Guide as u32);
+    for guide in audit.guides.iter().filter(|g| g.touched > 0 && g.face.is_none() && is_straight(g.body)) {
+        lines.push(format!("height of {}: links touch its ends alone", AuditPart::Body(guide.body).name(header)));
     }
     lines
 }

@@ -19,6 +19,7 @@ use guides::{GuideFit, GuidePass};
 use least_squares::Solution;
 use links::{JointFit, JointPass, LinkFit, LinkSums};
 use spans::{SpanFit, SpanPass};
+use std::ops::Range;
 
 pub use findings::{Finding, compared, findings};
 pub use measures::{AuditPart, Measured, measured};
@@ -40,9 +41,10 @@ pub struct Estimate {
 const CONTACTS: usize = 20;
 const LAW_ERROR: f64 = 0.1;
 
-/// Stiffness and damping of a contact law; None where the contacts do not tell.
+/// Stiffness and damping of a contact law; None where the contacts do not tell, or seem to give energy.
 fn law_of(sums: &least_squares::NormalEquations<2>) -> (Option<Estimate>, Option<Estimate>) {
     let law = sums.solve(0.0).filter(|l| sums.samples >= CONTACTS && l.error[0] < LAW_ERROR * l.value[0]);
+    let law = law.filter(|l| l.value[1] > -2.0 * l.error[1]);
     let of = |i: usize| law.map(|l| Estimate::of(&l, i, sums.samples));
     (of(0), of(1))
 }
@@ -61,8 +63,10 @@ pub struct Topology {
     pub behind: Vec<usize>,
     /// Links of one row are alike: their outline in the header.
     pub row: Vec<u32>,
-    /// Mean pitch that the header declares: it tells which joints lie near a sprocket [m].
-    pub pitch_m: f64,
+    /// Chain of every link.
+    pub chain: Vec<usize>,
+    /// Mean pitch that the header declares of every chain: it tells which joints lie near a sprocket [m].
+    pub pitch_m: Vec<f64>,
     /// Whether the chain runs towards the link ahead.
     pub forwards: bool,
     /// The link whose bush carries each roller, and whether at its front.
@@ -75,11 +79,15 @@ impl Topology {
         let ahead: Vec<usize> = header.links.iter().map(|l| (l.ahead as usize).min(n.saturating_sub(1))).collect();
         let mut behind = vec![0; n];
         ahead.iter().enumerate().for_each(|(i, to)| behind[*to] = i);
+        let chains = header.chains();
+        let pitch_m = |links: &Range<usize>| header.links[links.clone()].iter().map(|l| l.pitch_m).sum::<f64>();
+        let mean_m = |links: Range<usize>| pitch_m(&links) / links.len().max(1) as f64;
         Topology {
             ahead,
             behind,
             row: header.links.iter().map(|l| l.outline).collect(),
-            pitch_m: header.links.iter().map(|l| l.pitch_m).sum::<f64>() / n.max(1) as f64,
+            chain: chains.iter().enumerate().flat_map(|(k, links)| links.clone().map(move |_| k)).collect(),
+            pitch_m: chains.into_iter().map(mean_m).collect(),
             forwards: header.chain_speed_m_s >= 0.0,
             rollers: header.rollers.iter().map(|r| (r.link as usize, r.link == r.joint)).collect(),
         }

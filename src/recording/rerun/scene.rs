@@ -95,7 +95,7 @@ pub fn outline_entity(outline: &Outline) -> EntityPath {
 
 /// Last part of a body's path; in merged recordings with the name of the drive.
 pub fn short_name(body: &BodyInfo) -> String {
-    let last = body.path.rsplit('.').next().unwrap_or(&body.path);
+    let last = crate::diag::last_name(&body.path);
     match body.path.split('.').next() {
         Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages") | None => last.to_string(),
         Some(drive) => format!("{drive} {last}"),
@@ -316,7 +316,7 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     };
     stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
-    let turning = header.coordinates.iter().map(|path| path.rsplit('.').next().unwrap_or(path));
+    let turning = header.coordinates.iter().map(|path| crate::diag::last_name(path));
     stream.log_static("plots/speed", &named(turning.map(|name| format!("{name} [1/min]")).collect()))?;
     for (unit, sensors) in sensors_by_unit(header) {
         let name = |k: &usize| format!("{} [{unit}]", header.sensors[*k].path.trim_start_matches("sensors."));
