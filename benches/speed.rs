@@ -13,9 +13,6 @@ use pitchline::simulate::{RunLength, run};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-#[global_allocator]
-static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
-
 /// Runs of each kind.
 const RUNS: usize = 5;
 /// Runs without and with recording, by turns.

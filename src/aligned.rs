@@ -1,58 +1,95 @@
-//! Memory allocator that aligns columns to cache lines, because they are read one line at a time.
+//! Columns that begin on cache lines, because steps read them a line at a time.
 
-use std::alloc::{GlobalAlloc, Layout, System};
+use aligned_vec::{AVec, ConstAlign};
+use std::ops::{Deref, DerefMut};
 
-/// The system's allocator, with allocations of the size of a column aligned to a cache line. Its usual alignment is 16
-/// bytes off, so that every load of a wide vector unit touches two lines: bush-20-40 takes 12 to 14 % longer that way
-/// (AVX-512). (Vectors with their own alignment, as in `aligned-vec`, would give every column of a State another type.)
-pub struct LineAligned;
+/// Bytes of a cache line, and of the widest vector register.
+pub const LINE: usize = 64;
 
-const LINE: usize = 64;
-/// Columns of 32 to 16,384 links [bytes]; larger blocks are better grown in place than copied.
-const COLUMNS: std::ops::RangeInclusive<usize> = 256..=131_072;
+/// A column whose values begin on a cache line. The usual alignment of memory is 16 bytes off, so that every load of a wide vector
+/// unit touches two lines: bush-20-40 takes 12 to 14 % longer that way (AVX-512).
+#[derive(Debug, PartialEq)]
+pub struct AlignedColumn<T = f64>(AVec<T, ConstAlign<LINE>>);
 
-/// The layout requested from the system, which depends only on the layout requested by the caller.
-fn line_aligned(layout: Layout) -> Layout {
-    if !COLUMNS.contains(&layout.size()) {
-        return layout;
+impl<T: Copy> Clone for AlignedColumn<T> {
+    fn clone(&self) -> Self {
+        let mut copy = AlignedColumn::default();
+        copy.clone_from(self);
+        copy
     }
-    // A size that cannot be rounded up to a line is outside the range.
-    layout.align_to(LINE).unwrap_or(layout)
+
+    /// Copies without memory of its own where both are as long.
+    fn clone_from(&mut self, from: &Self) {
+        if self.len() == from.len() {
+            self.copy_from_slice(from);
+        } else {
+            self.0.clear();
+            self.0.extend_from_slice(from);
+        }
+    }
 }
 
-// SAFETY: every block is requested from the system and returned to it with the same layout, `line_aligned` of the same layout.
-unsafe impl GlobalAlloc for LineAligned {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: `line_aligned` keeps the size, which the caller guarantees is not zero.
-        unsafe { System.alloc(line_aligned(layout)) }
+impl<T> Default for AlignedColumn<T> {
+    fn default() -> Self {
+        AlignedColumn(AVec::new(LINE))
+    }
+}
+
+impl<T: Clone> AlignedColumn<T> {
+    /// So many values that are all the same.
+    pub fn of(value: T, len: usize) -> Self {
+        let mut column = AlignedColumn::default();
+        column.resize(len, value);
+        column
     }
 
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+    /// Makes it longer, by copies of a value, or shorter.
+    pub fn resize(&mut self, len: usize, value: T) {
+        self.0.resize(len, value);
+    }
+}
+
+impl AlignedColumn {
+    /// So many zeros.
+    pub fn zeros(len: usize) -> Self {
+        AlignedColumn::of(0.0, len)
+    }
+}
+
+impl<T> FromIterator<T> for AlignedColumn<T> {
+    fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Self {
+        AlignedColumn(AVec::from_iter(LINE, values))
+    }
+}
+
+impl<T> Deref for AlignedColumn<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        let values: &[T] = &self.0;
+        // SAFETY: no allocation is larger than this. Vec tells the compiler the same.
+        unsafe { std::hint::assert_unchecked(values.len() <= isize::MAX as usize / size_of::<T>().max(1)) };
+        values
+    }
+}
+
+impl<T> DerefMut for AlignedColumn<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [T] {
+        let values: &mut [T] = &mut self.0;
         // SAFETY: as above.
-        unsafe { System.alloc_zeroed(line_aligned(layout)) }
+        unsafe { std::hint::assert_unchecked(values.len() <= isize::MAX as usize / size_of::<T>().max(1)) };
+        values
     }
+}
 
-    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        // SAFETY: the block was requested with this layout.
-        unsafe { System.dealloc(block, line_aligned(layout)) }
-    }
+impl<'a, T> IntoIterator for &'a AlignedColumn<T> {
+    type Item = &'a T;
+    type IntoIter = std::slice::Iter<'a, T>;
 
-    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller guarantees a size that makes a layout with this alignment.
-        let wanted = unsafe { Layout::from_size_align_unchecked(size, layout.align()) };
-        if line_aligned(layout).align() == layout.align() && line_aligned(wanted).align() == wanted.align() {
-            // SAFETY: the system knows the block by this layout, and would have been given the new one in the same way.
-            return unsafe { System.realloc(block, layout, size) };
-        }
-        // SAFETY: both blocks have at least the copied length, and they are different.
-        unsafe {
-            let new = self.alloc(wanted);
-            if !new.is_null() {
-                std::ptr::copy_nonoverlapping(block, new, layout.size().min(size));
-                self.dealloc(block, layout);
-            }
-            new
-        }
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
     }
 }
 
@@ -61,21 +98,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blocks_begin_on_lines_and_keep_what_they_hold() {
-        let heap = LineAligned;
-        for first in [8_usize, 255, 256, 776, 131_072, 131_073] {
-            for then in [16_usize, 255, 256, 1000, 131_072, 200_000] {
-                let layout = Layout::from_size_align(first, 8).expect("a layout");
-                // SAFETY: the sizes are not zero, and each block is used within its size and given back once.
-                unsafe {
-                    let block = heap.alloc(layout);
-                    block.write_bytes(0x5a, first);
-                    let block = heap.realloc(block, layout, then);
-                    assert_eq!(block as usize % if COLUMNS.contains(&then) { LINE } else { 8 }, 0);
-                    assert!((0..first.min(then)).all(|i| *block.add(i) == 0x5a));
-                    heap.dealloc(block, Layout::from_size_align(then, 8).expect("a layout"));
-                }
+    fn columns_begin_on_lines_and_keep_what_they_hold() {
+        for len in [1, 7, 8, 97, 20_000] {
+            let mut column: AlignedColumn = (0..len).map(|i| i as f64).collect();
+            column.resize(len + 9, -1.0);
+            let copy = column.clone();
+            for c in [&column, &copy, &AlignedColumn::zeros(len)] {
+                assert_eq!(c.as_ptr() as usize % LINE, 0);
             }
+            assert!((0..len).all(|i| copy[i] == i as f64) && copy[len..] == [-1.0; 9]);
         }
     }
 }

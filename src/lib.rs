@@ -22,15 +22,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Steps read columns a cache line at a time. Where these begin on lines, a run takes up to 14 % less time (bush chain,
-//! AVX-512); the program `pitchline` sees to it by its allocator, and so can others:
-//!
-//! ```
-//! #[global_allocator]
-//! static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
-//! # fn main() {}
-//! ```
-//!
 //! Modules without documentation here are the inside of the program `pitchline`, public for its tests alone; they change without
 //! notice. ARCHITECTURE.md is their map.
 
@@ -38,7 +29,6 @@
 // Units stand in brackets, such as [m], which rustdoc takes for links; heads of files speak of private items below them.
 #![allow(rustdoc::broken_intra_doc_links, rustdoc::private_intra_doc_links)]
 
-pub mod aligned;
 pub mod assemble;
 pub mod breakpoint;
 pub mod diag;
@@ -51,6 +41,8 @@ pub mod recording;
 pub mod simulate;
 
 // The inside of the program, public for src/main.rs, tests, benches and fuzzers.
+#[doc(hidden)]
+pub mod aligned;
 #[doc(hidden)]
 pub mod analysis;
 #[doc(hidden)]

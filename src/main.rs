@@ -3,9 +3,6 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-#[global_allocator]
-static MEMORY: pitchline::aligned::LineAligned = pitchline::aligned::LineAligned;
-
 fn main() -> ExitCode {
     pitchline::measurement::contained::silence_contained_panics();
     // Exceeding the file size limit is then an error of the write, instead of ending the program.

@@ -6,6 +6,7 @@
 //!
 //! Arrays are padded with inert lanes to a multiple of the lane width; what lies behind the last link is neither hashed nor saved.
 
+use crate::aligned::AlignedColumn;
 use crate::pairs::contact_group::{CONTACT_GROUPS, ContactGroup};
 use crate::recording::frame::{Keyframe, StateColumn};
 use std::hash::Hasher;
@@ -55,39 +56,39 @@ impl std::error::Error for RestoreError {}
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkState {
     /// Centre of mass [m].
-    pub x: Vec<f64>,
-    pub y: Vec<f64>,
+    pub x: AlignedColumn,
+    pub y: AlignedColumn,
     /// Heading, rear joint to front joint, as cosine and sine.
-    pub cos: Vec<f64>,
-    pub sin: Vec<f64>,
+    pub cos: AlignedColumn,
+    pub sin: AlignedColumn,
     /// Half a step back [m/s, rad/s].
-    pub vx: Vec<f64>,
-    pub vy: Vec<f64>,
-    pub omega: Vec<f64>,
+    pub vx: AlignedColumn,
+    pub vy: AlignedColumn,
+    pub omega: AlignedColumn,
     /// One step back [m/s2, rad/s2].
-    pub ax: Vec<f64>,
-    pub ay: Vec<f64>,
-    pub alpha: Vec<f64>,
+    pub ax: AlignedColumn,
+    pub ay: AlignedColumn,
+    pub alpha: AlignedColumn,
     /// The share of the joints in them, as predicted from positions and speeds of that node.
-    pub joint_ax: Vec<f64>,
-    pub joint_ay: Vec<f64>,
-    pub joint_alpha: Vec<f64>,
+    pub joint_ax: AlignedColumn,
+    pub joint_ay: AlignedColumn,
+    pub joint_alpha: AlignedColumn,
 }
 
 /// What a set of contact lanes remembers from one step to the next, and what it has lost so far.
 #[derive(Debug, PartialEq)]
 pub struct ContactMemory {
     /// Mean normal force over the last step [N].
-    pub normal_force: Vec<f64>,
+    pub normal_force: AlignedColumn,
     /// Mean friction force over the last step [N].
-    pub tangential_force: Vec<f64>,
+    pub tangential_force: AlignedColumn,
     /// Steps since first touch; 0 = open.
-    pub age: Vec<f64>,
+    pub age: AlignedColumn,
     /// Closing speed at first touch [m/s].
-    pub approach: Vec<f64>,
+    pub approach: AlignedColumn,
     /// Energy lost to contact damping and to friction since the ledger was opened [J].
-    pub lost_damping: Vec<f64>,
-    pub lost_friction: Vec<f64>,
+    pub lost_damping: AlignedColumn,
+    pub lost_friction: AlignedColumn,
 }
 
 /// One value per coordinate.
@@ -177,10 +178,10 @@ pub struct State {
     pub lanes: usize,
     pub links: LinkState,
     /// Largest friction torque that every joint could have exerted one step back [N m].
-    pub joint_limit: Vec<f64>,
+    pub joint_limit: AlignedColumn,
     /// Lost in the pin joints since the ledger was opened, per joint [J].
-    pub lost_pin_damping: Vec<f64>,
-    pub lost_pin_friction: Vec<f64>,
+    pub lost_pin_damping: AlignedColumn,
+    pub lost_pin_friction: AlignedColumn,
     /// What of links touches bodies, in the order of [`ContactGroup::ALL`]; by joints (bushes) or links. Empty where a drive has none.
     pub contacts: Vec<ContactMemory>,
     /// Parts that touch each other and no chain, in the order of the Model. Empty where a drive has none.
@@ -213,7 +214,7 @@ impl Clone for ContactMemory {
 
 impl ContactMemory {
     pub fn new(len: usize) -> ContactMemory {
-        let zeros = || vec![0.0; len];
+        let zeros = || AlignedColumn::zeros(len);
         ContactMemory {
             normal_force: zeros(),
             tangential_force: zeros(),
@@ -243,7 +244,7 @@ impl State {
             n_oil,
             ..
         } = *layout;
-        let zeros = || vec![0.0; padded_len];
+        let zeros = || AlignedColumn::zeros(padded_len);
         let of_coordinates = || vec![0.0; n_coordinates];
         let ends = |side: bool| ContactMemory::new(if side { padded_len } else { 0 });
         let mut x = zeros();
@@ -257,7 +258,7 @@ impl State {
             links: LinkState {
                 x,
                 y: zeros(),
-                cos: vec![1.0; padded_len],
+                cos: AlignedColumn::of(1.0, padded_len),
                 sin: zeros(),
                 vx: zeros(),
                 vy: zeros(),
@@ -470,13 +471,14 @@ impl State {
             coordinates,
         } = self;
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = links;
-        let mut columns: Vec<&mut Vec<f64>> =
+        let mut columns: Vec<&mut [f64]> =
             vec![x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
-        columns.extend([joint_limit, lost_pin_damping, lost_pin_friction]);
+        columns.extend([joint_limit, lost_pin_damping, lost_pin_friction].map(|c| &mut **c));
         let more = [touches, bores].into_iter().filter(|memory| !memory.is_empty());
         for memory in contacts.iter_mut().chain(more) {
             let ContactMemory { normal_force, tangential_force, age, approach, lost_damping, lost_friction } = memory;
-            columns.extend([normal_force, tangential_force, age, approach, lost_damping, lost_friction]);
+            let own = [normal_force, tangential_force, age, approach, lost_damping, lost_friction];
+            columns.extend(own.map(|c| &mut **c));
         }
         let per_link = columns.len();
         let CoordinateState {
@@ -492,10 +494,11 @@ impl State {
             lost_coupling,
             lost_span,
         } = coordinates;
-        columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost]);
-        columns.extend([lost_load, lost_coupling, lost_span].into_iter().filter(|c| !c.is_empty()));
+        columns.extend([angle, cos, sin, omega, alpha, work_in, work_out, lost].map(Vec::as_mut_slice));
+        let more = [lost_load, lost_coupling, lost_span].map(Vec::as_mut_slice);
+        columns.extend(more.into_iter().filter(|c| !c.is_empty()));
         let OilState { oil_m3, pressure_pa, inflow_m3, work_j, lost_j } = oil;
-        columns.extend([oil_m3, pressure_pa, inflow_m3, work_j, lost_j]);
+        columns.extend([oil_m3, pressure_pa, inflow_m3, work_j, lost_j].map(Vec::as_mut_slice));
         for (i, (name, column)) in names.into_iter().zip(columns).enumerate() {
             let len = if i < per_link { n.min(column.len()) } else { column.len() };
             f(name, &mut column[..len]);
@@ -531,8 +534,8 @@ impl State {
         let LinkState { x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha } = &self.links;
         let links = [x, y, cos, sin, vx, vy, omega, ax, ay, alpha, joint_ax, joint_ay, joint_alpha];
         let CoordinateState { angle, omega, alpha, work_in, work_out, .. } = &self.coordinates;
-        let others = [&self.joint_limit, angle, omega, alpha, work_in, work_out, &self.oil.pressure_pa];
-        if links.iter().chain(&others).all(|column| are_finite(column)) {
+        let others: [&[f64]; 7] = [&self.joint_limit, angle, omega, alpha, work_in, work_out, &self.oil.pressure_pa];
+        if links.iter().all(|column| are_finite(column)) && others.iter().all(|column| are_finite(column)) {
             return None;
         }
         let mut found = None;

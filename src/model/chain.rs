@@ -5,6 +5,7 @@
 //! Rollers that are bodies of their own stand behind all loops, one for every joint of their chain: links of no length in whose one end sits
 //! the bush that the teeth touch. No joint holds them; what they touch does.
 
+use crate::aligned::AlignedColumn;
 use crate::elements::link_joint::LinkJoint;
 use crate::geometry::chain::{LinkShape, RollerShape};
 use crate::lanes::LANES;
@@ -30,23 +31,23 @@ pub struct ChainModel {
     /// Lanes of every block that hold one.
     held_lanes: Vec<[bool; LANES]>,
     /// Half the pitch [m]: lever of both joints.
-    pub lever: Vec<f64>,
+    pub lever: AlignedColumn,
     /// Mass per lane [kg].
-    pub mass: Vec<f64>,
+    pub mass: AlignedColumn,
     /// Moment of inertia about the centre of mass per lane [kg m2].
-    pub inertia: Vec<f64>,
+    pub inertia: AlignedColumn,
     /// 1 / mass; zero in lanes without a link [1/kg].
-    pub inverse_mass: Vec<f64>,
+    pub inverse_mass: AlignedColumn,
     /// One value longer: the first link's again at `n_links`.
-    pub inverse_inertia: Vec<f64>,
+    pub inverse_inertia: AlignedColumn,
     /// 1 where the bush of joint j belongs to link j, 0 where to link j + 1; shifted by one: index 0 is the last joint.
-    pub bush_on_front: Vec<f64>,
+    pub bush_on_front: AlignedColumn,
     /// Of the link that carries the bush of joint j: signed lever, inverse mass and inertia.
-    pub bush_lever: Vec<f64>,
+    pub bush_lever: AlignedColumn,
     /// Inverse mass of that link [1/kg].
-    pub bush_inverse_mass: Vec<f64>,
+    pub bush_inverse_mass: AlignedColumn,
     /// Inverse inertia of that link [1/(kg m2)].
-    pub bush_inverse_inertia: Vec<f64>,
+    pub bush_inverse_inertia: AlignedColumn,
     /// Joint law of every loop.
     pub joints: Vec<LinkJoint>,
     /// Joints that turn hard, and the torque of their friction [N m].
@@ -58,14 +59,14 @@ impl ChainModel {
     pub fn new(n_links: usize, rows: &[LinkShape], joint: LinkJoint, lane_width: usize) -> ChainModel {
         let padded = n_links.div_ceil(lane_width) * lane_width;
         let row = |i: usize| &rows[i % rows.len()];
-        let column = |f: &dyn Fn(usize) -> f64, inert: f64, len: usize| -> Vec<f64> {
+        let column = |f: &dyn Fn(usize) -> f64, inert: f64, len: usize| -> AlignedColumn {
             (0..len).map(|i| if i < n_links { f(i) } else { inert }).collect()
         };
         let carrier = |j: usize| if row(j).bush_radius_m.is_some() { j } else { (j + 1) % n_links };
         let on_front = |j: usize| if carrier(j) == j { 1.0 } else { 0.0 };
         let mut inverse_inertia = column(&|i| 1.0 / row(i).inertia_kg_m2, 0.0, padded + 1);
         inverse_inertia[n_links] = inverse_inertia[0];
-        let mut bush_on_front = vec![1.0; padded + 1];
+        let mut bush_on_front = AlignedColumn::of(1.0, padded + 1);
         for j in 0..n_links {
             bush_on_front[j + 1] = on_front(j);
         }
@@ -108,7 +109,7 @@ impl ChainModel {
             self.lanes = rollers.end;
             self.padded = self.lanes.next_multiple_of(LANES);
             // `ahead`: by how much a column stands further back.
-            let extend = |column: &mut Vec<f64>, inert: f64, own: f64, more: usize, ahead: usize| {
+            let extend = |column: &mut AlignedColumn, inert: f64, own: f64, more: usize, ahead: usize| {
                 column.resize(self.padded + more, inert);
                 column[rollers.start + ahead..rollers.end + ahead].fill(own);
             };
@@ -140,15 +141,15 @@ impl ChainModel {
             padded: 0,
             full_blocks: Vec::new(),
             held_lanes: Vec::new(),
-            lever: Vec::new(),
-            mass: Vec::new(),
-            inertia: Vec::new(),
-            inverse_mass: Vec::new(),
-            inverse_inertia: Vec::new(),
-            bush_on_front: Vec::new(),
-            bush_lever: Vec::new(),
-            bush_inverse_mass: Vec::new(),
-            bush_inverse_inertia: Vec::new(),
+            lever: AlignedColumn::default(),
+            mass: AlignedColumn::default(),
+            inertia: AlignedColumn::default(),
+            inverse_mass: AlignedColumn::default(),
+            inverse_inertia: AlignedColumn::default(),
+            bush_on_front: AlignedColumn::default(),
+            bush_lever: AlignedColumn::default(),
+            bush_inverse_mass: AlignedColumn::default(),
+            bush_inverse_inertia: AlignedColumn::default(),
             joints: vec![joint],
             tight: Vec::new(),
         }
@@ -173,7 +174,7 @@ impl ChainModel {
         let padded = lanes.next_multiple_of(LANES);
         // `more`: values behind those of the links that belong to a chain.
         let joined = |of: &dyn Fn(&ChainModel) -> &[f64], inert: f64, more: usize| {
-            let mut column = vec![inert; padded + more];
+            let mut column = AlignedColumn::of(inert, padded + more);
             for (c, own) in chains.iter().zip(&loops).filter(|(_, own)| !own.is_empty()) {
                 column[own.start..own.end + more].copy_from_slice(&of(c)[..c.n_links + more]);
             }

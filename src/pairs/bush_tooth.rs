@@ -111,6 +111,7 @@ pub struct SprocketMotion {
 
 /// Columns of [`LANES`] contact lanes. Inputs are filled by the caller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(align(64))]
 pub struct Lanes {
     /// Joint centre from the sprocket axis [m], its velocity, and that of the link [m/s, rad/s].
     pub x: LaneBlock,

@@ -246,6 +246,7 @@ impl EndColumns {
 
 /// By how much contacts of this step have changed the accelerations of a block of links, against those of the step before.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(align(64))]
 pub struct AccelerationChange {
     pub ax: LaneBlock,
     pub ay: LaneBlock,

@@ -121,6 +121,7 @@ fn observe(model: &Model, scratch: &mut Scratch, k: usize, (at, shared): (usize,
 
 /// Forces on a block of links that add up, of guides and of all that contours touch: at the centres, with moments.
 #[derive(Clone, Default)]
+#[repr(align(64))]
 pub(super) struct BlockForces {
     pub(super) x: LaneBlock,
     pub(super) y: LaneBlock,

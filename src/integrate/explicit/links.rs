@@ -5,6 +5,7 @@ use super::ContactGroup;
 use super::guides::BlockForces;
 use super::scratch::{JointColumn, LinkConstants, LinkEnds, WrappedColumns};
 use super::{RunIn, Scratch};
+use crate::aligned::AlignedColumn;
 use crate::elements::friction;
 use crate::elements::link_joint::{self, JointEnds, LinkJoint};
 use crate::lanes::{LANES, blocks, blocks_mut};
@@ -93,7 +94,7 @@ fn joint_laws(chain: &ChainModel) -> impl Iterator<Item = (LinkJoint, std::ops::
 
 /// Behind the last link of every loop its first again.
 #[inline(always)]
-fn wrap_loops<const N: usize>(mut columns: [&mut Vec<f64>; N], chain: &ChainModel) {
+fn wrap_loops<const N: usize>(mut columns: [&mut AlignedColumn; N], chain: &ChainModel) {
     for l in &chain.loops {
         let (start, end) = (l.start, l.end);
         for column in &mut columns {

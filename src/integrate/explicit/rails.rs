@@ -5,6 +5,7 @@ use super::{
     BodyReaction, ContactGroup, MemoryBlocks, Scratch, Window, coordinate_columns, load_links, owned_lanes, take,
     write_block,
 };
+use crate::aligned::AlignedColumn;
 use crate::elements::beam::MAX_MODES;
 use crate::elements::body_frame::FrameMotion;
 use crate::lanes::{LANES, LaneBlock};
@@ -18,23 +19,24 @@ use std::time::Instant;
 /// What rails leave behind, by set: inside front, rear and edge, then outside.
 pub(super) struct RailColumns {
     /// Where on the axis of its link a contact lies [m], the piece of the rail, and the normal out of it.
-    pub(super) along: [Vec<f64>; SETS],
-    pub(super) piece: [Vec<f64>; SETS],
-    pub(super) normal_x: [Vec<f64>; SETS],
-    pub(super) normal_y: [Vec<f64>; SETS],
+    pub(super) along: [AlignedColumn; SETS],
+    pub(super) piece: [AlignedColumn; SETS],
+    pub(super) normal_x: [AlignedColumn; SETS],
+    pub(super) normal_y: [AlignedColumn; SETS],
 }
 
 pub(super) const SETS: usize = 6;
 
 impl RailColumns {
     pub(super) fn new(n: usize) -> RailColumns {
-        let columns = || std::array::from_fn(|_| vec![0.0; n]);
+        let columns = || std::array::from_fn(|_| AlignedColumn::zeros(n));
         RailColumns { along: columns(), piece: columns(), normal_x: columns(), normal_y: columns() }
     }
 }
 
 /// Lanes of the three parts of plates.
 #[derive(Clone, Default)]
+#[repr(align(64))]
 pub(super) struct PlateLanes {
     lanes: [Lanes; 3],
     found: [RailContactLanes; 3],

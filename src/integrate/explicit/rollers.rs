@@ -3,6 +3,7 @@
 
 use super::teeth::{BushSources, load_bushes};
 use super::{ContactMemory, MemoryBlocks, Scratch, write_block};
+use crate::aligned::AlignedColumn;
 use crate::elements::body_frame::BodyMobility;
 use crate::geometry::Vec2;
 use crate::lanes::{LANES, LaneBlock, take};
@@ -16,17 +17,17 @@ pub(crate) struct BoreColumns {
     /// After the step.
     pub(crate) memory: ContactMemory,
     /// Force on the roller [N], its moment about the roller's axis, and that of the opposite force about the axis of the bush [N m].
-    pub(crate) force_x: Vec<f64>,
-    pub(crate) force_y: Vec<f64>,
-    pub(crate) moment: Vec<f64>,
-    pub(crate) bush_moment: Vec<f64>,
+    pub(crate) force_x: AlignedColumn,
+    pub(crate) force_y: AlignedColumn,
+    pub(crate) moment: AlignedColumn,
+    pub(crate) bush_moment: AlignedColumn,
     /// Penetration at the node [m], and the sliding speed that friction works with [m/s].
-    pub(crate) depth: Vec<f64>,
-    pub(crate) slide: Vec<f64>,
+    pub(crate) depth: AlignedColumn,
+    pub(crate) slide: AlignedColumn,
     /// Normal onto the roller, and half a step's sliding speed by a unit of friction [m/(s N)].
-    normal_x: Vec<f64>,
-    normal_y: Vec<f64>,
-    mobility: Vec<f64>,
+    normal_x: AlignedColumn,
+    normal_y: AlignedColumn,
+    mobility: AlignedColumn,
     /// Always 2: all blocks are looked at in every step.
     stale: Vec<u8>,
 }
@@ -34,7 +35,7 @@ pub(crate) struct BoreColumns {
 impl BoreColumns {
     pub(super) fn new(model: &Model) -> BoreColumns {
         let n = if model.chain.has_rollers() { model.chain.padded } else { 0 };
-        let column = || vec![0.0; n];
+        let column = || AlignedColumn::zeros(n);
         BoreColumns {
             memory: ContactMemory::new(n),
             force_x: column(),

@@ -7,6 +7,7 @@ use super::rails::{PlateLanes, RailColumns};
 use super::rollers::BoreColumns;
 use super::watch::ObservedStep;
 use super::{RunIn, Window};
+use crate::aligned::AlignedColumn;
 use crate::elements::friction;
 use crate::geometry::Vec2;
 use crate::integrate::Isa;
@@ -27,20 +28,20 @@ pub struct Scratch {
     pub(super) fastest_m_s: f64,
     pub(super) front: LinkEnds,
     pub(super) rear: LinkEnds,
-    pub(super) omega: Vec<f64>,
+    pub(super) omega: AlignedColumn,
     /// Mean ends and speeds over a step, from which the forces of the joints follow.
     pub(super) mean_front: LinkEnds,
     pub(super) mean_rear: LinkEnds,
-    pub(super) mean_omega: Vec<f64>,
+    pub(super) mean_omega: AlignedColumn,
     pub(super) wrapped: WrappedColumns,
     pub(super) joint_x: JointColumn,
     pub(super) joint_y: JointColumn,
     pub(super) joint_torque: JointColumn,
-    pub(super) joint_power_damping: Vec<f64>,
+    pub(super) joint_power_damping: AlignedColumn,
     /// Largest friction torque of every joint [N m].
-    pub joint_limit: Vec<f64>,
+    pub joint_limit: AlignedColumn,
     pub(super) constants: LinkConstants,
-    pub(super) joint_power_friction: Vec<f64>,
+    pub(super) joint_power_friction: AlignedColumn,
     pub(super) bush_x: JointColumn,
     pub(super) bush_y: JointColumn,
     pub(super) bush_moment: JointColumn,
@@ -54,12 +55,12 @@ pub struct Scratch {
     /// See [`AccelerationChange`]; empty where there are no contours.
     pub(super) end_changes: Vec<AccelerationChange>,
     /// Per sprocket: direction of the axis of every joint's tooth gap, in the sprocket's frame.
-    pub(super) seat_cos: Vec<Vec<f64>>,
-    pub(super) seat_sin: Vec<Vec<f64>>,
+    pub(super) seat_cos: Vec<AlignedColumn>,
+    pub(super) seat_sin: Vec<AlignedColumn>,
     /// How far that gap lies beside its place, outwards and counterclockwise [m], and its index.
-    pub(super) seat_out: Vec<Vec<f64>>,
-    pub(super) seat_left: Vec<Vec<f64>>,
-    pub(super) seat_index: Vec<Vec<u32>>,
+    pub(super) seat_out: Vec<AlignedColumn>,
+    pub(super) seat_left: Vec<AlignedColumn>,
+    pub(super) seat_index: Vec<AlignedColumn<u32>>,
     pub(super) reseats: u64,
     /// How often the body of its kind that a lane is nearest to has changed.
     pub(super) handovers: u64,
@@ -77,7 +78,7 @@ pub struct Scratch {
     pub(super) lanes: Option<Box<Lanes>>,
     pub(super) plates: Option<Box<PlateLanes>>,
     /// Tooth gaps that contours touch, or have touched last.
-    pub(super) contour_tooth: [Vec<f64>; 6],
+    pub(super) contour_tooth: [AlignedColumn; 6],
     /// Links near each body they may touch, and the nearest of those bodies per set and link.
     pub(super) end_windows: Vec<Vec<Window>>,
     pub(super) nearest_end: [Vec<usize>; 3],
@@ -92,13 +93,13 @@ pub struct Scratch {
     /// For those who ask what contacts cost.
     pub(super) counts: Option<Box<ContactCounts>>,
     /// Accelerations of this step.
-    pub ax: Vec<f64>,
-    pub ay: Vec<f64>,
-    pub alpha: Vec<f64>,
+    pub ax: AlignedColumn,
+    pub ay: AlignedColumn,
+    pub alpha: AlignedColumn,
     /// Accelerations by the joints at this node, as predicted before the contacts.
-    pub joint_ax: Vec<f64>,
-    pub joint_ay: Vec<f64>,
-    pub joint_alpha: Vec<f64>,
+    pub joint_ax: AlignedColumn,
+    pub joint_ay: AlignedColumn,
+    pub joint_alpha: AlignedColumn,
     pub coordinate_alpha: Vec<f64>,
     /// Torque of the chain on each coordinate, mean over the step [N m].
     pub chain_torque: Vec<f64>,
@@ -116,14 +117,14 @@ pub struct Scratch {
 }
 
 /// One value per joint, and the last joint's again before the first's: of the joint behind every link, and of the one before it.
-pub(super) struct JointColumn(Vec<f64>);
+pub(super) struct JointColumn(AlignedColumn);
 
 impl JointColumn {
     /// Where the first joint stands: at the beginning of a cache line.
     const FIRST: usize = LANES;
 
     fn new(n: usize) -> JointColumn {
-        JointColumn(vec![0.0; Self::FIRST + n])
+        JointColumn(AlignedColumn::zeros(Self::FIRST + n))
     }
 
     pub(super) fn values(&self) -> &[f64] {
@@ -167,6 +168,7 @@ pub(super) struct LinkConstants {
 
 /// Of a block of links and of the joints behind them.
 #[derive(Clone, Copy, PartialEq)]
+#[repr(align(64))]
 pub(super) struct BlockConstants {
     /// Half the pitch [m].
     pub(super) lever: LaneBlock,
@@ -211,42 +213,43 @@ impl LinkConstants {
 #[derive(Clone)]
 pub(super) struct GroupColumns {
     /// Closing speed at the node [m/s].
-    pub(super) rate: Vec<f64>,
+    pub(super) rate: AlignedColumn,
     /// Sliding speed that friction works with [m/s].
-    pub(super) slide: Vec<f64>,
+    pub(super) slide: AlignedColumn,
     /// Penetration at the node [m].
-    pub(super) depth: Vec<f64>,
+    pub(super) depth: AlignedColumn,
     /// Per block: how many of the two memories that change hands still hold an old contact.
     pub(super) stale: Vec<u8>,
 }
 
 impl GroupColumns {
     fn new(len: usize) -> GroupColumns {
-        let column = || vec![0.0; len];
+        let column = || AlignedColumn::zeros(len);
         GroupColumns { rate: column(), slide: column(), depth: column(), stale: vec![2; len / LANES] }
     }
 }
 
 /// Positions and velocities of one end of every link, one value longer.
 pub(super) struct LinkEnds {
-    pub(super) x: Vec<f64>,
-    pub(super) y: Vec<f64>,
-    pub(super) vx: Vec<f64>,
-    pub(super) vy: Vec<f64>,
+    pub(super) x: AlignedColumn,
+    pub(super) y: AlignedColumn,
+    pub(super) vx: AlignedColumn,
+    pub(super) vy: AlignedColumn,
 }
 
 /// Headings, and the predicted accelerations that contacts use, one value longer.
 pub(super) struct WrappedColumns {
-    pub(super) cos: Vec<f64>,
-    pub(super) sin: Vec<f64>,
-    pub(super) ax: Vec<f64>,
-    pub(super) ay: Vec<f64>,
-    pub(super) alpha: Vec<f64>,
+    pub(super) cos: AlignedColumn,
+    pub(super) sin: AlignedColumn,
+    pub(super) ax: AlignedColumn,
+    pub(super) ay: AlignedColumn,
+    pub(super) alpha: AlignedColumn,
 }
 
 impl LinkEnds {
     pub(super) fn new(len: usize) -> LinkEnds {
-        LinkEnds { x: vec![0.0; len], y: vec![0.0; len], vx: vec![0.0; len], vy: vec![0.0; len] }
+        let column = || AlignedColumn::zeros(len);
+        LinkEnds { x: column(), y: column(), vx: column(), vy: column() }
     }
 }
 
@@ -262,8 +265,9 @@ impl Scratch {
 
     pub fn with_isa(model: &Model, isa: Isa) -> Scratch {
         let n = model.chain.padded;
-        let column = || vec![0.0; n];
-        let longer = || vec![0.0; n + 1];
+        let column = || AlignedColumn::zeros(n);
+        let longer = || AlignedColumn::zeros(n + 1);
+        let first_seat = |seats: &[f64]| AlignedColumn::of(seats.first().map_or(0.0, |v| *v), n);
         let lengths = model.contact_groups().map(|has| if has { n } else { 0 });
         Scratch {
             isa,
@@ -291,11 +295,11 @@ impl Scratch {
             end_forces: vec![BlockForces::default(); n / LANES],
             end_changes: vec![AccelerationChange::default(); if model.has_contours() { n / LANES } else { 0 }],
             // All joints in gap 0 until somebody looks.
-            seat_cos: vec![vec![1.0; n]; model.sprockets.len()],
+            seat_cos: vec![AlignedColumn::of(1.0, n); model.sprockets.len()],
             seat_sin: vec![column(); model.sprockets.len()],
-            seat_out: model.sprockets.iter().map(|s| vec![s.body.seat_out.first().map_or(0.0, |v| *v); n]).collect(),
-            seat_left: model.sprockets.iter().map(|s| vec![s.body.seat_left.first().map_or(0.0, |v| *v); n]).collect(),
-            seat_index: vec![vec![0; n]; model.sprockets.len()],
+            seat_out: model.sprockets.iter().map(|s| first_seat(&s.body.seat_out)).collect(),
+            seat_left: model.sprockets.iter().map(|s| first_seat(&s.body.seat_left)).collect(),
+            seat_index: vec![AlignedColumn::of(0, n); model.sprockets.len()],
             reseats: 0,
             handovers: 0,
             nearest_sprocket: vec![0; n],
