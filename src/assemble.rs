@@ -21,10 +21,10 @@ use crate::geometry::{Vec2, cross, rotated, unit};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{ArmModel, Model, PlacedDrive, place};
+use crate::model::{ArmModel, Model, PlacedDrive, SpanTerms, place};
 use crate::pairs::part_part::{Touch, TouchShape};
 use crate::state::{FAR_AWAY_M, State};
-use crate::statics::{Configuration, Equilibrium, equilibrium, forces_on};
+use crate::statics::{Configuration, Equilibrium, condensed, equilibrium, forces_on};
 use crate::units::RPM;
 use std::f64::consts::PI;
 
@@ -86,8 +86,8 @@ fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
         // Tightened with its links, which then leave their tension to the spans.
         let linked = Drive { fidelity: ChainFidelity::Links, ..drive.clone() };
         let (model, tensions_n) = compile_alone(&linked)?;
-        let tension_n = tension_under_load(&model, &linked)?;
-        return Ok((model.with_fidelity(drive, tension_n), tensions_n));
+        let terms = spans_under_load(&model, &linked)?;
+        return Ok((model.with_fidelity(drive, &terms), tensions_n));
     }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
@@ -100,21 +100,39 @@ fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
     Ok((Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?, tensions_n))
 }
 
-/// Tension that all spans of a chain with links would have if none were longer than the others [N]: the mean of their tensions at rest under
-/// the load, each weighted with its length. The preload is the mean of all joints; those in the wraps bear less than it, and spans more.
-fn tension_under_load(model: &Model, drive: &Drive) -> Result<f64, AssemblyError> {
+/// What the spans of a chain with links do at rest under the load, in the mean over the phases of its driver: the preload is set so too.
+fn spans_under_load(model: &Model, drive: &Drive) -> Result<SpanTerms, AssemblyError> {
     let mut model = model.clone();
     let sense = drive.chain_speed_m_s().signum();
     for (s, spec) in model.sprockets.iter().zip(&drive.sprockets) {
         model.coordinates[s.coordinate].rest_load -= spec.passes_on_nm * sense * spec.wrap.sign();
     }
-    let unloaded = solve(&model, rest_configuration(&model, drive, 0.0)?, 0.0, "tightening the loop")?;
-    let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+    let no_stiffness = || AssemblyError::Statics {
+        what: "the links at rest have no stiffness of their own".into(),
+        residual_n: f64::NAN,
+        iterations: 0,
+    };
+    let mut mean = SpanTerms { tension_n: 0.0, stiffness_n_per_m: vec![0.0; model.sprockets.len()] };
+    let share = 1.0 / f64::from(PRELOAD_PHASES);
+    for phase in 0..PRELOAD_PHASES {
+        let rest = rest_configuration(&model, drive, f64::from(phase) * share)?;
+        let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
+        let loaded = solve(&model, unloaded.configuration, 1.0, "loading the drive")?;
+        mean.tension_n += share * mean_of_spans(&model, drive, &loaded);
+        let condensed = condensed(&model, &loaded.configuration).ok_or_else(no_stiffness)?;
+        let own = model.span_stiffness(drive, &condensed.stiffness);
+        mean.stiffness_n_per_m.iter_mut().zip(own).for_each(|(sum, own)| *sum += share * own);
+    }
+    Ok(mean)
+}
+
+/// Tension that all spans would have if none were longer than the others [N]: the mean of their tensions, each weighted with its length.
+fn mean_of_spans(model: &Model, drive: &Drive, loaded: &Equilibrium) -> f64 {
+    let pitch_m = drive.chain.pitch_m();
     let (mut sum, mut weights) = (0.0, 0.0);
     for k in 0..model.sprockets.len() {
         let Some((route, place)) = model.route_at(k) else { continue };
         let span = route.span_after(place);
-        let pitch_m = drive.chain.pitch_m();
         for joint in model.chain.links() {
             let (centre, heading) = loaded.configuration.links[joint];
             let from = centre + unit(heading) * model.chain.lever[joint] - span.start;
@@ -124,7 +142,7 @@ fn tension_under_load(model: &Model, drive: &Drive) -> Result<f64, AssemblyError
             }
         }
     }
-    Ok(if weights > 0.0 { sum / weights } else { drive.preload.tension_n() })
+    if weights > 0.0 { sum / weights } else { drive.preload.tension_n() }
 }
 
 /// Compiles a drive whose tightening sprocket stays where it is in another model: for runs that go on with other values.
@@ -140,9 +158,15 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
                 .map_or(0.0, |s| (s.frame.origin - placed.pulleys[moves].centre).dot(&placed.direction)),
             PreloadSpec::Arm(_) | PreloadSpec::Blade => 0.0,
         };
-        let spans = other.spans.iter().find(|s| s.chain == chain);
-        let tension_n = spans.map_or(own.preload.tension_n(), |s| s.preload_n);
-        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own, tension_n));
+        // With joints of another stiffness the spans change as these do; what teeth share in them stays.
+        let spans = other.spans.iter().filter(|s| s.chain == chain);
+        let joint = other.chain.joints.get(chain).map_or(own.joint.stiffness_n_per_m, |j| j.stiffness_n_per_m);
+        let stiffer = own.joint.stiffness_n_per_m / joint;
+        let terms = SpanTerms {
+            tension_n: spans.clone().next().map_or(own.preload.tension_n(), |s| s.preload_n),
+            stiffness_n_per_m: spans.map(|s| s.stiffness_n_per_m * stiffer).collect(),
+        };
+        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own, &terms));
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);

@@ -62,14 +62,12 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     let n = model.sprockets.len();
     // Without slip the shafts turn by the chain's travel over their rolling radius.
     let radius_m: Vec<f64> = model.sprockets.iter().map(|s| s.geometry.rolling_radius_m()).collect();
-    let spans = (0..n)
-        .map(|a| {
+    let spans = model
+        .span_stiffness(drive, &stiffness)
+        .into_iter()
+        .enumerate()
+        .map(|(a, stiffness_n_per_m)| {
             let b = (a + 1) % n;
-            // All spans that join these two.
-            let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
-            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.path_to_next_sprocket_m(i)).sum();
-            let together = -stiffness[(a, b)] / (radius_m[a] * radius_m[b]);
-            let stiffness_n_per_m = together / route.path_to_next_sprocket_m(a) / shares;
             let joint = &drive.joint;
             let from = (route.span_start_m(a) - route.anchor_m()).rem_euclid(route.length_m()) / drive.chain.pitch_m();
             LumpedSpan {

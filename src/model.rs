@@ -23,6 +23,7 @@ use parts::{
 };
 use place::route_diag;
 pub use place::{PlacedDrive, place};
+pub use spans::SpanTerms;
 
 use crate::diag::Report;
 use crate::drive::Drive;

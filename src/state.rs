@@ -40,7 +40,7 @@ impl std::fmt::Display for RestoreError {
         match self {
             RestoreError::OtherColumn { found, found_len, expected, expected_len } => write!(
                 f,
-                "column `{found}` with {found_len} values stands where `{expected}` with {expected_len} is expected"
+                "column `{found}` with {found_len} values stands where `{expected}` with {expected_len} is expected: another number of links, or another fidelity"
             ),
             RestoreError::MissingColumn(name) => write!(f, "column `{name}` is missing"),
             RestoreError::OtherHash { found, expected } => {

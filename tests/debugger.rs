@@ -461,6 +461,31 @@ fn chains_of_several_types_are_reproduced_and_explained() {
 /// Allowed difference between the sum of the parts and the speed stored in the contact memory [m/s]. Measured 2.4e-14.
 const SPEED_OFF_M_S: f64 = 1e-12;
 
+/// A roller that arrives is explained as a bush is, on every link: 88 links fill their blocks, and no lane stands behind the last roller.
+#[test]
+fn approach_speeds_of_rollers_are_explained_by_their_parts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let roller = BUNDLED.iter().position(|(name, _)| *name == "roller-20-40").expect("bundled");
+    record(roller, &["chain.bush.links=88", "sprockets.driven.x_mm=230.6"], &path, 46_000, 50);
+    let mut replay = Replay::open(&path).expect("opens");
+    let impacts = mcap::read(&path).expect("readable").impacts;
+    let (mut seen, mut links) = (0, std::collections::BTreeSet::new());
+    for impact in impacts.iter().filter(|i| i.body == 0) {
+        let body = explain(&mut replay, impact.link as usize, impact.step + 3).expect("explains");
+        let Some(contact) = body.contacts.iter().find(|c| c.tooth == Some(impact.tooth)) else { continue };
+        let Some(approach) = &contact.approach else { continue };
+        links.insert(impact.link);
+        // Articulation leads, as with bushes; a roller hangs in its play beside that.
+        assert!(approach.parts[0].speed_m_s > 1.0, "{impact:?} {approach:?}");
+        let sum: f64 = approach.parts.iter().map(|p| p.speed_m_s).sum();
+        assert!((sum - approach.closing_speed_m_s).abs() < SPEED_OFF_M_S, "{approach:?}");
+        seen += 1;
+    }
+    println!("{seen} impacts of {} links", links.len());
+    assert!(seen > 20 && links.iter().any(|l| *l < 2), "{seen} {links:?}");
+}
+
 #[test]
 fn approach_speed_is_explained_by_its_parts() {
     // At contact the parts add up to the closing speed stored in the contact memory.

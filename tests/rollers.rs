@@ -229,7 +229,7 @@ fn what_cannot_be_is_refused() {
     let (a, b) = (text.find("# Rollers on their bushes").expect("there"), text.find("[contact.guide]").expect("there"));
     let without = format!("{}{}", &text[..a], &text[b..]);
     let report = Drive::parse(NAME, &without, &[]).map(|d| d.name).expect_err("no law").to_string();
-    assert!(report.contains("`contact.roller` has 0 contact laws"), "{report}");
+    assert!(report.contains("by the law in `[contact.roller]`, which is missing"), "{report}");
     // As parts of links they need none.
     Drive::parse(NAME, &without, &[IN_LINKS.to_string()]).unwrap_or_else(|e| panic!("{e}"));
     // Bores have no law of Hertz.

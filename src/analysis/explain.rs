@@ -276,7 +276,8 @@ fn approach(model: &Model, state: &State, scratch: &Scratch, lane: &Lane) -> Opt
     let mut parts = if lane.part == ContactGroup::Bushes {
         // The link ahead of the bush's joint, in the direction of travel.
         let forwards = model.chain_speed_m_s() >= 0.0;
-        let ahead = if forwards { model.chain.next(lane.lane) } else { lane.lane };
+        let joint = model.chain.joint_of(lane.lane);
+        let ahead = if forwards { model.chain.next(joint) } else { joint };
         let (p, v) = end_at(model, state, scratch, link, front);
         let (here, v_here) = end_at(model, state, scratch, ahead, !forwards);
         let (seat, v_seat) = end_at(model, state, scratch, ahead, forwards);

@@ -231,12 +231,15 @@ fn column(name: &str, header: &Header) -> Result<Option<(usize, usize, usize)>, 
 /// Names that there are, for those who mistype one.
 fn known(header: &Header, names: &Names) -> Vec<String> {
     let mut all: Vec<String> = header.sensors.iter().map(|s| s.path.clone()).collect();
-    let turning = names.turning.iter().map(|(path, _)| path);
-    let paths: Vec<&String> = turning.chain(names.rows.iter().flat_map(|(_, paths)| paths)).collect();
+    let paths = |rows: Rows| -> Vec<&String> {
+        let own = names.rows.iter().filter(|(r, _)| *r == rows).flat_map(|(_, paths)| paths);
+        let turning = names.turning.iter().map(|(path, _)| path).filter(|_| rows == Rows::Rotor);
+        turning.chain(own).collect()
+    };
     for quantity in &QUANTITIES {
         let scope = quantity.scope.name();
-        if quantity.scope.named_rows().is_some() {
-            let own = paths.iter().filter_map(|p| quantity.scope.short_name(p));
+        if let Some((rows, _)) = quantity.scope.named_rows() {
+            let own = paths(rows).into_iter().filter_map(|p| quantity.scope.short_name(p));
             all.extend(own.map(|own| format!("{scope}.{own}.{}", quantity.name)));
         } else if matches!(quantity.scope, Scope::Link | Scope::Joint) {
             all.push(format!("{scope}[12].{}", quantity.name));

@@ -16,7 +16,7 @@
 //! comparison with another recording: see [`compared_with`].
 
 use crate::recording::frame::{Feature, Header, Impact};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Departure above which a group stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
 /// 240 groups by four quantities goes beyond 7.
@@ -222,7 +222,7 @@ fn period_s(header: &Header) -> f64 {
 fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     let mut medians = BTreeMap::new();
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
-    for feature in 0..=Feature::FrontInnerFlank as u32 {
+    for feature in features.iter().copied().collect::<BTreeSet<u32>>() {
         let own: Vec<usize> = (0..cases.len()).filter(|i| features[*i] == feature).collect();
         if own.len() < MIN_IMPACTS {
             continue;

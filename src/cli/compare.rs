@@ -182,6 +182,7 @@ pub(super) fn failure(e: &CompareError) -> Failure {
         CompareError::Assembly { .. }
         | CompareError::Drive(_)
         | CompareError::NothingSeen { .. }
+        | CompareError::NoLinks { .. }
         | CompareError::Interrupted => Failure::Input(e.to_string()),
     }
 }

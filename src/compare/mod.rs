@@ -11,7 +11,7 @@ pub mod tune;
 
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;
-use crate::drive::Drive;
+use crate::drive::{ChainFidelity, Drive};
 use crate::engagement::{ContactKind, EngagementWatch, KINDS, Pass};
 use crate::impacts::ImpactWatch;
 use crate::integrate::StepError;
@@ -135,6 +135,10 @@ pub enum CompareError {
     NothingSeen {
         drive: String,
     },
+    /// The chain on the driver has spans in place of links.
+    NoLinks {
+        drive: String,
+    },
     Interrupted,
 }
 
@@ -150,6 +154,11 @@ impl std::fmt::Display for CompareError {
                  help: a pass takes the wrap and six pitches, make `--duration` longer; drives must run forwards \
                  (`speed_rpm` above 0) with the driver inside the loop"
             ),
+            CompareError::NoLinks { drive } => write!(
+                f,
+                "{drive}: the chain on its driver has spans in place of links, and `compare` watches links pass the driver\n\
+                 help: set `fidelity = \"links\"` in the table of this chain"
+            ),
             CompareError::Interrupted => write!(f, "interrupted: nothing was compared"),
         }
     }
@@ -159,6 +168,11 @@ impl std::error::Error for CompareError {}
 
 /// Assembles and runs all drives, each on its own thread, at the smallest of their steps.
 pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, CompareError> {
+    let is_driving = |d: &Drive, chain: usize| d.sprockets_of(chain).contains(&d.driver());
+    let is_without = |d: &Drive| (0..d.chains()).any(|c| is_driving(d, c) && d.fidelity_of(c) == ChainFidelity::Spans);
+    if let Some(drive) = drives.iter().find(|d| is_without(d)) {
+        return Err(CompareError::NoLinks { drive: drive.name.clone() });
+    }
     let assembled = in_parallel(drives.iter().collect(), |drive: &Drive| {
         assemble(drive).map_err(|error| CompareError::Assembly { drive: drive.name.clone(), error })
     })?;

@@ -195,7 +195,12 @@ fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> ([ContactSpec; 3], Opt
     let rollers = if let ChainSpec::Bush(c) = chain { c.rollers } else { None };
     let table = t.table("roller");
     // Rollers that are parts of links do not touch their bushes: what is written of that waits for them to be bodies again.
-    let is_read = rollers.is_some_and(|r| r.is_separate || table.is_present());
+    let needs_law = rollers.is_some_and(|r| r.is_separate);
+    if needs_law && !table.is_present() {
+        let help = "add e.g. `[contact.roller.linear]` with stiffness_n_per_m and damping_n_s_per_m";
+        t.error("rollers that are bodies of their own touch their bushes by the law in `[contact.roller]`, which is missing".into(), Some(help.into()));
+    }
+    let is_read = rollers.is_some() && table.is_present();
     let roller = is_read.then(|| read_contact(&table, width_m));
     t.finish();
     ([tooth, guide, ring], roller)

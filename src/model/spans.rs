@@ -3,37 +3,61 @@
 use super::{ChainModel, Model};
 use crate::drive::{ChainFidelity, Drive};
 use crate::elements::span::ChainSpan;
+use nalgebra::DMatrix;
 
-/// Links that stretch with a span on its two sprockets together, half a link on each: the joint on which a link seats bears on its tooth.
-const LINKS_ON_SPROCKETS: f64 = 1.0;
+/// What spans take over from the links that they stand for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpanTerms {
+    /// Of all spans, where none is longer than the others [N].
+    pub tension_n: f64,
+    /// Of each span, with the joints and teeth of the wraps beside it, in the order of the sprockets that they leave.
+    pub stiffness_n_per_m: Vec<f64>,
+}
 
 impl Model {
+    /// Stiffness of each span out of the torques that turning one sprocket causes on the others, links at rest [N/m]. Spans that join the same two
+    /// sprockets share theirs in inverse proportion to their lengths.
+    pub fn span_stiffness(&self, drive: &Drive, torques: &DMatrix<f64>) -> Vec<f64> {
+        let Some(route) = self.routes.first() else { return Vec::new() };
+        let n = self.sprockets.len();
+        // Without slip the shafts turn by the chain's travel over their rolling radius.
+        let radius_m = |k: usize| self.sprockets[k].geometry.rolling_radius_m() * drive.sprockets[k].wrap.sign();
+        let stiffness = |a: usize| {
+            let b = (a + 1) % n;
+            // All spans that join these two.
+            let joining = |i: usize| (i, (i + 1) % n) == (a, b) || ((i + 1) % n, i) == (a, b);
+            let shares: f64 = (0..n).filter(|i| joining(*i)).map(|i| 1.0 / route.path_to_next_sprocket_m(i)).sum();
+            let torque = torques[(self.sprockets[a].coordinate, self.sprockets[b].coordinate)];
+            let together = -torque / (radius_m(a) * radius_m(b));
+            together / route.path_to_next_sprocket_m(a) / shares
+        };
+        (0..n).map(stiffness).collect()
+    }
+
     /// The model of one chain, its links taken off where the drive says so: spans stand in their place, and the mass of the whole chain turns
     /// with its sprockets, that of a wrap and of half of both spans with each. At a constant speed that is the kinetic energy of all links moving
-    /// along the pitch line. `tension_n`: of its spans where none is longer than the others.
-    pub fn with_fidelity(mut self, drive: &Drive, tension_n: f64) -> Model {
+    /// along the pitch line. The damper of a span is that of its joints in series.
+    pub fn with_fidelity(mut self, drive: &Drive, terms: &SpanTerms) -> Model {
         let Some(route) = self.routes.first().filter(|_| drive.fidelity == ChainFidelity::Spans) else { return self };
         let n = self.sprockets.len();
         let mass_per_m = self.chain.mass.iter().sum::<f64>() / route.length_m();
         let joint = self.chain.joints[0];
         let radius_m = |k: usize| self.sprockets[k].geometry.rolling_radius_m();
-        let span = |a: usize| {
+        let span = |(a, stiffness_n_per_m): (usize, f64)| {
             let b = (a + 1) % n;
-            let length_m = route.path_to_next_sprocket_m(a);
-            let joints = length_m / drive.chain.pitch_m() + LINKS_ON_SPROCKETS;
             ChainSpan {
                 path: String::new(),
                 chain: 0,
                 sprockets: [a, b],
                 ends: [a, b].map(|k| self.sprockets[k].coordinate),
                 radii_m: [a, b].map(|k| radius_m(k) * drive.sprockets[k].wrap.sign()),
-                length_m,
-                stiffness_n_per_m: joint.stiffness_n_per_m / joints,
-                damping_n_s_per_m: joint.damping_n_s_per_m / joints,
-                preload_n: tension_n,
+                length_m: route.path_to_next_sprocket_m(a),
+                stiffness_n_per_m,
+                damping_n_s_per_m: stiffness_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m,
+                preload_n: terms.tension_n,
             }
         };
-        let spans: Vec<ChainSpan> = (0..n).map(span).collect();
+        let spans: Vec<ChainSpan> = terms.stiffness_n_per_m.iter().copied().enumerate().map(span).collect();
         let shares = (0..n).map(|k| {
             let wrap_m = (route.span_start_m(k) - route.wrap_start_m(k)).rem_euclid(route.length_m());
             let around_m = wrap_m + 0.5 * (spans[k].length_m + spans[(k + n - 1) % n].length_m);

@@ -363,6 +363,10 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
         lines.push(format!("pitch of {unknown} links, without force across them: {}", takes(lap_s, 0.4 * period_s)));
     }
     for (fit, info) in audit.sprockets.iter().zip(&header.bodies) {
+        // On a sprocket of a chain without links nothing ever lies over a gap.
+        if fit.gaps.iter().all(|g| g.over == 0) && !header.spans.is_empty() {
+            continue;
+        }
         let few = fit.gaps.iter().filter(|g| g.over < TOUCHED).count();
         if few > 0 {
             let turn_s = if fit.turns > 0.0 { duration_s / fit.turns } else { period_s * f64::from(info.teeth) };
@@ -377,5 +381,19 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
     for guide in audit.guides.iter().filter(|g| g.touched > 0 && g.face.is_none() && is_straight(g.body)) {
         lines.push(format!("height of {}: links touch its ends alone", AuditPart::Body(guide.body).name(header)));
     }
+    lines.extend(unknown_to_audit(header));
     lines
+}
+
+/// Parts of a drive of which nothing is measured.
+fn unknown_to_audit(header: &Header) -> Vec<String> {
+    let parts = [
+        (header.rollers.len(), "rollers: their clearance, and stiffness and friction on their bushes"),
+        (header.sliders.len(), "plungers and check balls: their springs, stops and friction"),
+        (header.chambers.len(), "chambers and reservoirs: their oil"),
+        (header.passages.len(), "passages: what flows through them"),
+    ];
+    let is_there =
+        |(count, what): (usize, &str)| (count > 0).then(|| format!("{count} {what}: see `pitchline export`"));
+    parts.into_iter().filter_map(is_there).collect()
 }

@@ -4,6 +4,7 @@
 //! read from the joints between.
 
 use super::{Estimate, Topology};
+use crate::diag::last_name;
 use crate::recording::frame::{Energy, Frame, Header};
 use std::collections::BTreeMap;
 
@@ -45,7 +46,16 @@ impl Running {
 /// A span by the sprockets that the chain leaves and reaches, as indices into `Header::bodies`.
 pub type SpanEnds = (usize, usize);
 
-/// Spans of one frame: its ends, and the mean force in its joints [N].
+/// Spans of chains without links: row, and ends, which the path of its row names.
+fn rows_of_spans<'a>(header: &'a Header) -> impl Iterator<Item = (usize, SpanEnds)> + 'a {
+    let body = |name: &str| header.bodies.iter().position(|b| b.rotor && last_name(&b.path) == name);
+    header.spans.iter().enumerate().filter_map(move |(row, path)| {
+        let (from, to) = last_name(path).split_once('-')?;
+        Some((row, (body(from)?, body(to)?)))
+    })
+}
+
+/// Spans of one frame: its ends, and the mean force in its joints, or its tension where it has none [N].
 pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(SpanEnds, f64)> {
     let c = &frame.contacts;
     let mut on: Vec<Option<usize>> = vec![None; topology.ahead.len()];
@@ -55,7 +65,8 @@ pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(Spa
             on[c.link[row] as usize] = Some(body);
         }
     }
-    let mut found = Vec::new();
+    let tension = |(row, ends): (usize, SpanEnds)| Some((ends, *frame.spans.tension_n.get(row)?));
+    let mut found: Vec<(SpanEnds, f64)> = rows_of_spans(header).filter_map(tension).collect();
     for start in 0..on.len() {
         let Some(from) = on[start].filter(|_| on[topology.ahead[start]].is_none()) else { continue };
         let mut links = Vec::new();
