@@ -367,6 +367,33 @@ fn png_shows_text_and_contours() {
     assert!(panel > 1500, "contours: {panel} pixels");
 }
 
+/// An animated PNG by the standard's own control chunks: pictures of one size, as long each as asked for, that differ, and the first as it is drawn
+/// alone on its page.
+#[test]
+fn animations_have_a_picture_an_instant() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("film.png");
+    let (recording, out) = (sample("bush"), path.to_str().expect("text"));
+    let recording = recording.to_str().expect("text");
+    let args = ["snapshot", recording, "--at", "1ms..3ms/5", "--around", "driver", "--animate", "10", "-o", out];
+    let done = pitchline(&args);
+    assert!(done.status.success(), "{}", stderr(&done));
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).expect("written")));
+    let mut reader = decoder.read_info().expect("a PNG");
+    let control = *reader.info().animation_control().expect("animated");
+    assert_eq!((control.num_frames, control.num_plays), (5, 0));
+    let mut pictures: Vec<Vec<u8>> = Vec::new();
+    for _ in 0..5 {
+        let mut picture = vec![0; reader.output_buffer_size().expect("a size")];
+        reader.next_frame(&mut picture).expect("a picture");
+        let frame = reader.info().frame_control().expect("a frame");
+        assert_eq!((frame.delay_num, frame.delay_den), (1, 10));
+        assert!(pictures.iter().all(|p| *p != picture), "nothing moved");
+        pictures.push(picture);
+    }
+    assert!(reader.next_frame(&mut vec![0; pictures[0].len()]).is_err(), "a sixth");
+}
+
 #[test]
 fn mistakes_are_refused_with_the_way_out() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -395,7 +422,10 @@ fn mistakes_are_refused_with_the_way_out() {
     refused(&at("12"), "with its unit");
     refused(&at("1ms..2ms"), "number of its pictures");
     refused(&at("2ms..1ms/3"), "later");
-    refused(&at("1ms..2ms/1"), "2 to 24");
+    refused(&at("1ms..2ms/1"), "2 to 2000");
+    refused(&at("1ms..2ms/25"), "at most 24 pictures");
+    refused(&[&at("1ms..2ms/25")[..], &["--animate"]].concat(), "end in .png");
+    refused(&[recording, "--at", "1ms", "-o", "x.png", "--animate"], "several pictures");
     refused(&[recording, "--at", "1ms", "-o", folder_path], "directory");
     refused(&[recording, "--at", "1ms", "-o", "x.pdf"], ".svg or .png");
     refused(&[copy, "--at", "1ms", "-o", copy], "not overwritten");

@@ -4,7 +4,7 @@ use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::Reader;
 use crate::render::png;
-use crate::render::snapshot::{Drawing, SnapshotOptions, ViewCentre, draw};
+use crate::render::snapshot::{Drawing, SnapshotOptions, ViewCentre, draw, draw_pages};
 use crate::replay::Replay;
 use std::path::{Path, PathBuf};
 
@@ -12,9 +12,13 @@ use std::path::{Path, PathBuf};
 pub struct SnapshotArgs {
     /// Recording to draw from, .mcap
     recording: PathBuf,
-    /// The instant: 12.3ms, frame:250, or a film strip such as 12.30ms..12.40ms/6
+    /// The instant: 12.3ms, frame:250, or a film strip such as 12.30ms..12.40ms/6 (up to 24 pictures, 2000 with --animate)
     #[arg(long, value_name = "T", value_parser = instant)]
     at: At,
+    /// Draw the pictures of the strip after each other into an animated PNG, which browsers play, so many a second
+    #[arg(long, value_name = "PER_SECOND", num_args = 0..=1, default_missing_value = "20",
+        value_parser = clap::value_parser!(u16).range(1..=100))]
+    animate: Option<u16>,
     /// Centre of the view: a sprocket or guide (driver, sprockets.driver), or a link (37, link:37) [default: the whole
     /// drive]
     #[arg(long, value_name = "WHAT")]
@@ -40,8 +44,11 @@ pub struct SnapshotArgs {
 const PIXELS_PER_UNIT: f64 = 2.0;
 /// Narrowest view [mm]. SVG viewers use single precision: 240 mm to 1.5e-5 mm, half a pixel here.
 const NARROWEST_MM: f64 = 0.05;
-/// Maximum number of panels of a film strip: six rows of four.
+/// Pixels of an animated PNG per user unit: what screens show.
+const ANIMATED_PIXELS_PER_UNIT: f64 = 1.0;
+/// Maximum number of panels of a film strip: six rows of four; and of pictures of an animation: some 200 MB.
 const MAX_PANELS: usize = 24;
+const MAX_PICTURES: usize = 2000;
 
 /// The requested frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +73,8 @@ fn instant(text: &str) -> Result<At, String> {
     let (from_s, to_s) = (super::run::instant(from)?, super::run::instant(to)?);
     match count.trim().parse::<usize>() {
         _ if to_s <= from_s => Err(format!("`{to}` must be later than `{from}`")),
-        Ok(count) if (2..=MAX_PANELS).contains(&count) => Ok(At::Strip { from_s, to_s, count }),
-        _ => Err(format!("a film strip has 2 to {MAX_PANELS} pictures, not `{count}`")),
+        Ok(count) if (2..=MAX_PICTURES).contains(&count) => Ok(At::Strip { from_s, to_s, count }),
+        _ => Err(format!("a strip has 2 to {MAX_PICTURES} pictures, not `{count}`")),
     }
 }
 
@@ -97,10 +104,22 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
         Some(what) => resolve(what, &header)?,
     };
     let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints };
-    let drawing = draw(&header, &frames.iter().collect::<Vec<_>>(), options);
-    let bytes = match kind {
-        ImageFormat::Svg => drawing.svg.clone().into_bytes(),
-        ImageFormat::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
+    let shown_frames: Vec<&Frame> = frames.iter().collect();
+    let (drawing, bytes) = match args.animate {
+        Some(per_second) => {
+            let mut pages = draw_pages(&header, &shown_frames, options);
+            let svgs: Vec<&str> = pages.iter().map(|p| p.svg.as_str()).collect();
+            let bytes = png::encode_animation(&svgs, ANIMATED_PIXELS_PER_UNIT, per_second)?;
+            (pages.swap_remove(0), bytes)
+        }
+        None => {
+            let drawing = draw(&header, &shown_frames, options);
+            let bytes = match kind {
+                ImageFormat::Svg => drawing.svg.clone().into_bytes(),
+                ImageFormat::Png => png::encode(&drawing.svg, PIXELS_PER_UNIT)?,
+            };
+            (drawing, bytes)
+        }
     };
     let shown = args.output.display();
     crate::output::write(&args.output, &bytes)?;
@@ -117,6 +136,18 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
 fn output_kind(args: &SnapshotArgs) -> Result<ImageFormat, Failure> {
     let shown = args.output.display();
     super::check_outputs([args.output.as_path()], [args.recording.as_path()])?;
+    let count = if let At::Strip { count, .. } = args.at { count } else { 1 };
+    if args.animate.is_none() && count > MAX_PANELS {
+        let text = format!("a film strip has at most {MAX_PANELS} pictures, not {count}");
+        return Err(Failure::Input(format!("{text}\nhelp: `--animate -o film.png` draws them after each other")));
+    }
+    if args.animate.is_some() && count < 2 {
+        let help = "help: `--at FROM..TO/N`, e.g. `--at 12.30ms..12.40ms/60`";
+        return Err(Failure::Input(format!("an animation takes several pictures\n{help}")));
+    }
+    if args.animate.is_some() && args.output.extension().and_then(|e| e.to_str()) != Some("png") {
+        return Err(Failure::Input(format!("{shown}: animations end in .png (APNG, which browsers play)")));
+    }
     match args.output.extension().and_then(|e| e.to_str()) {
         Some("svg") => Ok(ImageFormat::Svg),
         Some("png") => Ok(ImageFormat::Png),
@@ -317,16 +348,18 @@ fn listed(header: &Header, which: impl Fn(usize) -> bool) -> String {
 }
 
 fn json(args: &SnapshotArgs, kind: ImageFormat, frames: &[Frame], drawing: &Drawing) -> serde_json::Value {
-    let pixels = |units: f64| match kind {
-        ImageFormat::Svg => units,
-        ImageFormat::Png => (units * PIXELS_PER_UNIT).ceil(),
+    let per_unit = match kind {
+        ImageFormat::Svg => 1.0,
+        ImageFormat::Png if args.animate.is_some() => ANIMATED_PIXELS_PER_UNIT,
+        ImageFormat::Png => PIXELS_PER_UNIT,
     };
+    let pixels = |units: f64| if kind == ImageFormat::Png { (units * per_unit).ceil() } else { units };
     let newtons_per_mm = |units_per_n: Option<f64>| units_per_n.map(|u| drawing.units_per_mm / u);
     serde_json::json!({
         "path": args.output,
         "width_px": pixels(drawing.width),
         "height_px": pixels(drawing.height),
-        "px_per_mm": drawing.units_per_mm * if kind == ImageFormat::Png { PIXELS_PER_UNIT } else { 1.0 },
+        "px_per_mm": drawing.units_per_mm * per_unit,
         "force_scale_n_per_mm": newtons_per_mm(drawing.contact_units_per_n),
         "joint_force_scale_n_per_mm": newtons_per_mm(drawing.joint_units_per_n),
         "frames": frames.iter().map(|f| serde_json::json!({

@@ -132,25 +132,47 @@ fn pitch_m(header: &Header) -> f64 {
 /// states.
 pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Drawing {
     assert!(!frames.is_empty(), "no frame to draw");
-    let [width_m, height_m] = view_size_m(header, frames, options);
     let rows = frames.len().div_ceil(MAX_IN_A_ROW);
     let columns = frames.len().div_ceil(rows);
+    let caption = if frames.len() == 1 { 0.0 } else { 36.0 };
+    let (sheet, panels) = lay_out(header, frames, options, columns, |i, [panel_width, panel_height]| {
+        let left = MARGIN + (i % columns) as f64 * (panel_width + MARGIN);
+        [left, TITLE_HEIGHT + caption + (i / columns) as f64 * (panel_height + caption + 8.0)]
+    });
+    let width = MARGIN + columns as f64 * (PANEL_WIDTH[columns - 1] + MARGIN);
+    sheet.drawing(frames, &panels, width)
+}
+
+/// Draws frames of a recording, each on a page of its own; all pages have the same size, view and scales.
+///
+/// # Panics
+/// As [`draw`].
+pub fn draw_pages(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Vec<Drawing> {
+    assert!(!frames.is_empty(), "no frame to draw");
+    let (sheet, panels) = lay_out(header, frames, options, 1, |_, _| [MARGIN, TITLE_HEIGHT]);
+    let width = 2.0 * MARGIN + PANEL_WIDTH[0];
+    let pages = frames.iter().zip(&panels);
+    pages.map(|(frame, panel)| sheet.drawing(std::slice::from_ref(frame), std::slice::from_ref(panel), width)).collect()
+}
+
+/// What all panels share, and where each stands: `place` makes left and top out of its number and size.
+fn lay_out<'a>(
+    header: &'a Header,
+    frames: &[&Frame],
+    options: SnapshotOptions,
+    columns: usize,
+    place: impl Fn(usize, [f64; 2]) -> [f64; 2],
+) -> (DrawingSheet<'a>, Vec<Panel>) {
+    let [width_m, height_m] = view_size_m(header, frames, options);
     let panel_width = PANEL_WIDTH[columns - 1];
     let units_per_m = panel_width / width_m;
-    let panel_height = height_m * units_per_m;
-    let caption = if frames.len() == 1 { 0.0 } else { 36.0 };
-    let panels: Vec<Panel> = frames
-        .iter()
-        .enumerate()
-        .map(|(i, frame)| Panel {
-            left: MARGIN + (i % columns) as f64 * (panel_width + MARGIN),
-            top: TITLE_HEIGHT + caption + (i / columns) as f64 * (panel_height + caption + 8.0),
-            width: panel_width,
-            height: panel_height,
-            centre_m: centre_m(header, frames, frame, options, width_m),
-            units_per_m,
-        })
-        .collect();
+    let size = [panel_width, height_m * units_per_m];
+    let panel = |(i, frame): (usize, &&Frame)| {
+        let [left, top] = place(i, size);
+        let centre_m = centre_m(header, frames, frame, options, width_m);
+        Panel { left, top, width: size[0], height: size[1], centre_m, units_per_m }
+    };
+    let panels: Vec<Panel> = frames.iter().enumerate().map(panel).collect();
     let mut sheet = DrawingSheet {
         header,
         options,
@@ -162,31 +184,37 @@ pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Dra
     };
     sheet.contact_units_per_n = forces::contact_scale(&sheet, frames, &panels);
     sheet.joint_units_per_n = if options.joints { forces::joint_scale(&sheet, frames, &panels) } else { None };
-    let width = MARGIN + columns as f64 * (panel_width + MARGIN);
-    let bottom = panels.iter().map(|p| p.top + p.height).fold(0.0, f64::max);
-    let entries = legend::entries(&sheet, width);
-    let height = bottom + legend::height(&entries);
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.2} {height:.2}\" width=\"{width:.2}\" \
-         height=\"{height:.2}\" font-family=\"sans-serif\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
-    );
-    push_title(&mut svg, &sheet, frames, width);
-    for (i, (frame, panel)) in frames.iter().zip(&panels).enumerate() {
-        push_panel(&mut svg, &sheet, frame, panel, i);
-        if frames.len() > 1 {
-            push_caption(&mut svg, frame, panel);
+    (sheet, panels)
+}
+
+impl DrawingSheet<'_> {
+    /// A page with a panel for every frame, its title and its legend.
+    fn drawing(&self, frames: &[&Frame], panels: &[Panel], width: f64) -> Drawing {
+        let bottom = panels.iter().map(|p| p.top + p.height).fold(0.0, f64::max);
+        let entries = legend::entries(self, width);
+        let height = bottom + legend::height(&entries);
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.2} {height:.2}\" width=\"{width:.2}\" \
+             height=\"{height:.2}\" font-family=\"sans-serif\">\n\
+             <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
+        );
+        push_title(&mut svg, self, frames, width);
+        for (i, (frame, panel)) in frames.iter().zip(panels).enumerate() {
+            push_panel(&mut svg, self, frame, panel, i);
+            if frames.len() > 1 {
+                push_caption(&mut svg, frame, panel);
+            }
         }
-    }
-    legend::push(&mut svg, &entries, bottom);
-    svg.push_str("</svg>\n");
-    Drawing {
-        svg,
-        width,
-        height,
-        units_per_mm: units_per_m * 1e-3,
-        contact_units_per_n: sheet.contact_units_per_n,
-        joint_units_per_n: sheet.joint_units_per_n,
+        legend::push(&mut svg, &entries, bottom);
+        svg.push_str("</svg>\n");
+        Drawing {
+            svg,
+            width,
+            height,
+            units_per_mm: self.units_per_m * 1e-3,
+            contact_units_per_n: self.contact_units_per_n,
+            joint_units_per_n: self.joint_units_per_n,
+        }
     }
 }
 
