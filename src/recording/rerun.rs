@@ -22,7 +22,7 @@ use blueprint::ViewRect;
 use rerun::blueprint::components::PlayState;
 use rerun::sink::LogSink;
 use rerun::{RecordingStream, RecordingStreamBuilder, TextLog};
-use rows::{Curves, Numbers, Pictures};
+use rows::{Curves, Numbers, Pictures, curves_table};
 use scene::{ForceScale, MM_PER_M};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -71,10 +71,13 @@ pub struct RerunSink {
     curve_times: Times,
     picture_times: Times,
     event_times: Times,
+    peak_times: Times,
     numbers: Numbers,
     curves: Curves,
     pictures: Pictures,
     events: EntityTable,
+    /// Peaks of impacts, a value for each curve of contact forces.
+    peaks: EntityTable,
 }
 
 impl RerunSink {
@@ -115,10 +118,12 @@ impl RerunSink {
             curve_times: Times::default(),
             picture_times: Times::default(),
             event_times: Times::default(),
+            peak_times: Times::default(),
             numbers: Numbers::new(header),
             curves: Curves::new(header),
             pictures: Pictures::new(header),
             events: events_table(),
+            peaks: curves_table(scene::IMPACT_PEAKS),
         };
         let stream = sink.stream()?;
         stream.send_recording_name(header.drive_name.as_str())?;
@@ -128,6 +133,13 @@ impl RerunSink {
             output.show()?;
         }
         Ok(sink)
+    }
+
+    /// Crank angle of the frame before, close enough to find what lies between frames; of an archive, events and impacts come behind the frames of
+    /// their chunk.
+    fn crank_before_udeg(&self, t_s: f64) -> i64 {
+        let before = self.last_cranks_udeg.iter().rev().find(|(frame_s, _)| *frame_s <= t_s);
+        before.map_or(0, |(_, crank_udeg)| *crank_udeg)
     }
 
     fn stream(&self) -> Result<&RecordingStream> {
@@ -165,7 +177,8 @@ impl RerunSink {
         let pictures = due(&self.picture_times, PICTURE_ROWS);
         // Events are few and are sent with the numbers around them.
         let events = due(&self.event_times, if numbers { 1 } else { NUMBER_ROWS });
-        if !(numbers || curves || pictures || events) {
+        let peaks = due(&self.peak_times, if numbers { 1 } else { NUMBER_ROWS });
+        if !(numbers || curves || pictures || events || peaks) {
             return Ok(());
         }
         self.check_written()?;
@@ -182,6 +195,9 @@ impl RerunSink {
         }
         if events {
             table::send(stream, &mut self.event_times, [&mut self.events])?;
+        }
+        if peaks {
+            table::send(stream, &mut self.peak_times, [&mut self.peaks])?;
         }
         Ok(())
     }
@@ -231,9 +247,7 @@ impl Sink for RerunSink {
 
     fn event(&mut self, event: &Event) -> Result<()> {
         let Event { step, t_s, kind, text, link, body, value } = event;
-        // An event has no crank angle; that of the frame before is close enough to find it. Of an archive events come behind the frames of their chunk.
-        let before = self.last_cranks_udeg.iter().rev().find(|(frame_s, _)| frame_s <= t_s);
-        self.event_times.push(*t_s, *step, before.map_or(0, |(_, crank_udeg)| *crank_udeg));
+        self.event_times.push(*t_s, *step, self.crank_before_udeg(*t_s));
         self.events.text(0).push(format!("{kind}: {text}"));
         self.events.text(1).push("INFO".to_owned());
         self.events.u64(2).push(u64::from(*link));
@@ -243,9 +257,14 @@ impl Sink for RerunSink {
         self.send_blocks(false)
     }
 
-    /// The event of its first contact is already in the log.
-    fn impact(&mut self, _impact: &Impact) -> Result<()> {
-        Ok(())
+    /// The event of its first contact is already in the log. Its peak, which may lie between frames, is a mark over the curves of contact
+    /// forces.
+    fn impact(&mut self, impact: &Impact) -> Result<()> {
+        let t_s = impact.t_s + impact.peak_after_s;
+        let step = impact.step + (impact.peak_after_s / self.header.step_s).round() as u64;
+        self.peak_times.push(t_s, step, self.crank_before_udeg(t_s));
+        self.curves.push_peak(&mut self.peaks, impact);
+        self.send_blocks(false)
     }
 
     fn close(&mut self) -> Result<u64> {

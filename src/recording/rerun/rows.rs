@@ -5,7 +5,7 @@ use super::scene::{
 };
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::{ColumnKind, Rows};
-use crate::recording::frame::{Frame, Header, Links};
+use crate::recording::frame::{Frame, Header, Impact, Links};
 use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
 
@@ -78,6 +78,11 @@ impl Numbers {
     }
 }
 
+/// Rows of several curves.
+pub fn curves_table(entity: &str) -> EntityTable {
+    EntityTable::new(entity.into(), vec![(Scalars::descriptor_scalars(), ComponentValues::F64(Vec::new()))])
+}
+
 /// A few numbers per frame that a viewer draws over time, several curves per entity.
 pub struct Curves {
     contact_force: EntityTable,
@@ -97,9 +102,7 @@ pub struct Curves {
 
 impl Curves {
     pub fn new(header: &Header) -> Curves {
-        let curves = |entity: &str| {
-            EntityTable::new(entity.into(), vec![(Scalars::descriptor_scalars(), ComponentValues::F64(Vec::new()))])
-        };
+        let curves = curves_table;
         let n_rotors = header.bodies.iter().filter(|body| body.rotor).count();
         let curve_of_body = header.bodies.iter().enumerate().map(|(i, body)| if body.rotor { i } else { n_rotors });
         Curves {
@@ -117,6 +120,13 @@ impl Curves {
             curve_of_body: curve_of_body.collect(),
             largest_n: vec![0.0; n_rotors + 1],
         }
+    }
+
+    /// The peak of an impact on the curve of its body; no value on the others.
+    pub fn push_peak(&self, peaks: &mut EntityTable, impact: &Impact) {
+        let own = self.curve_of_body.get(impact.body as usize);
+        let value = |curve: usize| if own == Some(&curve) { impact.peak_force_n } else { f64::NAN };
+        push_curves(peaks, (0..self.largest_n.len()).map(value));
     }
 
     pub fn push(&mut self, frame: &Frame, header: &Header) {

@@ -10,7 +10,7 @@ use anyhow::Result;
 use rerun::external::re_sdk_types::components::PointShading;
 use rerun::{
     AnnotationContext, Arrows3D, Color, EntityPath, LineStrips3D, Mesh3D, Points3D, RecordingStream, Rgba32,
-    SeriesLines, TextDocument, Transform3D, ViewCoordinates,
+    SeriesLines, SeriesPoints, TextDocument, Transform3D, ViewCoordinates,
 };
 
 pub const MM_PER_M: f64 = 1e3;
@@ -29,6 +29,10 @@ const Z_DISC: f64 = 0.004;
 /// colours that are furthest apart first.
 const CURVE_COLOURS: [[u8; 3]; 7] =
     [[86, 180, 233], [230, 159, 0], [0, 158, 115], [204, 121, 167], [240, 228, 66], [213, 94, 0], [0, 114, 178]];
+
+/// The entity of the peaks of impacts, below that of the curves which they belong to; and the size of their marks [points].
+pub const IMPACT_PEAKS: &str = "plots/largest_contact_force/impact_peaks";
+const PEAK_MARK: f32 = 2.5;
 
 /// Steps of the colour scale of forces.
 const FORCE_CLASSES: u16 = 32;
@@ -314,7 +318,14 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
         let colours = CURVE_COLOURS.iter().cycle().map(|[r, g, b]| Color::from_rgb(*r, *g, *b));
         SeriesLines::new().with_colors(colours.take(names.len())).with_names(names)
     };
-    stream.log_static("plots/largest_contact_force", &named(forces.collect()))?;
+    let forces: Vec<String> = forces.collect();
+    let colours = CURVE_COLOURS.iter().cycle().map(|[r, g, b]| Color::from_rgb(*r, *g, *b));
+    let peaks = SeriesPoints::new()
+        .with_colors(colours.take(forces.len()))
+        .with_marker_sizes(vec![PEAK_MARK; forces.len()])
+        .with_names(forces.iter().map(|name| format!("peaks of impacts, {name}")));
+    stream.log_static(IMPACT_PEAKS, &peaks)?;
+    stream.log_static("plots/largest_contact_force", &named(forces))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
     let turning = header.coordinates.iter().map(|path| crate::diag::last_name(path));
     stream.log_static("plots/speed", &named(turning.map(|name| format!("{name} [1/min]")).collect()))?;
