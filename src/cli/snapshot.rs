@@ -96,7 +96,8 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
         None => ViewCentre::Drive,
         Some(what) => resolve(what, &header)?,
     };
-    let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints };
+    let impacts = super::impacts::all(&mut reader)?;
+    let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints, impacts: &impacts };
     let drawing = draw(&header, &frames.iter().collect::<Vec<_>>(), options);
     let bytes = match kind {
         ImageFormat::Svg => drawing.svg.clone().into_bytes(),
