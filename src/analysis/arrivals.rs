@@ -41,17 +41,23 @@ impl Rhythm {
     /// With the period that the impacts show: the pitch that a header states is that of links without load, and over two
     /// hundred periods a pitch that is 0.1 % off shifts the phase by a fifth of a period.
     pub fn measured(self, impacts: &[(&Impact, u32)]) -> Rhythm {
-        let mut sorted: Vec<(u32, u32, f64)> = impacts.iter().map(|(i, number)| (i.feature, *number, i.t_s)).collect();
-        sorted.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
+        let mut times_s: BTreeMap<(u32, u32), Vec<f64>> = BTreeMap::new();
+        impacts.iter().for_each(|(i, number)| times_s.entry((i.feature, *number)).or_default().push(i.t_s));
+        times_s.values_mut().for_each(|times_s| times_s.sort_by(f64::total_cmp));
+        // From turn to turn first: over many turns the stated period might count one too many.
+        let rough = self.median_of(times_s.values().flat_map(|t| t.windows(2).map(|w| (w[0], w[1]))));
+        rough.median_of(times_s.values().filter_map(|t| Some((*t.first()?, *t.last()?))))
+    }
+
+    /// The median of the periods between such times of the same number.
+    fn median_of(self, pairs: impl Iterator<Item = (f64, f64)>) -> Rhythm {
         let turn_s = self.turn_s();
-        let period = |pair: &[(u32, u32, f64)]| {
-            let [(part, number, from_s), (next_part, next_number, to_s)] = pair else { return None };
+        let period = |(from_s, to_s): (f64, f64)| {
             let turns = libm::round((to_s - from_s) / turn_s);
             let is_whole = (to_s - from_s - turns * turn_s).abs() <= 0.5 * self.period_s;
-            let counts = (part, number) == (next_part, next_number) && turns >= 1.0 && is_whole;
-            counts.then(|| (to_s - from_s) / (turns * f64::from(self.count)))
+            (turns >= 1.0 && is_whole).then(|| (to_s - from_s) / (turns * f64::from(self.count)))
         };
-        let mut periods_s: Vec<f64> = sorted.windows(2).filter_map(period).collect();
+        let mut periods_s: Vec<f64> = pairs.filter_map(period).collect();
         periods_s.sort_by(f64::total_cmp);
         Rhythm { period_s: periods_s.get(periods_s.len() / 2).copied().unwrap_or(self.period_s), ..self }
     }

@@ -403,9 +403,14 @@ fn causes(
 /// Key of the group to begin with: of the largest departures the one with the highest score.
 fn first_of(candidates: &[Candidate<'_>]) -> Option<Key> {
     let strong = || candidates.iter().filter(|c| c.is_strong());
-    let touch = strong().any(|c| c.is_touch);
+    let largest_of = |of: &dyn Fn(&Candidate<'_>) -> bool| {
+        strong().filter(|c| of(c)).map(|c| c.suspect.departure).fold(0.0, f64::max)
+    };
+    // A flank is its link's own: its force says more than a slight delay of a neighbour.
+    let own = largest_of(&|c| !c.key.is_tooth && c.suspect.joint.is_none());
+    let touch = strong().any(|c| c.is_touch && c.suspect.departure >= TRACED * own);
     let pool = || strong().filter(|c| c.is_touch || !touch);
-    let largest = pool().map(|c| c.suspect.departure).fold(0.0, f64::max);
+    let largest = largest_of(&|c| c.is_touch || !touch);
     pool()
         .filter(|c| c.suspect.departure >= ALIKE * largest)
         .max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score))
