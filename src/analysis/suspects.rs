@@ -14,7 +14,8 @@
 //! A fault at one tooth or link also disturbs the ones that arrive after it, and in force also the one before. Of
 //! neighbours that stand out, the cause is therefore the one that arrives first, judged by quantities known at first
 //! contact (time of arrival, approach speed), if it departs by more than [`TRACED`] of the largest departure. A joint
-//! indicates the link ahead of it. Its neighbours, groups that share most of their impacts with them, and groups
+//! indicates the link ahead of it. Flanks of silent links are their link's own: the cause is the link that departs most, summed
+//! over the quantities. Its neighbours, groups that share most of their impacts with them, and groups
 //! whose impacts follow the cause within three tooth periods, on whatever sprocket, are its shadows: they are listed with
 //! it and accuse nobody.
 //!
@@ -123,6 +124,8 @@ struct Candidate<'a> {
     key: Key,
     /// Known at first contact.
     is_touch: bool,
+    /// On a sprocket whose impacts are those of bushes, which a fault ahead of them may misplace. Flanks are their link's own.
+    bushed: bool,
     suspect: Suspect,
     impacts: Vec<&'a Impact>,
     /// When they arrived, or should have [s].
@@ -272,7 +275,7 @@ impl<'a> Stage<'a> {
                     text,
                     ..self.suspect(key)
                 };
-                found.push(Candidate { key, is_touch: true, suspect, impacts: Vec::new(), times_s: due_s });
+                found.push(Candidate { key, is_touch: true, bushed: true, suspect, impacts: Vec::new(), times_s: due_s });
             }
         }
         found
@@ -348,7 +351,8 @@ impl<'a> Stage<'a> {
         };
         let impacts: Vec<&Impact> = group.iter().map(|c| c.impact).collect();
         let times_s = impacts.iter().map(|i| i.t_s).collect();
-        Some(Candidate { key, is_touch: q == ARRIVAL || q == APPROACH, suspect, impacts, times_s })
+        let is_touch = q == ARRIVAL || q == APPROACH;
+        Some(Candidate { key, is_touch, bushed: self.bushed, suspect, impacts, times_s })
     }
 }
 
@@ -400,27 +404,32 @@ fn causes(
     found
 }
 
-/// Key of the group to begin with: of the largest departures the one with the highest score.
+/// Key of the group to begin with. Among bushes: of the largest departures the one with the highest score. Among flanks: the
+/// one with the largest sum of departures over all quantities.
 fn first_of(candidates: &[Candidate<'_>]) -> Option<Key> {
-    let strong = || candidates.iter().filter(|c| c.is_strong());
-    let largest_of = |of: &dyn Fn(&Candidate<'_>) -> bool| {
-        strong().filter(|c| of(c)).map(|c| c.suspect.departure).fold(0.0, f64::max)
-    };
-    // A flank is its link's own: its force says more than a slight delay of a neighbour.
-    let own = largest_of(&|c| !c.key.is_tooth && c.suspect.joint.is_none());
-    let touch = strong().any(|c| c.is_touch && c.suspect.departure >= TRACED * own);
-    let pool = || strong().filter(|c| c.is_touch || !touch);
-    let largest = largest_of(&|c| c.is_touch || !touch);
-    pool()
+    let strong = |bushed: bool| candidates.iter().filter(move |c| c.is_strong() && c.bushed == bushed);
+    let touch = strong(true).any(|c| c.is_touch);
+    let pool = || strong(true).filter(|c| c.is_touch || !touch);
+    let largest = pool().map(|c| c.suspect.departure).fold(0.0, f64::max);
+    let of_bushes = pool()
         .filter(|c| c.suspect.departure >= ALIKE * largest)
         .max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score))
-        .map(|c| c.key)
+        .map(|c| c.key);
+    let mut sums: BTreeMap<Key, f64> = BTreeMap::new();
+    for c in strong(false) {
+        let of_key = candidates.iter().filter(|o| o.key == c.key).map(|o| o.suspect.departure);
+        sums.insert(c.key, of_key.sum());
+    }
+    of_bushes.or(sums.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(key, _)| key))
 }
 
 /// Goes back over neighbours that stand out to the first arrival, across gaps of one.
 fn traced(candidates: &[Candidate<'_>], top: Key, order: &Order) -> Key {
-    let of_top = candidates.iter().filter(|c| c.key == top);
-    let largest = of_top.map(|c| c.suspect.departure).fold(0.0, f64::max);
+    let of_top = || candidates.iter().filter(|c| c.key == top);
+    if of_top().any(|c| !c.bushed) {
+        return top;
+    }
+    let largest = of_top().map(|c| c.suspect.departure).fold(0.0, f64::max);
     let stands_out = |number: u32| {
         let key = Key { number, ..top };
         candidates.iter().any(|c| c.key == key && c.is_touch && c.suspect.departure >= TRACED * largest)
