@@ -442,6 +442,8 @@ pub struct Effects {
     pub gap_waves: Vec<GapWave>,
     /// Single links that are longer or shorter.
     pub pitch_errors: Vec<PitchError>,
+    /// Single links that are heavier or lighter.
+    pub link_masses: Vec<LinkMass>,
     /// Of every link [m].
     pub elongation_m: f64,
     /// By which inner links are longer than outer ones [m].
@@ -498,6 +500,19 @@ pub struct TightJoint {
     pub joint: usize,
     /// Torque of its friction [N m].
     pub torque_nm: f64,
+}
+
+/// A link that is heavier or lighter than those of its row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinkMass {
+    /// Last part of its path in the file.
+    pub name: String,
+    /// Index of the link.
+    pub link: usize,
+    /// By which share of its row's mass it is heavier; negative: lighter.
+    pub mass_share: f64,
+    /// The same for its moment of inertia.
+    pub inertia_share: f64,
 }
 
 /// A link that is longer or shorter than the others.

@@ -90,10 +90,8 @@ pub struct ImpactWatch {
 impl ImpactWatch {
     pub fn new(model: &Model) -> ImpactWatch {
         let n = model.chain.lanes;
-        let pitch_m = 2.0 * model.chain.lever.first().copied().unwrap_or(0.0);
-        let period_s = pitch_m / model.chain_speed_m_s().abs().max(1e-12);
         ImpactWatch {
-            period_steps: (period_s / model.step_s).max(1.0),
+            period_steps: Self::period_steps_of(model),
             step_s: model.step_s,
             follows_forces: true,
             step: 0,
@@ -111,6 +109,13 @@ impl ImpactWatch {
             touched: Vec::new(),
             done: Vec::new(),
         }
+    }
+
+    /// Steps of a tooth period, not rounded.
+    pub fn period_steps_of(model: &Model) -> f64 {
+        let pitch_m = 2.0 * model.chain.lever.first().copied().unwrap_or(0.0);
+        let period_s = pitch_m / model.chain_speed_m_s().abs().max(1e-12);
+        (period_s / model.step_s).max(1.0)
     }
 
     /// For a run that is continued at `step`.

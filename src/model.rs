@@ -347,6 +347,9 @@ impl Model {
         for e in &drive.effects.pitch_errors {
             chain.lengthen(chain.lane_of(e.link), e.length_m);
         }
+        for e in &drive.effects.link_masses {
+            chain.weigh(chain.lane_of(e.link), 1.0 + e.mass_share, 1.0 + e.inertia_share);
+        }
         let (all_m, half_m) = (drive.effects.elongation_m, 0.5 * drive.effects.alternate_m);
         if all_m != 0.0 || half_m != 0.0 {
             // Even links are inner.

@@ -139,8 +139,7 @@ fn fits(path: &Path, header: &Header, drive: &Drive, model: &Model) -> anyhow::R
 
 /// The drive of a recording, with further overrides.
 pub fn drive_of(path: &Path, header: &Header, overrides: &[String]) -> anyhow::Result<Drive> {
-    let merged = header.drive_text.starts_with("# ---- ");
-    if merged {
+    if header.is_merged() {
         bail!("{} holds several drives side by side; record each on its own to run it again", path.display());
     }
     let all: Vec<String> = header.overrides.iter().chain(overrides).cloned().collect();

@@ -12,10 +12,23 @@ use pitchline::integrate::explicit::{self, ContactGroup, Scratch};
 use pitchline::pairs::contour_body::LinkPose;
 
 /// Bundled drives, and one with chains of both kinds behind each other.
-const CONTOURS: [&str; 3] = ["silent-20-40", "smartchain-20-40", "both"];
+const CONTOURS: [&str; 4] = ["silent-20-40", "smartchain-20-40", "both", "silent, gaps beside their places"];
+
+/// Gaps of silent sprockets beside their places.
+const BESIDE: [&str; 6] = [
+    "effects.sprocket_runout.driven.amplitude_um=50",
+    "effects.tooth_pitch_error.driver.amplitude_um=20",
+    "effects.tooth_pitch_error.driver.order=3",
+    "effects.gap_error.driver.gap=7",
+    "effects.gap_error.driver.outward_um=-30",
+    "effects.sprocket_runout.driven.phase_deg=40",
+];
 
 fn bundled(name: &str) -> Assembly {
     let both = common::two_stages("silent-20-40", "smartchain-20-40");
+    if name.starts_with("silent, ") {
+        return assembled(&common::bundled("silent-20-40", &BESIDE));
+    }
     let text = BUNDLED.iter().find(|b| b.0 == name).map_or(both.as_str(), |b| b.1);
     assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")))
 }
@@ -98,8 +111,10 @@ fn what_was_faced_before_changes_no_bit() {
 }
 
 /// Variants of the contours and operating conditions, in addition to the bundled drives.
-const FORMS: [(&str, &[&str]); 8] = [
+const FORMS: [(&str, &[&str]); 10] = [
     ("silent-20-40", &[]),
+    ("silent-20-40", &BESIDE),
+    ("silent-20-40", &["effects.sprocket_runout.driver.amplitude_um=500"]),
     ("silent-20-40", &["speeds.constant.driver.speed_rpm=10"]),
     ("silent-20-40", &["speeds.constant.driver.speed_rpm=6000", "chain.silent.inner.pin_pitch_mm=8.01"]),
     ("smartchain-20-40", &["speeds.constant.driver.speed_rpm=10"]),

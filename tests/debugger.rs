@@ -281,6 +281,78 @@ fn hits_are_those_of_a_scan_over_every_step() {
     }
 }
 
+/// One impact, one peak: the recording, `explain` and the strip have the same number.
+#[test]
+fn explain_and_the_strip_have_the_peak_of_the_impact() {
+    use pitchline::render::snapshot::{SnapshotOptions, ViewCentre, draw};
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let mut shown = 0;
+    for bundled in [0, 1, 2] {
+        record(bundled, &[], &path, 30_000, 100);
+        let recording = mcap::read(&path).expect("readable");
+        let mut replay = Replay::open(&path).expect("opens");
+        let mut hard: Vec<_> = recording.impacts.iter().filter(|i| i.t_s > 1e-3 && i.watched_s > 1.9e-3).collect();
+        hard.sort_by(|a, b| b.peak_force_n.total_cmp(&a.peak_force_n));
+        assert!(hard.len() > 4, "{}", hard.len());
+        for impact in hard.into_iter().take(4) {
+            let step = replay.step_at(impact.t_s + impact.peak_after_s);
+            let body = explain(&mut replay, impact.link as usize, step).expect("explained");
+            let part = Feature::name(impact.feature);
+            let path = &recording.header.bodies[impact.body as usize].path;
+            let contact = body.contacts.iter().find(|c| c.feature == part && c.body == *path).expect("the contact");
+            println!("{} {part}: {} N, {} N", recording.header.drive_name, impact.peak_force_n, contact.peak_force_n);
+            assert_eq!(contact.peak_force_n.to_bits(), impact.peak_force_n.to_bits());
+            assert!(contact.normal_force_n <= contact.peak_force_n);
+            let visit = replay.visit(step, |_, _| ()).expect("goes there");
+            let (state, mut scratch) = (visit.state, visit.scratch);
+            explicit::evaluate(&replay.model, &state, &mut scratch).expect("holds");
+            let frame = replay.camera().take(&replay.model, &state, &scratch);
+            let around = ViewCentre::Link(impact.link as usize);
+            let impacts = &recording.impacts;
+            let options = SnapshotOptions { around, width_mm: Some(14.0), joints: false, impacts };
+            let svg = draw(&recording.header, &[&frame], options).svg;
+            // Every peak in the strip is that of an impact; without room beside its arrow one is left out.
+            let told: Vec<&str> = svg.split("peak ").skip(1).filter_map(|rest| rest.split(" N<").next()).collect();
+            let known: Vec<String> = impacts.iter().map(|i| format!("{:.0}", i.peak_force_n)).collect();
+            let own = format!("{:.0}", impact.peak_force_n);
+            shown += usize::from(told.contains(&own.as_str()));
+            let large = told.iter().filter(|t| !t.contains('.') && t.len() < 5);
+            large.for_each(|t| assert!(known.iter().any(|k| k == t), "peak {t} N"));
+        }
+    }
+    assert!(shown >= 8, "{shown} of 12 peaks are shown");
+}
+
+/// A link that weighs twice as much: its forces add up to that mass times its acceleration, at the seam of the columns too, and pin friction
+/// has rows of its own.
+#[test]
+fn a_heavier_link_obeys_newton_with_its_own_mass() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    for (bundled, link) in [(0, 0), (0, 37), (1, 89), (2, 36), (12, 5)] {
+        let effect = "effects.link_mass.odd";
+        let set = [
+            format!("{effect}.link={link}"),
+            format!("{effect}.mass_percent=100"),
+            format!("{effect}.inertia_percent=150"),
+        ];
+        record(bundled, &set.each_ref().map(String::as_str), &path, 3000, 100);
+        let mut replay = Replay::open(&path).expect("opens");
+        let plain = explain(&mut replay, link + 2 - 4 * (link / 88), 2500).expect("explained");
+        let heavy = explain(&mut replay, link, 2500).expect("explained");
+        println!("{}: link {link} {} g, {}", BUNDLED[bundled].0, heavy.mass_kg * 1e3, heavy.remainder_share);
+        assert!((heavy.mass_kg / plain.mass_kg - 2.0).abs() < 1e-12);
+        assert!((heavy.inertia_kg_m2 / plain.inertia_kg_m2 - 2.5).abs() < 1e-12);
+        // Rounding, as for every other link.
+        assert!(heavy.remainder_share < 1e-9 && heavy.remainder_moment_share < 1e-9, "{heavy:?}");
+        let rubs = heavy.forces.iter().filter(|f| f.kind == "pin friction").count();
+        assert_eq!(rubs, 2);
+        let (a, m) = (libm::hypot(heavy.acceleration_x_m_s2, heavy.acceleration_y_m_s2), heavy.mass_kg);
+        assert!(m * a > 1e-3, "{} N", m * a);
+    }
+}
+
 /// Other contact laws, clearance in the joints, unequal links: these change the composition of a step's columns.
 #[test]
 fn hits_of_other_drives_are_those_of_a_scan_too() {

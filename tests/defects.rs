@@ -1,6 +1,8 @@
 //! One defect is planted in a drive. `pitchline run` and `pitchline impacts`, at most three commands, must name the
 //! body, and the tooth or link.
 
+use pitchline::analysis::suspects::suspects as suspects_of;
+use pitchline::recording::mcap;
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
@@ -117,4 +119,67 @@ fn what_all_teeth_share_shows_against_a_healthy_recording() {
         println!("{lift}: {}", found[0]["text"]);
         assert_eq!(found[0]["body"], format!("guides.fixed.{guide}"), "{found:#?}");
     }
+}
+
+/// Whatever part of a recording is looked at, the planted gap is named, or none where a part is too short; never a neighbour.
+#[test]
+fn the_same_gap_is_named_whatever_the_length() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("odd.mcap");
+    let parts_ms = [(0, 60), (0, 80), (0, 100), (0, 130), (0, 160), (0, 200), (100, 200)];
+    let mut named = 0;
+    for (drive, sprocket, gap, um) in [
+        ("bush-20-40", "driver", 7, 30),
+        ("bush-20-40", "driven", 27, 50),
+        ("arm-20-40", "driven", 11, -25),
+        ("smartchain-20-40", "driver", 12, -50),
+        ("smartchain-20-40", "driver", 3, 25),
+        ("smartchain-20-40", "driven", 27, -25),
+        ("smartchain-20-40", "driven", 27, 30),
+        ("smartchain-20-40", "driven", 11, 50),
+    ] {
+        let effect = format!("effects.gap_error.{sprocket}");
+        record_of(drive, 200, &path, &[&format!("{effect}.gap={gap}"), &format!("{effect}.outward_um={um}")]);
+        let recording = mcap::read(&path).expect("readable");
+        for (from, to) in parts_ms.map(|(from, to)| (f64::from(from) * 1e-3, f64::from(to) * 1e-3)) {
+            let inside = |t_s: f64, watched_s: f64| t_s >= from && t_s + watched_s <= to;
+            let part: Vec<_> = recording.impacts.iter().filter(|i| inside(i.t_s, i.watched_s)).copied().collect();
+            let found = suspects_of(&part, &recording.header, (from, to)).suspects;
+            let Some(first) = found.first() else { continue };
+            println!("{drive} {sprocket} {gap} {um} um, {from} to {to} s: {} {:?}", first.text, first.shadows);
+            assert_eq!(
+                (first.tooth, first.body.as_str()),
+                (Some(gap), &*format!("sprockets.{sprocket}")),
+                "{found:#?}"
+            );
+            named += 1;
+        }
+    }
+    // Of 56; the others are parts in which the gap arrives once.
+    println!("{named} of 56 named");
+    assert!(named >= 48, "{named}");
+}
+
+/// Recordings of other lengths are compared over what both have.
+#[test]
+fn recordings_of_other_lengths_are_compared_over_their_common_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (short, long, later) =
+        (folder.path().join("short.mcap"), folder.path().join("long.mcap"), folder.path().join("later.mcap"));
+    let of = |path: &Path| path.to_str().expect("text").to_string();
+    record_of("bush-20-40", 60, &short, &[]);
+    record_of("bush-20-40", 200, &long, &[]);
+    for (a, b) in [(&short, &long), (&long, &short)] {
+        assert_eq!(suspects(a, Some(b)), Vec::<Value>::new());
+        let found = pitchline(&["impacts", &of(a), "--against", &of(b)]);
+        let compared = &found["compared"];
+        let to_s = compared["to_s"].as_f64().expect("a time");
+        assert!(compared["is_part"] == true && (to_s - 0.06).abs() < 1e-5, "{compared}");
+    }
+    pitchline(&["zoom", &of(&long), "--from", "100ms", "--to", "110ms", "--every", "1ms", "-o", &of(&later)]);
+    let args = ["impacts", &of(&short), "--against", &of(&later)];
+    let out = Command::new(env!("CARGO_BIN_EXE_pitchline")).args(args).output().expect("starts");
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    assert!(said.contains("no time in common"), "{said}");
 }

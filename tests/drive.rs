@@ -411,7 +411,7 @@ fn drives_with_links_take_the_effects_that_say_so() {
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 18);
+    assert_eq!(taken, 19);
 }
 
 /// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
@@ -496,6 +496,118 @@ fn runout_displaces_every_gap_alike() {
         compared += 1;
     }
     assert!(compared > 19_000, "{compared}");
+}
+
+/// The same of a silent sprocket, up to the half millimetre that a file may state: links touch it as they touch the centred one after they are
+/// moved back.
+#[test]
+fn runout_displaces_a_silent_sprocket_as_a_whole() {
+    use pitchline::geometry::{Vec2, unit};
+    use pitchline::pairs::contour_body::LinkPose;
+    let plain = common::assembled(&common::bundled("silent-20-40", &[]));
+    let contour = plain.model.contours[0].as_ref().expect("flanks");
+    for um in [50, 500] {
+        let sets = [
+            format!("effects.sprocket_runout.driver.amplitude_um={um}"),
+            "effects.sprocket_runout.driver.phase_deg=40".into(),
+        ];
+        let eccentric = common::assembled(&common::bundled("silent-20-40", &sets.each_ref().map(String::as_str)));
+        let (mut compared, mut other_gap) = (0, 0);
+        for (body, off) in plain.model.end_bodies.iter().zip(&eccentric.model.end_bodies).filter(|(b, _)| b.body == 0) {
+            let turn = body.frame.turn.expect("it turns");
+            let angle = plain.state.coordinates.angle[turn];
+            let rotor = (libm::cos(angle), libm::sin(angle));
+            let shift = unit(angle + 40.0_f64.to_radians()) * (f64::from(um) * 1e-6);
+            for (link, front) in plain.model.chain.links().flat_map(|link| [(link, true), (link, false)]) {
+                let (links, lever) = (&plain.state.links, plain.model.chain.lever[link]);
+                let at = |centre: Vec2| LinkPose {
+                    centre,
+                    cos: links.cos[link],
+                    sin: links.sin[link],
+                    lever: if front { lever } else { -lever },
+                    front,
+                    row: plain.model.row_of(link),
+                };
+                let centre = Vec2::new(links.x[link], links.y[link]) - body.frame.origin;
+                let Some(a) = body.touch(contour, &at(centre), rotor, 0.2e-3) else { continue };
+                let b = off.touch(contour, &at(centre + shift), rotor, 0.2e-3);
+                let Some(b) = b.filter(|b| b.tooth == a.tooth) else {
+                    other_gap += 1;
+                    continue;
+                };
+                assert!((a.penetration_m - b.penetration_m).abs() < 1e-15, "{link}: {a:?} {b:?}");
+                assert!((a.normal - b.normal).norm() < 1e-9 && (b.point - a.point - shift).norm() < 1e-14);
+                compared += 1;
+            }
+        }
+        println!("{um} um: {compared} touches alike, {other_gap} in another gap");
+        assert!(compared >= 15 && other_gap < 5, "{compared} {other_gap}");
+    }
+}
+
+/// One gap of a silent sprocket lies further out: links in it touch as deep as that, in the other gaps as before. Gaps and links that do not
+/// exist are refused with a caret.
+#[test]
+fn one_gap_of_a_silent_sprocket_lies_further_out() {
+    use pitchline::geometry::Vec2;
+    use pitchline::pairs::contour_body::LinkPose;
+    let sets = ["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=30"];
+    let (plain, odd) = (
+        common::assembled(&common::bundled("silent-20-40", &[])),
+        common::assembled(&common::bundled("silent-20-40", &sets)),
+    );
+    let contour = plain.model.contours[0].as_ref().expect("flanks");
+    let (links, mut moved, mut same) = (&plain.state.links, 0, 0);
+    for (body, off) in plain.model.end_bodies.iter().zip(&odd.model.end_bodies).filter(|(b, _)| b.body == 0) {
+        for (link, turned) in plain.model.chain.links().flat_map(|link| (0..20).map(move |turned| (link, turned))) {
+            // Every link meets gap 7 in one of these positions of the sprocket.
+            let turn = body.frame.turn.expect("it turns");
+            let angle = plain.state.coordinates.angle[turn] + f64::from(turned) * std::f64::consts::TAU / 20.0;
+            let rotor = (libm::cos(angle), libm::sin(angle));
+            let gap = angle + 7.0 * std::f64::consts::TAU / 20.0;
+            let shift = Vec2::new(libm::cos(gap), libm::sin(gap)) * 30e-6;
+            let at = |centre: Vec2| LinkPose {
+                centre,
+                cos: links.cos[link],
+                sin: links.sin[link],
+                lever: plain.model.chain.lever[link],
+                front: true,
+                row: plain.model.row_of(link),
+            };
+            let centre = Vec2::new(links.x[link], links.y[link]) - body.frame.origin;
+            let Some(a) = body.touch(contour, &at(centre), rotor, 0.1e-3) else { continue };
+            if a.tooth == 7 {
+                let b = off.touch(contour, &at(centre + shift), rotor, 0.1e-3).expect("touches");
+                assert!((a.penetration_m - b.penetration_m).abs() < 1e-15, "{link}: {a:?} {b:?}");
+                moved += 1;
+            } else {
+                assert_eq!(off.touch(contour, &at(centre), rotor, 0.1e-3), Some(a));
+                same += 1;
+            }
+        }
+    }
+    println!("{moved} touches in the gap, {same} in others");
+    assert!(moved > 5 && same > 100, "{moved} {same}");
+    for (set, said) in [
+        ("effects.gap_error.driver.gap=20", "sprocket `driver` has no gap 20"),
+        ("effects.link_mass.odd.link=90", "the chain has no link 90"),
+        ("effects.link_mass.odd.mass_percent=-95", "outside -90 ..= 1000"),
+    ] {
+        let more = if set.contains("gap") {
+            "effects.gap_error.driver.outward_um=3"
+        } else {
+            "effects.link_mass.odd.inertia_percent=3"
+        };
+        let link = if set.contains("link=") || set.contains("gap") {
+            vec![]
+        } else {
+            vec!["effects.link_mass.odd.link=3".to_string()]
+        };
+        let sets = [vec![set.to_string(), more.to_string()], link].concat();
+        let text = pitchline::drive::BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("bundled").1;
+        let report = pitchline::drive::Drive::parse("silent-20-40", text, &sets).expect_err(set).to_string();
+        assert!(report.contains(said), "{set}: {report}");
+    }
 }
 
 /// The step's kernel finds the depths of the exact detection for displaced gaps.

@@ -19,7 +19,9 @@
 //! Flanks, abutments and plate ends are parts of their link: the joint ahead is its own front joint, r goes from there
 //! to the contact point, and there is no rest term. Guides are at rest (W = 0).
 
+use crate::elements::contact_law::{ContactLaw, PeakMeter};
 use crate::geometry::{Vec2, cross, perp};
+use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::model::Model;
 use crate::pairs::plate_rail::PlatePart;
@@ -31,7 +33,7 @@ use anyhow::{Context, ensure};
 /// One force on the link.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Force {
-    /// `joint`, `roller`, `contact normal`, `contact friction`.
+    /// `joint`, `pin friction`, `roller`, `contact normal`, `contact friction`.
     pub kind: &'static str,
     /// Source of the force, in words.
     pub cause: String,
@@ -40,7 +42,7 @@ pub struct Force {
     pub y_m: f64,
     pub fx_n: f64,
     pub fy_n: f64,
-    /// About the centre of mass, including a joint's friction torque [N m].
+    /// About the centre of mass; of pin friction, the torque of the joint [N m].
     pub moment_nm: f64,
 }
 
@@ -48,6 +50,8 @@ pub struct Force {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Contact {
     pub feature: &'static str,
+    /// Of a bush or roller: the joint that it is at.
+    pub joint: Option<usize>,
     pub body: String,
     pub tooth: Option<u32>,
     pub segment: &'static str,
@@ -58,7 +62,8 @@ pub struct Contact {
     pub approach_speed_m_s: f64,
     /// False: it was in contact before the keyframe from which the simulation was repeated.
     pub history_is_whole: bool,
-    /// Largest force since first contact, and its time [N, s].
+    /// Peak of its impact, as `pitchline impacts` has it: the largest force within two tooth periods of its first contact,
+    /// between nodes as well as at them; and the node at or before which it was [N, s].
     pub peak_force_n: f64,
     pub peak_t_s: f64,
     /// Since first contact: time [s], normal force [N], penetration [m].
@@ -130,6 +135,9 @@ struct Lane {
     lane: usize,
     feature: Feature,
     history: Vec<[f64; 3]>,
+    meter: PeakMeter,
+    peak_force_n: f64,
+    peak_t_s: f64,
     began: bool,
     approach: Option<Approach>,
 }
@@ -179,7 +187,17 @@ fn lanes_of(model: &Model, link: usize) -> Vec<Lane> {
         for lane in candidates {
             let (owner, feature) = part.feature(model, lane);
             if owner == link {
-                lanes.push(Lane { part, lane, feature, history: Vec::new(), began: false, approach: None });
+                lanes.push(Lane {
+                    part,
+                    lane,
+                    feature,
+                    history: Vec::new(),
+                    meter: PeakMeter::default(),
+                    peak_force_n: 0.0,
+                    peak_t_s: 0.0,
+                    began: false,
+                    approach: None,
+                });
             }
         }
     }
@@ -195,12 +213,12 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
         let age = memory.age[lane.lane];
         if age == 0.0 {
             (lane.began, lane.approach) = (false, None);
-            lane.history.clear();
+            lane.forget();
             continue;
         }
         if age == 1.0 {
             lane.began = true;
-            lane.history.clear();
+            lane.forget();
             let before = mean_of_period(model, tensions);
             lane.approach = approach(model, state, scratch, lane).map(|(closing_speed_m_s, parts)| Approach {
                 t_s,
@@ -219,9 +237,40 @@ fn watch(model: &Model, state: &State, scratch: &Scratch, link: usize, lanes: &m
             gained.speed_m_s += measured_m_s - *closing_speed_m_s;
             *closing_speed_m_s = measured_m_s;
         }
-        lane.history.push([t_s, memory.normal_force[lane.lane], scratch.depth(lane.part, lane.lane)]);
+        let mean_n = memory.normal_force[lane.lane];
+        lane.history.push([t_s, mean_n, scratch.depth(lane.part, lane.lane)]);
+        if age <= WATCHED_PERIODS * ImpactWatch::period_steps_of(model) {
+            let of = (scratch.touch(lane.part, lane.lane), memory.approach[lane.lane]);
+            lane.follow_peak(scratch.law(model, lane.part, lane.lane), of, mean_n, (t_s, model.step_s));
+        }
     }
     tensions.push(tension);
+}
+
+impl Lane {
+    fn forget(&mut self) {
+        self.history.clear();
+        (self.meter, self.peak_force_n, self.peak_t_s) = (PeakMeter::default(), 0.0, 0.0);
+    }
+
+    /// As the watch over all impacts follows it ([`ImpactWatch`]).
+    fn follow_peak(
+        &mut self,
+        law: Option<&ContactLaw>,
+        (touch, approach_m_s): (Option<(f64, f64)>, f64),
+        mean_n: f64,
+        (t_s, step_s): (f64, f64),
+    ) {
+        let Some(law) = law else {
+            self.meter = PeakMeter::default();
+            return;
+        };
+        let top = self.meter.peak_since(law, touch, approach_m_s, step_s, self.peak_force_n);
+        let top_n = top.unwrap_or(mean_n);
+        if top_n > self.peak_force_n {
+            (self.peak_force_n, self.peak_t_s) = (top_n, t_s);
+        }
+    }
 }
 
 /// Mean over the preceding tooth period.
@@ -398,8 +447,11 @@ fn free_body(
         let (x, y, torque) = scratch.joint_force(joint);
         let sign = if front { -1.0 } else { 1.0 };
         let (at, _) = end_at(model, state, scratch, link, front);
-        let cause = format!("{} joint, to link {neighbour}", if front { "front" } else { "rear" });
-        forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, torque * sign));
+        let (end, number) = (if front { "front" } else { "rear" }, model.chain.number_of(joint));
+        let cause = format!("{end} joint {number}, to link {neighbour}");
+        let rubbing = format!("{cause}: pin friction");
+        forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, 0.0));
+        forces.push(force("pin friction", rubbing, at, Vec2::zeros(), torque * sign));
     }
     for roller in [behind, link].map(|j| model.chain.bush_lane(j)) {
         let (owner, front) = model.chain.bush_carrier(roller);
@@ -425,18 +477,23 @@ fn free_body(
         let rotor = touch.body < model.sprockets.len();
         let body = model.body_path(touch.body);
         let (feature, segment) = (Feature::name(lane.feature as u32), Segment::name(touch.segment as u32));
+        let joint = match lane.part {
+            ContactGroup::Bushes => Some(model.chain.joint_of(lane.lane)),
+            ContactGroup::Guides(_) | ContactGroup::Rails(_) | ContactGroup::Contours(_) => None,
+        };
+        let joint = joint.map(|j| model.chain.number_of(j));
         let place =
             if rotor { format!("{body}, tooth gap {}, {segment}", touch.tooth) } else { format!("{body}, {segment}") };
         // What a tooth does to a roller the link feels through its bush.
         if !model.chain.is_roller(lane.lane) {
-            let (on, normal) = (format!("{feature} on {place}"), touch.normal * normal_n);
+            let (on, normal) = (format!("{} on {place}", of_joint(feature, joint)), touch.normal * normal_n);
             let (rubbing, friction) = (format!("{on}: friction"), perp(touch.normal) * friction_n);
             forces.push(force("contact normal", on, touch.point, normal, 0.0));
             forces.push(force("contact friction", rubbing, touch.point, friction, 0.0));
         }
-        let peak = lane.history.iter().fold([0.0; 3], |best, h| if h[1] > best[1] { *h } else { best });
         contacts.push(Contact {
             feature,
+            joint,
             body,
             tooth: rotor.then_some(touch.tooth),
             segment,
@@ -446,8 +503,8 @@ fn free_body(
             age_s: memory.age[lane.lane] * model.step_s,
             approach_speed_m_s: memory.approach[lane.lane],
             history_is_whole: lane.began,
-            peak_force_n: peak[1],
-            peak_t_s: peak[0],
+            peak_force_n: lane.peak_force_n,
+            peak_t_s: lane.peak_t_s,
             history: thinned(lane.history),
             approach: lane.approach,
         });
@@ -473,6 +530,11 @@ fn free_body(
         remainder_moment_share: 0.0,
         contacts,
     })
+}
+
+/// A part in words, with the joint that it is at.
+pub fn of_joint(feature: &str, joint: Option<usize>) -> String {
+    joint.map_or(feature.to_string(), |j| format!("{feature} (joint {j})"))
 }
 
 /// At most [`LONGEST_HISTORY`] evenly spaced values, including the last.

@@ -1,5 +1,6 @@
 //! Analysis of recordings: plain results from Headers, Frames and Impacts.
 
+pub mod arrivals;
 pub mod audit;
 pub mod diff;
 pub mod explain;

@@ -1,26 +1,47 @@
 //! Finds the tooth, link or body that stands out among all impacts.
 //!
-//! Impacts of one part of links on one body (front bushes on the driver, say) are comparable. The departure of an
+//! Impacts of one part of links on one body (front bushes on the driver, say) are comparable. Only arrivals are compared
+//! ([`super::arrivals`]): a bush that is lifted in its seat and returns to it tells of another gap. The departure of an
 //! impact is its distance from their median in robust standard deviations (1.4826 x median absolute deviation). Impacts
-//! with another common property, a tooth gap or a joint of the chain, form a group. A group stands out if the median of
-//! its m departures times sqrt(m) exceeds [`SCORE`] and its difference is not negligible. Of two middle values the
-//! smaller one counts, so that one odd impact of two has no effect. Impacts cut off by the end of the run and those of
-//! its first two tooth periods are ignored.
+//! with another common property, a tooth gap or a joint of the chain, form a group. The departure of a group is the
+//! median of those of its m impacts; of two middle values the smaller one counts, so that one odd impact of two has no
+//! effect. It does not depend on the length of the recording, and ranks. The score, departure times sqrt(m), is the
+//! evidence: a group stands out if it exceeds [`SCORE`] and its difference is not negligible. A gap or joint at which no
+//! bush arrives, while most others have theirs, stands out most. Impacts cut off by the end of the run and those of its
+//! first two tooth periods are ignored. Where links bear bushes, only these are compared: abutments roll on rings, which
+//! all gaps share.
 //!
 //! A fault at one tooth or link also disturbs the ones that arrive after it, and in force also the one before. Of
 //! neighbours that stand out, the cause is therefore the one that arrives first, judged by quantities known at first
-//! contact (time of arrival, approach speed); a joint indicates the link ahead of it. The other neighbours, and groups
-//! that share most of their impacts with them, are consequences and are removed before the search continues.
+//! contact (time of arrival, approach speed), if it departs by more than [`TRACED`] of the largest departure. A joint
+//! indicates the link ahead of it. Flanks of silent links are their link's own: the cause is the link that departs most, summed
+//! over the quantities. Its neighbours, groups that share most of their impacts with them, and groups
+//! whose impacts follow the cause within three tooth periods, on whatever sprocket, are its shadows: they are listed with
+//! it and accuse nobody.
 //!
 //! A fault that is the same for all teeth and links, such as another seat form or a guide in the way, shows only in
 //! comparison with another recording: see [`compared_with`].
 
+use super::arrivals::Rhythm;
 use crate::recording::frame::{Feature, Header, Impact};
+use crate::recording::places::Loops;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Departure above which a group stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
+/// Score above which a group stands out: in runs of the bundled drives of 30 to 300 ms without defects none of some
 /// 240 groups by four quantities goes beyond 7.
 const SCORE: f64 = 8.0;
+/// Score from which a neighbour of what stands out may be its cause, and share of the largest departure from which it is.
+const WEAK_SCORE: f64 = 4.0;
+const TRACED: f64 = 0.3;
+/// Departures of at least this share of the largest one are alike; the one with the highest score is then taken first.
+const ALIKE: f64 = 0.8;
+/// Departures beyond this one are all equally certain.
+const CERTAIN: f64 = 20.0;
+/// Departure of what does not arrive at all.
+const ABSENT: f64 = 40.0;
+/// Share of the tooth periods in which a link must arrive, for arrivals to be told from other impacts: without a steady
+/// speed they have no rhythm.
+const IN_RHYTHM: f64 = 0.6;
 /// Smallest departure that counts, relative to the median, for forces and speeds.
 const SHARE: f64 = 0.02;
 /// Smallest difference in time of arrival that counts [s].
@@ -33,6 +54,8 @@ const WATCHED: f64 = 1.9;
 const SETTLED: f64 = 2.0;
 /// Maximum number of following groups that count as consequences of a cause.
 const CONSEQUENCES: u32 = 8;
+/// Tooth periods before and after the arrival of a cause within which its shadows have their impacts.
+const SHADOW: (f64, f64) = (1.0, 3.0);
 /// In comparison with another recording: ratio in number, force or speed of impacts above which a part of a body stands
 /// out.
 const RATIO: f64 = 1.05;
@@ -46,16 +69,28 @@ pub struct Suspect {
     pub body: String,
     pub tooth: Option<u32>,
     pub link: Option<u32>,
+    /// Joint whose bush stands out: the rear one of `link`.
+    pub joint: Option<u32>,
     /// Quantity in which it stands out, its median for this group and for the others.
     pub quantity: &'static str,
     pub median: f64,
     pub others: f64,
-    /// Departure in robust standard deviations, times the square root of the number of impacts.
+    /// Departure in robust standard deviations, and that times the square root of the number of impacts.
+    pub departure: f64,
     pub score: f64,
     pub impacts: usize,
     /// Time of the first of them [s].
     pub first_s: f64,
+    /// What stands out only because of it.
+    pub shadows: Vec<String>,
     pub text: String,
+}
+
+/// What stands out, and what could not be judged.
+pub struct Verdict {
+    pub suspects: Vec<Suspect>,
+    /// How long a recording must be for links to be judged [s], where this one is shorter.
+    pub links_take_s: Option<f64>,
 }
 
 /// Quantities in which groups are compared: name, words, unit, factor for text.
@@ -75,117 +110,363 @@ struct ImpactCase<'a> {
     departure: [f64; QUANTITIES.len()],
 }
 
-/// A group that stands out, before causes and consequences are separated.
-struct Candidate<'a> {
-    /// Index of tooth gap or joint.
-    key: u32,
+/// What a group shares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    body: usize,
     is_tooth: bool,
-    q: usize,
-    suspect: Suspect,
-    impacts: Vec<&'a Impact>,
+    /// Tooth gap; joint, or link where links have no bushes.
+    number: u32,
 }
 
-/// Everything that stands out, in descending order of score.
-pub fn suspects(impacts: &[Impact], header: &Header) -> Vec<Suspect> {
-    let mut found = Vec::new();
-    let links = header.links.len() as u32;
-    let forwards = header.chain_speed_m_s >= 0.0;
+/// A group that stands out, before causes and consequences are separated.
+struct Candidate<'a> {
+    key: Key,
+    /// Known at first contact.
+    is_touch: bool,
+    /// On a sprocket whose impacts are those of bushes, which a fault ahead of them may misplace. Flanks are their link's own.
+    bushed: bool,
+    suspect: Suspect,
+    impacts: Vec<&'a Impact>,
+    /// When they arrived, or should have [s].
+    times_s: Vec<f64>,
+}
+
+impl Candidate<'_> {
+    fn is_strong(&self) -> bool {
+        self.suspect.score >= SCORE
+    }
+}
+
+/// How the numbers of a body follow each other: the first, how many, and the step from one arrival to the next.
+#[derive(Clone, Copy)]
+struct Order {
+    first: u32,
+    count: u32,
+    step: u32,
+}
+
+impl Order {
+    fn new(first: u32, count: u32, is_rising: bool) -> Order {
+        Order { first, count: count.max(1), step: if is_rising { 1 } else { count.max(1) - 1 } }
+    }
+
+    fn moved(&self, number: u32, by: u32) -> u32 {
+        self.first + (number.wrapping_sub(self.first) % self.count + by * self.step) % self.count
+    }
+
+    fn before(&self, number: u32, by: u32) -> u32 {
+        self.moved(number, by * (self.count - 1))
+    }
+}
+
+/// What is compared on one sprocket.
+struct Stage<'a> {
+    body: usize,
+    path: &'a str,
+    period_s: f64,
+    /// Time within which arrivals count [s].
+    within_s: (f64, f64),
+    bushed: bool,
+    gaps: Order,
+    joints: Order,
+    is_forwards: bool,
+    loops: &'a Loops,
+}
+
+/// Everything that stands out in a recording of this time, the largest departure first.
+pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64)) -> Verdict {
+    let loops = Loops::new(header);
     let period_s = period_s(header);
+    let within_s = (begin_s + SETTLED * period_s, end_s - WATCHED * period_s);
+    let mut candidates = Vec::new();
+    let mut orders = BTreeMap::new();
+    let mut links_take_s: Option<f64> = None;
     for (body, info) in header.bodies.iter().enumerate().filter(|(_, b)| b.rotor) {
-        let whole = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= SETTLED * period_s;
-        let own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(whole).collect();
-        let mut cases = cases(&own, period_s);
-        let medians = compute_departures(&mut cases);
-        let all: Vec<&ImpactCase<'_>> = cases.iter().collect();
-        // A bush is positioned by the link ahead of it; a flank by its own link.
+        let counts = |i: &&Impact| i.watched_s >= WATCHED * period_s && i.t_s >= within_s.0;
+        let mut own: Vec<&Impact> = impacts.iter().filter(|i| i.body as usize == body).filter(counts).collect();
         let bushed = own.iter().any(|i| is_bush(i));
-        let mut candidates = Vec::new();
+        own.retain(|i| is_bush(i) || !bushed);
+        let Some(first) = own.first() else { continue };
+        let (start, links) = loops.of(first.link);
+        let is_forwards = header.chain_speed_m_s >= 0.0;
+        let mut stage = Stage {
+            body,
+            path: &info.path,
+            period_s,
+            within_s,
+            bushed,
+            gaps: Order::new(0, info.teeth, is_forwards),
+            joints: Order::new(start, links, !is_forwards),
+            is_forwards,
+            loops: &loops,
+        };
+        let by_gap = |i: &Impact| Some(i.tooth);
+        let by_joint = |i: &Impact| if bushed { loops.joint(i) } else { Some(i.link) };
+        stage.keep_arrivals(&mut own);
+        let mut cases = cases(&own, stage.period_s);
+        let medians = compute_departures(&mut cases);
         for q in 0..QUANTITIES.len() {
-            for (tooth, group) in groups(&all, |i| Some(i.tooth)) {
-                let suspect = Suspect { kind: "tooth", tooth: Some(tooth), ..empty_suspect(&info.path) };
-                candidates.extend(outstanding_group(suspect, (tooth, true, q), &group, &medians));
+            for (number, group) in groups(&cases, by_gap) {
+                candidates.extend(stage.candidate(Key { body, is_tooth: true, number }, q, &group, &medians));
             }
-            for (joint, group) in groups(&all, |i| if bushed { joint_of(i, header) } else { Some(i.link) }) {
-                let ahead = if forwards && bushed {
-                    header.links.get(joint as usize).map_or(joint, |l| l.ahead)
-                } else {
-                    joint
-                };
-                let suspect = Suspect { kind: "link", link: Some(ahead), ..empty_suspect(&info.path) };
-                candidates.extend(outstanding_group(suspect, (joint, false, q), &group, &medians));
+            for (number, group) in groups(&cases, by_joint) {
+                candidates.extend(stage.candidate(Key { body, is_tooth: false, number }, q, &group, &medians));
             }
         }
-        // Index increment from one arrival to the next.
-        let tooth_step = if next_tooth_is_higher(&own, info.teeth) { 1 } else { info.teeth.max(1) - 1 };
-        let joint_step = if forwards { links - 1 } else { 1 };
-        found.extend(causes(candidates, (tooth_step, info.teeth.max(1)), (joint_step, links)));
+        if bushed {
+            candidates.extend(stage.absentees(&own));
+        }
+        if groups(&cases, by_joint).is_empty() {
+            let laps = (MIN_IN_GROUP as f64 + 0.1) * f64::from(links) * period_s;
+            links_take_s = Some(links_take_s.unwrap_or(0.0).max(laps));
+        }
+        orders.insert(body, (stage.gaps, stage.joints));
     }
-    found.sort_by(|a: &Suspect, b: &Suspect| b.score.total_cmp(&a.score));
-    found
+    let suspects = causes(candidates, &orders, header, period_s);
+    Verdict { suspects, links_take_s }
+}
+
+impl<'a> Stage<'a> {
+    /// Leaves arrivals, where there is a rhythm, and finds in which order and how fast gaps arrive.
+    fn keep_arrivals(&mut self, own: &mut Vec<&Impact>) {
+        let numbered: Vec<(&Impact, u32)> = own.iter().map(|i| (*i, i.tooth % self.gaps.count)).collect();
+        let teeth = Rhythm { period_s: self.period_s, count: self.gaps.count }.measured(&numbered);
+        self.period_s = teeth.period_s;
+        let arrivals = teeth.arrivals(&numbered);
+        let periods = (self.within_s.1 - self.within_s.0) / self.period_s;
+        if arrivals.impacts.len() as f64 >= IN_RHYTHM * periods {
+            own.clear();
+            own.extend(arrivals.impacts.iter().map(|(i, _)| *i));
+        }
+        self.gaps = Order::new(0, self.gaps.count, arrivals.is_rising);
+    }
+
+    /// Gaps and joints at which no bush arrives in time.
+    fn absentees<'b>(&self, own: &[&'b Impact]) -> Vec<Candidate<'b>> {
+        let mut found = Vec::new();
+        // An arrival may be late by a period.
+        let within_s = (self.within_s.0 + self.period_s, self.within_s.1 - self.period_s);
+        for (is_tooth, order) in [(true, self.gaps), (false, self.joints)] {
+            let number = |i: &Impact| {
+                let number = if is_tooth { Some(i.tooth) } else { self.loops.joint(i) };
+                number.map(|n| n.wrapping_sub(order.first) % order.count)
+            };
+            let numbered: Vec<(&Impact, u32)> = own.iter().filter_map(|i| Some((*i, number(i)?))).collect();
+            let rhythm = Rhythm { period_s: self.period_s, count: order.count };
+            let arrivals = rhythm.arrivals(&numbered);
+            for (number, due_s) in rhythm.absent(&arrivals, within_s) {
+                let key = Key { body: self.body, is_tooth, number: order.first + number };
+                let who = self.named(key);
+                let n = due_s.len();
+                let first_s = due_s.first().copied().unwrap_or(0.0);
+                let text = format!(
+                    "{who}: no bush seats in time, in none of {n} passes, where others do in every one (first {:.4} ms)",
+                    first_s * 1e3
+                );
+                let suspect = Suspect {
+                    quantity: "arrivals",
+                    median: 0.0,
+                    others: n as f64,
+                    departure: ABSENT,
+                    score: ABSENT * (n as f64).sqrt(),
+                    impacts: 0,
+                    first_s,
+                    text,
+                    ..self.suspect(key)
+                };
+                found.push(Candidate {
+                    key,
+                    is_touch: true,
+                    bushed: true,
+                    suspect,
+                    impacts: Vec::new(),
+                    times_s: due_s,
+                });
+            }
+        }
+        found
+    }
+
+    fn suspect(&self, key: Key) -> Suspect {
+        let empty = empty_suspect(self.path);
+        match (key.is_tooth, self.bushed) {
+            (true, _) => Suspect { kind: "tooth", tooth: Some(key.number), ..empty },
+            (false, true) => {
+                let link = if self.is_forwards { self.loops.ahead(key.number) } else { key.number };
+                Suspect { kind: "link", link: Some(link), joint: Some(key.number), ..empty }
+            }
+            (false, false) => Suspect { kind: "link", link: Some(key.number), ..empty },
+        }
+    }
+
+    /// The place in words.
+    fn named(&self, key: Key) -> String {
+        let path = self.path;
+        match (key.is_tooth, self.suspect(key).link) {
+            (true, _) => format!("{path}, tooth gap {}", key.number),
+            (false, Some(link)) if self.bushed => {
+                let end = if self.is_forwards { "rear" } else { "front" };
+                format!("link {link} or its {end} joint {}, on {path}", key.number)
+            }
+            (false, _) => format!("link {} on {path}", key.number),
+        }
+    }
+
+    /// The group, if it stands out, or might as the neighbour of one that does.
+    fn candidate<'b>(
+        &self,
+        key: Key,
+        q: usize,
+        group: &[&ImpactCase<'b>],
+        medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
+    ) -> Option<Candidate<'b>> {
+        let departure = lower_median(group.iter().map(|c| c.departure[q]).collect());
+        let score = departure * (group.len() as f64).sqrt();
+        let (here, others) = (
+            median(group.iter().map(|c| c.value[q]).collect()),
+            median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
+        );
+        let off = (here - others).abs();
+        let counts = if q == ARRIVAL { off >= MIN_DELAY_S } else { off >= SHARE * others.abs() };
+        if score.is_nan() || score < WEAK_SCORE || !counts {
+            return None;
+        }
+        let (quantity, words, unit, factor) = QUANTITIES[q];
+        let first_s = group.iter().map(|c| c.impact.t_s).fold(f64::INFINITY, f64::min);
+        let how = if q == ARRIVAL {
+            format!("{:.2} us {}", off * factor, if here > others { "late" } else { "early" })
+        } else {
+            format!("{words} {:.3} {unit} where others have {:.3} {unit}", here * factor, others * factor)
+        };
+        let text = format!(
+            "{}: {how} ({departure:.1} times the scatter, score {score:.0}; {} impacts, first {:.4} ms)",
+            self.named(key),
+            group.len(),
+            first_s * 1e3
+        );
+        let suspect = Suspect {
+            quantity,
+            median: here,
+            others,
+            departure: departure.min(CERTAIN),
+            score,
+            impacts: group.len(),
+            first_s,
+            text,
+            ..self.suspect(key)
+        };
+        let impacts: Vec<&Impact> = group.iter().map(|c| c.impact).collect();
+        let times_s = impacts.iter().map(|i| i.t_s).collect();
+        let is_touch = q == ARRIVAL || q == APPROACH;
+        Some(Candidate { key, is_touch, bushed: self.bushed, suspect, impacts, times_s })
+    }
 }
 
 /// Separates causes from consequences.
-fn causes(mut candidates: Vec<Candidate<'_>>, tooth: (u32, u32), joint: (u32, u32)) -> Vec<Suspect> {
-    let mut found = Vec::new();
-    let touch = |c: &Candidate<'_>| c.q == ARRIVAL || c.q == APPROACH;
-    while let Some(top) = candidates
-        .iter()
-        .filter(|c| touch(c) || !candidates.iter().any(touch))
-        .max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score))
-    {
-        let (is_tooth, (step, n)) = (top.is_tooth, if top.is_tooth { tooth } else { joint });
-        let stands_out = |key: u32| candidates.iter().any(|c| c.is_tooth == is_tooth && c.key == key && touch(c));
-        let mut key = top.key;
-        // Goes back over neighbours that stand out to the first arrival, across gaps of one.
-        let before = |key: u32, by: u32| (key + by * (n - step)) % n;
-        for _ in 0..CONSEQUENCES {
-            match (stands_out(before(key, 1)), stands_out(before(key, 2))) {
-                (true, _) => key = before(key, 1),
-                (false, true) => key = before(key, 2),
-                (false, false) => break,
-            }
-        }
-        let same = |c: &&Candidate<'_>| c.is_tooth == is_tooth && c.key == key;
-        let root = candidates.iter().filter(same).max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score));
-        let Some(root) = root.or(Some(top)) else { break };
-        found.push(root.suspect.clone());
-        // The force also affects the neighbour before it.
-        let follows: Vec<u32> = (0..=CONSEQUENCES + 1).map(|by| (before(key, 1) + by * step) % n).collect();
-        let mut covered: Vec<(u64, u32)> = Vec::new();
-        for c in candidates.iter().filter(|c| c.is_tooth == is_tooth && follows.contains(&c.key)) {
+fn causes(
+    mut candidates: Vec<Candidate<'_>>,
+    orders: &BTreeMap<usize, (Order, Order)>,
+    header: &Header,
+    period_s: f64,
+) -> Vec<Suspect> {
+    let mut found: Vec<Suspect> = Vec::new();
+    while let Some(top) = first_of(&candidates) {
+        let Some((gaps, joints)) = orders.get(&top.body) else { break };
+        let order = if top.is_tooth { gaps } else { joints };
+        let root = traced(&candidates, top, order);
+        let at_root = || candidates.iter().filter(|c| c.key == root);
+        let by_score = |a: &&Candidate<'_>, b: &&Candidate<'_>| a.suspect.score.total_cmp(&b.suspect.score);
+        let Some(cause) = at_root().max_by(by_score) else { break };
+        // The force also affects the neighbours before it.
+        let follows: Vec<u32> =
+            (0..=CONSEQUENCES + 2).map(|by| order.moved(order.before(root.number, 2), by)).collect();
+        let is_neighbour = |c: &Candidate<'_>| {
+            (c.key.body, c.key.is_tooth) == (root.body, root.is_tooth) && follows.contains(&c.key.number)
+        };
+        let mut covered: BTreeSet<(u64, u32)> = BTreeSet::new();
+        for c in candidates.iter().filter(|c| is_neighbour(c)) {
             covered.extend(c.impacts.iter().map(|i| (i.step, i.link)));
         }
-        covered.sort_unstable();
-        let shares = |c: &Candidate<'_>| {
-            let of_it = c.impacts.iter().filter(|i| covered.binary_search(&(i.step, i.link)).is_ok()).count();
-            2 * of_it >= c.impacts.len()
+        let passes_s: Vec<f64> = at_root().flat_map(|c| c.times_s.iter().copied()).collect();
+        let is_close = |t_s: f64| {
+            let after = |pass_s: &f64| (t_s - pass_s) / period_s;
+            passes_s.iter().map(after).any(|periods| (-SHADOW.0..=SHADOW.1).contains(&periods))
         };
-        candidates.retain(|c| !shares(c));
+        let is_shadow = |c: &Candidate<'_>| {
+            let shared = c.impacts.iter().filter(|i| covered.contains(&(i.step, i.link))).count();
+            let close = c.times_s.iter().filter(|t_s| is_close(**t_s)).count();
+            let same_link = !root.is_tooth && !c.key.is_tooth && follows.contains(&c.key.number);
+            is_neighbour(c) || same_link || 2 * shared.max(close) >= c.times_s.len()
+        };
+        let mut shadows: Vec<Key> =
+            candidates.iter().filter(|c| is_shadow(c) && c.key != root && c.is_strong()).map(|c| c.key).collect();
+        shadows.sort_unstable();
+        shadows.dedup();
+        found.push(Suspect {
+            shadows: shadows.iter().map(|k| shadow_name(*k, root, header)).collect(),
+            ..cause.suspect.clone()
+        });
+        let kept: Vec<bool> = candidates.iter().map(|c| !is_shadow(c)).collect();
+        let mut kept = kept.into_iter();
+        candidates.retain(|_| kept.next().unwrap_or(false));
     }
     found
 }
 
-/// Whether the next tooth gap to arrive has the higher number.
-fn next_tooth_is_higher(impacts: &[&Impact], teeth: u32) -> bool {
-    let mut sorted: Vec<(u64, u32)> = impacts.iter().map(|i| (i.step, i.tooth)).collect();
-    sorted.sort_unstable();
-    let steps = |by: u32| sorted.windows(2).filter(|w| (w[0].1 + by) % teeth.max(1) == w[1].1).count();
-    steps(1) >= steps(teeth.max(1) - 1)
+/// Key of the group to begin with. Among bushes: of the largest departures the one with the highest score. Among flanks: the
+/// one with the largest sum of departures over all quantities.
+fn first_of(candidates: &[Candidate<'_>]) -> Option<Key> {
+    let strong = |bushed: bool| candidates.iter().filter(move |c| c.is_strong() && c.bushed == bushed);
+    let touch = strong(true).any(|c| c.is_touch);
+    let pool = || strong(true).filter(|c| c.is_touch || !touch);
+    let largest = pool().map(|c| c.suspect.departure).fold(0.0, f64::max);
+    let of_bushes = pool()
+        .filter(|c| c.suspect.departure >= ALIKE * largest)
+        .max_by(|a, b| a.suspect.score.total_cmp(&b.suspect.score))
+        .map(|c| c.key);
+    let mut sums: BTreeMap<Key, f64> = BTreeMap::new();
+    for c in strong(false) {
+        let of_key = candidates.iter().filter(|o| o.key == c.key).map(|o| o.suspect.departure);
+        sums.insert(c.key, of_key.sum());
+    }
+    of_bushes.or(sums.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(key, _)| key))
+}
+
+/// Goes back over neighbours that stand out to the first arrival, across gaps of one.
+fn traced(candidates: &[Candidate<'_>], top: Key, order: &Order) -> Key {
+    let of_top = || candidates.iter().filter(|c| c.key == top);
+    if of_top().any(|c| !c.bushed) {
+        return top;
+    }
+    let largest = of_top().map(|c| c.suspect.departure).fold(0.0, f64::max);
+    let stands_out = |number: u32| {
+        let key = Key { number, ..top };
+        candidates.iter().any(|c| c.key == key && c.is_touch && c.suspect.departure >= TRACED * largest)
+    };
+    let mut key = top;
+    for _ in 0..CONSEQUENCES {
+        let (one, two) = (order.before(key.number, 1), order.before(key.number, 2));
+        match (stands_out(one), stands_out(two)) {
+            (true, _) => key.number = one,
+            (false, true) => key.number = two,
+            (false, false) => break,
+        }
+    }
+    key
+}
+
+fn shadow_name(key: Key, root: Key, header: &Header) -> String {
+    let what = if key.is_tooth { "tooth gap" } else { "joint" };
+    let path = header.bodies.get(key.body).map_or("?", |b| b.path.as_str());
+    let on = if key.body == root.body { String::new() } else { format!(" on {path}") };
+    format!("{what} {}{on}", key.number)
 }
 
 fn is_bush(i: &Impact) -> bool {
     [Feature::FrontBush, Feature::RearBush, Feature::FrontRoller, Feature::RearRoller]
         .iter()
         .any(|f| i.feature == *f as u32)
-}
-
-/// Joint that carries a bush or a roller.
-fn joint_of(i: &Impact, header: &Header) -> Option<u32> {
-    if [Feature::FrontBush, Feature::FrontRoller].iter().any(|f| i.feature == *f as u32) {
-        return Some(i.link);
-    }
-    let behind = || header.links.iter().position(|l| l.ahead == i.link).map(|joint| joint as u32);
-    is_bush(i).then(behind).flatten()
 }
 
 fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {
@@ -242,7 +523,7 @@ fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANT
 }
 
 fn groups<'a, 'b>(
-    cases: &[&'a ImpactCase<'b>],
+    cases: &'a [ImpactCase<'b>],
     key: impl Fn(&Impact) -> Option<u32>,
 ) -> BTreeMap<u32, Vec<&'a ImpactCase<'b>>> {
     let mut all: BTreeMap<u32, Vec<&ImpactCase<'_>>> = BTreeMap::new();
@@ -275,59 +556,59 @@ fn empty_suspect(body: &str) -> Suspect {
         body: body.to_string(),
         tooth: None,
         link: None,
+        joint: None,
         quantity: "",
         median: 0.0,
         others: 0.0,
+        departure: 0.0,
         score: 0.0,
         impacts: 0,
         first_s: 0.0,
+        shadows: Vec::new(),
         text: String::new(),
     }
 }
 
-/// The group, if it stands out.
-fn outstanding_group<'a>(
-    suspect: Suspect,
-    (key, is_tooth, q): (u32, bool, usize),
-    group: &[&ImpactCase<'a>],
-    medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
-) -> Option<Candidate<'a>> {
-    let score = lower_median(group.iter().map(|c| c.departure[q]).collect()) * (group.len() as f64).sqrt();
-    let (here, others) = (
-        median(group.iter().map(|c| c.value[q]).collect()),
-        median(group.iter().filter_map(|c| medians.get(&c.impact.feature)).map(|m| m[q]).collect()),
-    );
-    let off = (here - others).abs();
-    let counts = if q == ARRIVAL { off >= MIN_DELAY_S } else { off >= SHARE * others.abs() };
-    if score.is_nan() || score < SCORE || !counts {
-        return None;
+/// The time that two recordings have in common.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Common {
+    pub from_s: f64,
+    pub to_s: f64,
+    /// Whether it is not the whole of both.
+    pub is_part: bool,
+    /// Time for which an impact is observed [s].
+    #[serde(skip)]
+    watched_s: f64,
+}
+
+/// None where it is too short for an impact to be observed.
+pub fn common(a: (f64, f64), b: (f64, f64), header: &Header) -> Option<Common> {
+    let (from_s, to_s) = (a.0.max(b.0), a.1.min(b.1));
+    let watched_s = crate::impacts::WATCHED_PERIODS * period_s(header);
+    let common = Common { from_s, to_s, is_part: a != b, watched_s };
+    (to_s - from_s > watched_s).then_some(common)
+}
+
+impl Common {
+    /// Whether both recordings observe an impact at this time to its end. Where they end together, those that the end cuts off count in both.
+    fn holds(&self, i: &Impact) -> bool {
+        !self.is_part || (i.t_s >= self.from_s && i.t_s + self.watched_s <= self.to_s)
     }
-    let (quantity, words, unit, factor) = QUANTITIES[q];
-    let first_s = group.iter().map(|c| c.impact.t_s).fold(f64::INFINITY, f64::min);
-    let who = match (suspect.tooth, suspect.link) {
-        (Some(tooth), _) => format!("{}, tooth gap {tooth}", suspect.body),
-        (_, Some(link)) if group.iter().all(|c| is_bush(c.impact)) => {
-            format!("link {link}: the bush behind it on {}", suspect.body)
-        }
-        (_, Some(link)) => format!("link {link} on {}", suspect.body),
-        _ => suspect.body.clone(),
-    };
-    let how = if q == ARRIVAL {
-        format!("{:.2} us {}", off * factor, if here > others { "late" } else { "early" })
-    } else {
-        format!("{words} {:.3} {unit} where others have {:.3} {unit}", here * factor, others * factor)
-    };
-    let text = format!("{who}: {how} (score {score:.0}; {} impacts, first {:.4} ms)", group.len(), first_s * 1e3);
-    let suspect = Suspect { quantity, median: here, others, score, impacts: group.len(), first_s, text, ..suspect };
-    Some(Candidate { key, is_tooth, q, suspect, impacts: group.iter().map(|c| c.impact).collect() })
 }
 
 /// Parts of bodies whose impacts differ from those of another recording, in number, force or speed; the largest
 /// difference first.
-pub fn compared_with(impacts: &[Impact], header: &Header, other: &[Impact], other_header: &Header) -> Vec<Suspect> {
+pub fn compared_with(
+    (impacts, header): (&[Impact], &Header),
+    (other, other_header): (&[Impact], &Header),
+    common: &Common,
+) -> Vec<Suspect> {
     let mut found = Vec::new();
     for info in &header.bodies {
-        let (mine, theirs) = (of_body(impacts, header, &info.path), of_body(other, other_header, &info.path));
+        let mut mine = of_body(impacts, header, &info.path);
+        let mut theirs = of_body(other, other_header, &info.path);
+        mine.retain(|i| common.holds(i));
+        theirs.retain(|i| common.holds(i));
         let median_of = |all: &[&Impact], value: fn(&Impact) -> f64| median(all.iter().map(|i| value(i)).collect());
         let compared: [(&'static str, &str, &str, f64, f64); 3] = [
             ("impacts", "impacts", "", mine.len() as f64, theirs.len() as f64),

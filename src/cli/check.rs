@@ -3,6 +3,7 @@
 use super::{Failure, Outcome, assemble, load_drive, print_json, print_out};
 use crate::elements::link_joint::LinkJoint;
 use crate::geometry::smartchain::Abutment;
+use crate::machine::Machine;
 use crate::model::{Model, SprocketModel};
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -29,6 +30,10 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs) -> Result<Outcome, Failure> {
     if args.migrate {
         return migrate(args);
+    }
+    let (name, text) = super::drive_text(&args.drive)?;
+    if crate::machine::is_lumped(&text) {
+        return check_lumped(args, &name, &text);
     }
     let drive = load_drive(&args.drive, &args.set)?;
     let assembly = assemble(&drive)?;
@@ -155,4 +160,42 @@ fn centre_distances(model: &Model) -> Vec<(String, f64)> {
         all.extend(pairs.map(|(a, b)| (format!("{} to {}", a.name, b.name), (a.frame.origin - b.frame.origin).norm())));
     }
     all
+}
+
+/// A lumped drive: its bodies and what joins them. It has no links to assemble.
+fn check_lumped(args: &CheckArgs, name: &str, text: &str) -> Result<Outcome, Failure> {
+    let machine = Machine::parse(name, text, &args.set).map_err(|report| Failure::Input(report.to_string()))?;
+    let value = |slot: Option<usize>| slot.and_then(|s| machine.values.get(s).copied());
+    let springs = || machine.springs.iter().map(|s| (s, machine.spring_numbers(&machine.values, s)));
+    if args.json {
+        let inertia = |slides: bool| if slides { "mass_kg" } else { "inertia_kg_m2" };
+        return print_json(&serde_json::json!({
+            "drive": machine.name,
+            "title": machine.title,
+            "fidelity": "lumped",
+            "bodies": machine.bodies.iter().map(|b| serde_json::json!({
+                "name": b.name, "teeth": b.teeth, inertia(b.slides): value(b.inertia),
+            })).collect::<Vec<_>>(),
+            "springs": springs().map(|(s, (stiffness, damping))| serde_json::json!({
+                "name": s.name, "stiffness": stiffness, "damping": damping,
+            })).collect::<Vec<_>>(),
+            "sensors": machine.sensors.iter().map(|s| &s.path).collect::<Vec<_>>(),
+        }));
+    }
+    let mut said = format!(
+        "{}: {}\n  lumped: no links to simulate; `pitchline identify` holds it against records\n",
+        machine.name, machine.title
+    );
+    for b in &machine.bodies {
+        let (what, unit) = if b.slides { ("mass", "kg") } else { ("inertia", "kg m2") };
+        let size = value(b.inertia).map_or(String::new(), |v| format!(", {what} {v:.6} {unit}"));
+        let teeth = b.teeth.map_or(String::new(), |z| format!(", {z} teeth"));
+        let _infallible = writeln!(said, "  body `{}`{teeth}{size}", b.name);
+    }
+    for (s, (stiffness, damping)) in springs() {
+        let _infallible =
+            writeln!(said, "  spring `{}`: stiffness {stiffness:.5e}, damping {damping:.5e} (SI)", s.name);
+    }
+    let _infallible = writeln!(said, "  {} sensors, {} effects", machine.sensors.len(), machine.placed.len());
+    print_out(&said)
 }

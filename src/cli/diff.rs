@@ -39,14 +39,17 @@ fn text(args: &DiffArgs, d: &Difference) -> String {
         None if d.equal => lines.push("  equal, to the bit".into()),
         None => lines.push("  no difference in the frames that both have".into()),
         Some(first) => {
-            let unit = if first.body.starts_with("link") { "m" } else { "rad" };
+            let by = match first.distance {
+                0.0 => ", whose poses are still equal".to_string(),
+                _ if first.body.starts_with("link") => format!(", by {:.3e} um", first.distance * 1e6),
+                _ => format!(", by {:.3e} rad", first.distance),
+            };
             lines.push(format!(
-                "  they part at frame {}, step {}, {:.6} ms: {}, by {:.3e} {unit}",
+                "  they part at frame {}, step {}, {:.6} ms: {}{by}",
                 first.frame,
                 first.step,
                 first.t_s * 1e3,
-                first.body,
-                first.distance
+                first.body
             ));
             lines.push(format!("    {}", first.what));
             lines.push("      t [ms]  largest displacement [um]  of link  joint force [N]  chain torque [N m]".into());

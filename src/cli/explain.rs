@@ -2,7 +2,7 @@
 
 use super::run::instant;
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::explain::{FreeBody, explain};
+use crate::analysis::explain::{FreeBody, explain, of_joint};
 use crate::recording::frame::Feature;
 use crate::render::{free_body, png};
 use crate::replay::Replay;
@@ -84,7 +84,7 @@ fn draw(path: &Path, recording: &Path, replay: &Replay, body: &FreeBody) -> Resu
 fn text(b: &FreeBody) -> String {
     let mut lines = vec![
         format!("link {} at {:.6} ms, step {}", b.link, b.t_s * 1e3, b.step),
-        "forces on it                                                             x [N]       y [N]    size [N]  moment [mN m]"
+        "forces on it, means over this step                                       x [N]       y [N]    size [N]  moment [mN m]"
             .to_string(),
     ];
     let row = |name: &str, x: f64, y: f64, m: f64| {
@@ -104,9 +104,9 @@ fn text(b: &FreeBody) -> String {
     ));
     for c in &b.contacts {
         let tooth = c.tooth.map_or(String::new(), |t| format!(", tooth gap {t}"));
-        lines.push(format!("{} on {}{tooth}, {}:", c.feature, c.body, c.segment));
+        lines.push(format!("{} on {}{tooth}, {}:", of_joint(c.feature, c.joint), c.body, c.segment));
         lines.push(format!(
-            "  {:.3} um {}, {:.1} N, friction {:.1} N; touched {:.1} us ago at {:.3} m/s",
+            "  {:.3} um {}, {:.1} N on average over this step, friction {:.1} N; touched {:.1} us ago at {:.3} m/s",
             c.penetration_m.abs() * 1e6,
             if c.penetration_m > 0.0 { "deep" } else { "apart" },
             c.normal_force_n,
@@ -114,8 +114,11 @@ fn text(b: &FreeBody) -> String {
             c.age_s * 1e6,
             c.approach_speed_m_s
         ));
-        let whole = if c.history_is_whole { "since then" } else { "since the keyframe, it touched before" };
-        lines.push(format!("  {whole}: largest force {:.1} N at {:.6} ms", c.peak_force_n, c.peak_t_s * 1e3));
+        lines.push(if c.history_is_whole {
+            format!("  peak of its impact {:.1} N, reached by {:.6} ms", c.peak_force_n, c.peak_t_s * 1e3)
+        } else {
+            "  the peak of its impact is not known: it touched before the keyframe".to_string()
+        });
         if let Some(a) = &c.approach {
             lines.push(format!(
                 "  its approach speed of {:.3} m/s at {:.6} ms came from",

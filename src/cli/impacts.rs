@@ -1,8 +1,9 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::suspects::{Suspect, compared_with, suspects};
+use crate::analysis::suspects::{Common, Suspect, Verdict, common, compared_with, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
+use crate::recording::places::Loops;
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,7 @@ pub struct ImpactsArgs {
     /// Only impacts of this link
     #[arg(long, value_name = "N")]
     link: Option<u32>,
-    /// Report differences from the impacts of this recording of the same length
+    /// Report differences from the impacts of this recording, over the time that both have
     #[arg(long, value_name = "REC")]
     against: Option<PathBuf>,
     /// Print JSON
@@ -58,13 +59,16 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
     }
     let (all, heads) = read(&mut reader)?;
     let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
-    let suspects = match &mut other {
-        None => suspects(&all, &header),
+    let (verdict, common) = match &mut other {
+        None => (suspects(&all, &header, span(&heads)), None),
         Some(other) => {
-            let (their, _) = read(other)?;
-            compared_with(&all, &header, &their, other.header())
+            let (their, their_heads) = read(other)?;
+            let common = in_common(args, (&heads, &their_heads), &header)?;
+            let suspects = compared_with((&all, &header), (&their, other.header()), &common);
+            (Verdict { suspects, links_take_s: None }, Some(common))
         }
     };
+    let suspects = &verdict.suspects;
     let mut list: Vec<(usize, &Impact)> = all
         .iter()
         .enumerate()
@@ -86,14 +90,37 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "drive": header.drive_name,
             "impacts_in_all": all.len(),
             "found": n_found,
+            "compared": common,
+            "links_take_s": verdict.links_take_s,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
         }))
     } else {
-        Answer::Text(text(&args.recording, &header, &heads, &list, (n_found, &all), &suspects))
+        Answer::Text(text(&args.recording, &header, &heads, &list, (n_found, &all), &verdict, common.as_ref()))
     };
     let readers: Vec<&Reader> = std::iter::once(&reader).chain(&other).collect();
     answer(&readers, found, Outcome::Done)
+}
+
+/// Time of a recording's frames [s].
+fn span(heads: &[FrameHead]) -> (f64, f64) {
+    (heads.first().map_or(0.0, |h| h.t_s), heads.last().map_or(0.0, |h| h.t_s))
+}
+
+/// The time that two recordings have in common.
+fn in_common(args: &ImpactsArgs, heads: (&[FrameHead], &[FrameHead]), header: &Header) -> Result<Common, Failure> {
+    let (mine, theirs) = (span(heads.0), span(heads.1));
+    common(mine, theirs, header).ok_or_else(|| {
+        let ms = |(from_s, to_s): (f64, f64)| format!("goes from {:.3} to {:.3} ms", from_s * 1e3, to_s * 1e3);
+        let name = |path: Option<&Path>| path.map_or(String::new(), |p| p.display().to_string());
+        Failure::Input(format!(
+            "{} {}, {} {}: they have no time in common in which an impact could be observed",
+            name(Some(&args.recording)),
+            ms(mine),
+            name(args.against.as_deref()),
+            ms(theirs)
+        ))
+    })
 }
 
 /// All impacts in order of time, and the frames' steps.
@@ -110,6 +137,11 @@ fn read(reader: &mut Reader) -> Result<(Vec<Impact>, Vec<FrameHead>), Failure> {
     })?;
     impacts.sort_by_key(|i| (i.step, i.link, i.feature, i.body));
     Ok((impacts, heads))
+}
+
+/// All impacts in order of time.
+pub(super) fn all(reader: &mut Reader) -> Result<Vec<Impact>, Failure> {
+    Ok(read(reader)?.0)
 }
 
 /// The impact with this number in order of time.
@@ -149,6 +181,7 @@ fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recordi
     serde_json::json!({
         "number": number,
         "link": i.link,
+        "joint": Loops::new(header).joint(i),
         "feature": Feature::name(i.feature),
         "body": body.map(|b| b.path.as_str()),
         "tooth": body.filter(|b| b.rotor).map(|_| i.tooth),
@@ -165,17 +198,19 @@ fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recordi
         "watched_s": i.watched_s,
         "x_m": i.x_m,
         "y_m": i.y_m,
-        "open_in_rerun": open_in_rerun(number, recording),
+        "open_in_rerun": open_in_rerun(number, header, recording),
         "open_in_foxglove": open_in_foxglove(i),
     })
 }
 
-/// The viewer cannot be started at a given time; instead the command makes a recording around the impact.
-fn open_in_rerun(number: usize, recording: &Path) -> String {
-    format!(
-        "pitchline zoom {} --impact {number} -o impact-{number}.rrd && rerun impact-{number}.rrd",
-        recording.display()
-    )
+/// The viewer cannot be started at a given time; instead the command makes a recording around the impact. Several drives
+/// side by side cannot be run again: their recording is opened as it is.
+fn open_in_rerun(number: usize, header: &Header, recording: &Path) -> String {
+    let path = recording.display();
+    if header.is_merged() {
+        return format!("pitchline view {path}");
+    }
+    format!("pitchline zoom {path} --impact {number} -o impact-{number}.rrd && pitchline view impact-{number}.rrd")
 }
 
 /// Foxglove's playback bar takes a time of day; recordings start at 1970.
@@ -191,8 +226,11 @@ fn text(
     heads: &[FrameHead],
     list: &[(usize, &Impact)],
     (found, all): (usize, &[Impact]),
-    suspects: &[Suspect],
+    verdict: &Verdict,
+    common: Option<&Common>,
 ) -> String {
+    let suspects = &verdict.suspects;
+    let loops = Loops::new(header);
     let mut lines = vec![format!("{}: {found} of {} impacts, {} shown", recording.display(), all.len(), list.len())];
     if all.is_empty() {
         lines.push(
@@ -201,15 +239,16 @@ fn text(
     }
     if !list.is_empty() {
         lines.push(
-            "   no.  frame     t [ms]  link  part               body             tooth  where                  v [m/s]  peak [N]  rise [us]  impulse [mN s]"
+            "   no.  frame     t [ms]  link  part               joint  body             tooth  where                  v [m/s]  peak [N]  rise [us]  impulse [mN s]"
                 .into(),
         );
     }
     for (number, i) in list {
         let body = header.bodies.get(i.body as usize);
         let tooth = body.filter(|b| b.rotor).map_or("-".to_string(), |_| i.tooth.to_string());
+        let joint = loops.joint(i).map_or("-".to_string(), |j| j.to_string());
         lines.push(format!(
-            "{number:6} {:6} {:10.4} {:5}  {:18} {:16} {tooth:>5}  {:22} {:7.3}  {:8.1}  {:9.2}  {:14.3}",
+            "{number:6} {:6} {:10.4} {:5}  {:18} {joint:>5}  {:16} {tooth:>5}  {:22} {:7.3}  {:8.1}  {:9.2}  {:14.3}",
             frame_of(i, heads).map_or("-".to_string(), |f| f.to_string()),
             i.t_s * 1e3,
             i.link,
@@ -222,18 +261,47 @@ fn text(
             i.impulse_n_s * 1e3,
         ));
     }
+    if let Some(Common { from_s, to_s, .. }) = common.filter(|c| c.is_part) {
+        let (from_ms, to_ms) = (from_s * 1e3, to_s * 1e3);
+        lines.push(format!("compared from {from_ms:.3} to {to_ms:.3} ms, which both recordings have"));
+    }
     if suspects.is_empty() {
         lines.push("what stands out: nothing".into());
     } else {
         lines.push("what stands out:".into());
-        lines.extend(suspects.iter().take(SUSPECTS).map(|s| format!("  {}", s.text)));
+        lines.extend(suspects.iter().take(SUSPECTS).flat_map(suspect_text));
+    }
+    if let Some(takes_s) = verdict.links_take_s {
+        let takes_ms = takes_s * 1e3;
+        lines.push(format!(
+            "links are not judged: they must arrive twice, which takes {takes_ms:.0} ms; `audit` measures them"
+        ));
     }
     // The first suspect's impact, else the first of the list.
     let example = suspects.first().and_then(|s| first_of(s, all, header)).and_then(|n| Some((n, all.get(n)?)));
     if let Some((number, i)) = example.as_ref().or(list.first()) {
-        lines.push(format!("open impact {number}: {}", open_in_rerun(*number, recording)));
+        lines.push(format!("open impact {number}: {}", open_in_rerun(*number, header, recording)));
         lines.push(format!("  or in Foxglove go to {}; the log /events has them all", open_in_foxglove(i)));
-        lines.push(format!("  why: pitchline explain {} --impact {number}", recording.display()));
+        lines.push(if header.is_merged() {
+            "  to look closer and to explain it, record its drive alone: `pitchline run`".into()
+        } else {
+            format!("  why: pitchline explain {} --impact {number}", recording.display())
+        });
     }
     lines.join("\n") + "\n"
+}
+
+/// Shadows of a suspect that are printed.
+const SHADOWS: usize = 6;
+
+/// A suspect, and what stands out because of it alone.
+fn suspect_text(suspect: &Suspect) -> Vec<String> {
+    let mut lines = vec![format!("  {}", suspect.text)];
+    let n = suspect.shadows.len();
+    if n > 0 {
+        let shown = suspect.shadows.iter().take(SHADOWS).cloned().collect::<Vec<_>>().join(", ");
+        let more = if n > SHADOWS { format!(" and {} more", n - SHADOWS) } else { String::new() };
+        lines.push(format!("    its shadow, not a cause of their own: {shown}{more}"));
+    }
+    lines
 }

@@ -42,5 +42,12 @@ pub fn run(args: &LumpArgs) -> Result<Outcome, Failure> {
             .collect();
         return print_json(&serde_json::json!({ "inertia_kg_m2": l.inertia_kg_m2, "spans": spans }));
     }
-    if args.output.is_some() { Ok(Outcome::Done) } else { print_out(&text) }
+    let Some(path) = &args.output else { return print_out(&text) };
+    let names: Vec<&str> = l.spans.iter().map(|s| s.name.as_str()).collect();
+    print_out(&format!(
+        "wrote {}: a lumped drive of {} bodies and the spans {}\n  `pitchline check` reads it, `pitchline identify` holds it against records\n",
+        path.display(),
+        l.inertia_kg_m2.len(),
+        names.join(", ")
+    ))
 }

@@ -310,15 +310,33 @@ fn assembly_failure(e: crate::assemble::AssemblyError) -> Failure {
 
 /// Index of the body of a recording with this path, or whose path ends in this name.
 fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<usize, Failure> {
-    if let Some(k) = header.bodies.iter().position(|b| b.path == name || crate::diag::last_name(&b.path) == name) {
+    // `driver` names `sprockets.driver`, and `bush.driver` the one of the bush drive in a recording of several.
+    let is_meant = |path: &str| {
+        let mut rest = path.split('.').rev();
+        let mut wanted = name.split('.').rev();
+        wanted.next() == rest.next() && wanted.all(|word| rest.any(|r| r == word))
+    };
+    if let Some(k) = header.bodies.iter().position(|b| b.path == name) {
         return Ok(k);
     }
-    let known: Vec<String> = header.bodies.iter().map(|b| crate::diag::last_name(&b.path).to_string()).collect();
-    let help = match crate::diag::nearest(name, known.iter().map(String::as_str)) {
-        Some(near) => format!("did you mean `{near}`?"),
-        None => format!("there are: {}", known.join(", ")),
-    };
-    Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
+    let meant: Vec<usize> = (0..header.bodies.len()).filter(|k| is_meant(&header.bodies[*k].path)).collect();
+    let path = |k: &usize| format!("`{}`", header.bodies[*k].path);
+    match meant[..] {
+        [k] => Ok(k),
+        [] => {
+            let known: std::collections::BTreeSet<String> =
+                header.bodies.iter().map(|b| crate::diag::last_name(&b.path).to_string()).collect();
+            let help = match crate::diag::nearest(name, known.iter().map(String::as_str)) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("there are: {}", known.into_iter().collect::<Vec<_>>().join(", ")),
+            };
+            Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
+        }
+        _ => {
+            let several = meant.iter().map(path).collect::<Vec<_>>().join(", ");
+            Err(Failure::Input(format!("`{name}` may be any of {several}\nhelp: give more of its path")))
+        }
+    }
 }
 
 /// Opens a recording and reports what it lacks. A missing or invalid file is an error of the user.

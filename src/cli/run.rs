@@ -45,7 +45,7 @@ pub struct RunArgs {
     /// Time between two frames in these windows [default: every step]
     #[arg(long, value_name = "T", requires = "around", value_parser = duration)]
     around_every: Option<f64>,
-    /// Recording to write, .mcap or .rrd; may be given several times [default: recordings/DRIVE.mcap and .rrd]
+    /// Recording to write, .mcap or .rrd; may be given several times [default: recordings/DRIVE.mcap and .rrd; DRIVE-break with --break]
     #[arg(short, long = "output", value_name = "FILE")]
     output: Vec<PathBuf>,
     /// Write no recording
@@ -415,6 +415,8 @@ fn output_paths(args: &RunArgs, drive: &Drive) -> Result<Vec<PathBuf>, Failure> 
             (Some(_), None) => format!("{}-resumed", drive.name),
             (Some(_), Some(t_s)) => format!("{}-from-{:.3}ms", drive.name, t_s * 1e3),
         };
+        // A run that a break expression ends does not replace the whole recording.
+        let name = if args.breaks.is_empty() { name } else { format!("{name}-break") };
         extensions().iter().map(|e| Path::new("recordings").join(format!("{name}.{e}"))).collect()
     } else {
         args.output.clone()

@@ -103,7 +103,8 @@ pub fn run(args: &SnapshotArgs) -> Result<Outcome, Failure> {
         None => ViewCentre::Drive,
         Some(what) => resolve(what, &header)?,
     };
-    let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints };
+    let impacts = super::impacts::all(&mut reader)?;
+    let options = SnapshotOptions { around, width_mm: args.width_mm, joints: args.joints, impacts: &impacts };
     let shown_frames: Vec<&Frame> = frames.iter().collect();
     let (drawing, bytes) = match args.animate {
         Some(per_second) => {

@@ -124,6 +124,8 @@ impl Drive {
         e.gap_waves.iter_mut().for_each(|w| w.sprocket -= own.start);
         e.pitch_errors.retain(|p| links.contains(&p.link));
         e.pitch_errors.iter_mut().for_each(|p| p.link -= links.start);
+        e.link_masses.retain(|m| links.contains(&m.link));
+        e.link_masses.iter_mut().for_each(|m| m.link -= links.start);
         e.tight_joints.retain(|t| links.contains(&t.joint));
         e.tight_joints.iter_mut().for_each(|t| t.joint -= links.start);
         alone.sensors.clear();

@@ -4,7 +4,9 @@ use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainFidelity, ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
 use crate::diag::{Diag, Report};
-use crate::effects::{gap_error, guide_compliance, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error};
+use crate::effects::{
+    Effect, gap_error, guide_compliance, link_mass, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error,
+};
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Rail;
@@ -142,9 +144,8 @@ impl Drive {
         let links: usize = (0..self.chains()).map(|c| self.link_bodies_of(c)).sum();
         let help =
             format!("links and joints are numbered 0 to {} through all chains with links", links.saturating_sub(1));
-        for e in self.effects.pitch_errors.iter().filter(|e| e.link >= links) {
-            let path = pitch_error::ROW.path(&e.name, "link");
-            mistakes.add(&path, format!("the chains have no link {}", e.link), &help);
+        for (effect, name, link) in self.link_effects().filter(|(_, _, link)| *link >= links) {
+            mistakes.add(&effect.path(name, "link"), format!("the chains have no link {link}"), &help);
         }
         for e in self.effects.tight_joints.iter().filter(|e| e.joint >= links) {
             let path = tight_joint::ROW.path(&e.name, "joint");
@@ -350,21 +351,13 @@ impl Drive {
     fn check_faults(&self, mistakes: &mut DriveErrors<'_>) {
         for e in &self.effects.gap_errors {
             let s = &self.sprockets[e.sprocket];
-            if e.gap >= s.teeth || matches!(self.chain, ChainSpec::Silent(_)) {
+            if e.gap >= s.teeth {
                 mistakes.add(
                     &gap_error::ROW.path(&s.name, "gap"),
-                    format!("sprocket `{}` has no gap {} that seats a bush", s.name, e.gap),
-                    &format!("bush and abutment chains: 0 to {}", s.teeth - 1),
+                    format!("sprocket `{}` has no gap {}", s.name, e.gap),
+                    &format!("its gaps are numbered 0 to {}", s.teeth - 1),
                 );
             }
-        }
-        for w in self.effects.gap_waves.iter().filter(|_| matches!(self.chain, ChainSpec::Silent(_))) {
-            let effect = if w.order.is_some() { &tooth_pitch_error::ROW } else { &sprocket_runout::ROW };
-            mistakes.add(
-                &format!("effects.{}.{}", effect.name, self.sprockets[w.sprocket].name),
-                "gaps of a silent chain's sprocket do not move so far".into(),
-                "bush and abutment chains take it",
-            );
         }
         for s in &self.sensors {
             if let SensorReads::Link(link) = s.reads
@@ -381,13 +374,20 @@ impl Drive {
                 &format!("joints are numbered 0 to {}", self.links - 1),
             );
         }
-        for e in self.effects.pitch_errors.iter().filter(|e| e.link >= self.links) {
+        for (effect, name, link) in self.link_effects().filter(|(_, _, link)| *link >= self.links) {
             mistakes.add(
-                &pitch_error::ROW.path(&e.name, "link"),
-                format!("the chain has no link {}", e.link),
+                &effect.path(name, "link"),
+                format!("the chain has no link {link}"),
                 &format!("links are numbered 0 to {}", self.links - 1),
             );
         }
+    }
+
+    /// Effects on single links: their rows, names and links.
+    fn link_effects(&self) -> impl Iterator<Item = (&'static Effect, &str, usize)> {
+        let longer = self.effects.pitch_errors.iter().map(|e| (&pitch_error::ROW, e.name.as_str(), e.link));
+        let heavier = self.effects.link_masses.iter().map(|e| (&link_mass::ROW, e.name.as_str(), e.link));
+        longer.chain(heavier)
     }
 
     /// Rails, and the arm that tightens the chain.

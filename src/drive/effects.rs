@@ -1,10 +1,10 @@
 //! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
 
 use super::reader::TomlTable;
-use super::{Effects, GapError, GapWave, GuideEffect, GuideSpec, PitchError, TightJoint, sensors};
+use super::{Effects, GapError, GapWave, GuideEffect, GuideSpec, LinkMass, PitchError, TightJoint, sensors};
 use crate::effects::{
-    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, pin_friction, pitch_error,
-    sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction,
+    pitch_error, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
 
 /// Effects on sprockets, links, joints, guides and signals.
@@ -99,6 +99,13 @@ fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
     for (name, t) in table.tables_or_set() {
         let [link, length_m] = numbers(&t, &pitch_error::ROW);
         effects.pitch_errors.push(PitchError { name, link: link as usize, length_m });
+        t.finish();
+    }
+    table.finish();
+    let table = t.table(link_mass::ROW.name);
+    for (name, t) in table.tables_or_set() {
+        let [link, mass_share, inertia_share] = numbers(&t, &link_mass::ROW);
+        effects.link_masses.push(LinkMass { name, link: link as usize, mass_share, inertia_share });
         t.finish();
     }
     table.finish();

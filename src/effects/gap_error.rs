@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     title: "One damaged tooth",
     part: Part::Sprocket,
     on: On::Sprocket,
-    equation: "links: the bush in this gap seats further out; lumped: stretch += e exp(-(theta_gap / (pi / z))^2)",
+    equation: "links: this gap, seat and flanks or the two faces of a silent sprocket, lies further out; lumped: stretch += e exp(-(theta_gap / (pi / z))^2)",
     source: "Form deviation of a single tooth gap, ISO 606",
     order: "all of its shaft, sidebands of z",
     speed_law: "0 (quasi-static)",

@@ -26,6 +26,7 @@ pub mod input_lag;
 pub mod input_offset;
 pub mod input_saturation;
 pub mod latency;
+pub mod link_mass;
 pub mod low_pass;
 pub mod mark_spacing;
 pub mod mark_strength;
@@ -459,12 +460,13 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 45] = [
+pub const EFFECTS: [&Effect; 46] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
     &polygon::ROW,
     &pitch_error::ROW,
+    &link_mass::ROW,
     &alternate_pitch::ROW,
     &wear_elongation::ROW,
     &tight_joint::ROW,

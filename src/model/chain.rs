@@ -342,6 +342,24 @@ impl ChainModel {
         self.renew_bush_levers();
     }
 
+    /// Makes link `i` heavier by these factors.
+    pub fn weigh(&mut self, i: usize, mass: f64, inertia: f64) {
+        self.mass[i] *= mass;
+        self.inertia[i] *= inertia;
+        self.inverse_mass[i] = 1.0 / self.mass[i];
+        self.inverse_inertia[i] = 1.0 / self.inertia[i];
+        if let Some(l) = self.loops.iter().find(|l| l.start == i) {
+            self.inverse_inertia[l.end] = self.inverse_inertia[i];
+        }
+        // Bushes that are no rollers have the mass of their link.
+        for j in [self.previous(i), i] {
+            if self.bush_carrier(j).0 == i && !self.is_roller(self.bush_lane(j)) {
+                self.bush_inverse_mass[j] = self.inverse_mass[i];
+                self.bush_inverse_inertia[j] = self.inverse_inertia[i];
+            }
+        }
+    }
+
     fn renew_bush_levers(&mut self) {
         for j in self.links().collect::<Vec<_>>() {
             let (link, front) = self.bush_carrier(j);

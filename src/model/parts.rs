@@ -1,7 +1,7 @@
 //! Parts of a drive as the steps need them: coordinates of sprockets, guides, rails, bodies that contours touch. Bodies that stand in each
 //! other's way are mistakes of the drive.
 
-use super::place::PlacedDrive;
+use super::place::{PlacedDrive, gap_shifts};
 use super::{ArmModel, GuideModel, Model, RailModel, SprocketModel, Toothing};
 use crate::diag::Diag;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
@@ -121,11 +121,13 @@ pub(super) fn build_end_bodies(
             stick_speed_m_s: spec.stick_speed_m_s,
         };
         let seats = || SeatDirections::new(s.geometry.teeth());
+        // Rings are round whatever the gaps are.
+        let gaps = || seats().shifted(gap_shifts(drive, &drive.sprockets[k]));
         match (&s.geometry, &placed.abutment, &placed.rings[k]) {
             (Toothing::Silent(sprocket), _, _) => {
                 let Some(tooth) = SilentTooth::new(sprocket) else { continue };
-                bodies.push(body(0, EndShape::OuterFlanks { tooth, seats: seats() }));
-                bodies.push(body(1, EndShape::InnerFlanks { tooth, seats: seats() }));
+                bodies.push(body(0, EndShape::OuterFlanks { tooth, seats: gaps() }));
+                bodies.push(body(1, EndShape::InnerFlanks { tooth, seats: gaps() }));
             }
             (Toothing::Iso(sprocket), Some(_), Some(ring)) => {
                 // Bushes lie ahead of the gap's axis on a sprocket that the chain drives, behind it on one that drives.

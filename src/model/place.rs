@@ -286,7 +286,7 @@ fn silent_key(e: &SilentSprocketError) -> &'static str {
 }
 
 /// Where the gaps of a sprocket lie beside their places; empty if none does.
-fn gap_shifts(drive: &Drive, s: &SprocketDrive) -> Vec<Vec2> {
+pub(super) fn gap_shifts(drive: &Drive, s: &SprocketDrive) -> Vec<Vec2> {
     let own = |sprocket: usize| drive.sprockets[sprocket].name == s.name;
     let errors: Vec<_> = drive.effects.gap_errors.iter().filter(|e| own(e.sprocket)).collect();
     let waves: Vec<_> = drive.effects.gap_waves.iter().filter(|w| own(w.sprocket) && w.amplitude_m != 0.0).collect();

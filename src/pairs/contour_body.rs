@@ -93,6 +93,8 @@ impl LinkContour {
 pub struct SeatDirections {
     cos: Vec<f64>,
     sin: Vec<f64>,
+    /// Where gaps lie beside their places: outwards, and counterclockwise, in the frame of each [m]; empty if none does.
+    shifts: Vec<Vec2>,
 }
 
 /// Arcs of one gap in the gap frame (+y = gap axis); -x is ahead.
@@ -186,7 +188,26 @@ impl SeatDirections {
     pub fn new(teeth: u32) -> SeatDirections {
         let angle = |k: u32| 2.0 * std::f64::consts::PI * f64::from(k) / f64::from(teeth);
         let (sin, cos) = (0..teeth).map(|k| sin_cos(angle(k))).unzip();
-        SeatDirections { cos, sin }
+        SeatDirections { cos, sin, shifts: Vec::new() }
+    }
+
+    /// With gaps that lie beside their places.
+    pub fn shifted(self, shifts: Vec<Vec2>) -> SeatDirections {
+        SeatDirections { shifts, ..self }
+    }
+
+    pub fn is_shifted(&self) -> bool {
+        !self.shifts.is_empty()
+    }
+
+    /// By how much gap `k` lies beside its place; `axis`: direction of its axis, in whose frame the answer is.
+    pub fn shift(&self, k: usize, axis: Vec2) -> Vec2 {
+        self.shifts.get(k).map_or(Vec2::zeros(), |shift| axis * shift.x + perp(axis) * shift.y)
+    }
+
+    /// The most that any gap does [m].
+    pub fn most_shift_m(&self) -> f64 {
+        self.shifts.iter().map(Vec2::norm).fold(0.0, f64::max)
     }
 
     /// Direction of the axis of gap `k`: cosine, sine.
@@ -274,8 +295,8 @@ impl EndBody {
             EndShape::Circle { radius_m } => radius_m + 3.0 * lever_m,
             EndShape::Lobes { ring, .. } => ring.crest_radius_m + 3.0 * lever_m,
             EndShape::Face { .. } => 3.0 * lever_m,
-            EndShape::OuterFlanks { tooth, .. } | EndShape::InnerFlanks { tooth, .. } => {
-                tooth.corner[0].centre.norm() + tooth.corner[0].radius_m + 3.0 * lever_m
+            EndShape::OuterFlanks { tooth, seats } | EndShape::InnerFlanks { tooth, seats } => {
+                tooth.corner[0].centre.norm() + tooth.corner[0].radius_m + 3.0 * lever_m + seats.most_shift_m()
             }
         }
     }
@@ -464,7 +485,7 @@ fn flank_touch(
     far_m: f64,
 ) -> Option<EndTouch> {
     let joint = pose.joint();
-    let limit = tooth.reach_m(pose.lever.abs());
+    let limit = tooth.reach_m(pose.lever.abs()) + seats.most_shift_m();
     if joint.norm_squared() > limit * limit {
         return None;
     }
@@ -476,7 +497,8 @@ fn flank_touch(
     // Gap frame: +y along the axis, +x to its right.
     let into_gap = |v: Vec2| Vec2::new(axis.y * v.x - axis.x * v.y, axis.dot(&v));
     let out_of_gap = |v: Vec2| Vec2::new(axis.y * v.x + axis.x * v.y, axis.y * v.y - axis.x * v.x);
-    let placed = |p: Vec2| into_gap(pose.centre + pose.into_world(p));
+    let shift = seats.shift(gap, axis);
+    let placed = |p: Vec2| into_gap(pose.centre + pose.into_world(p) - shift);
     let turned = |v: Vec2| into_gap(pose.into_world(v));
     let (start, stop, normal) = (placed(flank.start), placed(flank.end), turned(flank.normal));
     let toe = Circle { centre: placed(end.toe.centre), radius_m: end.toe.radius_m };
@@ -505,7 +527,7 @@ fn flank_touch(
         let crotch = Circle { centre: placed(contour.crotch.centre), radius_m: contour.crotch.radius_m };
         offer(corner_in_crotch(&tooth.corner[side], &crotch, turned(Vec2::new(0.0, 1.0))));
     }
-    best.map(|t| EndTouch { point: out_of_gap(t.point), normal: out_of_gap(t.normal), tooth: gap as u32, ..t })
+    best.map(|t| EndTouch { point: out_of_gap(t.point) + shift, normal: out_of_gap(t.normal), tooth: gap as u32, ..t })
 }
 
 /// A link's flank on a convex arc of the body; `normal` out of the link.

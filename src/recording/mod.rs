@@ -16,6 +16,7 @@ mod header;
 pub mod live;
 #[doc(hidden)]
 pub mod mcap;
+pub mod places;
 pub mod reader;
 #[cfg(feature = "rerun")]
 #[doc(hidden)]

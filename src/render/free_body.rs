@@ -93,7 +93,12 @@ fn table(header: &Header, b: &FreeBody) -> String {
         y += line;
     };
     for (number, f) in b.forces.iter().enumerate() {
-        put(&format!("{}  {:.1} N", number + 1, size(f)), colour(f));
+        let size = if f.kind == "pin friction" {
+            format!("{:.1} mN m", f.moment_nm * 1e3)
+        } else {
+            format!("{:.1} N", size(f))
+        };
+        put(&format!("{}  {size}", number + 1), colour(f));
         for piece in broken(&f.cause) {
             put(&piece, "#555");
         }

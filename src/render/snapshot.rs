@@ -13,7 +13,7 @@ mod legend;
 pub(crate) use forces::push_arrow;
 
 use super::escape;
-use crate::recording::frame::{BodyKind, Frame, Header, Outline};
+use crate::recording::frame::{BodyKind, Frame, Header, Impact, Outline};
 use crate::recording::view_geometry::{polyline, scene_bounds};
 use contours::{LONGEST_ARC_RAD, Pose, body_pose, circle_data, link_pose, longest_arc_rad, mm, path_data, reach_m};
 use labels::{OccupiedPlaces, Rect, take_place, take_place_beside};
@@ -32,12 +32,14 @@ pub enum ViewCentre {
 
 /// Options of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SnapshotOptions {
+pub struct SnapshotOptions<'a> {
     pub around: ViewCentre,
     /// Width of the view [mm]; None: fitted.
     pub width_mm: Option<f64>,
     /// Whether forces in joints are drawn.
     pub joints: bool,
+    /// Impacts of the recording: contacts that belong to one have its peak beside them.
+    pub impacts: &'a [Impact],
 }
 
 /// A drawing and its properties.
@@ -104,7 +106,7 @@ impl Panel {
 /// Data shared by all parts of a drawing.
 struct DrawingSheet<'a> {
     header: &'a Header,
-    options: SnapshotOptions,
+    options: SnapshotOptions<'a>,
     units_per_m: f64,
     /// Font size of numbers in the panels [user units].
     font: f64,
@@ -130,7 +132,7 @@ fn pitch_m(header: &Header) -> f64 {
 /// # Panics
 /// Without frames, if the link or body of `options.around` does not exist, and if columns are shorter than the header
 /// states.
-pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Drawing {
+pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions<'_>) -> Drawing {
     assert!(!frames.is_empty(), "no frame to draw");
     let rows = frames.len().div_ceil(MAX_IN_A_ROW);
     let columns = frames.len().div_ceil(rows);
@@ -147,7 +149,7 @@ pub fn draw(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Dra
 ///
 /// # Panics
 /// As [`draw`].
-pub fn draw_pages(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> Vec<Drawing> {
+pub fn draw_pages(header: &Header, frames: &[&Frame], options: SnapshotOptions<'_>) -> Vec<Drawing> {
     assert!(!frames.is_empty(), "no frame to draw");
     let (sheet, panels) = lay_out(header, frames, options, 1, |_, _| [MARGIN, TITLE_HEIGHT]);
     let width = 2.0 * MARGIN + PANEL_WIDTH[0];
@@ -159,7 +161,7 @@ pub fn draw_pages(header: &Header, frames: &[&Frame], options: SnapshotOptions) 
 fn lay_out<'a>(
     header: &'a Header,
     frames: &[&Frame],
-    options: SnapshotOptions,
+    options: SnapshotOptions<'a>,
     columns: usize,
     place: impl Fn(usize, [f64; 2]) -> [f64; 2],
 ) -> (DrawingSheet<'a>, Vec<Panel>) {
@@ -254,7 +256,7 @@ fn drive_box_m(header: &Header, frames: &[&Frame]) -> [[f64; 2]; 2] {
 }
 
 /// Width and height of the view [m].
-fn view_size_m(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> [f64; 2] {
+fn view_size_m(header: &Header, frames: &[&Frame], options: SnapshotOptions<'_>) -> [f64; 2] {
     let room_m = 2.2 * pitch_m(header);
     let of_box = |[low, high]: [[f64; 2]; 2]| [high[0] - low[0] + room_m, high[1] - low[1] + room_m];
     let [width, height] = match options.around {
@@ -278,7 +280,7 @@ fn view_size_m(header: &Header, frames: &[&Frame], options: SnapshotOptions) -> 
 }
 
 /// The centre of a frame's view [m].
-fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: SnapshotOptions, width_m: f64) -> [f64; 2] {
+fn centre_m(header: &Header, frames: &[&Frame], frame: &Frame, options: SnapshotOptions<'_>, width_m: f64) -> [f64; 2] {
     let middle = |[low, high]: [[f64; 2]; 2]| [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
     match options.around {
         ViewCentre::Drive => middle(drive_box_m(header, frames)),

@@ -3,7 +3,7 @@
 use super::contours::link_pose;
 use super::labels::{OccupiedPlaces, Rect, take_place_beside};
 use super::{DrawingSheet, FORCE, JOINT_FORCE, NUMBERED_PITCH, Panel, pitch_m, push_number, round_below};
-use crate::recording::frame::{Contacts, Frame};
+use crate::recording::frame::{Contacts, Frame, Impact};
 use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use std::fmt::Write;
 
@@ -126,12 +126,22 @@ pub fn push_contact_numbers(
             continue;
         }
         let line = shaft(panel, foot, force, sheet.contact_units_per_n.unwrap_or(0.0));
-        let lines = [format!("{}: {} N", c.link[i], digits(force_n)), depth_text(c.penetration_m[i])];
+        let mut lines = vec![format!("{}: {} N", c.link[i], digits(force_n)), depth_text(c.penetration_m[i])];
+        lines.extend(impact_of(sheet, frame, i).map(|impact| format!("peak {} N", digits(impact.peak_force_n))));
         if let Some(place) = take_place_beside(taken, Rect::around_text(&lines, size, line[1]), line) {
             push_leader(svg, line[1], &place);
             push_number(svg, &place, size, FORCE, &lines);
         }
     }
+}
+
+/// The impact that is still observed in contact `i`.
+fn impact_of<'a>(sheet: &DrawingSheet<'a>, frame: &Frame, i: usize) -> Option<&'a Impact> {
+    let c = &frame.contacts;
+    sheet.options.impacts.iter().find(|impact| {
+        let part = (impact.link, impact.feature, impact.body) == (c.link[i], c.feature[i], c.body[i]);
+        part && (impact.step..).contains(&frame.step) && frame.t_s <= impact.t_s + impact.watched_s
+    })
 }
 
 /// A thin line to a number that is away from its arrow.

@@ -46,7 +46,10 @@ pub fn entries(sheet: &DrawingSheet, width: f64) -> Vec<LegendEntry> {
         entries.push((Mark::Row(ROW_COLOURS[row % ROW_COLOURS.len()]), text));
     }
     if let Some(least_n) = forces::least_numbered_n(sheet) {
-        entries.push((Mark::Nothing, format!("numbers: link, force, penetration; from {least_n} N on")));
+        entries.push((Mark::Nothing, {
+            let peak = if sheet.options.impacts.is_empty() { "" } else { ", peak of its impact" };
+            format!("numbers: link, mean force over the step, penetration{peak}; from {least_n} N on")
+        }));
     }
     let mut at = [MARGIN, 0.0];
     let place = |(mark, text): (Mark, String)| {
