@@ -257,6 +257,8 @@ pub struct Model {
     pub order_loads: Vec<OrderLoad>,
     /// Bearings that let sprockets, shafts and rails give way.
     pub bearings: Vec<BearingModel>,
+    /// Coordinates of guides that stand on mounts.
+    pub mounts: Vec<usize>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
     /// Spans of chains without link bodies, in the order of the chains.
@@ -376,6 +378,7 @@ impl Model {
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),
+            mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             bores: vec![build_bore(drive, &placed.rows)],
@@ -410,6 +413,7 @@ impl Model {
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),
+            mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             bores: vec![None],

@@ -244,12 +244,12 @@ fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
     0.5 * (xx + yy) + libm::hypot(0.5 * (xx - yy), xy)
 }
 
-/// Bounds of the springs of bearings and of the modes of blades, and of the drag of films. Dampers, and films against the way of the axis, are
+/// Bounds of the springs of bearings, mounts of guides and modes of blades, and of the drag of films. Dampers, and films against the way of the axis, are
 /// taken implicitly.
 fn bearing_bounds(model: &Model) -> Vec<StepBound> {
     let ways = model.bearings.iter().flat_map(|b| b.ways);
     let modes = model.rails.iter().flat_map(|r| r.blade.iter().flat_map(|b| b.modes()));
-    let springs = ways.chain(modes).map(|k| &model.coordinates[k]).filter(|c| c.spring.stiffness > 0.0);
+    let springs = ways.chain(model.mounts.iter().copied()).chain(modes).map(|k| &model.coordinates[k]).filter(|c| c.spring.stiffness > 0.0);
     let bound = |c: &Coordinate| StepBound {
         step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
         cause: c.path.clone(),
