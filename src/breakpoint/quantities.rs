@@ -307,7 +307,7 @@ pub const QUANTITIES: [Quantity; 80] = [
     row(Scope::Contact, "segment", What::Segment, Dimension::Name, "which part of the body is touched"),
     row(Scope::Impact, "approach_speed", What::ApproachSpeed, Dimension::Speed, "closing speed at first touch"),
     row(Scope::Impact, "peak_force", What::PeakForce, Dimension::Force, "largest force within two tooth periods"),
-    row(Scope::Impact, "rise_time", What::RiseTime, Dimension::Time, "from a tenth to nine tenths of the peak"),
+    row(Scope::Impact, "rise_time", What::RiseTime, Dimension::Time, "from a tenth to nine tenths of the peak; none where the contact law's force jumps at the touch"),
     row(Scope::Impact, "impulse", What::Impulse, Dimension::Impulse, "until the force has fallen to half its peak"),
     row(Scope::Impact, "link", What::Link, Dimension::Number, "index of the link"),
     row(Scope::Impact, "tooth", What::Tooth, Dimension::Number, "tooth gap of a sprocket, from its mark"),
