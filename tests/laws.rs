@@ -12,7 +12,11 @@ const STIFFNESS: f64 = 1e8;
 const MASS: f64 = 1.4e-3;
 
 fn hunt_crossley(e: f64, at_m_s: f64) -> ContactLaw {
-    ContactLaw::HuntCrossley { stiffness_n_per_m: STIFFNESS, damping_s_per_m: restitution_hysteresis(e) / at_m_s }
+    ContactLaw::HuntCrossley {
+        stiffness_n_per_m_n: STIFFNESS,
+        exponent: 1.0,
+        damping_s_per_m: restitution_hysteresis(e) / at_m_s,
+    }
 }
 
 fn law_step(law: &ContactLaw, input: StepInput, old: bool) -> StepForce {

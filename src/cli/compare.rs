@@ -206,13 +206,13 @@ fn under_laws(args: &CompareArgs, drives: &[Drive]) -> Result<Outcome, Failure> 
 /// A line for each law and restitution: fastest touch in shares of p omega, and largest force while engaging.
 fn laws_table(rows: &[LawRow]) -> String {
     let Some(first) = rows.first() else { return String::new() };
-    let mut text = format!("{:<26} {:>4}", "contact law", "e");
+    let mut text = format!("{:<27} {:>4}", "contact law", "e");
     for d in &first.drives {
         let _infallible = write!(text, "  {:>24}", format!("{} %, N", d.drive));
     }
     text += "  claim\n";
     for row in rows {
-        let _infallible = write!(text, "{:<26} {:>4.1}", row.law.words(), row.restitution);
+        let _infallible = write!(text, "{:<27} {:>4.1}", row.law.words(), row.restitution);
         for d in &row.drives {
             let _infallible = write!(text, "  {:>14.2} {:>9.1}", 100.0 * d.touch_share, d.peak_n);
         }

@@ -385,8 +385,11 @@ fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
     if law.is_present() {
         let e = law.required("restitution", 1.0, 0.01..=1.0);
         let speed_m_s = law.required("restitution_at_m_s", 1.0, 1e-3..=1e3);
+        let exponent = law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.0);
+        let (key, most) = if exponent == 1.0 { ("stiffness_n_per_m", 1e13) } else { ("stiffness_n_per_m_n", 1e16) };
         laws.push(ContactLaw::HuntCrossley {
-            stiffness_n_per_m: law.required("stiffness_n_per_m", 1.0, 1e2..=1e13),
+            stiffness_n_per_m_n: law.required(key, 1.0, 1e2..=most),
+            exponent,
             damping_s_per_m: if e.is_finite() { restitution_hysteresis(e) / speed_m_s } else { f64::NAN },
         });
         law.finish();

@@ -5,13 +5,13 @@
 //! ```text
 //! linear                F_e = k d              G = c
 //! Hertz line contact    F_e from d(F), below   G = c
-//! Hunt-Crossley         F_e = k d              G = chi F_e
+//! Hunt-Crossley         F_e = K d^n            G = chi F_e
 //! Lankarani-Nikravesh   F_e = K d^n            G = lambda F_e / v_0,  lambda = 3 (1 - e^2) / 4
 //! restitution           F_e = K d^n            G = lambda F_e / v_0,  lambda from  lambda (1 + e) = ln[(1 + lambda) / (1 - lambda e)]
 //! ```
 //! v_0 is the approach speed at first touch. The last line is exact: the law returns the coefficient of restitution e that
 //! was asked for, whatever n, K and mass, while Lankarani-Nikravesh returns 0.8005 for 0.71 (Lankarani & Nikravesh 1990,
-//! their approximation holds near e = 1). chi = lambda / v_r of the Hunt-Crossley law (Hunt & Crossley 1975, with exponent 1) follows from
+//! their approximation holds near e = 1). chi = lambda / v_r of the Hunt-Crossley law (Hunt & Crossley 1975) follows from
 //! the same line and is a constant: an impact at the speed v_r returns e exactly, a slower one more, as metals do; what rests is damped
 //! by its load, and not by how it once came. Of the laws with G = c the force jumps to c v_0 at the touch, of the others it begins at zero.
 //!
@@ -24,8 +24,8 @@
 //! leapfrog are those of the true motion where its acceleration is the true one's mean with weights that fall from 1/h at the node
 //! to zero a step h before and after it: x(t + h) - 2 x(t) + x(t - h) is h^2 times that mean, and its velocities are means over the
 //! steps. So that mean is what a contact gives. With w, the inverse effective mass along the normal, contact and link end are
-//! locally an oscillator d'' = a - w F, a from everything else; of the linear and of the Hunt-Crossley law the mean is a series of it in
-//! closed form, with F' = k d' + G d'' + k chi d'^2 and F'' = k d'' + G d''' + 3 k chi d' d'':
+//! locally an oscillator d'' = a - w F, a from everything else; of the linear and, for n = 1, the Hunt-Crossley law the mean is a series of
+//! it in closed form, with F' = k d' + G d'' + k chi d'^2 and F'' = k d'' + G d''' + 3 k chi d' d'':
 //! ```text
 //! closed throughout     F + h^2/12 F''
 //! touch within h ahead  q^2 (F_0/2 + q (F_0'/6 + q F_0''/24)) / h^2, F_0 ... at the touch, q the time left after it
@@ -48,7 +48,8 @@ pub enum ContactLaw {
     HertzLine(HertzLine),
     /// `damping_s_per_m` is chi.
     HuntCrossley {
-        stiffness_n_per_m: f64,
+        stiffness_n_per_m_n: f64,
+        exponent: f64,
         damping_s_per_m: f64,
     },
     /// `hysteresis` is lambda.
@@ -168,11 +169,15 @@ impl ContactLaw {
             return Elastic { force_n: 0.0, stiffness_n_per_m: 0.0, energy_j: 0.0 };
         }
         match *self {
-            ContactLaw::Linear { stiffness_n_per_m: k, .. } | ContactLaw::HuntCrossley { stiffness_n_per_m: k, .. } => {
+            ContactLaw::Linear { stiffness_n_per_m: k, .. } => {
+                Elastic { force_n: k * d, stiffness_n_per_m: k, energy_j: 0.5 * k * d * d }
+            }
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, .. } => {
                 Elastic { force_n: k * d, stiffness_n_per_m: k, energy_j: 0.5 * k * d * d }
             }
             ContactLaw::HertzLine(hertz) => hertz.elastic(d, radii.bush_m, radii.body_m),
-            ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
+            | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let force_n = stiffness_n_per_m_n * libm::pow(d, exponent);
                 Elastic { force_n, stiffness_n_per_m: exponent * force_n / d, energy_j: force_n * d / (exponent + 1.0) }
             }
@@ -203,9 +208,7 @@ impl ContactLaw {
     /// Largest stiffness up to `force_n` [N/m], for the bound on the step.
     pub fn stiffness_at(&self, force_n: f64, radii: PairRadii) -> f64 {
         match *self {
-            ContactLaw::Linear { stiffness_n_per_m, .. } | ContactLaw::HuntCrossley { stiffness_n_per_m, .. } => {
-                stiffness_n_per_m
-            }
+            ContactLaw::Linear { stiffness_n_per_m, .. } => stiffness_n_per_m,
             ContactLaw::HertzLine(hertz) => {
                 let mut d = 1e-6;
                 while hertz.elastic(d, radii.bush_m, radii.body_m).force_n < force_n && d < 1e-3 {
@@ -213,7 +216,8 @@ impl ContactLaw {
                 }
                 hertz.elastic(d, radii.bush_m, radii.body_m).stiffness_n_per_m
             }
-            ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
+            | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let d = libm::pow(force_n / stiffness_n_per_m_n, 1.0 / exponent);
                 exponent * force_n / d
             }
@@ -247,10 +251,10 @@ impl ContactLaw {
     pub fn closed_form(&self) -> Option<ClosedForm> {
         match *self {
             ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c } => Some(ClosedForm::Constant(k, c)),
-            ContactLaw::HuntCrossley { stiffness_n_per_m: k, damping_s_per_m: chi } => {
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, damping_s_per_m: chi } => {
                 Some(ClosedForm::Growing(k, k * chi))
             }
-            ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => None,
+            ContactLaw::HuntCrossley { .. } | ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => None,
         }
     }
 
@@ -396,8 +400,11 @@ pub fn fast_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bool) -> 
     let out_of_reach = s.penetration + 1.001 * (h * speed + 0.5 * square * pushed) < 0.0;
     let gone = (s.free_rate > 0.0) | (further < 0.0 - margin) | !old;
     let plain = if closed { stays } else { out_of_reach & gone };
-    let own = if GROWS { c * s.penetration } else { c };
-    let lost = own * rate * rate * (2.0 * square) * (0.5 * (1.0 / h));
+    let lost = if GROWS {
+        c * rate * rate * (square * s.penetration) * (1.0 / h)
+    } else {
+        c * rate * rate * (2.0 * square) * (0.5 * (1.0 / h))
+    };
     let given = if closed { mean } else { 0.0 };
     (StepForce { mean_force: given, rate, touch_rate: 0.0, lost: if closed { lost } else { 0.0 } }, plain)
 }

@@ -383,7 +383,9 @@ fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
 /// reaches sqrt(2 (1 - ln 2) k/w) / chi, and c w h = 0.78 sqrt(k w) h there: no more than the stiffness asks for. What rests may bear twice that.
 fn damping_load_n(law: &ContactLaw, mobility: f64) -> f64 {
     match *law {
-        ContactLaw::HuntCrossley { stiffness_n_per_m, damping_s_per_m } if damping_s_per_m > 0.0 => {
+        ContactLaw::HuntCrossley { damping_s_per_m, .. } if damping_s_per_m > 0.0 => {
+            let radii = PairRadii { bush_m: 1.0, body_m: f64::INFINITY };
+            let stiffness_n_per_m = law.stiffness_at(PEAK_FORCE_N, radii);
             let impact_n = 0.783 * libm::sqrt(stiffness_n_per_m / mobility) / damping_s_per_m;
             (2.0 * impact_n).min(PEAK_FORCE_N)
         }

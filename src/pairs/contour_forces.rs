@@ -545,7 +545,7 @@ mod tests {
                 (law, fast_contour_step::<true, false>((k, c), friction, motion, scene.ends(), scene.past))
             } else {
                 let chi = c / 300.0;
-                let law = ContactLaw::HuntCrossley { stiffness_n_per_m: k, damping_s_per_m: chi };
+                let law = ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, damping_s_per_m: chi };
                 (law, fast_contour_step::<true, true>((k, k * chi), friction, motion, scene.ends(), scene.past))
             };
             let Some(short) = short else { continue };
