@@ -463,8 +463,40 @@ pub struct GuideEffect {
     pub guide: String,
     /// Coulomb coefficient beyond the declared one.
     pub friction: f64,
-    /// Of its mounting, in series with the contact [m/N].
+    /// What it stands on; None: it stands still.
+    pub mount: Option<GuideMount>,
+}
+
+/// Spring and damper that a straight guide stands on, behind its contacts; it moves along its normal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuideMount {
+    /// Path in the file.
+    pub path: String,
+    /// Of the spring [m/N].
     pub compliance_m_per_n: f64,
+    /// Moves with the face [kg].
+    pub mass_kg: f64,
+    /// Of the mass on the spring.
+    pub damping_ratio: f64,
+}
+
+impl GuideMount {
+    /// [N/m]
+    pub fn stiffness_n_per_m(&self) -> f64 {
+        1.0 / self.compliance_m_per_n
+    }
+
+    /// [N s/m]
+    pub fn damping_n_s_per_m(&self) -> f64 {
+        2.0 * self.damping_ratio * (self.mass_kg / self.compliance_m_per_n).sqrt()
+    }
+}
+
+impl Effects {
+    /// Guides that stand on mounts, in the order of the file.
+    pub fn mounts(&self) -> impl Iterator<Item = (&str, &GuideMount)> + Clone {
+        self.guides.iter().filter_map(|e| Some((e.guide.as_str(), e.mount.as_ref()?)))
+    }
 }
 
 /// A tooth gap that stands further out than the others of its sprocket.

@@ -10,14 +10,15 @@
 //!   between them ([`PeakMeter`]; Hertz's law: the largest mean over a step).
 //! * impulse: time integral of the force from first contact until, after its peak, it has fallen to half of it.
 //! * rise time: from the last tenth of the peak before the first nine tenths of it; linear between steps, zero force a
-//!   step before first contact.
+//!   step before first contact. A constant damper beside the spring of a contact law gives c v at the touch itself: where that is more than
+//!   a tenth of the peak, the rise is the law's, and is not told ([`Impact::own_rise_time_s`]).
 //! * second period mean: its mean force in the second tooth period, when the impact is over.
 //!
 //! A part that is already in contact when the observation begins is not counted before it has separated. If the
 //! observation begins in the middle of a run, the previous separation time is unknown, and all parts count as having
 //! just been in contact.
 
-use crate::elements::contact_law::PeakMeter;
+use crate::elements::contact_law::{ContactLaw, PeakMeter};
 use crate::integrate::explicit::{ContactGroup, Scratch};
 use crate::integrate::{VectorKernel, vectorised};
 use crate::lanes::LANES;
@@ -49,6 +50,8 @@ struct OpenImpact {
     top_n: Vec<f64>,
     meter: PeakMeter,
     best_n: f64,
+    /// Of the partner that was touched first.
+    law: Option<ContactLaw>,
 }
 
 impl OpenImpact {
@@ -179,6 +182,7 @@ impl ImpactWatch {
             top_n,
             meter: PeakMeter::default(),
             best_n: 0.0,
+            law: None,
         };
         self.without_partner += 1;
         let at = match self.free.pop() {
@@ -228,6 +232,7 @@ impl ImpactWatch {
                     scratch.law(model, part, lane)
                 }
             });
+            open.law = open.law.or_else(|| law.filter(|_| open.has_partner).copied());
             let top = match law {
                 Some(law) => open.meter.peak_since(law, touch, approach, self.step_s, open.best_n).unwrap_or(mean),
                 None => {
@@ -377,6 +382,7 @@ fn measured(open: &OpenImpact, step_s: f64, period_steps: f64) -> Impact {
         let low = (1..=high).rev().find(|i| force(i - 1) <= 0.1 * peak).unwrap_or(1);
         impact.rise_time_s = (crossing(high, 0.9 * peak) - crossing(low, 0.1 * peak)) * step_s;
     }
+    impact.touch_force_n = open.law.map_or(0.0, |law| law.touch_force_n(impact.approach_speed_m_s));
     let second = f.get(period_steps as usize..).unwrap_or_default();
     impact.second_period_mean_n = second.iter().sum::<f64>() / second.len().max(1) as f64;
     impact.watched_s = f.len() as f64 * step_s;

@@ -51,8 +51,9 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             s.name
         )));
     }
-    if !drive.arms.is_empty() || !drive.rails.is_empty() || !drive.bearings.is_empty() || drive.chains() > 1 {
-        let text = "arms, rails, bearings and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets that stand";
+    let gives_way = !drive.bearings.is_empty() || drive.effects.mounts().next().is_some();
+    if !drive.arms.is_empty() || !drive.rails.is_empty() || gives_way || drive.chains() > 1 {
+        let text = "arms, rails, bearings, mounts of guides and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets that stand";
         return Err(LumpError::Form(text.into()));
     }
     let (model, equilibrium) = at_rest(drive).map_err(LumpError::Assembly)?;

@@ -258,6 +258,8 @@ pub struct Model {
     pub order_loads: Vec<OrderLoad>,
     /// Bearings that let sprockets, shafts and rails give way.
     pub bearings: Vec<BearingModel>,
+    /// Coordinates of guides that stand on mounts.
+    pub mounts: Vec<usize>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,
     /// Spans of chains without link bodies, in the order of the chains.
@@ -380,6 +382,7 @@ impl Model {
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),
+            mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             bores: vec![build_bore(drive, &placed.rows)],
@@ -414,6 +417,7 @@ impl Model {
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),
+            mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
             bores: vec![None],

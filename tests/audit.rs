@@ -134,18 +134,17 @@ fn of_gaps(dice: &mut Dice) -> Vec<Cause> {
     ]
 }
 
-/// Causes at the guide along the tight span, which is pressed against the chain in the healthy drive too; `stiffness` of its contact [N/m].
-fn of_guides(dice: &mut Dice, stiffness: f64) -> Vec<Cause> {
+/// Causes at the guide along the tight span, which is pressed against the chain in the healthy drive too.
+fn of_guides(dice: &mut Dice) -> Vec<Cause> {
     let per_kn = f64::from(50 + dice.below(150));
-    let soft = 1.0 / (1.0 / stiffness + per_kn * 1e-9);
     let (lift, mu) = (f64::from(100 + 10 * dice.below(20)), 0.05 + 0.01 * f64::from(dice.below(15)));
     let guide = "guides.fixed.tight";
     vec![
         cause(
             [format!("effects.guide_compliance.tight.compliance_um_per_kn={per_kn}")],
             guide,
-            "contact_stiffness_n_per_m",
-            soft - stiffness,
+            "mount_compliance_m_per_n",
+            per_kn * 1e-9,
         ),
         cause([format!("effects.guide_friction.tight.friction={mu}")], guide, "friction", mu),
         cause([format!("guides.fixed.tight.end_lift_um={lift}")], guide, "height_m", lift * 1e-6),
@@ -222,7 +221,7 @@ fn planted_causes_are_named_in_bush_drives() {
         cause(["chain.bush.outer.inertia_g_mm2=98".into()], "outer links", "inertia_kg_m2", 32.8e-9),
     ]);
     let alone = planted("bush-20-40", &[], causes, 1.65e-3);
-    let guided = planted("bush-20-40", &near, of_guides(&mut dice, 1e7), 1.65e-3);
+    let guided = planted("bush-20-40", &near, of_guides(&mut dice), 1.65e-3);
     let mut causes = common(&mut dice, ["inner", "outer"]);
     causes.extend(of_gaps(&mut dice));
     let arm = planted("arm-20-40", &[], causes, 1.65e-3);
@@ -240,10 +239,10 @@ fn planted_causes_are_named_in_silent_and_abutment_drives() {
         cause(["chain.silent.outer.inertia_g_mm2=140".into()], "odd links", "inertia_kg_m2", 70e-9),
     ]);
     let silent = planted("silent-20-40", &[], causes, 1.4e-3);
-    let guided = planted("silent-20-40", &near, of_guides(&mut dice, 1e7), 1.4e-3);
+    let guided = planted("silent-20-40", &near, of_guides(&mut dice), 1.4e-3);
     let mut causes = common(&mut dice, ["inner", "outer"]);
     causes.extend(of_gaps(&mut dice));
-    causes.extend(of_guides(&mut dice, 1e8));
+    causes.extend(of_guides(&mut dice));
     causes.extend([cause(["preload.tension_n=225".into()], "chain", "tightening_n", -60.0)]);
     let smartchain = planted("smartchain-20-40", &[], causes, 1.65e-3);
     judge(vec![silent, guided, smartchain]);

@@ -67,10 +67,8 @@ impl Ledger {
         let c = &model.chain;
         // Fixed links have zero inverse mass.
         let moving = |of: &[f64]| (0..c.padded).map(|i| if c.inverse_mass[i] == 0.0 { 0.0 } else { of[i] }).collect();
-        let with_stiffness = |part: ContactGroup| match one_law(model, part) {
-            Some(ContactLaw::Linear { stiffness_n_per_m, .. }) => (part, Some(0.5 * stiffness_n_per_m)),
-            Some(ContactLaw::HertzLine(_) | ContactLaw::Power { .. }) | None => (part, None),
-        };
+        let stiffness = |part: ContactGroup| one_law(model, part)?.linear_stiffness_n_per_m();
+        let with_stiffness = |part: ContactGroup| (part, stiffness(part).map(|k| 0.5 * k));
         Ledger {
             mass: moving(&c.mass),
             inertia: moving(&c.inertia),
@@ -286,8 +284,7 @@ impl Ledger {
 fn elastic_of_each(model: &Model, scratch: &Scratch, part: ContactGroup, at: usize, depths: &LaneBlock) -> Option<f64> {
     let mut sum_j = 0.0;
     for (i, depth) in depths.iter().enumerate().filter(|(_, d)| **d > 0.0) {
-        let ContactLaw::Linear { stiffness_n_per_m, .. } = *scratch.law(model, part, at + i)? else { return None };
-        sum_j += 0.5 * stiffness_n_per_m * depth * depth;
+        sum_j += 0.5 * scratch.law(model, part, at + i)?.linear_stiffness_n_per_m()? * depth * depth;
     }
     Some(sum_j)
 }

@@ -407,7 +407,8 @@ fn impact_number(what: What, impact: &Impact) -> f64 {
     match what {
         What::ApproachSpeed => impact.approach_speed_m_s,
         What::PeakForce => impact.peak_force_n,
-        What::RiseTime => impact.rise_time_s,
+        // No number compares as true where it is not told.
+        What::RiseTime => impact.own_rise_time_s().unwrap_or(f64::NAN),
         What::Impulse => impact.impulse_n_s,
         What::Link => f64::from(impact.link),
         What::Tooth => f64::from(impact.tooth),

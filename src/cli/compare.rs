@@ -2,6 +2,7 @@
 
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::assemble::AssemblyError;
+use crate::compare::laws::{LawRow, under_all_laws};
 use crate::compare::{CompareError, DriveSummary, Plan, Run, merge, run as compare, verdict};
 use crate::drive::{Drive, OuterSpec};
 use crate::recording::frame::Impact;
@@ -41,6 +42,10 @@ pub struct CompareArgs {
     /// Replace a value of every drive, or of one of them: NAME:PATH=VALUE
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    /// Run all drives under three contact laws with three restitutions each, and say whether the claim holds in all; exit code 1 if it
+    /// does not. Writes no files
+    #[arg(long)]
+    laws: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -101,6 +106,9 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         .skip(1)
         .map(|rpm| Ok((*rpm, drives(args, &names, Some(*rpm))?)))
         .collect::<Result<_, Failure>>()?;
+    if args.laws {
+        return under_laws(args, &first);
+    }
     if !args.no_output {
         let files: Vec<PathBuf> =
             extensions().iter().chain(&["html"]).map(|e| args.output.join(format!("compare.{e}"))).collect();
@@ -171,6 +179,62 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         let _infallible = writeln!(text, "wrote {}", path.display());
     }
     print_out(&text)
+}
+
+/// `--laws`: the claim under other contact laws.
+fn under_laws(args: &CompareArgs, drives: &[Drive]) -> Result<Outcome, Failure> {
+    if args.speed_rpm.len() > 1 {
+        return Err(Failure::Input("`--laws` takes one speed: give `--speed-rpm` one number".into()));
+    }
+    let stop = super::run::stop_on_interrupt();
+    let plan = Plan { duration_s: args.duration, recorded_s: 0.0, every_s: args.every };
+    let told = |row: &LawRow| eprintln!("{}, restitution {}: done", row.law.words(), row.restitution);
+    let rows = match under_all_laws(drives, plan, &stop, told) {
+        Ok(rows) => rows,
+        Err(CompareError::Interrupted) => return Ok(Outcome::Interrupted),
+        Err(e) => return Err(failure(&e)),
+    };
+    let holds = rows.iter().all(LawRow::holds);
+    let printed = if args.json {
+        print_json(&serde_json::json!({"laws": rows, "holds_in_all": holds, "simulated_s": args.duration}))?
+    } else {
+        print_out(&laws_table(&rows))?
+    };
+    Ok(if holds || printed == Outcome::Interrupted { printed } else { Outcome::Differs })
+}
+
+/// A line for each law and restitution: fastest touch in shares of p omega, and largest force while engaging.
+fn laws_table(rows: &[LawRow]) -> String {
+    let Some(first) = rows.first() else { return String::new() };
+    let mut text = format!("{:<27} {:>4}", "contact law", "e");
+    for d in &first.drives {
+        let _infallible = write!(text, "  {:>24}", format!("{} %, N", d.drive));
+    }
+    text += "  claim\n";
+    for row in rows {
+        let _infallible = write!(text, "{:<27} {:>4.1}", row.law.words(), row.restitution);
+        for d in &row.drives {
+            let _infallible = write!(text, "  {:>14.2} {:>9.1}", 100.0 * d.touch_share, d.peak_n);
+        }
+        text += if row.holds() { "  yes\n" } else { "  NO\n" };
+    }
+    text += "\n%: first touch over p omega, of an abutment chain the fastest, of another the median seating; N: largest force while engaging\n";
+    for row in rows.iter().filter(|row| !row.failing.is_empty()) {
+        for claim in &row.failing {
+            let _infallible = writeln!(text, "NO {}, restitution {}: {claim}", row.law.words(), row.restitution);
+        }
+    }
+    let without = |abutments: bool| first.drives.iter().any(|d| d.abutments == abutments);
+    let claim = match (without(true), without(false)) {
+        (true, true) => "Abutment chains engage without impact, the others strike their teeth",
+        (true, false) => "Abutment chains engage without impact",
+        (false, _) => "All chains strike their teeth",
+    };
+    let failing = rows.iter().filter(|row| !row.holds()).count();
+    text + &match failing {
+        0 => format!("\n{claim}: under all {} laws.\n", rows.len()),
+        n => format!("\n{claim}: NOT under {n} of {} laws.\n", rows.len()),
+    }
 }
 
 /// Whether the user or the environment caused the error.

@@ -80,7 +80,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
         Sort::Peak => i.peak_force_n,
         Sort::Approach => i.approach_speed_m_s,
         Sort::Impulse => i.impulse_n_s,
-        Sort::Rise => -i.rise_time_s,
+        Sort::Rise => -i.own_rise_time_s().unwrap_or(f64::INFINITY),
     };
     list.sort_by(|a, b| key(b.1).total_cmp(&key(a.1)));
     list.truncate(args.top.unwrap_or(if args.json { usize::MAX } else { PRINTED }));
@@ -193,7 +193,8 @@ fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recordi
         "peak_force_n": i.peak_force_n,
         "peak_after_s": i.peak_after_s,
         "impulse_n_s": i.impulse_n_s,
-        "rise_time_s": i.rise_time_s,
+        "rise_time_s": i.own_rise_time_s(),
+        "touch_force_n": i.touch_force_n,
         "second_period_mean_n": i.second_period_mean_n,
         "watched_s": i.watched_s,
         "x_m": i.x_m,
@@ -248,7 +249,7 @@ fn text(
         let tooth = body.filter(|b| b.rotor).map_or("-".to_string(), |_| i.tooth.to_string());
         let joint = loops.joint(i).map_or("-".to_string(), |j| j.to_string());
         lines.push(format!(
-            "{number:6} {:6} {:10.4} {:5}  {:18} {joint:>5}  {:16} {tooth:>5}  {:22} {:7.3}  {:8.1}  {:9.2}  {:14.3}",
+            "{number:6} {:6} {:10.4} {:5}  {:18} {joint:>5}  {:16} {tooth:>5}  {:22} {:7.3}  {:8.1}  {:>9}  {:14.3}",
             frame_of(i, heads).map_or("-".to_string(), |f| f.to_string()),
             i.t_s * 1e3,
             i.link,
@@ -257,13 +258,19 @@ fn text(
             Segment::name(i.segment),
             i.approach_speed_m_s,
             i.peak_force_n,
-            i.rise_time_s * 1e6,
+            i.own_rise_time_s().map_or("law".to_string(), |s| format!("{:.2}", s * 1e6)),
             i.impulse_n_s * 1e3,
         ));
     }
     if let Some(Common { from_s, to_s, .. }) = common.filter(|c| c.is_part) {
         let (from_ms, to_ms) = (from_s * 1e3, to_s * 1e3);
         lines.push(format!("compared from {from_ms:.3} to {to_ms:.3} ms, which both recordings have"));
+    }
+    if list.iter().any(|(_, i)| i.own_rise_time_s().is_none()) {
+        lines.push(
+            "  rise law: a damper beside the spring of its contact gives more than a tenth of the peak at the touch itself; how fast the force rises then is set by the law"
+                .into(),
+        );
     }
     if suspects.is_empty() {
         lines.push("what stands out: nothing".into());

@@ -219,6 +219,7 @@ impl Drive {
                 paths.extend(balls().map(|p| p.path.clone()));
                 let sides = |b: &BearingSpec| ["along", "across"].map(|side| format!("{}.{side}", b.path));
                 paths.extend(self.bearings.iter().flat_map(sides));
+                paths.extend(self.effects.mounts().map(|(_, mount)| mount.path.clone()));
                 for (rail, bending) in self.rails.iter().filter_map(|r| Some((r, r.bending.as_ref()?))) {
                     let mode = |n: usize| format!("guides.rail.{}.bending.{n}", rail.name);
                     paths.extend((1..=bending.modes).map(mode));

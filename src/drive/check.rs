@@ -1,12 +1,11 @@
 //! Checks of a drive that need more than one value. Every mistake of a file is found in one pass, and points at its place.
 
+use super::bearings::Carried;
 use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainFidelity, ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
 use crate::diag::{Diag, Report};
-use crate::effects::{
-    Effect, gap_error, guide_compliance, link_mass, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error,
-};
+use crate::effects::{Effect, gap_error, link_mass, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error};
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Rail;
@@ -455,13 +454,12 @@ impl Drive {
 
     /// Guides, and what prescribes a speed.
     fn check_guides(&self, mistakes: &mut DriveErrors<'_>) {
-        let linear = matches!(self.guide_contact.law, ContactLaw::Linear { .. });
-        if !linear && self.effects.guides.iter().any(|e| e.compliance_m_per_n > 0.0) {
-            mistakes.add(
-                &format!("effects.{}", guide_compliance::ROW.name),
-                "a yielding guide needs the linear contact law".into(),
-                "take `[contact.guide.linear]`",
-            );
+        for b in &self.bearings {
+            let Carried::Guide(k) = b.on else { continue };
+            let name = &self.guides[k].name;
+            if let Some((_, mount)) = self.effects.mounts().find(|(guide, _)| guide == name) {
+                mistakes.add(&mount.path, format!("guide `{name}` stands on `{}` already", b.path), "keep one of them");
+            }
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();
         if drivers != 1 {

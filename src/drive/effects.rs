@@ -1,7 +1,9 @@
 //! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
 
 use super::reader::TomlTable;
-use super::{Effects, GapError, GapWave, GuideEffect, GuideSpec, LinkMass, PitchError, TightJoint, sensors};
+use super::{
+    Effects, GapError, GapWave, GuideEffect, GuideMount, GuideSpec, LinkMass, PitchError, TightJoint, sensors,
+};
 use crate::effects::{
     Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction,
     pitch_error, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
@@ -123,13 +125,24 @@ fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Eff
     for effect in [&guide_friction::ROW, &guide_compliance::ROW] {
         let table = t.table(effect.name);
         for (name, own) in table.tables_or_set() {
-            let [value] = numbers(&own, effect);
             if guides.iter().all(|g| g.name != name) {
                 let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
                 own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
             }
-            let (mu, c) = if *effect == guide_friction::ROW { (value, 0.0) } else { (0.0, value) };
-            effects.guides.push(GuideEffect { guide: name, friction: mu, compliance_m_per_n: c });
+            if *effect == guide_friction::ROW {
+                let [friction] = numbers(&own, effect);
+                effects.guides.push(GuideEffect { guide: name, friction, mount: None });
+            } else {
+                let [compliance_m_per_n, mass_kg, damping_ratio] = numbers(&own, effect);
+                // One without compliance stands still.
+                let mount = (compliance_m_per_n > 0.0).then_some(GuideMount {
+                    path: own.path().to_string(),
+                    compliance_m_per_n,
+                    mass_kg,
+                    damping_ratio,
+                });
+                effects.guides.push(GuideEffect { guide: name, friction: 0.0, mount });
+            }
             own.finish();
         }
         table.finish();

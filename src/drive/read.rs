@@ -386,6 +386,19 @@ fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
         });
         linear.finish();
     }
+    let law = t.table("hunt_crossley");
+    if law.is_present() {
+        let e = law.required("restitution", 1.0, 0.01..=1.0);
+        let speed_m_s = law.required("restitution_at_m_s", 1.0, 1e-3..=1e3);
+        let exponent = law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.0);
+        let (key, most) = if exponent == 1.0 { ("stiffness_n_per_m", 1e13) } else { ("stiffness_n_per_m_n", 1e16) };
+        laws.push(ContactLaw::HuntCrossley {
+            stiffness_n_per_m_n: law.required(key, 1.0, 1e2..=most),
+            exponent,
+            damping_s_per_m: if e.is_finite() { restitution_hysteresis(e) / speed_m_s } else { f64::NAN },
+        });
+        law.finish();
+    }
     let hertz = t.table("hertz_line");
     if hertz.is_present() {
         let compliance = |t: &TomlTable<'_>, which: &str| {
@@ -427,7 +440,10 @@ fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
     if laws.len() != 1 {
         t.error(
             format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
-            Some("add one of the tables linear, hertz_line, lankarani_nikravesh, restitution below it".into()),
+            Some(
+                "add one of the tables linear, hunt_crossley, hertz_line, lankarani_nikravesh, restitution below it"
+                    .into(),
+            ),
         );
     }
     t.finish();

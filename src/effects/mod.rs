@@ -204,7 +204,7 @@ pub enum Kind {
     PerMark,
     /// Internal state at the start of a record segment; fitted for every segment.
     Start,
-    /// Never fitted: given by the sensor's data sheet.
+    /// Never fitted: given by a data sheet, or assumed.
     Given,
 }
 

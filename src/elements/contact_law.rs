@@ -5,12 +5,15 @@
 //! ```text
 //! linear                F_e = k d              G = c
 //! Hertz line contact    F_e from d(F), below   G = c
+//! Hunt-Crossley         F_e = K d^n            G = chi F_e
 //! Lankarani-Nikravesh   F_e = K d^n            G = lambda F_e / v_0,  lambda = 3 (1 - e^2) / 4
 //! restitution           F_e = K d^n            G = lambda F_e / v_0,  lambda from  lambda (1 + e) = ln[(1 + lambda) / (1 - lambda e)]
 //! ```
 //! v_0 is the approach speed at first touch. The last line is exact: the law returns the coefficient of restitution e that
 //! was asked for, whatever n, K and mass, while Lankarani-Nikravesh returns 0.8005 for 0.71 (Lankarani & Nikravesh 1990,
-//! their approximation holds near e = 1).
+//! their approximation holds near e = 1). chi = lambda / v_r of the Hunt-Crossley law (Hunt & Crossley 1975) follows from
+//! the same line and is a constant: an impact at the speed v_r returns e exactly, a slower one more, as metals do; what rests is damped
+//! by its load, and not by how it once came. Of the laws with G = c the force jumps to c v_0 at the touch, of the others it begins at zero.
 //!
 //! Hertz line contact (Johnson 1985, section 4.6 and eq. 5.57; two cylinders, load per length q = F / b):
 //! d = q/pi * sum_i (1 - nu_i^2)/E_i [2 ln(4 R_i / a) - 1], a = sqrt(4 q R* / (pi E*)). That is d = q (alpha - beta ln q); F
@@ -21,7 +24,8 @@
 //! leapfrog are those of the true motion where its acceleration is the true one's mean with weights that fall from 1/h at the node
 //! to zero a step h before and after it: x(t + h) - 2 x(t) + x(t - h) is h^2 times that mean, and its velocities are means over the
 //! steps. So that mean is what a contact gives. With w, the inverse effective mass along the normal, contact and link end are
-//! locally an oscillator d'' = a - w F, a from everything else; of the linear law the mean is a series of it in closed form:
+//! locally an oscillator d'' = a - w F, a from everything else; of the linear and, for n = 1, the Hunt-Crossley law the mean is a series of
+//! it in closed form, with F' = k d' + G d'' + k chi d'^2 and F'' = k d'' + G d''' + 3 k chi d' d'':
 //! ```text
 //! closed throughout     F + h^2/12 F''
 //! touch within h ahead  q^2 (F_0/2 + q (F_0'/6 + q F_0''/24)) / h^2, F_0 ... at the touch, q the time left after it
@@ -42,6 +46,12 @@ pub enum ContactLaw {
         damping_n_s_per_m: f64,
     },
     HertzLine(HertzLine),
+    /// `damping_s_per_m` is chi.
+    HuntCrossley {
+        stiffness_n_per_m_n: f64,
+        exponent: f64,
+        damping_s_per_m: f64,
+    },
     /// `hysteresis` is lambda.
     Power {
         stiffness_n_per_m_n: f64,
@@ -162,8 +172,12 @@ impl ContactLaw {
             ContactLaw::Linear { stiffness_n_per_m: k, .. } => {
                 Elastic { force_n: k * d, stiffness_n_per_m: k, energy_j: 0.5 * k * d * d }
             }
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, .. } => {
+                Elastic { force_n: k * d, stiffness_n_per_m: k, energy_j: 0.5 * k * d * d }
+            }
             ContactLaw::HertzLine(hertz) => hertz.elastic(d, radii.bush_m, radii.body_m),
-            ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
+            | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let force_n = stiffness_n_per_m_n * libm::pow(d, exponent);
                 Elastic { force_n, stiffness_n_per_m: exponent * force_n / d, energy_j: force_n * d / (exponent + 1.0) }
             }
@@ -175,6 +189,7 @@ impl ContactLaw {
         match *self {
             ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m,
             ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m,
+            ContactLaw::HuntCrossley { damping_s_per_m, .. } => damping_s_per_m * elastic_force_n,
             ContactLaw::Power { hysteresis, .. } => {
                 hysteresis * elastic_force_n / approach_m_s.max(SLOWEST_APPROACH_M_S)
             }
@@ -201,7 +216,8 @@ impl ContactLaw {
                 }
                 hertz.elastic(d, radii.bush_m, radii.body_m).stiffness_n_per_m
             }
-            ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
+            | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let d = libm::pow(force_n / stiffness_n_per_m_n, 1.0 / exponent);
                 exponent * force_n / d
             }
@@ -213,13 +229,52 @@ impl ContactLaw {
         match *self {
             ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m,
             ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m,
+            ContactLaw::HuntCrossley { damping_s_per_m, .. } => damping_s_per_m * force_n,
             // Peaks come from impacts of the order of 1 m/s.
             ContactLaw::Power { hysteresis, .. } => hysteresis * force_n,
         }
     }
 }
 
-/// One contact over one step: what goes into [`linear_step`] and [`quadrature_step`].
+/// The numbers of a law whose mean over a step has a closed form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ClosedForm {
+    /// k [N/m] and c [N s/m].
+    Constant(f64, f64),
+    /// k [N/m] and k chi [N s/m2]: c grows with the depth.
+    Growing(f64, f64),
+}
+
+impl ContactLaw {
+    /// None: the mean over a step is found by quadrature.
+    #[inline(always)]
+    pub fn closed_form(&self) -> Option<ClosedForm> {
+        match *self {
+            ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c } => Some(ClosedForm::Constant(k, c)),
+            ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, damping_s_per_m: chi } => {
+                Some(ClosedForm::Growing(k, k * chi))
+            }
+            ContactLaw::HuntCrossley { .. } | ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => None,
+        }
+    }
+
+    /// What the force is at the touch itself [N]: c v_0 where a constant damper stands beside the spring. How fast it rises then tells of the
+    /// law, and nothing of the parts.
+    pub fn touch_force_n(&self, approach_m_s: f64) -> f64 {
+        match *self {
+            ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m * approach_m_s,
+            ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m * approach_m_s,
+            ContactLaw::HuntCrossley { .. } | ContactLaw::Power { .. } => 0.0,
+        }
+    }
+
+    /// k where F_e = k d [N/m].
+    pub fn linear_stiffness_n_per_m(&self) -> Option<f64> {
+        self.closed_form().map(|(ClosedForm::Constant(k, _) | ClosedForm::Growing(k, _))| k)
+    }
+}
+
+/// One contact over one step: what goes into [`closed_form_step`] and [`quadrature_step`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepInput {
     /// Penetration at the node [m], negative: gap.
@@ -260,24 +315,31 @@ struct NodeForce {
     bend: f64,
 }
 
-/// Of a contact that has been closed for `share` of the last step.
+/// Of a contact that has been closed for `share` of the last step. GROWS, here and below: `c` is k chi, as [`ClosedForm::Growing`] has it.
 #[inline(always)]
-fn node_force(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> NodeForce {
+fn node_force<const GROWS: bool>(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> NodeForce {
     let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
+    let own = if GROWS { c * d } else { c };
     // Closing speed r: that of the last step, and what the force since the touch adds to its mean. Force, slope and bend at
-    // the node are linear in r: k d + c r, p r + c e, and k e - c^2 w e - c w (k + p) r.
+    // the node are linear in r: k d + c r, p r + c e, and p' e - c w (k' + p) r; of its square one factor is as the last step tells it.
     let first = h * share * (1.0 - share * 0.5);
     let second = h * h * share * share * (0.5 - share * (1.0 / 3.0));
     let third = h * h * h * share * share * share * (1.0 / 6.0 - share * 0.125);
     let e = others - w * k * d;
-    let p = k - c * c * w;
-    let fixed = first * k * d - second * c * e + third * p * e;
-    let factor = first * c - second * p - third * c * w * (k + p);
+    let growth = if GROWS { c * (s.free_rate - first * w * (k * d + own * s.free_rate)) } else { 0.0 };
+    let (of_slope, of_bend) = if GROWS { (k + growth, k + 3.0 * growth) } else { (k, k) };
+    let taken = own * own * w;
+    let p = of_slope - taken;
+    let fixed = first * k * d - second * own * e + third * (of_bend - taken) * e;
+    let factor = first * own - second * p - third * own * w * (of_bend + p);
     let rate = if closed { (s.free_rate - w * fixed) / (1.0 + w * factor) } else { s.free_rate };
-    let force = k * d + c * rate;
+    let force = k * d + own * rate;
     let acceleration = others - w * force;
-    let slope = k * rate + c * acceleration;
-    NodeForce { rate, force, slope, bend: k * acceleration - c * w * slope }
+    let slope = k * rate + own * acceleration;
+    let slope = if GROWS { slope + c * rate * rate } else { slope };
+    let bend = k * acceleration - own * w * slope;
+    let bend = if GROWS { bend + 3.0 * c * rate * acceleration } else { bend };
+    NodeForce { rate, force, slope, bend }
 }
 
 /// How fast the gap has closed over the last step, without this contact's force since the node before; and the gap there.
@@ -308,19 +370,19 @@ fn mean_when_closed(node: NodeForce, h: f64) -> f64 {
 
 /// Mean force of the linear law over the step, of a contact that stays closed, and may pull: what stability is judged by [N].
 pub fn closed_step(k: f64, c: f64, s: StepInput) -> f64 {
-    mean_when_closed(node_force(k, c, s, true, 1.0), s.step)
+    mean_when_closed(node_force::<false>(k, c, s, true, 1.0), s.step)
 }
 
-/// As [`linear_step`] to the bit, where the second value is true: for a contact that was closed at the node before (as far as
+/// As [`closed_form_step`] to the bit, where the second value is true: for a contact that was closed at the node before (as far as
 /// these numbers tell) and stays closed until the next one, or is open throughout. Nearly all are: what takes the long way
 /// costs 0.15 % of a run.
 /// `old`: the contact has touched within the step before.
 #[inline(always)]
-pub fn fast_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
+pub fn fast_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
     let h = s.step;
     let closed = s.penetration > 0.0;
     let (_, gap_before) = gap_one_step_back(s);
-    let node = node_force(k, c, s, closed, 1.0);
+    let node = node_force::<GROWS>(k, c, s, closed, 1.0);
     let NodeForce { rate, force, slope, bend } = node;
     let square = h * h;
     let mean = mean_when_closed(node, h);
@@ -338,15 +400,19 @@ pub fn fast_step(k: f64, c: f64, s: StepInput, old: bool) -> (StepForce, bool) {
     let out_of_reach = s.penetration + 1.001 * (h * speed + 0.5 * square * pushed) < 0.0;
     let gone = (s.free_rate > 0.0) | (further < 0.0 - margin) | !old;
     let plain = if closed { stays } else { out_of_reach & gone };
-    let lost = c * rate * rate * (2.0 * square) * (0.5 * (1.0 / h));
+    let lost = if GROWS {
+        c * rate * rate * (square * s.penetration) * (1.0 / h)
+    } else {
+        c * rate * rate * (2.0 * square) * (0.5 * (1.0 / h))
+    };
     let given = if closed { mean } else { 0.0 };
     (StepForce { mean_force: given, rate, touch_rate: 0.0, lost: if closed { lost } else { 0.0 } }, plain)
 }
 
-/// Mean force of the linear law over the step, in closed form. Branch-free, so that lanes of contacts vectorise.
+/// Mean force of the linear or the Hunt-Crossley law over the step, in closed form. Branch-free, so that lanes of contacts vectorise.
 /// `old`: the contact has touched within the step before; one that is open and has not has nothing left to give.
 #[inline(always)]
-pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
+pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);
     let (per_step, square) = (1.0 / h, h * h);
     let closed = d > 0.0;
@@ -364,14 +430,14 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let until = if until < 0.0 { 0.0 } else { until };
     // The oscillator at the touch: force, its slope and bend. From there its part inside the window of weights, where the touch
     // lies ahead; the part before the touch, which is no force, where it lies behind.
-    let force = c * touch_rate;
+    let force = if GROWS { 0.0 } else { c * touch_rate };
     let acceleration = others - w * force;
-    let slope = k * touch_rate + c * acceleration;
-    let bend = k * acceleration - c * w * slope;
+    let slope = k * touch_rate + c * if GROWS { touch_rate * touch_rate } else { acceleration };
+    let bend = if GROWS { (k + 3.0 * c * touch_rate) * acceleration } else { k * acceleration - c * w * slope };
     let q = if closed { 0.0 - until } else { h - until };
     let part = q * q * (0.5 * force + q * (slope * (1.0 / 6.0) + q * (bend * (1.0 / 24.0))));
     let share = if fresh { 1.0 - until * per_step } else { 1.0 };
-    let NodeForce { rate, force, slope, bend } = node_force(k, c, s, closed, share);
+    let NodeForce { rate, force, slope, bend } = node_force::<GROWS>(k, c, s, closed, share);
     // Where the force ends, ahead of the node or behind it.
     let parting = slope < 0.0;
     let safe_slope = if parting { slope } else { -1e-12 };
@@ -404,8 +470,22 @@ pub fn linear_step(k: f64, c: f64, s: StepInput, old: bool) -> StepForce {
     let time = if coming { q * q } else { gone };
     let time = if touching { 2.0 * square - lacking } else { time };
     let behind = if fresh { past_touch_speed(s, free_before, gap_before) } else { 0.0 };
+    let lost = if GROWS {
+        // As above, of the depth: beyond touch and end it would be negative. Bends of the power between them sum up to h^2/12 times its slopes
+        // at both, which are taken off there.
+        let cube = 0.5 * h * square;
+        let ends = parting & (rest > 0.0);
+        let parted = rest * rest * rest - if touching { cube } else { 0.0 };
+        let parted = if ends { (0.0 - rate) * parted } else { 0.0 };
+        let before = if fresh { touch_rate * (until * until * until - cube) } else { 0.0 };
+        let beside = if coming { touch_rate * q * q * q } else { parted } + before;
+        let depth = if touching { square * d } else { 0.0 } + beside * (1.0 / 6.0);
+        c * rate * rate * if depth > 0.0 { depth } else { 0.0 } * per_step
+    } else {
+        c * rate * rate * time * (0.5 * per_step)
+    };
     let touch_rate = if closed { behind } else { touch_rate };
-    StepForce { mean_force: mean, rate, touch_rate, lost: c * rate * rate * time * (0.5 * per_step) }
+    StepForce { mean_force: mean, rate, touch_rate, lost }
 }
 
 /// Mean force of any law over the step, by Gauss-Legendre quadrature on the closed part.
@@ -542,8 +622,12 @@ mod tests {
                 step: random(1e-6, 4e-6),
             };
             let old = random(0.0, 1.0) < 0.5;
-            let (short, holds) = fast_step(k, c, input, old);
-            let long = linear_step(k, c, input, old);
+            let ((short, holds), long) = if random(0.0, 1.0) < 0.5 {
+                let c = k * random(0.0, 2.0);
+                (fast_step::<true>(k, c, input, old), closed_form_step::<true>(k, c, input, old))
+            } else {
+                (fast_step::<false>(k, c, input, old), closed_form_step::<false>(k, c, input, old))
+            };
             if !holds {
                 special += 1;
                 continue;

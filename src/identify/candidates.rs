@@ -303,7 +303,7 @@ pub fn all(
                 leave("declared already");
                 continue;
             }
-            if effect.parameters.iter().any(|p| p.kind == Kind::Given) {
+            if effect.parameters.iter().all(|p| p.kind == Kind::Given) {
                 continue;
             }
             match m.room_for(effect, &path) {

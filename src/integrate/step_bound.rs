@@ -183,7 +183,7 @@ fn roller_bounds(model: &Model, chain: usize, bore: &Bore) -> Vec<StepBound> {
         let sum =
             |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
         let stiffness = sum(&|law, radii| law.stiffness_at(PEAK_FORCE_N, radii));
-        let damping = sum(&|law, _| law.damping_at(PEAK_FORCE_N)).max(1e-9);
+        let damping = sum(&|law, _| law.damping_at(damping_load_n(law, mobility))).max(1e-9);
         let at = format!("rollers between bushes and sprockets.{}", s.name);
         bounds.extend([
             StepBound {
@@ -244,12 +244,16 @@ fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
     0.5 * (xx + yy) + libm::hypot(0.5 * (xx - yy), xy)
 }
 
-/// Bounds of the springs of bearings and of the modes of blades, and of the drag of films. Dampers, and films against the way of the axis, are
+/// Bounds of the springs of bearings, mounts of guides and modes of blades, and of the drag of films. Dampers, and films against the way of the axis, are
 /// taken implicitly.
 fn bearing_bounds(model: &Model) -> Vec<StepBound> {
     let ways = model.bearings.iter().flat_map(|b| b.ways);
     let modes = model.rails.iter().flat_map(|r| r.blade.iter().flat_map(|b| b.modes()));
-    let springs = ways.chain(modes).map(|k| &model.coordinates[k]).filter(|c| c.spring.stiffness > 0.0);
+    let springs = ways
+        .chain(model.mounts.iter().copied())
+        .chain(modes)
+        .map(|k| &model.coordinates[k])
+        .filter(|c| c.spring.stiffness > 0.0);
     let bound = |c: &Coordinate| StepBound {
         step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
         cause: c.path.clone(),
@@ -322,7 +326,11 @@ fn abutments_bound(model: &Model, chain: usize, accurate: StepBound) -> StepBoun
     for (i, p) in bodies.iter().enumerate() {
         for q in bodies[i..].iter().filter(|q| q.set != p.set || q.body == p.body) {
             let radii = PairRadii { bush_m: link.arm_m, body_m: f64::INFINITY };
-            let law = |b: &EndBody| (b.law.stiffness_at(PEAK_FORCE_N, radii), b.law.damping_at(PEAK_FORCE_N));
+            let mobility = link.inverse_mass + link.arm_m * link.arm_m * link.inverse_inertia;
+            let law = |b: &EndBody| {
+                let damping = b.law.damping_at(damping_load_n(&b.law, mobility));
+                (b.law.stiffness_at(PEAK_FORCE_N, radii), damping)
+            };
             let (laws, two_bodies) = ([law(p), law(q)], p.body != q.body);
             if looked_at.contains(&(laws, two_bodies)) {
                 continue;
@@ -375,9 +383,26 @@ fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
     [with_front, with_rear].map(|both| vec![on_q.clone(), both, on_p.clone(), on_p.clone()]).to_vec()
 }
 
+/// Load at which the damping of a law bounds the step [N]. That of the Hunt-Crossley law grows with the load. An impact at the speed 1/chi
+/// reaches sqrt(2 (1 - ln 2) k/w) / chi, and c w h = 0.78 sqrt(k w) h there: no more than the stiffness asks for. What rests may bear twice that.
+fn damping_load_n(law: &ContactLaw, mobility: f64) -> f64 {
+    match *law {
+        ContactLaw::HuntCrossley { damping_s_per_m, .. } if damping_s_per_m > 0.0 => {
+            let radii = PairRadii { bush_m: 1.0, body_m: f64::INFINITY };
+            let stiffness_n_per_m = law.stiffness_at(PEAK_FORCE_N, radii);
+            let impact_n = 0.783 * libm::sqrt(stiffness_n_per_m / mobility) / damping_s_per_m;
+            (2.0 * impact_n).min(PEAK_FORCE_N)
+        }
+        ContactLaw::HuntCrossley { .. }
+        | ContactLaw::Linear { .. }
+        | ContactLaw::HertzLine(_)
+        | ContactLaw::Power { .. } => PEAK_FORCE_N,
+    }
+}
+
 fn contact_bounds(name: &str, law: &ContactLaw, radii: PairRadii, mobility: f64) -> [StepBound; 2] {
     let stiffness = law.stiffness_at(PEAK_FORCE_N, radii);
-    let damping = law.damping_at(PEAK_FORCE_N).max(1e-9);
+    let damping = law.damping_at(damping_load_n(law, mobility)).max(1e-9);
     [
         StepBound { step_s: CONTACT / libm::sqrt(stiffness * mobility), cause: format!("contact stiffness at {name}") },
         StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping at {name}") },

@@ -30,7 +30,7 @@ impl BearingModel {
 }
 
 impl Model {
-    /// Puts in the bearings of a drive. Comes last: their coordinates stand behind all others.
+    /// Puts in the bearings of a drive, and the mounts of its guides. Comes last: their coordinates stand behind all others.
     pub fn add_bearings(&mut self, drive: &Drive) {
         for spec in &drive.bearings {
             let (direction_rad, stiffness, damping, film) = match &spec.law {
@@ -90,6 +90,33 @@ impl Model {
                 direction,
                 film: film.map(|bearing| (bearing.clone(), turn)),
             });
+        }
+        self.add_mounts(drive);
+    }
+
+    /// Guides on mounts move along their normal, towards the chain.
+    fn add_mounts(&mut self, drive: &Drive) {
+        for (name, mount) in drive.effects.mounts() {
+            let Some(k) = self.guides.iter().position(|g| g.name == name) else { continue };
+            let shift = Shift { coordinate: self.coordinates.len(), direction: perp(self.guides[k].body.along) };
+            self.coordinates.push(Coordinate {
+                path: mount.path.clone(),
+                kind: CoordinateKind::Slides,
+                motion: CoordinateMotion::Free { inertia: mount.mass_kg, load: 0.0 },
+                spring: CoordinateSpring {
+                    stiffness: mount.stiffness_n_per_m(),
+                    free: 0.0,
+                    damping: mount.damping_n_s_per_m(),
+                },
+                nominal_speed_rad_s: 0.0,
+                reach_m: 1.0,
+                rest_load: 0.0,
+                is_held_at_rest: false,
+            });
+            self.guides[k].frame.shifts.push(shift);
+            let body = self.sprockets.len() + k;
+            self.end_bodies.iter_mut().filter(|e| e.body == body).for_each(|e| e.frame.shifts.push(shift));
+            self.mounts.push(shift.coordinate);
         }
     }
 

@@ -6,7 +6,6 @@ use super::{ArmModel, GuideModel, Model, RailModel, SprocketModel, Toothing};
 use crate::diag::Diag;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::body_frame::BodyFrame;
-use crate::elements::contact_law::ContactLaw;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
@@ -230,13 +229,10 @@ pub(super) fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -
         .collect()
 }
 
-/// A guide with what its effects change: friction more, and the mounting's compliance in series with the contact.
+/// A guide with what its effects change: friction more. Its mount is a coordinate, see [`super::Model::add_bearings`].
 fn with_effects(drive: &Drive, name: &str, mut body: GuideBody) -> GuideBody {
     for e in drive.effects.guides.iter().filter(|e| e.guide == name) {
         body.friction = (body.friction + e.friction).max(0.0);
-        if let ContactLaw::Linear { stiffness_n_per_m, .. } = &mut body.law {
-            *stiffness_n_per_m /= 1.0 + *stiffness_n_per_m * e.compliance_m_per_n;
-        }
     }
     body
 }

@@ -11,7 +11,7 @@
 //! w_n = 1/m + (l d x n)^2 / J, w_t = 1/m + (l d . n - r)^2 / J, with d the heading and l the signed lever of the joint.
 
 use crate::elements::body_frame::{BodyMobility, FrameMotion};
-use crate::elements::contact_law::{self, ContactLaw, PairRadii, StepInput};
+use crate::elements::contact_law::{self, ClosedForm, ContactLaw, PairRadii, StepInput};
 use crate::elements::friction;
 use crate::geometry::Vec2;
 use crate::geometry::sprocket::Sprocket;
@@ -422,38 +422,40 @@ fn forces_of<const YIELDS: u8>(
 /// Normal forces, and what contacts remember of themselves.
 #[inline(always)]
 pub(super) fn normal_forces(law: &ContactLaw, link_radius: &LaneBlock, step: f64, lanes: &mut Lanes) {
-    // The old mean normal force has done its work: from here the column holds the new one.
-    if let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = *law {
-        let (k, c) = (stiffness_n_per_m, damping_n_s_per_m);
-        let [mut force, mut rate, mut touch_rate, mut lost] = [[0.0; LANES]; 4];
-        let mut special = 0_u64;
-        for i in 0..LANES {
-            let (out, plain) = contact_law::fast_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
-            (force[i], rate[i], lost[i]) = (out.mean_force, out.rate, out.lost);
-            special |= u64::from(!plain);
-        }
-        if special != 0 {
-            for i in 0..LANES {
-                let out = contact_law::linear_step(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
-                (force[i], rate[i], touch_rate[i], lost[i]) = (out.mean_force, out.rate, out.touch_rate, out.lost);
-            }
-        }
-        let (mut age, mut approach) = (lanes.age, lanes.approach);
-        for i in 0..LANES {
-            let law = contact_law::StepForce {
-                mean_force: force[i],
-                rate: rate[i],
-                touch_rate: touch_rate[i],
-                lost: lost[i],
-            };
-            let kept = contact_update(lanes.penetration[i], lanes.free_rate[i], law, step, (age[i], approach[i]));
-            (age[i], approach[i], lost[i]) = (kept.age, kept.approach, kept.lost);
-        }
-        (lanes.age, lanes.approach, lanes.lost_damping) = (age, approach, lost);
-        (lanes.normal_force, lanes.rate) = (force, rate);
-    } else {
-        quadrature(law, link_radius, step, lanes);
+    match law.closed_form() {
+        Some(ClosedForm::Constant(k, c)) => closed_form_forces::<false>((k, c), step, lanes),
+        Some(ClosedForm::Growing(k, c)) => closed_form_forces::<true>((k, c), step, lanes),
+        None => quadrature(law, link_radius, step, lanes),
     }
+}
+
+/// Normal forces of the laws that have a closed form.
+#[inline(always)]
+fn closed_form_forces<const GROWS: bool>((k, c): (f64, f64), step: f64, lanes: &mut Lanes) {
+    let [mut force, mut rate, mut touch_rate, mut lost] = [[0.0; LANES]; 4];
+    let mut special = 0_u64;
+    for i in 0..LANES {
+        let (out, plain) = contact_law::fast_step::<GROWS>(k, c, step_input(lanes, i, step), lanes.age[i] > 0.0);
+        (force[i], rate[i], lost[i]) = (out.mean_force, out.rate, out.lost);
+        special |= u64::from(!plain);
+    }
+    if special != 0 {
+        for i in 0..LANES {
+            let input = step_input(lanes, i, step);
+            let out = contact_law::closed_form_step::<GROWS>(k, c, input, lanes.age[i] > 0.0);
+            (force[i], rate[i], touch_rate[i], lost[i]) = (out.mean_force, out.rate, out.touch_rate, out.lost);
+        }
+    }
+    let (mut age, mut approach) = (lanes.age, lanes.approach);
+    for i in 0..LANES {
+        let law =
+            contact_law::StepForce { mean_force: force[i], rate: rate[i], touch_rate: touch_rate[i], lost: lost[i] };
+        let kept = contact_update(lanes.penetration[i], lanes.free_rate[i], law, step, (age[i], approach[i]));
+        (age[i], approach[i], lost[i]) = (kept.age, kept.approach, kept.lost);
+    }
+    (lanes.age, lanes.approach, lanes.lost_damping) = (age, approach, lost);
+    // The old mean normal force has done its work: from here the column holds the new one.
+    (lanes.normal_force, lanes.rate) = (force, rate);
 }
 
 /// Normal forces of the laws that have no closed form, lane by lane.

@@ -310,10 +310,10 @@ pub struct BlockStep {
     pub change_alpha: LaneBlock,
 }
 
-/// As [`contour_forces`] with the linear law, to the bit, in one loop that keeps its values in registers; None where a contact begins
+/// As [`contour_forces`] with a law of a closed form, to the bit, in one loop that keeps its values in registers; None where a contact begins
 /// or ends within the step, which takes the long way.
 #[inline(always)]
-pub fn fast_contour_step<const UPDATED: bool>(
+pub fn fast_contour_step<const UPDATED: bool, const GROWS: bool>(
     (k, c): (f64, f64),
     friction: (f64, f64),
     (step, omega): (f64, f64),
@@ -336,7 +336,7 @@ pub fn fast_contour_step<const UPDATED: bool>(
             step,
         };
         let (age, approach) = (past[2][i], past[3][i]);
-        let (law, plain) = contact_law::fast_step(k, c, input, age > 0.0);
+        let (law, plain) = contact_law::fast_step::<GROWS>(k, c, input, age > 0.0);
         special[i] = !mask(plain);
         let kept = contact_update(penetration, motion.free_rate, law, step, (age, approach));
         let given = e.reaction(friction, step, omega, law.mean_force, past[1][i]);
@@ -540,11 +540,16 @@ mod tests {
                 }
             }
             let (k, c, friction) = (random(1e7, 2e8), random(0.0, 600.0), (0.1, 1e-3));
-            let law = ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c };
             let motion = (scene.step, scene.omega);
-            let Some(short) = fast_contour_step::<true>((k, c), friction, motion, scene.ends(), scene.past) else {
-                continue;
+            let (law, short) = if random(0.0, 1.0) < 0.5 {
+                let law = ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c };
+                (law, fast_contour_step::<true, false>((k, c), friction, motion, scene.ends(), scene.past))
+            } else {
+                let chi = c / 300.0;
+                let law = ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, damping_s_per_m: chi };
+                (law, fast_contour_step::<true, true>((k, k * chi), friction, motion, scene.ends(), scene.past))
             };
+            let Some(short) = short else { continue };
             let long = scene.forces(&law, friction);
             let mut arms = long.moment;
             for i in 0..LANES {

@@ -12,7 +12,9 @@
 //! before them into account. Friction after [`super::friction`] along the tangent, n turned by +90 degrees.
 
 use super::bush_tooth::contact_update;
-use crate::elements::contact_law::{ContactLaw, PairRadii, StepForce, StepInput, linear_step, quadrature_step};
+use crate::elements::contact_law::{
+    ClosedForm, ContactLaw, PairRadii, StepForce, StepInput, closed_form_step, quadrature_step,
+};
 use crate::elements::friction;
 use crate::geometry::{Vec2, perp, rotated};
 
@@ -199,11 +201,10 @@ impl Touch {
             approach: past.approach,
             step: step_s,
         };
-        let law: StepForce = match self.law {
-            ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: c } => {
-                linear_step(k, c, input, past.age > 0.0)
-            }
-            ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => quadrature_step(&self.law, self.radii, input),
+        let law: StepForce = match self.law.closed_form() {
+            Some(ClosedForm::Constant(k, c)) => closed_form_step::<false>(k, c, input, past.age > 0.0),
+            Some(ClosedForm::Growing(k, c)) => closed_form_step::<true>(k, c, input, past.age > 0.0),
+            None => quadrature_step(&self.law, self.radii, input),
         };
         let kept = contact_update(input.penetration, input.free_rate, law, step_s, (past.age, past.approach));
         let normal_force = if kept.age > 0.0 { law.mean_force } else { 0.0 };

@@ -313,6 +313,16 @@ pub struct BodyInfo {
     pub high_stop: Option<f64>,
 }
 
+/// Share of a peak from which on its rise is measured. A force that has more than that at the touch itself rises as fast as its law says.
+pub const RISE_FROM_SHARE: f64 = 0.1;
+
+impl Impact {
+    /// Rise time [s]; None where it is the contact law's, whose force jumps at the touch.
+    pub fn own_rise_time_s(&self) -> Option<f64> {
+        (self.touch_force_n <= RISE_FROM_SHARE * self.peak_force_n).then_some(self.rise_time_s)
+    }
+}
+
 impl BodyInfo {
     /// Whether it turns or slides.
     pub fn moves(&self) -> bool {
@@ -530,6 +540,7 @@ record! {
         14 x_m: double, "m", Node, Value, "Place of the first touch on the body, x.";
         15 y_m: double, "m", Node, Height, "Place of the first touch on the body, y.";
         16 watched_s: double, "s", Node, Value, "How long it was watched: less than two tooth periods where the recording ends.";
+        17 touch_force_n: double, "N", Node, Value, "What the contact law gives at the touch itself: more than zero where a constant damper stands beside the spring.";
     }
 }
 

@@ -346,7 +346,8 @@ pub struct GuideTouch {
     pub link: usize,
     pub front: bool,
     pub elastic: Elastic,
-    normal: Vec2,
+    /// Out of the guide.
+    pub normal: Vec2,
     /// How the normal turns over the way along the guide [1/m].
     bend_per_m: f64,
 }

@@ -15,6 +15,8 @@ struct GuideSums {
     from_m: f64,
     to_m: f64,
     force_n: f64,
+    /// Force of the chain over way, speed and acceleration of a guide that one way shifts.
+    mount: NormalEquations<3>,
     touched: usize,
     frames: usize,
 }
@@ -29,6 +31,8 @@ pub struct GuideFit {
     pub friction: Option<Estimate>,
     /// Mean of the sum of all normal forces on it [N].
     pub force_n: Option<Estimate>,
+    /// Compliance of what it stands on, along its way [m/N]; 0 where it stands still.
+    pub mount_compliance_m_per_n: Option<Estimate>,
     /// Two points of a straight face, where contacts begin and end along it, in the world [m].
     pub face: Option<[[f64; 2]; 2]>,
     pub touched: usize,
@@ -51,6 +55,7 @@ impl GuidePass {
             from_m: f64::INFINITY,
             to_m: f64::NEG_INFINITY,
             force_n: 0.0,
+            mount: NormalEquations::default(),
             touched: 0,
             frames: 0,
         };
@@ -64,6 +69,10 @@ impl GuidePass {
             let (sin, cos) = crate::units::sin_cos(angle);
             let before = sums.law.samples;
             sums.frames += 1;
+            if let [shift] = header.bodies[sums.body].shifts.as_slice() {
+                let (row, s) = (shift.slider as usize, &frame.sliders);
+                sums.mount.add([s.position_m[row], s.speed_m_s[row], s.acceleration_m_s2[row]], s.chain_force_n[row]);
+            }
             for row in (0..c.link.len()).filter(|row| c.body[*row] as usize == sums.body) {
                 sums.force_n += c.normal_force_n[row];
                 if !c.stick[row] && c.normal_force_n[row] > 0.0 {
@@ -106,12 +115,23 @@ impl GuideSums {
             })
         });
         let frames = self.frames.max(1);
+        let stands = Estimate { value: 0.0, error: 0.0, samples: frames };
+        let mount = match info.shifts.len() {
+            0 => (!info.moves()).then_some(stands),
+            1 => self.mount.solve(0.0).filter(|m| m.error[0] < super::LAW_ERROR * m.value[0]).map(|m| Estimate {
+                value: 1.0 / m.value[0],
+                error: m.error[0] / (m.value[0] * m.value[0]),
+                samples: self.mount.samples,
+            }),
+            _ => None,
+        };
         GuideFit {
             body: self.body,
             stiffness_n_per_m: stiffness,
             damping_n_s_per_m: damping,
             friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
             force_n: Some(Estimate { value: self.force_n / frames as f64, error: 0.0, samples: frames }),
+            mount_compliance_m_per_n: mount,
             face,
             touched: self.touched,
         }

@@ -119,6 +119,13 @@ pub static RING_STIFFNESS: Measure = property(
 );
 pub static RING_DAMPING: Measure =
     property("ring_damping_n_s_per_m", "contact damping of its ring", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
+pub static MOUNT_COMPLIANCE: Measure = property(
+    "mount_compliance_m_per_n",
+    "compliance of its mount",
+    ("softer", "stiffer"),
+    ("um/kN", 1e-9),
+    (5e-9, 0.05),
+);
 pub static GUIDE_FRICTION: Measure = property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
 pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
@@ -203,6 +210,7 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
         let mut put = |measure, estimate: Option<Estimate>| put_one(&mut all, part, measure, estimate, None);
         put(&CONTACT_STIFFNESS, guide.stiffness_n_per_m);
         put(&CONTACT_DAMPING, guide.damping_n_s_per_m);
+        put(&MOUNT_COMPLIANCE, guide.mount_compliance_m_per_n);
         put(&GUIDE_FRICTION, guide.friction);
         put(&GUIDE_FORCE, guide.force_n);
     }

@@ -15,7 +15,7 @@ use super::scratch::{LinkEnds, WrappedColumns};
 use super::watch::{ContactBlock, ObservedStep};
 use super::{BodyReaction, ContactGroup, LANES, MemoryBlocks, Scratch, WINDOW_MARGIN_M, Window};
 use crate::elements::body_frame::FrameMotion;
-use crate::elements::contact_law::ContactLaw;
+use crate::elements::contact_law::ClosedForm;
 use crate::geometry::Vec2;
 use crate::lanes::{LaneBlock, LaneMask, any, blocks, blocks_mut, mask};
 use crate::model::Model;
@@ -206,7 +206,7 @@ impl<'a> BodyInStep<'a> {
         let turned_m = contour_forces::turned_m(model.step_s, omega, fastest_m_s);
         let (past_omega, past_alpha) =
             body.frame.turn.map_or((0.0, 0.0), |r| (state.coordinates.omega[r], state.coordinates.alpha[r]));
-        let details = watched || !matches!(body.law, ContactLaw::Linear { .. });
+        let details = watched || body.law.closed_form().is_none();
         BodyInStep {
             body,
             contour,
@@ -416,11 +416,19 @@ impl EndContactPass<'_> {
         let motion = (self.model.step_s, meeting.omega);
         if !WATCHED
             && end.all_own
-            && let ContactLaw::Linear { stiffness_n_per_m, damping_n_s_per_m } = body.law
+            && let Some(law) = body.law.closed_form()
         {
-            let (law, past) = ((stiffness_n_per_m, damping_n_s_per_m), results.memory.past_contacts(at));
+            let past = results.memory.past_contacts(at);
             let columns = self.columns(ends, meeting, at);
-            if let Some(step) = contour_forces::fast_contour_step::<UPDATED>(law, friction, motion, columns, past) {
+            let fast = match law {
+                ClosedForm::Constant(k, c) => {
+                    contour_forces::fast_contour_step::<UPDATED, false>((k, c), friction, motion, columns, past)
+                }
+                ClosedForm::Growing(k, c) => {
+                    contour_forces::fast_contour_step::<UPDATED, true>((k, c), friction, motion, columns, past)
+                }
+            };
+            if let Some(step) = fast {
                 self.block_forces[at].add_at_centre(&step);
                 if UPDATED {
                     self.changes[at].add(&step);
