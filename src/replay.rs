@@ -112,6 +112,13 @@ impl Replay {
         Ok(keyframe)
     }
 
+    /// The frame of a step, simulated again from the keyframe before.
+    pub fn frame_of_step(&mut self, step: u64) -> anyhow::Result<Frame> {
+        let mut visit = self.visit(step, |_, _| ())?;
+        explicit::evaluate(&self.model, &visit.state, &mut visit.scratch)?;
+        Ok(self.camera().take(&self.model, &visit.state, &visit.scratch))
+    }
+
     /// Origin of a recording that is cut out of this one or continues it.
     pub fn parent(&self, state: &State, changed: bool) -> Parent {
         let name = self.reader.path().file_name().map(|n| n.to_string_lossy().into_owned());

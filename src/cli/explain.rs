@@ -58,7 +58,7 @@ pub fn run(args: &ExplainArgs) -> Result<Outcome, Failure> {
     }
     let body = explain(&mut replay, link, step)?;
     if let Some(path) = &args.output {
-        draw(path, &args.recording, &replay, &body)?;
+        draw(path, &args.recording, &mut replay, &body)?;
     }
     let found = if args.json {
         Answer::Json(serde_json::json!(body))
@@ -69,10 +69,11 @@ pub fn run(args: &ExplainArgs) -> Result<Outcome, Failure> {
     answer(&[&replay.reader], found, Outcome::Done)
 }
 
-fn draw(path: &Path, recording: &Path, replay: &Replay, body: &FreeBody) -> Result<(), Failure> {
+fn draw(path: &Path, recording: &Path, replay: &mut Replay, body: &FreeBody) -> Result<(), Failure> {
     let shown = path.display();
     super::check_outputs([path], [recording])?;
-    let svg = free_body::svg(replay.header(), body);
+    let frame = replay.frame_of_step(body.step)?;
+    let svg = free_body::svg(replay.header(), body, &frame);
     let bytes = match path.extension().and_then(|e| e.to_str()) {
         Some("svg") => svg.into_bytes(),
         Some("png") => png::encode(&svg, 2.0)?,

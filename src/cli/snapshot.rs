@@ -206,10 +206,7 @@ fn exact_frames(path: &Path, at: At, times_s: &[f64]) -> Result<Vec<Frame>, Fail
             )));
         }
         if frames.last().is_none_or(|f| f.step != step) {
-            let mut visit = replay.visit(step, |_, _| ())?;
-            crate::integrate::explicit::evaluate(&replay.model, &visit.state, &mut visit.scratch)
-                .map_err(|e| Failure::World(e.to_string()))?;
-            frames.push(replay.camera().take(&replay.model, &visit.state, &visit.scratch));
+            frames.push(replay.frame_of_step(step)?);
         }
     }
     Ok(frames)

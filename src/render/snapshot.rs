@@ -493,7 +493,7 @@ fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
 }
 
 /// The largest of 1, 2, 5 times a power of ten that is not above `v`.
-fn round_below(v: f64) -> f64 {
+pub(crate) fn round_below(v: f64) -> f64 {
     // Powers from repeated factors of ten are exact, so that they print as written.
     let (mut up, mut down) = (1.0, 1.0);
     while up * 10.0 <= v && up < 1e12 {
