@@ -147,7 +147,11 @@ fn the_same_gap_is_named_whatever_the_length() {
             let found = suspects_of(&part, &recording.header, (from, to)).suspects;
             let Some(first) = found.first() else { continue };
             println!("{drive} {sprocket} {gap} {um} um, {from} to {to} s: {} {:?}", first.text, first.shadows);
-            assert_eq!((first.tooth, first.body.as_str()), (Some(gap), &*format!("sprockets.{sprocket}")), "{found:#?}");
+            assert_eq!(
+                (first.tooth, first.body.as_str()),
+                (Some(gap), &*format!("sprockets.{sprocket}")),
+                "{found:#?}"
+            );
             named += 1;
         }
     }

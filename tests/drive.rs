@@ -507,7 +507,10 @@ fn runout_displaces_a_silent_sprocket_as_a_whole() {
     let plain = common::assembled(&common::bundled("silent-20-40", &[]));
     let contour = plain.model.contours[0].as_ref().expect("flanks");
     for um in [50, 500] {
-        let sets = [format!("effects.sprocket_runout.driver.amplitude_um={um}"), "effects.sprocket_runout.driver.phase_deg=40".into()];
+        let sets = [
+            format!("effects.sprocket_runout.driver.amplitude_um={um}"),
+            "effects.sprocket_runout.driver.phase_deg=40".into(),
+        ];
         let eccentric = common::assembled(&common::bundled("silent-20-40", &sets.each_ref().map(String::as_str)));
         let (mut compared, mut other_gap) = (0, 0);
         for (body, off) in plain.model.end_bodies.iter().zip(&eccentric.model.end_bodies).filter(|(b, _)| b.body == 0) {
@@ -549,8 +552,10 @@ fn one_gap_of_a_silent_sprocket_lies_further_out() {
     use pitchline::geometry::Vec2;
     use pitchline::pairs::contour_body::LinkPose;
     let sets = ["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=30"];
-    let (plain, odd) =
-        (common::assembled(&common::bundled("silent-20-40", &[])), common::assembled(&common::bundled("silent-20-40", &sets)));
+    let (plain, odd) = (
+        common::assembled(&common::bundled("silent-20-40", &[])),
+        common::assembled(&common::bundled("silent-20-40", &sets)),
+    );
     let contour = plain.model.contours[0].as_ref().expect("flanks");
     let (links, mut moved, mut same) = (&plain.state.links, 0, 0);
     for (body, off) in plain.model.end_bodies.iter().zip(&odd.model.end_bodies).filter(|(b, _)| b.body == 0) {
@@ -588,8 +593,16 @@ fn one_gap_of_a_silent_sprocket_lies_further_out() {
         ("effects.link_mass.odd.link=90", "the chain has no link 90"),
         ("effects.link_mass.odd.mass_percent=-95", "outside -90 ..= 1000"),
     ] {
-        let more = if set.contains("gap") { "effects.gap_error.driver.outward_um=3" } else { "effects.link_mass.odd.inertia_percent=3" };
-        let link = if set.contains("link=") || set.contains("gap") { vec![] } else { vec!["effects.link_mass.odd.link=3".to_string()] };
+        let more = if set.contains("gap") {
+            "effects.gap_error.driver.outward_um=3"
+        } else {
+            "effects.link_mass.odd.inertia_percent=3"
+        };
+        let link = if set.contains("link=") || set.contains("gap") {
+            vec![]
+        } else {
+            vec!["effects.link_mass.odd.link=3".to_string()]
+        };
         let sets = [vec![set.to_string(), more.to_string()], link].concat();
         let text = pitchline::drive::BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("bundled").1;
         let report = pitchline::drive::Drive::parse("silent-20-40", text, &sets).expect_err(set).to_string();

@@ -9,7 +9,8 @@ use std::path::PathBuf;
 use std::process::{Command, Output};
 
 const CHAINS: [&str; 3] = ["bush", "silent", "smartchain"];
-const DRIVE: SnapshotOptions<'static> = SnapshotOptions { around: ViewCentre::Drive, width_mm: None, joints: false, impacts: &[] };
+const DRIVE: SnapshotOptions<'static> =
+    SnapshotOptions { around: ViewCentre::Drive, width_mm: None, joints: false, impacts: &[] };
 
 fn sample(chain: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("recordings/samples/{chain}-20-40.mcap"))
@@ -195,8 +196,11 @@ fn long_arcs_and_full_circles_keep_their_centre() {
 fn penetration_is_drawn_as_deep_as_it_is() {
     let recording = recorded("bush");
     let (header, frame) = (&recording.header, &recording.frames[21]);
-    let drawing =
-        draw(header, &[frame], SnapshotOptions { around: ViewCentre::Body(0), width_mm: Some(0.05), joints: false, impacts: &[] });
+    let drawing = draw(
+        header,
+        &[frame],
+        SnapshotOptions { around: ViewCentre::Body(0), width_mm: Some(0.05), joints: false, impacts: &[] },
+    );
     let bytes = pitchline::render::png::encode(&drawing.svg, 2.0).expect("encoded");
     let pixmap = resvg::tiny_skia::Pixmap::decode_png(&bytes).expect("decodes");
     // The deepest contact of the driver is at the centre of the panel.

@@ -113,7 +113,8 @@ impl Rhythm {
             let own = arrivals.impacts.iter().filter(|(i, _)| i.feature == *part);
             own.for_each(|(_, number)| *seen.entry(*number).or_default() += 1);
             let expected = |number: u32| {
-                let first_s = middle_s + f64::from(number) * self.period_s * if arrivals.is_rising { 1.0 } else { -1.0 };
+                let first_s =
+                    middle_s + f64::from(number) * self.period_s * if arrivals.is_rising { 1.0 } else { -1.0 };
                 let turn_s = self.turn_s();
                 let (low, high) = (libm::ceil((from_s - first_s) / turn_s), libm::floor((to_s - first_s) / turn_s));
                 let n = (high - low + 1.0).max(0.0) as usize;
@@ -129,7 +130,8 @@ impl Rhythm {
                 if (present as f64) < PRESENT * alike.len() as f64 {
                     continue;
                 }
-                absent.extend(alike.into_iter().filter(|(_, seen, _)| *seen == 0).map(|(number, _, due)| (number, due)));
+                absent
+                    .extend(alike.into_iter().filter(|(_, seen, _)| *seen == 0).map(|(number, _, due)| (number, due)));
             }
         }
         absent

@@ -275,7 +275,14 @@ impl<'a> Stage<'a> {
                     text,
                     ..self.suspect(key)
                 };
-                found.push(Candidate { key, is_touch: true, bushed: true, suspect, impacts: Vec::new(), times_s: due_s });
+                found.push(Candidate {
+                    key,
+                    is_touch: true,
+                    bushed: true,
+                    suspect,
+                    impacts: Vec::new(),
+                    times_s: due_s,
+                });
             }
         }
         found
@@ -396,7 +403,10 @@ fn causes(
             candidates.iter().filter(|c| is_shadow(c) && c.key != root && c.is_strong()).map(|c| c.key).collect();
         shadows.sort_unstable();
         shadows.dedup();
-        found.push(Suspect { shadows: shadows.iter().map(|k| shadow_name(*k, root, header)).collect(), ..cause.suspect.clone() });
+        found.push(Suspect {
+            shadows: shadows.iter().map(|k| shadow_name(*k, root, header)).collect(),
+            ..cause.suspect.clone()
+        });
         let kept: Vec<bool> = candidates.iter().map(|c| !is_shadow(c)).collect();
         let mut kept = kept.into_iter();
         candidates.retain(|_| kept.next().unwrap_or(false));

@@ -182,7 +182,10 @@ fn check_lumped(args: &CheckArgs, name: &str, text: &str) -> Result<Outcome, Fai
             "sensors": machine.sensors.iter().map(|s| &s.path).collect::<Vec<_>>(),
         }));
     }
-    let mut said = format!("{}: {}\n  lumped: no links to simulate; `pitchline identify` holds it against records\n", machine.name, machine.title);
+    let mut said = format!(
+        "{}: {}\n  lumped: no links to simulate; `pitchline identify` holds it against records\n",
+        machine.name, machine.title
+    );
     for b in &machine.bodies {
         let (what, unit) = if b.slides { ("mass", "kg") } else { ("inertia", "kg m2") };
         let size = value(b.inertia).map_or(String::new(), |v| format!(", {what} {v:.6} {unit}"));

@@ -273,7 +273,9 @@ fn text(
     }
     if let Some(takes_s) = verdict.links_take_s {
         let takes_ms = takes_s * 1e3;
-        lines.push(format!("links are not judged: they must arrive twice, which takes {takes_ms:.0} ms; `audit` measures them"));
+        lines.push(format!(
+            "links are not judged: they must arrive twice, which takes {takes_ms:.0} ms; `audit` measures them"
+        ));
     }
     // The first suspect's impact, else the first of the list.
     let example = suspects.first().and_then(|s| first_of(s, all, header)).and_then(|n| Some((n, all.get(n)?)));

@@ -4,7 +4,9 @@ use super::reader::Places;
 use super::sensors::SensorReads;
 use super::{ChainFidelity, ChainSpec, Drive, LARGEST_PITCH_ERROR, OuterSpec, PreloadSpec, RingForm, SprocketDrive};
 use crate::diag::{Diag, Report};
-use crate::effects::{Effect, gap_error, guide_compliance, link_mass, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error};
+use crate::effects::{
+    Effect, gap_error, guide_compliance, link_mass, pitch_error, sprocket_runout, tight_joint, tooth_pitch_error,
+};
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::guide::GuideSide;
 use crate::geometry::rail::Rail;

@@ -3,8 +3,8 @@
 use super::reader::TomlTable;
 use super::{Effects, GapError, GapWave, GuideEffect, GuideSpec, LinkMass, PitchError, TightJoint, sensors};
 use crate::effects::{
-    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction, pitch_error,
-    sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction,
+    pitch_error, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
 
 /// Effects on sprockets, links, joints, guides and signals.

@@ -142,7 +142,10 @@ fn repeats(drive: &Drive) -> u32 {
     let links = drive.links as u32;
     let teeth = |k: usize| drive.sprockets[k].teeth;
     let mut all = 2;
-    let single = !e.pitch_errors.is_empty() || !e.link_masses.is_empty() || !e.tight_joints.is_empty() || drive.scatter.pitch_m > 0.0;
+    let single = !e.pitch_errors.is_empty()
+        || !e.link_masses.is_empty()
+        || !e.tight_joints.is_empty()
+        || drive.scatter.pitch_m > 0.0;
     if single || drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
         all = lcm(all, links);
     }

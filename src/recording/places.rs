@@ -57,11 +57,7 @@ impl Loops {
         const REAR: [Feature; 4] =
             [Feature::RearBush, Feature::RearRoller, Feature::RearPlateEnd, Feature::RearAbutment];
         let is_one = |of: [Feature; 4]| of.iter().any(|f| *f as u32 == feature);
-        if is_one(FRONT) {
-            Some(link)
-        } else {
-            is_one(REAR).then(|| self.behind(link))
-        }
+        if is_one(FRONT) { Some(link) } else { is_one(REAR).then(|| self.behind(link)) }
     }
 
     /// The joint at which an impact strikes.
