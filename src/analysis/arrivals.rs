@@ -10,7 +10,7 @@ use crate::recording::frame::Impact;
 use std::collections::BTreeMap;
 
 /// Impacts on one body, with the number by which they return: of a tooth gap, or of a joint in its chain.
-pub struct Rhythm {
+pub struct ArrivalRhythm {
     /// Tooth period [s], and how many of them until a number returns.
     pub period_s: f64,
     pub count: u32,
@@ -26,7 +26,7 @@ pub struct Arrivals<'a> {
     middles: BTreeMap<u32, f64>,
 }
 
-impl Rhythm {
+impl ArrivalRhythm {
     fn turn_s(&self) -> f64 {
         self.period_s * f64::from(self.count)
     }
@@ -40,7 +40,7 @@ impl Rhythm {
 
     /// With the period that the impacts show: the pitch that a header states is that of links without load, and over two
     /// hundred periods a pitch that is 0.1 % off shifts the phase by a fifth of a period.
-    pub fn measured(self, impacts: &[(&Impact, u32)]) -> Rhythm {
+    pub fn measured(self, impacts: &[(&Impact, u32)]) -> ArrivalRhythm {
         let mut times_s: BTreeMap<(u32, u32), Vec<f64>> = BTreeMap::new();
         impacts.iter().for_each(|(i, number)| times_s.entry((i.feature, *number)).or_default().push(i.t_s));
         times_s.values_mut().for_each(|times_s| times_s.sort_by(f64::total_cmp));
@@ -50,7 +50,7 @@ impl Rhythm {
     }
 
     /// The median of the periods between such times of the same number.
-    fn median_of(self, pairs: impl Iterator<Item = (f64, f64)>) -> Rhythm {
+    fn median_of(self, pairs: impl Iterator<Item = (f64, f64)>) -> ArrivalRhythm {
         let turn_s = self.turn_s();
         let period = |(from_s, to_s): (f64, f64)| {
             let turns = libm::round((to_s - from_s) / turn_s);
@@ -59,7 +59,7 @@ impl Rhythm {
         };
         let mut periods_s: Vec<f64> = pairs.filter_map(period).collect();
         periods_s.sort_by(f64::total_cmp);
-        Rhythm { period_s: periods_s.get(periods_s.len() / 2).copied().unwrap_or(self.period_s), ..self }
+        ArrivalRhythm { period_s: periods_s.get(periods_s.len() / 2).copied().unwrap_or(self.period_s), ..self }
     }
 
     /// Arrivals among impacts with their numbers.
@@ -152,7 +152,7 @@ mod tests {
     /// Ten gaps that arrive in falling order, one of them never, one lifted and seated again in the middle of its lap.
     #[test]
     fn arrivals_are_told_from_what_follows_and_gaps_from_their_absence() {
-        let stated = Rhythm { period_s: 1.001e-3, count: 10 };
+        let stated = ArrivalRhythm { period_s: 1.001e-3, count: 10 };
         let mut all: Vec<(Impact, u32)> = Vec::new();
         for k in 0..50_u32 {
             let gap = (100 - k) % 10;

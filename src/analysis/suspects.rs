@@ -22,7 +22,7 @@
 //! A fault that is the same for all teeth and links, such as another seat form or a guide in the way, shows only in
 //! comparison with another recording: see [`compared_with`].
 
-use super::arrivals::Rhythm;
+use super::arrivals::ArrivalRhythm;
 use crate::recording::frame::{Feature, Header, Impact};
 use crate::recording::places::Loops;
 use std::collections::{BTreeMap, BTreeSet};
@@ -231,7 +231,7 @@ impl<'a> Stage<'a> {
     /// Leaves arrivals, where there is a rhythm, and finds in which order and how fast gaps arrive.
     fn keep_arrivals(&mut self, own: &mut Vec<&Impact>) {
         let numbered: Vec<(&Impact, u32)> = own.iter().map(|i| (*i, i.tooth % self.gaps.count)).collect();
-        let teeth = Rhythm { period_s: self.period_s, count: self.gaps.count }.measured(&numbered);
+        let teeth = ArrivalRhythm { period_s: self.period_s, count: self.gaps.count }.measured(&numbered);
         self.period_s = teeth.period_s;
         let arrivals = teeth.arrivals(&numbered);
         let periods = (self.within_s.1 - self.within_s.0) / self.period_s;
@@ -253,7 +253,7 @@ impl<'a> Stage<'a> {
                 number.map(|n| n.wrapping_sub(order.first) % order.count)
             };
             let numbered: Vec<(&Impact, u32)> = own.iter().filter_map(|i| Some((*i, number(i)?))).collect();
-            let rhythm = Rhythm { period_s: self.period_s, count: order.count };
+            let rhythm = ArrivalRhythm { period_s: self.period_s, count: order.count };
             let arrivals = rhythm.arrivals(&numbered);
             for (number, due_s) in rhythm.absent(&arrivals, within_s) {
                 let key = Key { body: self.body, is_tooth, number: order.first + number };

@@ -41,7 +41,8 @@ fn text(args: &DiffArgs, d: &Difference) -> String {
         Some(first) => {
             let by = match first.distance {
                 0.0 => ", whose poses are still equal".to_string(),
-                _ if first.body.starts_with("link") => format!(", by {:.3e} um", first.distance * 1e6),
+                m if first.body.starts_with("link") && m >= 1e-9 => format!(", by {:.3} um", m * 1e6),
+                m if first.body.starts_with("link") => format!(", by {m:.3e} m"),
                 _ => format!(", by {:.3e} rad", first.distance),
             };
             lines.push(format!(

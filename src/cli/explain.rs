@@ -85,11 +85,11 @@ fn draw(path: &Path, recording: &Path, replay: &mut Replay, body: &FreeBody) -> 
 fn text(b: &FreeBody) -> String {
     let mut lines = vec![
         format!("link {} at {:.6} ms, step {}", b.link, b.t_s * 1e3, b.step),
-        "forces on it, means over this step                                       x [N]       y [N]    size [N]  moment [mN m]"
+        "forces on it, means over this step                                               x [N]       y [N]    size [N]  moment [mN m]"
             .to_string(),
     ];
     let row = |name: &str, x: f64, y: f64, m: f64| {
-        format!("  {name:66} {x:11.3} {y:11.3} {:11.3} {:14.4}", x.hypot(y), m * 1e3)
+        format!("  {name:74} {x:11.3} {y:11.3} {:11.3} {:14.4}", x.hypot(y), m * 1e3)
     };
     lines.extend(b.forces.iter().map(|f| row(&f.cause, f.fx_n, f.fy_n, f.moment_nm)));
     lines.push(row("sum", b.sum_x_n, b.sum_y_n, b.sum_moment_nm));

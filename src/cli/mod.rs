@@ -319,10 +319,10 @@ fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<us
     if let Some(k) = header.bodies.iter().position(|b| b.path == name) {
         return Ok(k);
     }
-    let meant: Vec<usize> = (0..header.bodies.len()).filter(|k| is_meant(&header.bodies[*k].path)).collect();
-    let path = |k: &usize| format!("`{}`", header.bodies[*k].path);
+    let meant: Vec<(usize, &str)> =
+        header.bodies.iter().map(|b| b.path.as_str()).enumerate().filter(|(_, path)| is_meant(path)).collect();
     match meant[..] {
-        [k] => Ok(k),
+        [(k, _)] => Ok(k),
         [] => {
             let known: std::collections::BTreeSet<String> =
                 header.bodies.iter().map(|b| crate::diag::last_name(&b.path).to_string()).collect();
@@ -333,7 +333,7 @@ fn body_named(header: &crate::recording::frame::Header, name: &str) -> Result<us
             Err(Failure::Input(format!("no sprocket or guide is called `{name}`\nhelp: {help}")))
         }
         _ => {
-            let several = meant.iter().map(path).collect::<Vec<_>>().join(", ");
+            let several = meant.iter().map(|(_, path)| format!("`{path}`")).collect::<Vec<_>>().join(", ");
             Err(Failure::Input(format!("`{name}` may be any of {several}\nhelp: give more of its path")))
         }
     }
