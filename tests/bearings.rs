@@ -5,8 +5,8 @@ mod common;
 
 use common::{assembled, watch};
 use pitchline::assemble::{Assembly, at_rest};
-use pitchline::drive::{BUNDLED, Drive};
 use pitchline::drive::GuideMount;
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::{PairRadii, StepInput, closed_form_step};
 use pitchline::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use pitchline::geometry::{Vec2, perp, unit};
@@ -298,12 +298,8 @@ fn the_softer_the_mount_the_lower_the_peak() {
     let mut last = speed * f64::sqrt(stiffness * m);
     println!("standing guide: {last:.2} N");
     for per_kn in [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0] {
-        let mount = GuideMount {
-            path: "a".into(),
-            compliance_m_per_n: per_kn * 1e-9,
-            mass_kg: 2e-3,
-            damping_ratio: 0.0,
-        };
+        let mount =
+            GuideMount { path: "a".into(), compliance_m_per_n: per_kn * 1e-9, mass_kg: 2e-3, damping_ratio: 0.0 };
         // Modes of m x'' = -k (x - y), M y'' = k (x - y) - K y: force k (x - y) = sum of a sin(w t).
         let (k, big_m, big_k) = (stiffness, mount.mass_kg, mount.stiffness_n_per_m());
         let (sum, product) = (k / m + (k + big_k) / big_m, k * big_k / (m * big_m));
@@ -313,7 +309,9 @@ fn the_softer_the_mount_the_lower_the_peak() {
         let shape = squares.map(|w2| 1.0 - w2 * m / k);
         let share = [-shape[1] / (shape[0] - shape[1]), shape[0] / (shape[0] - shape[1])];
         let force = |t: f64| -> f64 {
-            (0..2).map(|i| k * share[i] * (1.0 - shape[i]) * speed / squares[i].sqrt() * (squares[i].sqrt() * t).sin()).sum()
+            (0..2)
+                .map(|i| k * share[i] * (1.0 - shape[i]) * speed / squares[i].sqrt() * (squares[i].sqrt() * t).sin())
+                .sum()
         };
         let first_s = 2.0 * std::f64::consts::PI * f64::sqrt(m / k);
         // Until the two part.

@@ -6,7 +6,6 @@ use pitchline::elements::contact_law::{
     restitution_hysteresis,
 };
 
-
 const RADII: PairRadii = PairRadii { bush_m: 2.5e-3, body_m: f64::INFINITY };
 const STIFFNESS: f64 = 1e8;
 const MASS: f64 = 1.4e-3;
@@ -98,7 +97,8 @@ fn impacts(law: &ContactLaw, speed: f64, h: f64) -> Rebound {
 /// d^2 k/m = 2 [(v0 - v)/chi - ln((1 + chi v0)/(1 + chi v))/chi^2]; the largest force over all v.
 fn exact_peak_n(chi: f64, speed: f64) -> f64 {
     let force = |v: f64| {
-        let d2 = 2.0 * MASS / STIFFNESS * ((speed - v) / chi - ((1.0 + chi * speed) / (1.0 + chi * v)).ln() / (chi * chi));
+        let d2 =
+            2.0 * MASS / STIFFNESS * ((speed - v) / chi - ((1.0 + chi * speed) / (1.0 + chi * v)).ln() / (chi * chi));
         STIFFNESS * d2.max(0.0).sqrt() * (1.0 + chi * v)
     };
     (0..=20_000).map(|i| force(speed * f64::from(i) / 20_000.0)).fold(0.0, f64::max)
@@ -203,4 +203,29 @@ fn at_rest_the_depth_is_force_over_stiffness() {
     }
     println!("depth {:.9} um, expected {:.9} um", d * 1e6, load_n / STIFFNESS * 1e6);
     assert!((d * STIFFNESS / load_n - 1.0).abs() < 1e-9 && (past - load_n).abs() < 1e-6, "{d} {past}");
+}
+
+/// What `compare --laws` prints is what docs/validation.md shows, and its claim holds.
+#[test]
+fn the_claim_holds_under_nine_laws_as_the_page_says() {
+    let out = std::process::Command::new(env!("CARGO_BIN_EXE_pitchline"))
+        .args(["compare", "--laws"])
+        .output()
+        .expect("it starts");
+    let printed = String::from_utf8(out.stdout).expect("text");
+    println!("{printed}");
+    assert_eq!(out.status.code(), Some(0), "the claim holds in all");
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/validation.md");
+    if std::env::var_os("PITCHLINE_WRITE_GOLDEN").is_some() {
+        let text = std::fs::read_to_string(page).expect("the page");
+        let (head, rest) = text.split_once("$ pitchline compare --laws\n").expect("the command");
+        let (_, tail) = rest.split_once("```").expect("the end of the block");
+        let new = format!("{head}$ pitchline compare --laws\n{printed}```{tail}");
+        std::fs::write(page, new).expect("written");
+    }
+    let text = std::fs::read_to_string(page).expect("the page");
+    assert!(
+        text.contains(&format!("$ pitchline compare --laws\n{printed}```")),
+        "docs/validation.md shows other numbers"
+    );
 }

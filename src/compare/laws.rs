@@ -128,7 +128,8 @@ fn law_like(own: &ContactLaw, kind: LawKind, e: f64, radii: PairRadii, (mass_kg,
 /// A drive with other laws between links and sprockets, rings and guides. `mass_kg`: of the end of a link.
 fn with_law(drive: &Drive, kind: LawKind, e: f64, mass_kg: f64) -> Drive {
     let mut drive = drive.clone();
-    let speed_m_s = drive.chain_speed_m_s().abs() * 2.0 * std::f64::consts::PI / f64::from(drive.sprockets[drive.driver()].teeth);
+    let speed_m_s =
+        drive.chain_speed_m_s().abs() * 2.0 * std::f64::consts::PI / f64::from(drive.sprockets[drive.driver()].teeth);
     let change = |contacts: [&mut ContactSpec; 3], bush_m: f64| {
         let radii = PairRadii { bush_m, body_m: f64::INFINITY };
         for contact in contacts {

@@ -460,11 +460,7 @@ impl Drive {
             let Carried::Guide(k) = b.on else { continue };
             let name = &self.guides[k].name;
             if let Some((_, mount)) = self.effects.mounts().find(|(guide, _)| guide == name) {
-                mistakes.add(
-                    &mount.path,
-                    format!("guide `{name}` stands on `{}` already", b.path),
-                    "keep one of them",
-                );
+                mistakes.add(&mount.path, format!("guide `{name}` stands on `{}` already", b.path), "keep one of them");
             }
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();

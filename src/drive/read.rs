@@ -435,7 +435,10 @@ fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
     if laws.len() != 1 {
         t.error(
             format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
-            Some("add one of the tables linear, hunt_crossley, hertz_line, lankarani_nikravesh, restitution below it".into()),
+            Some(
+                "add one of the tables linear, hunt_crossley, hertz_line, lankarani_nikravesh, restitution below it"
+                    .into(),
+            ),
         );
     }
     t.finish();

@@ -249,7 +249,11 @@ fn axis_mobility(model: &Model, frame: &BodyFrame) -> f64 {
 fn bearing_bounds(model: &Model) -> Vec<StepBound> {
     let ways = model.bearings.iter().flat_map(|b| b.ways);
     let modes = model.rails.iter().flat_map(|r| r.blade.iter().flat_map(|b| b.modes()));
-    let springs = ways.chain(model.mounts.iter().copied()).chain(modes).map(|k| &model.coordinates[k]).filter(|c| c.spring.stiffness > 0.0);
+    let springs = ways
+        .chain(model.mounts.iter().copied())
+        .chain(modes)
+        .map(|k| &model.coordinates[k])
+        .filter(|c| c.spring.stiffness > 0.0);
     let bound = |c: &Coordinate| StepBound {
         step_s: CONTACT / libm::sqrt(c.spring.stiffness * c.inverse_inertia()),
         cause: c.path.clone(),

@@ -447,12 +447,8 @@ fn closed_form_forces<const GROWS: bool>((k, c): (f64, f64), step: f64, lanes: &
     }
     let (mut age, mut approach) = (lanes.age, lanes.approach);
     for i in 0..LANES {
-        let law = contact_law::StepForce {
-            mean_force: force[i],
-            rate: rate[i],
-            touch_rate: touch_rate[i],
-            lost: lost[i],
-        };
+        let law =
+            contact_law::StepForce { mean_force: force[i], rate: rate[i], touch_rate: touch_rate[i], lost: lost[i] };
         let kept = contact_update(lanes.penetration[i], lanes.free_rate[i], law, step, (age[i], approach[i]));
         (age[i], approach[i], lost[i]) = (kept.age, kept.approach, kept.lost);
     }
