@@ -204,3 +204,28 @@ fn at_rest_the_depth_is_force_over_stiffness() {
     println!("depth {:.9} um, expected {:.9} um", d * 1e6, load_n / STIFFNESS * 1e6);
     assert!((d * STIFFNESS / load_n - 1.0).abs() < 1e-9 && (past - load_n).abs() < 1e-6, "{d} {past}");
 }
+
+/// What `compare --laws` prints is what docs/validation.md shows, and its claim holds.
+#[test]
+fn the_claim_holds_under_nine_laws_as_the_page_says() {
+    let out = std::process::Command::new(env!("CARGO_BIN_EXE_pitchline"))
+        .args(["compare", "--laws"])
+        .output()
+        .expect("it starts");
+    let printed = String::from_utf8(out.stdout).expect("text");
+    println!("{printed}");
+    assert_eq!(out.status.code(), Some(0), "the claim holds in all");
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/validation.md");
+    if std::env::var_os("PITCHLINE_WRITE_GOLDEN").is_some() {
+        let text = std::fs::read_to_string(page).expect("the page");
+        let (head, rest) = text.split_once("$ pitchline compare --laws\n").expect("the command");
+        let (_, tail) = rest.split_once("```").expect("the end of the block");
+        let new = format!("{head}$ pitchline compare --laws\n{printed}```{tail}");
+        std::fs::write(page, new).expect("written");
+    }
+    let text = std::fs::read_to_string(page).expect("the page");
+    assert!(
+        text.contains(&format!("$ pitchline compare --laws\n{printed}```")),
+        "docs/validation.md shows other numbers"
+    );
+}
