@@ -31,6 +31,21 @@ pub enum ContactKind {
     InnerFlank,
 }
 
+impl ContactKind {
+    /// What touches what.
+    pub fn words(self) -> &'static str {
+        match self {
+            ContactKind::Guide => "abutment on guide",
+            ContactKind::RingFront => "front abutment on ring",
+            ContactKind::RingRear => "rear abutment on ring",
+            ContactKind::Bush => "bush in teeth",
+            ContactKind::FlankLeading => "leading flank",
+            ContactKind::FlankTrailing => "trailing flank",
+            ContactKind::InnerFlank => "inner flank",
+        }
+    }
+}
+
 /// All kinds, in the order of [`Pass`] columns.
 pub const KINDS: [ContactKind; 7] = [
     ContactKind::Guide,

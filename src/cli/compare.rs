@@ -253,16 +253,16 @@ pub(super) fn failure(e: &CompareError) -> Failure {
 
 fn table(summaries: &[&DriveSummary]) -> String {
     let mut text = format!(
-        "{:<18} {:<16} {:>7} {:>8} {:>17} {:>10} {:>8} {:>9} {:>8}\n",
+        "{:<18} {:<22} {:>7} {:>8} {:>17} {:>10} {:>8} {:>9} {:>8}\n",
         "drive", "contact", "passes", "touch T", "approach m/s", "engaging N", "lap N", "pitch 2 N", "rise T"
     );
     for s in summaries {
         for (i, k) in s.kinds.iter().enumerate() {
             let _infallible = writeln!(
                 text,
-                "{:<18} {:<16} {:>7} {:>8.3} {:>8.4} {:>8.4} {:>10.1} {:>8.1} {:>9.1} {:>8}",
+                "{:<18} {:<22} {:>7} {:>8.3} {:>8.4} {:>8.4} {:>10.1} {:>8.1} {:>9.1} {:>8}",
                 if i == 0 { s.drive.as_str() } else { "" },
-                format!("{:?}", k.kind),
+                k.kind.words(),
                 k.passes,
                 k.first_touch_t,
                 k.approach_median_m_s,
@@ -291,7 +291,8 @@ fn table(summaries: &[&DriveSummary]) -> String {
             .collect();
         let _infallible = writeln!(text, "{:<18} fastest touch anywhere: {}", "", fastest.join(", "));
     }
-    text + "\n"
+    text + "  touch: tooth periods T since the front joint of a link passed the end of the straight span; approach: closing speed then, median and largest;\n  \
+            engaging, lap: largest force while the link engages, and all round the driver; pitch 2: mean force over the second tooth period\n\n"
 }
 
 /// Largest contact force and highest approach speed over the speed.

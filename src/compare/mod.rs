@@ -489,17 +489,24 @@ fn contrasts(smart: &DriveSummary, other: &DriveSummary) -> Vec<Claim> {
         claim(
             "strikes its teeth at more than 10 % of p omega".into(),
             strikes > 0.1 * speed,
-            format!("{strikes:.3} m/s, {:.0} % and {times:.0} times as fast", 100.0 * strikes / speed),
+            format!(
+                "{strikes:.3} m/s, {:.0} % and {times:.0} times as fast as {} touches",
+                100.0 * strikes / speed,
+                smart.drive
+            ),
         ),
         if told {
             claim(
-                format!("at least {faster} times as fast, and its teeth are loaded {sharper} times faster"),
+                format!(
+                    "at least {faster} times as fast as {}, and its teeth are loaded {sharper} times faster",
+                    smart.drive
+                ),
                 times >= faster && rises >= sharper,
                 format!("{times:.0} times; {rises:.0} times, in {:.3} T", tooth.rise_t),
             )
         } else {
             claim(
-                format!("at least {faster} times as fast"),
+                format!("at least {faster} times as fast as {}", smart.drive),
                 times >= faster,
                 format!(
                     "{times:.0} times; how fast its teeth are loaded is set by its contact law, whose force jumps at the touch"

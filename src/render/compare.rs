@@ -23,18 +23,6 @@ fn colour(kind: ContactKind) -> &'static str {
     }
 }
 
-fn name(kind: ContactKind) -> &'static str {
-    match kind {
-        ContactKind::Guide => "abutment on guide",
-        ContactKind::RingFront => "front abutment on ring",
-        ContactKind::RingRear => "rear abutment on ring",
-        ContactKind::Bush => "bush in teeth",
-        ContactKind::FlankLeading => "leading flank",
-        ContactKind::FlankTrailing => "trailing flank",
-        ContactKind::InnerFlank => "inner flank",
-    }
-}
-
 /// Colours of the drives, in their order.
 const LINES: [&str; 6] = ["#c92a2a", "#e8890c", "#1c6dd0", "#2b8a3e", "#6f42c1", "#495057"];
 
@@ -101,7 +89,7 @@ fn table(runs: &[Run]) -> String {
                 text,
                 "<tr><td>{}</td><td>{}</td><td>{:.3}</td><td>{:.4}</td><td>{:.4}</td><td>{:.1}</td><td>{:.1}</td>\
                  <td>{:.1}</td><td>{}</td></tr>",
-                name(k.kind),
+                k.kind.words(),
                 k.passes,
                 k.first_touch_t,
                 k.approach_median_m_s,
@@ -113,7 +101,9 @@ fn table(runs: &[Run]) -> String {
             );
         }
     }
-    text + "</table>\n"
+    text + "</table>\n<p>First touch: in tooth periods T since the front joint of the link passed the end of the straight span. Approach: closing \
+            speed at the first touch. Peak: largest force while the link engages, and over its whole way round the driver. Pitch 2: mean force \
+            over the second tooth period. Rise: from a tenth to nine tenths of the first peak.</p>\n"
 }
 
 /// A vertical grid line of a diagram at `x`, with the label below it.
@@ -174,9 +164,9 @@ fn diagram(run: &Run, top_n: f64) -> String {
              <polyline points=\"{line}\" fill=\"none\" stroke=\"{c}\" stroke-width=\"1.6\"/>\
              <text x=\"{key:.0}\" y=\"{:.0}\" fill=\"{c}\">{}</text>",
             h - 4.0,
-            name(kind)
+            kind.words()
         );
-        key += 10.0 + 7.0 * name(kind).len() as f64;
+        key += 10.0 + 7.0 * kind.words().len() as f64;
     }
     let _infallible =
         writeln!(svg, "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">u [T]</text>", w - 10.0, h - 4.0);
