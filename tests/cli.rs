@@ -509,7 +509,14 @@ fn a_lumped_drive_is_told_from_one_with_links_and_effects_are_listed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("rig.toml");
     std::fs::write(&path, "fidelity = \"lumped\"\n").expect("written");
-    refused(&["check", path.to_str().expect("text")], "is a lumped drive");
+    let shown = path.to_str().expect("text");
+    refused(&["run", shown], "is a lumped drive");
+    refused(&["check", shown], "a machine needs a body");
+    // What `lump` writes, `check` reads; both say what it is.
+    let lumped = pitchline(&["lump", "bush-20-40", "-o", shown]);
+    assert!(String::from_utf8_lossy(&lumped.stdout).contains("a lumped drive of 2 bodies"), "{}", stderr(&lumped));
+    let checked = json(&pitchline(&["check", shown, "--json"]));
+    assert_eq!((&checked["fidelity"], &checked["bodies"][1]["name"]), (&"lumped".into(), &"driven".into()));
     refused(&["identify", "nothing.toml"], "cannot read measurement file");
     refused(&["effects", "sproket_runout"], "did you mean `sprocket_runout`");
     let effects = json(&pitchline(&["effects", "--json"]));

@@ -87,7 +87,7 @@ pub struct Suspect {
 }
 
 /// What stands out, and what could not be judged.
-pub struct Verdict {
+pub struct FoundSuspects {
     pub suspects: Vec<Suspect>,
     /// How long a recording must be for links to be judged [s], where this one is shorter.
     pub links_take_s: Option<f64>,
@@ -161,7 +161,7 @@ impl Order {
 }
 
 /// What is compared on one sprocket.
-struct Stage<'a> {
+struct ComparedSprocket<'a> {
     body: usize,
     path: &'a str,
     period_s: f64,
@@ -175,7 +175,7 @@ struct Stage<'a> {
 }
 
 /// Everything that stands out in a recording of this time, the largest departure first.
-pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64)) -> Verdict {
+pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64)) -> FoundSuspects {
     let loops = Loops::new(header);
     let period_s = period_s(header);
     let within_s = (begin_s + SETTLED * period_s, end_s - WATCHED * period_s);
@@ -190,7 +190,7 @@ pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64
         let Some(first) = own.first() else { continue };
         let (start, links) = loops.of(first.link);
         let is_forwards = header.chain_speed_m_s >= 0.0;
-        let mut stage = Stage {
+        let mut stage = ComparedSprocket {
             body,
             path: &info.path,
             period_s,
@@ -224,10 +224,10 @@ pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64
         orders.insert(body, (stage.gaps, stage.joints));
     }
     let suspects = causes(candidates, &orders, header, period_s);
-    Verdict { suspects, links_take_s }
+    FoundSuspects { suspects, links_take_s }
 }
 
-impl<'a> Stage<'a> {
+impl<'a> ComparedSprocket<'a> {
     /// Leaves arrivals, where there is a rhythm, and finds in which order and how fast gaps arrive.
     fn keep_arrivals(&mut self, own: &mut Vec<&Impact>) {
         let numbered: Vec<(&Impact, u32)> = own.iter().map(|i| (*i, i.tooth % self.gaps.count)).collect();

@@ -1,7 +1,7 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::suspects::{Common, Suspect, Verdict, common, compared_with, suspects};
+use crate::analysis::suspects::{Common, FoundSuspects, Suspect, common, compared_with, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::places::Loops;
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
@@ -65,7 +65,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             let (their, their_heads) = read(other)?;
             let common = in_common(args, (&heads, &their_heads), &header)?;
             let suspects = compared_with((&all, &header), (&their, other.header()), &common);
-            (Verdict { suspects, links_take_s: None }, Some(common))
+            (FoundSuspects { suspects, links_take_s: None }, Some(common))
         }
     };
     let suspects = &verdict.suspects;
@@ -227,7 +227,7 @@ fn text(
     heads: &[FrameHead],
     list: &[(usize, &Impact)],
     (found, all): (usize, &[Impact]),
-    verdict: &Verdict,
+    verdict: &FoundSuspects,
     common: Option<&Common>,
 ) -> String {
     let suspects = &verdict.suspects;
