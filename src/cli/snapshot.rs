@@ -397,7 +397,7 @@ mod tests {
         assert_eq!(instant("frame:12"), Ok(At::Frame(12)));
         assert_eq!(instant("1s..2s/3"), Ok(At::Strip { from_s: 1.0, to_s: 2.0, count: 3 }));
         for wrong in
-            ["", "12", "-1ms", "NaNs", "infs", "frame:-1", "1s..2s", "2s..1s/3", "1s..2s/1", "1s..2s/25", "1s..2/4"]
+            ["", "12", "-1ms", "NaNs", "infs", "frame:-1", "1s..2s", "2s..1s/3", "1s..2s/1", "1s..2s/2001", "1s..2/4"]
         {
             assert!(instant(wrong).is_err(), "{wrong}");
         }

@@ -167,7 +167,9 @@ fn of_other_guides(m: &Measured, audit: &Audit, theirs: &[Measured]) -> Option<E
 }
 
 fn ranked(mut found: Vec<Finding>) -> Vec<Finding> {
-    found.sort_by(|a, b| b.kind.cmp(&a.kind).then(b.score.total_cmp(&a.score)));
+    // How much a chain is tightened says what its moved axes and its tension mean.
+    let explains = |f: &Finding| f.quantity == TIGHTENING.key;
+    found.sort_by(|a, b| b.kind.cmp(&a.kind).then(explains(b).cmp(&explains(a))).then(b.score.total_cmp(&a.score)));
     // The same part and number by neighbours and by header: the further one.
     let mut kept: Vec<Finding> = Vec::new();
     for finding in found {
