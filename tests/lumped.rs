@@ -144,7 +144,8 @@ fn every_row_says_what_it_is() {
         for p in e.parameters {
             assert!(p.low < p.high && p.unit > 0.0 && !p.starts.is_empty(), "{}.{}", e.name, p.key);
             assert!(
-                (p.low..=p.high).contains(&p.off) || matches!(p.kind, Kind::Shape | Kind::Whole | Kind::Index),
+                (p.low..=p.high).contains(&p.off)
+                    || matches!(p.kind, Kind::Shape | Kind::Whole | Kind::Index | Kind::Given),
                 "{}.{} is off outside its range",
                 e.name,
                 p.key

@@ -71,13 +71,12 @@ pub struct RerunSink {
     curve_times: Times,
     picture_times: Times,
     event_times: Times,
-    peak_times: Times,
     numbers: Numbers,
     curves: Curves,
     pictures: Pictures,
     events: EntityTable,
-    /// Peaks of impacts, a value for each curve of contact forces.
-    peaks: EntityTable,
+    /// Peaks of impacts on each curve of contact forces.
+    peaks: Vec<(Times, EntityTable)>,
 }
 
 impl RerunSink {
@@ -118,12 +117,11 @@ impl RerunSink {
             curve_times: Times::default(),
             picture_times: Times::default(),
             event_times: Times::default(),
-            peak_times: Times::default(),
             numbers: Numbers::new(header),
             curves: Curves::new(header),
             pictures: Pictures::new(header),
             events: events_table(),
-            peaks: curves_table(scene::IMPACT_PEAKS),
+            peaks: scene::peaks_entities(header).iter().map(|e| (Times::default(), curves_table(e))).collect(),
         };
         let stream = sink.stream()?;
         stream.send_recording_name(header.drive_name.as_str())?;
@@ -177,7 +175,8 @@ impl RerunSink {
         let pictures = due(&self.picture_times, PICTURE_ROWS);
         // Events are few and are sent with the numbers around them.
         let events = due(&self.event_times, if numbers { 1 } else { NUMBER_ROWS });
-        let peaks = due(&self.peak_times, if numbers { 1 } else { NUMBER_ROWS });
+        // Impacts come later than their frames, from a run by other frames than from an archive: their blocks hang on their number alone.
+        let peaks = self.peaks.iter().any(|(times, _)| due(times, NUMBER_ROWS));
         if !(numbers || curves || pictures || events || peaks) {
             return Ok(());
         }
@@ -196,8 +195,10 @@ impl RerunSink {
         if events {
             table::send(stream, &mut self.event_times, [&mut self.events])?;
         }
-        if peaks {
-            table::send(stream, &mut self.peak_times, [&mut self.peaks])?;
+        for (times, table) in &mut self.peaks {
+            if due(times, NUMBER_ROWS) {
+                table::send(stream, times, [table])?;
+            }
         }
         Ok(())
     }
@@ -262,8 +263,11 @@ impl Sink for RerunSink {
     fn impact(&mut self, impact: &Impact) -> Result<()> {
         let t_s = impact.t_s + impact.peak_after_s;
         let step = impact.step + (impact.peak_after_s / self.header.step_s).round() as u64;
-        self.peak_times.push(t_s, step, self.crank_before_udeg(t_s));
-        self.curves.push_peak(&mut self.peaks, impact);
+        let crank_udeg = self.crank_before_udeg(t_s);
+        if let Some((times, table)) = self.curves.curve_of(impact).and_then(|curve| self.peaks.get_mut(curve)) {
+            times.push(t_s, step, crank_udeg);
+            rows::push_curves(table, [impact.peak_force_n]);
+        }
         self.send_blocks(false)
     }
 

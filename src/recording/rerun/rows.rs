@@ -122,11 +122,9 @@ impl Curves {
         }
     }
 
-    /// The peak of an impact on the curve of its body; no value on the others.
-    pub fn push_peak(&self, peaks: &mut EntityTable, impact: &Impact) {
-        let own = self.curve_of_body.get(impact.body as usize);
-        let value = |curve: usize| if own == Some(&curve) { impact.peak_force_n } else { f64::NAN };
-        push_curves(peaks, (0..self.largest_n.len()).map(value));
+    /// The curve of contact forces that an impact belongs to.
+    pub fn curve_of(&self, impact: &Impact) -> Option<usize> {
+        self.curve_of_body.get(impact.body as usize).copied()
     }
 
     pub fn push(&mut self, frame: &Frame, header: &Header) {
@@ -183,7 +181,7 @@ pub fn is_lost(kind: ColumnKind) -> bool {
     kind == ColumnKind::Lost
 }
 
-fn push_curves(table: &mut EntityTable, values: impl IntoIterator<Item = f64>) {
+pub fn push_curves(table: &mut EntityTable, values: impl IntoIterator<Item = f64>) {
     let column = table.f64(0);
     let before = column.len();
     column.extend(values);

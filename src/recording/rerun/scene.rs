@@ -30,8 +30,8 @@ const Z_DISC: f64 = 0.004;
 const CURVE_COLOURS: [[u8; 3]; 7] =
     [[86, 180, 233], [230, 159, 0], [0, 158, 115], [204, 121, 167], [240, 228, 66], [213, 94, 0], [0, 114, 178]];
 
-/// The entity of the peaks of impacts, below that of the curves which they belong to; and the size of their marks [points].
-pub const IMPACT_PEAKS: &str = "plots/largest_contact_force/impact_peaks";
+/// Where the peaks of impacts are, below the curves which they belong to; and the size of their marks [points].
+const IMPACT_PEAKS: &str = "plots/largest_contact_force/impact_peaks";
 const PEAK_MARK: f32 = 2.5;
 
 /// Steps of the colour scale of forces.
@@ -310,6 +310,12 @@ pub fn sensors_entity(unit: &str) -> String {
     format!("plots/sensors/{word}")
 }
 
+/// Entities of the peaks of impacts: one for each curve of contact forces.
+pub fn peaks_entities(header: &Header) -> Vec<String> {
+    let curves = header.bodies.iter().filter(|body| body.rotor).count() + 1;
+    (0..curves).map(|curve| format!("{IMPACT_PEAKS}/{curve}")).collect()
+}
+
 /// Names of the curves, in the order in which the sink writes them.
 fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
@@ -320,11 +326,10 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     };
     let forces: Vec<String> = forces.collect();
     let colours = CURVE_COLOURS.iter().cycle().map(|[r, g, b]| Color::from_rgb(*r, *g, *b));
-    let peaks = SeriesPoints::new()
-        .with_colors(colours.take(forces.len()))
-        .with_marker_sizes(vec![PEAK_MARK; forces.len()])
-        .with_names(forces.iter().map(|name| format!("peaks of impacts, {name}")));
-    stream.log_static(IMPACT_PEAKS, &peaks)?;
+    for ((entity, name), colour) in peaks_entities(header).into_iter().zip(&forces).zip(colours) {
+        let peaks = SeriesPoints::new().with_colors([colour]).with_marker_sizes([PEAK_MARK]);
+        stream.log_static(entity, &peaks.with_names([format!("peaks of impacts, {name}")]))?;
+    }
     stream.log_static("plots/largest_contact_force", &named(forces))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
     let turning = header.coordinates.iter().map(|path| crate::diag::last_name(path));
