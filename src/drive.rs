@@ -7,8 +7,10 @@
 pub mod bearings;
 mod chains;
 mod check;
+mod contacts;
 mod document;
 mod effects;
+mod guides;
 pub mod mechanism;
 mod read;
 #[doc(hidden)]
@@ -472,11 +474,11 @@ pub struct GuideEffect {
 pub struct GuideMount {
     /// Path in the file.
     pub path: String,
-    /// Of the spring [m/N].
+    /// Way of the spring under a newton [m/N].
     pub compliance_m_per_n: f64,
     /// Moves with the face [kg].
     pub mass_kg: f64,
-    /// Of the mass on the spring.
+    /// Damping of the mass on the spring over its critical damping.
     pub damping_ratio: f64,
 }
 

@@ -50,7 +50,7 @@ struct OpenImpact {
     top_n: Vec<f64>,
     meter: PeakMeter,
     best_n: f64,
-    /// Of the partner that was touched first.
+    /// Contact law of the body that was touched first.
     law: Option<ContactLaw>,
 }
 

@@ -50,7 +50,7 @@ pub struct Force {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Contact {
     pub feature: &'static str,
-    /// Of a bush or roller: the joint that it is at.
+    /// Number of the joint that a bush or roller sits at; None for other parts.
     pub joint: Option<usize>,
     pub body: String,
     pub tooth: Option<u32>,
@@ -422,55 +422,71 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
     }
 }
 
-fn free_body(
-    model: &Model,
-    state: &State,
-    scratch: &Scratch,
+/// A link at a node, and what the step worked with there.
+#[derive(Clone, Copy)]
+struct LinkAtNode<'a> {
+    model: &'a Model,
+    state: &'a State,
+    scratch: &'a Scratch,
     link: usize,
-    lanes: Vec<Lane>,
-) -> anyhow::Result<FreeBody> {
-    let l = &state.links;
-    let centre = Vec2::new(l.x[link], l.y[link]);
-    let force = |kind, cause: String, at: Vec2, f: Vec2, torque: f64| Force {
-        kind,
-        cause,
-        x_m: at.x,
-        y_m: at.y,
-        fx_n: f.x,
-        fy_n: f.y,
-        moment_nm: cross(at - centre, f) + torque,
-    };
-    let mut forces = Vec::new();
-    let (ahead, behind) = (model.chain.next(link), model.chain.previous(link));
-    for (joint, front, neighbour) in [(link, true, ahead), (behind, false, behind)] {
-        let neighbour = model.chain.number_of(neighbour);
-        let (x, y, torque) = scratch.joint_force(joint);
-        let sign = if front { -1.0 } else { 1.0 };
-        let (at, _) = end_at(model, state, scratch, link, front);
-        let (end, number) = (if front { "front" } else { "rear" }, model.chain.number_of(joint));
-        let cause = format!("{end} joint {number}, to link {neighbour}");
-        let rubbing = format!("{cause}: pin friction");
-        forces.push(force("joint", cause, at, Vec2::new(x, y) * sign, 0.0));
-        forces.push(force("pin friction", rubbing, at, Vec2::zeros(), torque * sign));
+}
+
+impl LinkAtNode<'_> {
+    fn centre(&self) -> Vec2 {
+        Vec2::new(self.state.links.x[self.link], self.state.links.y[self.link])
     }
-    for roller in [behind, link].map(|j| model.chain.bush_lane(j)) {
-        let (owner, front) = model.chain.bush_carrier(roller);
-        let bores = &scratch.bores;
-        if !model.chain.is_roller(roller) || owner != link || bores.memory.normal_force[roller] == 0.0 {
-            continue;
-        }
-        // Where the force acts does not matter beside its moment about the axis of the bush.
-        let (at, _) = end_at(model, state, scratch, link, front);
-        let f = -Vec2::new(bores.force_x[roller], bores.force_y[roller]);
-        let cause = format!("{} roller on its bush", if front { "front" } else { "rear" });
-        forces.push(force("roller", cause, at, f, bores.bush_moment[roller]));
+
+    fn force(&self, kind: &'static str, cause: String, at: Vec2, f: Vec2, torque: f64) -> Force {
+        let moment_nm = cross(at - self.centre(), f) + torque;
+        Force { kind, cause, x_m: at.x, y_m: at.y, fx_n: f.x, fy_n: f.y, moment_nm }
     }
-    let mut contacts = Vec::new();
-    for lane in lanes {
+
+    /// Place of an end of the link.
+    fn end(&self, front: bool) -> Vec2 {
+        end_at(self.model, self.state, self.scratch, self.link, front).0
+    }
+
+    /// Forces and pin friction of both joints.
+    fn joint_forces(&self) -> Vec<Force> {
+        let c = &self.model.chain;
+        let (ahead, behind) = (c.next(self.link), c.previous(self.link));
+        let of_joint = |(joint, front, neighbour): (usize, bool, usize)| {
+            let (x, y, torque) = self.scratch.joint_force(joint);
+            let sign = if front { -1.0 } else { 1.0 };
+            let (at, end) = (self.end(front), if front { "front" } else { "rear" });
+            let cause = format!("{end} joint {}, to link {}", c.number_of(joint), c.number_of(neighbour));
+            let rubbing = format!("{cause}: pin friction");
+            [
+                self.force("joint", cause, at, Vec2::new(x, y) * sign, 0.0),
+                self.force("pin friction", rubbing, at, Vec2::zeros(), torque * sign),
+            ]
+        };
+        [(self.link, true, ahead), (behind, false, behind)].into_iter().flat_map(of_joint).collect()
+    }
+
+    /// What rollers give to the bushes of the link.
+    fn roller_forces(&self) -> Vec<Force> {
+        let (c, bores) = (&self.model.chain, &self.scratch.bores);
+        let of_roller = |roller: usize| {
+            let (owner, front) = c.bush_carrier(roller);
+            if !c.is_roller(roller) || owner != self.link || bores.memory.normal_force[roller] == 0.0 {
+                return None;
+            }
+            // Where the force acts does not matter beside its moment about the axis of the bush.
+            let f = -Vec2::new(bores.force_x[roller], bores.force_y[roller]);
+            let cause = format!("{} roller on its bush", if front { "front" } else { "rear" });
+            Some(self.force("roller", cause, self.end(front), f, bores.bush_moment[roller]))
+        };
+        [c.previous(self.link), self.link].map(|joint| c.bush_lane(joint)).into_iter().filter_map(of_roller).collect()
+    }
+
+    /// The contact of a lane that touches, and its forces on the link.
+    fn contact(&self, lane: Lane) -> anyhow::Result<Option<(Contact, Vec<Force>)>> {
+        let LinkAtNode { model, state, scratch, .. } = *self;
         let memory = scratch.memory(lane.part);
         let (normal_n, friction_n) = (memory.normal_force[lane.lane], memory.tangential_force[lane.lane]);
         if memory.age[lane.lane] == 0.0 || !scratch.is_contact(lane.part, lane.lane) {
-            continue;
+            return Ok(None);
         }
         let touch = touch_at(model, state, scratch, lane.part, lane.lane)
             .with_context(|| format!("the contact of {} cannot be found again", Feature::name(lane.feature as u32)))?;
@@ -478,20 +494,20 @@ fn free_body(
         let body = model.body_path(touch.body);
         let (feature, segment) = (Feature::name(lane.feature as u32), Segment::name(touch.segment as u32));
         let joint = match lane.part {
-            ContactGroup::Bushes => Some(model.chain.joint_of(lane.lane)),
+            ContactGroup::Bushes => Some(model.chain.number_of(model.chain.joint_of(lane.lane))),
             ContactGroup::Guides(_) | ContactGroup::Rails(_) | ContactGroup::Contours(_) => None,
         };
-        let joint = joint.map(|j| model.chain.number_of(j));
         let place =
             if rotor { format!("{body}, tooth gap {}, {segment}", touch.tooth) } else { format!("{body}, {segment}") };
+        let mut forces = Vec::new();
         // What a tooth does to a roller the link feels through its bush.
         if !model.chain.is_roller(lane.lane) {
-            let (on, normal) = (format!("{} on {place}", of_joint(feature, joint)), touch.normal * normal_n);
-            let (rubbing, friction) = (format!("{on}: friction"), perp(touch.normal) * friction_n);
-            forces.push(force("contact normal", on, touch.point, normal, 0.0));
-            forces.push(force("contact friction", rubbing, touch.point, friction, 0.0));
+            let on = format!("{} on {place}", of_joint(feature, joint));
+            let rubbing = format!("{on}: friction");
+            forces.push(self.force("contact normal", on, touch.point, touch.normal * normal_n, 0.0));
+            forces.push(self.force("contact friction", rubbing, touch.point, perp(touch.normal) * friction_n, 0.0));
         }
-        contacts.push(Contact {
+        let contact = Contact {
             feature,
             joint,
             body,
@@ -507,8 +523,29 @@ fn free_body(
             peak_t_s: lane.peak_t_s,
             history: thinned(lane.history),
             approach: lane.approach,
-        });
+        };
+        Ok(Some((contact, forces)))
     }
+}
+
+fn free_body(
+    model: &Model,
+    state: &State,
+    scratch: &Scratch,
+    link: usize,
+    lanes: Vec<Lane>,
+) -> anyhow::Result<FreeBody> {
+    let at_node = LinkAtNode { model, state, scratch, link };
+    let mut forces = at_node.joint_forces();
+    forces.extend(at_node.roller_forces());
+    let mut contacts = Vec::new();
+    for lane in lanes {
+        if let Some((contact, own)) = at_node.contact(lane)? {
+            contacts.push(contact);
+            forces.extend(own);
+        }
+    }
+    let (l, centre) = (&state.links, at_node.centre());
     Ok(FreeBody {
         link: model.chain.number_of(link),
         step: state.step,

@@ -3,7 +3,7 @@
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::assemble::AssemblyError;
 use crate::compare::laws::{LawRow, under_all_laws};
-use crate::compare::{CompareError, DriveSummary, Plan, Run, merge, run as compare, verdict};
+use crate::compare::{Claim, CompareError, DriveSummary, Plan, Run, merge, run as compare, verdict};
 use crate::drive::{Drive, OuterSpec};
 use crate::recording::frame::Impact;
 use crate::recording::{ViewOptions, create, extensions};
@@ -87,10 +87,8 @@ fn drives(args: &CompareArgs, names: &[String], speed_rpm: Option<f64>) -> Resul
     Ok(drives)
 }
 
-pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
-    let bundled = || crate::drive::CHAIN_TYPES.map(str::to_string).to_vec();
-    let named = if args.named.is_empty() { &args.drives } else { &args.named };
-    let names: Vec<String> = if named.is_empty() { bundled() } else { named.clone() };
+/// Refuses a value for a drive that is not compared.
+fn check_named(args: &CompareArgs, names: &[String]) -> Result<(), Failure> {
     if let Some(s) = args
         .set
         .iter()
@@ -98,6 +96,23 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
     {
         return Err(Failure::Input(format!("`--set {s}` names a drive that is not compared: {}", names.join(", "))));
     }
+    Ok(())
+}
+
+/// Makes the folder for the files, which must not overwrite a drive.
+fn make_folder(args: &CompareArgs, names: &[String]) -> Result<(), Failure> {
+    let files: Vec<PathBuf> =
+        extensions().iter().chain(&["html"]).map(|e| args.output.join(format!("compare.{e}"))).collect();
+    super::check_outputs(files.iter().map(PathBuf::as_path), names.iter().map(Path::new))?;
+    std::fs::create_dir_all(&args.output)
+        .map_err(|e| Failure::World(format!("cannot make {}: {e}", args.output.display())))
+}
+
+pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
+    let bundled = || crate::drive::CHAIN_TYPES.map(str::to_string).to_vec();
+    let named = if args.named.is_empty() { &args.drives } else { &args.named };
+    let names: Vec<String> = if named.is_empty() { bundled() } else { named.clone() };
+    check_named(args, &names)?;
     let first = drives(args, &names, args.speed_rpm.first().copied())?;
     // Errors at other speeds are reported before anything runs.
     let others: Vec<(f64, Vec<Drive>)> = args
@@ -110,11 +125,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
         return under_laws(args, &first);
     }
     if !args.no_output {
-        let files: Vec<PathBuf> =
-            extensions().iter().chain(&["html"]).map(|e| args.output.join(format!("compare.{e}"))).collect();
-        super::check_outputs(files.iter().map(PathBuf::as_path), names.iter().map(Path::new))?;
-        std::fs::create_dir_all(&args.output)
-            .map_err(|e| Failure::World(format!("cannot make {}: {e}", args.output.display())))?;
+        make_folder(args, &names)?;
     }
     let stop = super::run::stop_on_interrupt();
     let started = Instant::now();
@@ -163,22 +174,26 @@ pub fn run(args: &CompareArgs) -> Result<Outcome, Failure> {
             "outputs": outputs,
         }));
     }
-    let mut text = table(&summaries) + &sweep_table(&sweep);
-    for c in &claims {
-        let _infallible = writeln!(text, "{} {}: {}", if c.holds { "yes" } else { "NO " }, c.claim, c.measured);
-    }
-    if !claims.is_empty() {
-        text += if holds {
-            "\nThe abutment chain engages without impact.\n"
-        } else {
-            "\nThe abutment chain does NOT engage without impact here: see the claims that fail.\n"
-        };
-    }
+    let mut text = table(&summaries) + &sweep_table(&sweep) + &told(&claims, holds);
     let _infallible = writeln!(text, "{:.0} ms of each drive in {wall_s:.1} s", args.duration * 1e3);
     for path in &outputs {
         let _infallible = writeln!(text, "wrote {}", path.display());
     }
     print_out(&text)
+}
+
+/// The claims, a line each, and what they come to.
+fn told(claims: &[Claim], holds: bool) -> String {
+    let mut text = String::new();
+    for c in claims {
+        let _infallible = writeln!(text, "{} {}: {}", if c.holds { "yes" } else { "NO " }, c.claim, c.measured);
+    }
+    text += match (claims.is_empty(), holds) {
+        (true, _) => "",
+        (false, true) => "\nThe abutment chain engages without impact.\n",
+        (false, false) => "\nThe abutment chain does NOT engage without impact here: see the claims that fail.\n",
+    };
+    text
 }
 
 /// `--laws`: the claim under other contact laws.

@@ -2,25 +2,22 @@
 //! unknown.
 
 use super::bearings::{self, CarriedNames};
+use super::contacts::{DEFAULT_CONTACT_LENGTH_M, read_contact, read_contacts};
+use super::guides::{read_guides, read_rails};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
-    ArmSpec, ChainFidelity, ChainPart, ChainSpec, ContactSpec, Drive, FaceForm, GuideSpec, JointSpec, OuterSpec,
-    PreloadSpec, RailSpec, RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
+    ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
+    RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
 };
 use super::{effects, mechanism, sensors};
-use crate::elements::beam::{Beam, MAX_MODES, Support};
-use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
-use crate::geometry::Vec2;
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
 use crate::geometry::chain::bush::{BushChain, RollerSpec, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
-use crate::geometry::guide::GuideSide;
-use crate::geometry::rail::Stretch;
 use crate::geometry::route::Wrap;
 use crate::geometry::smartchain::{Inclination, TwoLinks};
 use crate::geometry::sprocket::{GapForm, TEETH_RANGE};
-use crate::units::{DEG, MM, UM};
+use crate::units::{MM, UM};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -69,26 +66,11 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         rails.iter().filter(on_chain).filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect()
     };
     let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
-    let mut more = Vec::new();
-    for (index, (_, t)) in chains.iter().enumerate().skip(1) {
-        let (chain, links, scatter, joint) = read_links(&t.table("chain"));
-        let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
+    let more = |(index, (_, t)): (usize, &(String, TomlTable<'_>))| {
         let before = (0..index).map(|c| own(c).len()).sum();
-        let preload = read_preload(&t.table("preload"), &own(index), before, (&arms, &blades(index)));
-        let fidelity = read_fidelity(t);
-        more.push(ChainPart {
-            chain,
-            links,
-            scatter,
-            joint,
-            tooth_contact,
-            guide_contact,
-            ring_contact,
-            roller_contact,
-            preload,
-            fidelity,
-        });
-    }
+        read_chain_part(t, |preload| read_preload(preload, &own(index), before, (&arms, &blades(index))))
+    };
+    let more: Vec<ChainPart> = chains.iter().enumerate().skip(1).map(more).collect();
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
@@ -148,6 +130,26 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     }
 }
 
+/// A chain behind the first.
+fn read_chain_part(t: &TomlTable<'_>, preload: impl Fn(&TomlTable<'_>) -> PreloadSpec) -> ChainPart {
+    let (chain, links, scatter, joint) = read_links(&t.table("chain"));
+    let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
+    let preload = preload(&t.table("preload"));
+    let fidelity = read_fidelity(t);
+    ChainPart {
+        chain,
+        links,
+        scatter,
+        joint,
+        tooth_contact,
+        guide_contact,
+        ring_contact,
+        roller_contact,
+        preload,
+        fidelity,
+    }
+}
+
 /// What a chain of several is made of.
 fn read_fidelity(t: &TomlTable<'_>) -> ChainFidelity {
     let kinds = [("links", ChainFidelity::Links), ("spans", ChainFidelity::Spans)];
@@ -178,36 +180,6 @@ fn read_links(t: &TomlTable<'_>) -> (ChainSpec, usize, ScatterSpec, JointSpec) {
     t.finish();
     (chain, links, scatter, joint)
 }
-
-/// Contacts with sprockets, guides and rings: `[contact]`.
-fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> ([ContactSpec; 3], Option<ContactSpec>) {
-    let width_m = match chain {
-        ChainSpec::Bush(c) => c.inner_width_m,
-        ChainSpec::Silent(c) => c.pack_thickness_m,
-        ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
-    };
-    let tooth = read_contact(&t.table("sprocket"), width_m);
-    let guide = read_contact(&t.table("guide"), width_m);
-    let ring = match chain {
-        ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
-        ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,
-    };
-    let rollers = if let ChainSpec::Bush(c) = chain { c.rollers } else { None };
-    let table = t.table("roller");
-    // Rollers that are parts of links do not touch their bushes: what is written of that waits for them to be bodies again.
-    let needs_law = rollers.is_some_and(|r| r.is_separate);
-    if needs_law && !table.is_present() {
-        let help = "add e.g. `[contact.roller.linear]` with stiffness_n_per_m and damping_n_s_per_m";
-        t.error("rollers that are bodies of their own touch their bushes by the law in `[contact.roller]`, which is missing".into(), Some(help.into()));
-    }
-    let is_read = rollers.is_some() && table.is_present();
-    let roller = is_read.then(|| read_contact(&table, width_m));
-    t.finish();
-    ([tooth, guide, ring], roller)
-}
-
-/// Length of Hertz contacts of abutment chains where none is given [m]. assumed: bush width of automotive 8 mm chains.
-const DEFAULT_CONTACT_LENGTH_M: f64 = 5.0 * MM;
 
 /// The chain of the one type that is given, and its number of links.
 fn read_chain(t: &TomlTable<'_>) -> (ChainSpec, usize) {
@@ -374,80 +346,6 @@ fn read_joint(t: &TomlTable<'_>) -> JointSpec {
     };
     t.finish();
     joint
-}
-
-fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactSpec {
-    let mut laws = Vec::new();
-    let linear = t.table("linear");
-    if linear.is_present() {
-        laws.push(ContactLaw::Linear {
-            stiffness_n_per_m: linear.required("stiffness_n_per_m", 1.0, 1e2..=1e13),
-            damping_n_s_per_m: linear.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
-        });
-        linear.finish();
-    }
-    let law = t.table("hunt_crossley");
-    if law.is_present() {
-        let e = law.required("restitution", 1.0, 0.01..=1.0);
-        let speed_m_s = law.required("restitution_at_m_s", 1.0, 1e-3..=1e3);
-        let exponent = law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.0);
-        let (key, most) = if exponent == 1.0 { ("stiffness_n_per_m", 1e13) } else { ("stiffness_n_per_m_n", 1e16) };
-        laws.push(ContactLaw::HuntCrossley {
-            stiffness_n_per_m_n: law.required(key, 1.0, 1e2..=most),
-            exponent,
-            damping_s_per_m: if e.is_finite() { restitution_hysteresis(e) / speed_m_s } else { f64::NAN },
-        });
-        law.finish();
-    }
-    let hertz = t.table("hertz_line");
-    if hertz.is_present() {
-        let compliance = |t: &TomlTable<'_>, which: &str| {
-            let e = t.required(&format!("{which}_youngs_modulus_gpa"), 1e9, 1e-3..=2000.0);
-            let nu = t.number(&format!("{which}_poisson_ratio"), 1.0, 0.0..=0.499).unwrap_or(0.3);
-            (1.0 - nu * nu) / e
-        };
-        laws.push(ContactLaw::HertzLine(HertzLine {
-            length_m: hertz.number("length_mm", MM, 0.1..=1000.0).unwrap_or(default_length_m),
-            compliance_body_per_pa: compliance(&hertz, "body"),
-            compliance_bush_per_pa: compliance(&hertz, "chain"),
-            damping_n_s_per_m: hertz.number("damping_n_s_per_m", 1.0, 0.0..=1e7).unwrap_or(0.0),
-        }));
-        hertz.finish();
-    }
-    for (key, hysteresis) in [
-        ("lankarani_nikravesh", lankarani_nikravesh_hysteresis as fn(f64) -> f64),
-        ("restitution", restitution_hysteresis as fn(f64) -> f64),
-    ] {
-        let law = t.table(key);
-        if law.is_present() {
-            let e = law.required("restitution", 1.0, 0.01..=1.0);
-            laws.push(ContactLaw::Power {
-                stiffness_n_per_m_n: law.required("stiffness_n_per_m_n", 1.0, 1e2..=1e16),
-                exponent: law.number("exponent", 1.0, 1.0..=3.0).unwrap_or(1.5),
-                hysteresis: if e.is_finite() { hysteresis(e) } else { f64::NAN },
-            });
-            law.finish();
-        }
-    }
-    let spec = ContactSpec {
-        law: laws
-            .first()
-            .copied()
-            .unwrap_or(ContactLaw::Linear { stiffness_n_per_m: f64::NAN, damping_n_s_per_m: 0.0 }),
-        friction: t.number("friction", 1.0, 0.0..=2.0).unwrap_or(0.0),
-        stick_speed_m_s: t.number("stick_speed_m_s", 1.0, 1e-6..=100.0).unwrap_or(0.05),
-    };
-    if laws.len() != 1 {
-        t.error(
-            format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
-            Some(
-                "add one of the tables linear, hunt_crossley, hertz_line, lankarani_nikravesh, restitution below it"
-                    .into(),
-            ),
-        );
-    }
-    t.finish();
-    spec
 }
 
 /// Sprockets and shafts, and how the driver turns.
@@ -634,156 +532,6 @@ fn order_by_route(
             Some("add `[sprockets.NAME]` tables and `route = [...]`".into()),
         );
     }
-}
-
-/// The sprocket that the way of `span = ["a", "b"]` leaves.
-fn read_span(t: &TomlTable<'_>, chains: &[Vec<String>]) -> usize {
-    let span = t.texts("span").unwrap_or_default();
-    let mut before = 0;
-    let mut spans = Vec::new();
-    for names in chains {
-        let pairs = (0..names.len()).map(|i| (i, &names[i], &names[(i + 1) % names.len()]));
-        for (i, from, to) in pairs {
-            if let [a, b] = &span[..]
-                && (a, b) == (from, to)
-            {
-                return before + i;
-            }
-            spans.push(format!("[\"{from}\", \"{to}\"]"));
-        }
-        before += names.len();
-    }
-    t.error(format!("`{}.span` is no span of the route", t.path()), Some(format!("spans here: {}", spans.join(", "))));
-    0
-}
-
-const SIDES: [(&str, GuideSide); 2] = [("inside", GuideSide::Inside), ("outside", GuideSide::Outside)];
-
-/// `all_names`: those of sprockets and fixed guides.
-fn read_rails(guides: &TomlTable<'_>, chains: &[Vec<String>], arms: &[ArmSpec], all_names: &[String]) -> Vec<RailSpec> {
-    let table = guides.table("rail");
-    let mut all = Vec::new();
-    for (name, t) in table.tables() {
-        if all_names.contains(&name) {
-            t.error(format!("a rail and another body are called `{name}`"), Some("give the rail another name".into()));
-        }
-        let known = || arms.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join(", ");
-        let arm = t.text("arm").map(|arm| {
-            arms.iter().position(|a| a.name == arm).unwrap_or_else(|| {
-                t.error_at("arm", format!("no arm is called `{arm}`"), Some(format!("arms: {}", known())));
-                0
-            })
-        });
-        let lengths_m = t.list("lengths_mm", MM, 1e-3..=1e5);
-        if !t.has("lengths_mm") {
-            t.error(
-                format!("`{}` has no stretches", t.path()),
-                Some("add `lengths_mm = [...]`, and as many `radii_mm` (0: straight, negative: concave)".into()),
-            );
-        }
-        let lengths_m = lengths_m.unwrap_or_default();
-        let radii_m = t.list("radii_mm", MM, -1e6..=1e6).unwrap_or_else(|| vec![0.0; lengths_m.len()]);
-        if radii_m.len() != lengths_m.len() && !lengths_m.is_empty() {
-            t.error_at("radii_mm", format!("{} lengths, {} radii", lengths_m.len(), radii_m.len()), None);
-        }
-        let stretch =
-            |(length_m, r): (&f64, &f64)| Stretch { length_m: *length_m, radius_m: (*r != 0.0).then_some(*r) };
-        all.push(RailSpec {
-            span: read_span(&t, chains),
-            arm,
-            side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
-            start: Vec2::new(t.required("start_x_mm", MM, -1e5..=1e5), t.required("start_y_mm", MM, -1e5..=1e5)),
-            heading_rad: t.required("heading_deg", DEG, -360.0..=360.0),
-            stretches: lengths_m.iter().zip(&radii_m).map(stretch).collect(),
-            bending: read_bending(&t.table("bending"), arm.is_some(), &lengths_m),
-            name,
-        });
-        t.finish();
-    }
-    table.finish();
-    all
-}
-
-/// `[guides.rail.NAME.bending]`; None where there is none.
-fn read_bending(t: &TomlTable<'_>, on_arm: bool, lengths_m: &[f64]) -> Option<Beam> {
-    if !t.is_present() {
-        return None;
-    }
-    if on_arm {
-        t.error("a rail on an arm is rigid yet".into(), Some("hold the blade by pins, clamps or springs".into()));
-    }
-    let places = |key: &str| t.list(key, MM, 0.0..=1e5).unwrap_or_default();
-    let (pins, clamps, springs) = (places("pins_mm"), places("clamps_mm"), places("springs_mm"));
-    let stiffnesses = t.list("springs_n_per_mm", 1e3, 1e-3..=1e6).unwrap_or_default();
-    if stiffnesses.len() != springs.len() {
-        let counts = format!("{} springs_mm, {} springs_n_per_mm", springs.len(), stiffnesses.len());
-        t.error(counts, Some("give as many of each".into()));
-    }
-    let mut supports: Vec<(f64, Support)> = pins.into_iter().map(|at| (at, Support::Pin)).collect();
-    supports.extend(clamps.into_iter().map(|at| (at, Support::Clamp)));
-    supports.extend(springs.into_iter().zip(stiffnesses).map(|(at, k)| (at, Support::Spring(k))));
-    let length_m: f64 = lengths_m.iter().sum();
-    if let Some((at, _)) = supports.iter().find(|(at, _)| *at > length_m * (1.0 + 1e-9)) {
-        t.error(format!("a support at {:.3} mm of a rail {:.3} mm long", at / MM, length_m / MM), None);
-    }
-    supports.sort_by(|a, b| a.0.total_cmp(&b.0));
-    if supports.windows(2).any(|s| s[1].0 - s[0].0 < CLOSEST_SUPPORTS * length_m) {
-        t.error("two supports stand at one place".into(), Some("keep one of them".into()));
-    }
-    if supports.iter().map(|(_, s)| s.holds()).sum::<usize>() < 2 {
-        t.error("nothing holds the blade".into(), Some("give two `pins_mm`, or one of `clamps_mm`".into()));
-    }
-    let free_radii_m = t.list("free_radii_mm", MM, -1e6..=1e6);
-    if let Some(all) = &free_radii_m {
-        if all.iter().any(|r| *r != 0.0 && r.abs() < SMALLEST_FREE_RADIUS_M) {
-            let help = format!("0 is straight; else at least {} mm", SMALLEST_FREE_RADIUS_M / MM);
-            t.error_at("free_radii_mm", "a blade is not bent so much".into(), Some(help));
-        }
-        if all.len() != lengths_m.len() {
-            let title = format!("a rail of {} stretches", lengths_m.len());
-            t.error_at("free_radii_mm", title, Some("give as many".into()));
-        }
-    }
-    let curvature = |r: f64| if r == 0.0 { 0.0 } else { 1.0 / r };
-    let bending = Beam {
-        stiffness_n_m2: t.required("stiffness_n_m2", 1.0, 1e-6..=1e6),
-        mass_kg_per_m: t.required("mass_kg_per_m", 1.0, 1e-4..=1e3),
-        free_curvatures_per_m: free_radii_m.map(|all| all.into_iter().map(curvature).collect()),
-        supports,
-        damping_ratio: t.number("damping_ratio", 1.0, 0.0..=1.0).unwrap_or(DEFAULT_BLADE_DAMPING),
-        modes: t.integer("modes", 1..=MAX_MODES as i64).unwrap_or(DEFAULT_MODES) as usize,
-    };
-    t.finish();
-    Some(bending)
-}
-
-/// Least distance of two supports, as a share of the blade's length.
-const CLOSEST_SUPPORTS: f64 = 1e-3;
-/// Least radius of a blade without load [m].
-const SMALLEST_FREE_RADIUS_M: f64 = 1e-3;
-/// Damping ratio of a blade where none is given. assumed: PA66 at 100 degrees Celsius has a loss factor of 0.05 to 0.1.
-const DEFAULT_BLADE_DAMPING: f64 = 0.03;
-/// Modes of a blade where no number is given: with four, a cantilever's tip is soft to 0.1 %.
-const DEFAULT_MODES: i64 = 4;
-
-fn read_guides(guides: &TomlTable<'_>, chains: &[Vec<String>]) -> Vec<GuideSpec> {
-    let fixed = guides.table("fixed");
-    let mut all = Vec::new();
-    for (name, t) in fixed.tables() {
-        all.push(GuideSpec {
-            span: read_span(&t, chains),
-            side: t.choice("side", &SIDES).unwrap_or(GuideSide::Inside),
-            start_m: t.required("start_mm", MM, -1000.0..=1e5),
-            end_m: t.required("end_mm", MM, -1000.0..=1e5),
-            clearance_m: t.number("clearance_um", UM, -1e5..=1e6).unwrap_or(0.0),
-            end_lift_m: t.number("end_lift_um", UM, -5000.0..=5000.0).unwrap_or(0.0),
-            end_radius_m: t.number("end_radius_mm", MM, 0.1..=1e4).unwrap_or(20.0 * MM),
-            name,
-        });
-        t.finish();
-    }
-    fixed.finish();
-    all
 }
 
 /// `before`: sprockets of the chains before this one.

@@ -315,7 +315,8 @@ struct NodeForce {
     bend: f64,
 }
 
-/// Of a contact that has been closed for `share` of the last step. GROWS, here and below: `c` is k chi, as [`ClosedForm::Growing`] has it.
+/// Rate, force, slope and bend at the node for a contact that has been closed for `share` of the last step. With GROWS, here and below, `c` is
+/// k chi of [`ClosedForm::Growing`].
 #[inline(always)]
 fn node_force<const GROWS: bool>(k: f64, c: f64, s: StepInput, closed: bool, share: f64) -> NodeForce {
     let (h, d, w, others) = (s.step, s.penetration, s.mobility, s.free_acceleration);

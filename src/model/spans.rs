@@ -8,9 +8,9 @@ use nalgebra::DMatrix;
 /// What spans take over from the links that they stand for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpanTerms {
-    /// Of all spans, where none is longer than the others [N].
+    /// Tension that all spans have where none is longer than the others [N].
     pub tension_n: f64,
-    /// Of each span, with the joints and teeth of the wraps beside it, in the order of the sprockets that they leave.
+    /// Stiffness of each span [N/m], with the joints and teeth of the wraps beside it. Spans are in the order of the sprockets that they leave.
     pub stiffness_n_per_m: Vec<f64>,
 }
 

@@ -1,0 +1,325 @@
+//! Effects on the parts of drives with links, as they reach the model: what is displaced, what rubs, which ranges are taken.
+
+mod common;
+#[allow(dead_code)]
+#[path = "common/contour.rs"]
+mod contour;
+
+/// Effects on all joints and on guides change the model as specified, and change nothing where they are zero.
+#[test]
+fn effects_on_joints_and_guides_reach_the_model() {
+    let model = |sets: &[&str]| common::assembled(&common::drive(sets)).model;
+    let plain = model(&[]);
+    let off = model(&[
+        "effects.wear_elongation.chain.length_um=0",
+        "effects.pin_friction.chain.friction=0",
+        "effects.guide_compliance.tight.compliance_um_per_kn=0",
+    ]);
+    assert!(off.mounts.is_empty() && off.coordinates.len() == plain.coordinates.len());
+    assert_eq!(plain.chain.lever, off.chain.lever);
+    let worn = model(&["effects.wear_elongation.chain.length_um=4"]);
+    for (a, b) in plain.chain.lever.iter().zip(&worn.chain.lever).take(90) {
+        assert!((b - a - 2e-6).abs() < 1e-15, "half of it on either side");
+    }
+    let name = plain.guides[0].name.clone();
+    let guided = model(&[
+        &format!("effects.guide_friction.{name}.friction=0.05"),
+        &format!("effects.guide_compliance.{name}.compliance_um_per_kn=100"),
+        "effects.pin_friction.chain.friction=0.02",
+    ]);
+    // 100 um/kN is a spring of 1e7 N/m behind the contact, whose law stays; along the normal of the guide.
+    let [mount] = guided.mounts[..] else { panic!("{:?}", guided.mounts) };
+    assert!((guided.coordinates[mount].spring.stiffness - 1e7).abs() < 1e-2);
+    assert_eq!(guided.guides[0].body.law, plain.guides[0].body.law);
+    let [shift] = guided.guides[0].frame.shifts[..] else { panic!("{:?}", guided.guides[0].frame) };
+    assert!(shift.coordinate == mount && shift.direction.dot(&guided.guides[0].body.along) == 0.0);
+    assert!(guided.guides[1].frame.shifts.is_empty() && plain.mounts.is_empty());
+    assert!((guided.guides[0].body.friction - plain.guides[0].body.friction - 0.05).abs() < 1e-15);
+    assert!(guided.chain.joints[0].friction_arm_m > plain.chain.joints[0].friction_arm_m);
+}
+
+/// Drives with link bodies accept the effects that the catalogue assigns to them.
+#[test]
+fn drives_with_links_take_the_effects_that_say_so() {
+    use pitchline::effects::{EFFECTS, On};
+    let mut taken = 0;
+    for e in EFFECTS {
+        let target = match e.links.unwrap_or(e.on) {
+            On::Guide => "tight",
+            On::Sprocket | On::Prescribed => "driver",
+            On::Chain => "odd",
+            On::Body => "driven",
+            _ => "chain",
+        };
+        let keys = e.parameters.iter().filter(|p| !p.lumped_only);
+        let sets: Vec<String> =
+            keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))).collect();
+        let result = pitchline::drive::Drive::parse("bush-20-40", pitchline::drive::BUNDLED[0].1, &sets);
+        assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
+        taken += usize::from(e.links.is_some());
+    }
+    assert_eq!(taken, 19);
+}
+
+/// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
+/// bounds, whether the file declares the effect or a search places it.
+#[test]
+fn readers_and_fits_have_the_ranges_of_the_catalogue() {
+    use pitchline::drive::{BUNDLED, Drive, sensors::is_signal};
+    use pitchline::effects::{EFFECTS, Kind, On, Parameter};
+    use pitchline::machine::Machine;
+    let text = format!("{}\n[sensors.encoder.driven]\n", BUNDLED[0].1);
+    let plain = Machine::of_links(&Drive::parse("bush-20-40", &text, &[]).expect("a drive"));
+    let mut tried = 0;
+    for e in EFFECTS.into_iter().filter(|e| e.links.is_some() || is_signal(e)) {
+        let target = match e.links {
+            Some(On::Guide) => "tight",
+            Some(On::Sprocket | On::Prescribed) => "driver",
+            Some(On::Chain) => "odd",
+            Some(On::Body) | None => "driven",
+            Some(_) => "chain",
+        };
+        let rows: Vec<_> = e.parameters.iter().filter(|p| !p.lumped_only).collect();
+        // The range of an index ends with the chain before the row's does.
+        for p in rows.iter().filter(|p| p.kind != Kind::Index) {
+            let keys = |value: f64| {
+                let of = |o: &&Parameter| if o.key == p.key { value } else { o.default.unwrap_or(o.low.max(1.0)) };
+                rows.iter().map(|o| format!("{} = {}\n", o.key, of(o))).collect::<String>()
+            };
+            let path = e.path(target, p.key);
+            let parse = |value: f64| {
+                let file = format!("{text}\n[effects.{}.{target}]\n{}", e.name, keys(value));
+                Drive::parse("bush-20-40", &file, &[])
+            };
+            let beyond = 1.0 + 1e-3 * (p.high - p.low);
+            assert!(parse(p.low - beyond).is_err() && parse(p.high + beyond).is_err(), "{path} beyond its range");
+            for end in [p.low, p.high] {
+                let m = Machine::of_links(&parse(end).unwrap_or_else(|e| panic!("{path} = {end}: {e}")));
+                let slot = &m.slots[m.slot(&path).expect("a slot")];
+                assert_eq!((slot.low, slot.high), (p.low, p.high), "{path}");
+                tried += 1;
+            }
+        }
+        let (name, at) = plain.targets(e).into_iter().next().expect("a target");
+        let values: Vec<f64> = plain.keys(e, at).iter().map(|(_, p)| p.low * p.unit).collect();
+        let (placed, slots) = plain.with_effect(e, &name, at, &values);
+        for ((_, p), slot) in plain.keys(e, at).iter().zip(slots) {
+            assert_eq!((placed.slots[slot].low, placed.slots[slot].high), (p.low, p.high), "{}.{}", e.name, p.key);
+        }
+    }
+    assert!(tried >= 40, "{tried} ends of ranges");
+}
+
+/// Runout is a rigid displacement of the toothing: each gap sees the bush as if the bush were displaced in the opposite
+/// direction.
+#[test]
+fn runout_displaces_every_gap_alike() {
+    use pitchline::geometry::unit;
+    use pitchline::pairs::bush_gap::{gap_contact, seat_index};
+    let (e_m, phase) = (80e-6, 0.7);
+    let toothing = |sets: &[&str]| {
+        let model = common::assembled(&common::drive(sets)).model;
+        model.sprockets[0].geometry.iso().expect("seats").clone()
+    };
+    let plain = toothing(&[]);
+    let off = toothing(&["effects.sprocket_runout.driver.amplitude_um=0"]);
+    assert_eq!(plain, off);
+    let eccentric = toothing(&[
+        "effects.sprocket_runout.driver.amplitude_um=80",
+        &format!("effects.sprocket_runout.driver.phase_deg={}", phase * 180.0 / std::f64::consts::PI),
+    ]);
+    let mut compared = 0;
+    for i in 0..20_000 {
+        let radius = plain.root_radius_m + 2.3e-3 + 1.5e-3 * f64::from(i % 97) / 97.0;
+        let p = unit(f64::from(i) * 0.618) * radius;
+        let moved = p - unit(phase) * e_m;
+        if seat_index(&plain, p) != seat_index(&plain, moved) {
+            continue;
+        }
+        let (a, b) = (gap_contact(&eccentric, p, 2.5e-3), gap_contact(&plain, moved, 2.5e-3));
+        assert!((a.touch.penetration_m - b.touch.penetration_m).abs() < 1e-15, "{i}: {a:?} {b:?}");
+        assert!((a.touch.normal - b.touch.normal).norm() < 1e-9);
+        assert!((a.touch.on_body - b.touch.on_body - unit(phase) * e_m).norm() < 1e-12);
+        compared += 1;
+    }
+    assert!(compared > 19_000, "{compared}");
+}
+
+/// The same of a silent sprocket, up to the half millimetre that a file may state: links touch it as they touch the centred one after they are
+/// moved back.
+#[test]
+fn runout_displaces_a_silent_sprocket_as_a_whole() {
+    use pitchline::geometry::{Vec2, unit};
+    use pitchline::pairs::contour_body::LinkPose;
+    let plain = common::assembled(&common::bundled("silent-20-40", &[]));
+    let contour = plain.model.contours[0].as_ref().expect("flanks");
+    for um in [50, 500] {
+        let sets = [
+            format!("effects.sprocket_runout.driver.amplitude_um={um}"),
+            "effects.sprocket_runout.driver.phase_deg=40".into(),
+        ];
+        let eccentric = common::assembled(&common::bundled("silent-20-40", &sets.each_ref().map(String::as_str)));
+        let (mut compared, mut other_gap) = (0, 0);
+        for (body, off) in plain.model.end_bodies.iter().zip(&eccentric.model.end_bodies).filter(|(b, _)| b.body == 0) {
+            let turn = body.frame.turn.expect("it turns");
+            let angle = plain.state.coordinates.angle[turn];
+            let rotor = (libm::cos(angle), libm::sin(angle));
+            let shift = unit(angle + 40.0_f64.to_radians()) * (f64::from(um) * 1e-6);
+            for (link, front) in plain.model.chain.links().flat_map(|link| [(link, true), (link, false)]) {
+                let (links, lever) = (&plain.state.links, plain.model.chain.lever[link]);
+                let at = |centre: Vec2| LinkPose {
+                    centre,
+                    cos: links.cos[link],
+                    sin: links.sin[link],
+                    lever: if front { lever } else { -lever },
+                    front,
+                    row: plain.model.row_of(link),
+                };
+                let centre = Vec2::new(links.x[link], links.y[link]) - body.frame.origin;
+                let Some(a) = body.touch(contour, &at(centre), rotor, 0.2e-3) else { continue };
+                let b = off.touch(contour, &at(centre + shift), rotor, 0.2e-3);
+                let Some(b) = b.filter(|b| b.tooth == a.tooth) else {
+                    other_gap += 1;
+                    continue;
+                };
+                assert!((a.penetration_m - b.penetration_m).abs() < 1e-15, "{link}: {a:?} {b:?}");
+                assert!((a.normal - b.normal).norm() < 1e-9 && (b.point - a.point - shift).norm() < 1e-14);
+                compared += 1;
+            }
+        }
+        println!("{um} um: {compared} touches alike, {other_gap} in another gap");
+        assert!(compared >= 15 && other_gap < 5, "{compared} {other_gap}");
+    }
+}
+
+/// One gap of a silent sprocket lies further out: links in it touch as deep as that, in the other gaps as before. Gaps and links that do not
+/// exist are refused with a caret.
+#[test]
+fn one_gap_of_a_silent_sprocket_lies_further_out() {
+    use pitchline::geometry::Vec2;
+    use pitchline::pairs::contour_body::LinkPose;
+    let sets = ["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=30"];
+    let (plain, odd) = (
+        common::assembled(&common::bundled("silent-20-40", &[])),
+        common::assembled(&common::bundled("silent-20-40", &sets)),
+    );
+    let contour = plain.model.contours[0].as_ref().expect("flanks");
+    let (links, mut moved, mut same) = (&plain.state.links, 0, 0);
+    for (body, off) in plain.model.end_bodies.iter().zip(&odd.model.end_bodies).filter(|(b, _)| b.body == 0) {
+        for (link, turned) in plain.model.chain.links().flat_map(|link| (0..20).map(move |turned| (link, turned))) {
+            // Every link meets gap 7 in one of these positions of the sprocket.
+            let turn = body.frame.turn.expect("it turns");
+            let angle = plain.state.coordinates.angle[turn] + f64::from(turned) * std::f64::consts::TAU / 20.0;
+            let rotor = (libm::cos(angle), libm::sin(angle));
+            let gap = angle + 7.0 * std::f64::consts::TAU / 20.0;
+            let shift = Vec2::new(libm::cos(gap), libm::sin(gap)) * 30e-6;
+            let at = |centre: Vec2| LinkPose {
+                centre,
+                cos: links.cos[link],
+                sin: links.sin[link],
+                lever: plain.model.chain.lever[link],
+                front: true,
+                row: plain.model.row_of(link),
+            };
+            let centre = Vec2::new(links.x[link], links.y[link]) - body.frame.origin;
+            let Some(a) = body.touch(contour, &at(centre), rotor, 0.1e-3) else { continue };
+            if a.tooth == 7 {
+                let b = off.touch(contour, &at(centre + shift), rotor, 0.1e-3).expect("touches");
+                assert!((a.penetration_m - b.penetration_m).abs() < 1e-15, "{link}: {a:?} {b:?}");
+                moved += 1;
+            } else {
+                assert_eq!(off.touch(contour, &at(centre), rotor, 0.1e-3), Some(a));
+                same += 1;
+            }
+        }
+    }
+    println!("{moved} touches in the gap, {same} in others");
+    assert!(moved > 5 && same > 100, "{moved} {same}");
+    for (set, said) in [
+        ("effects.gap_error.driver.gap=20", "sprocket `driver` has no gap 20"),
+        ("effects.link_mass.odd.link=90", "the chain has no link 90"),
+        ("effects.link_mass.odd.mass_percent=-95", "outside -90 ..= 1000"),
+    ] {
+        let more = if set.contains("gap") {
+            "effects.gap_error.driver.outward_um=3"
+        } else {
+            "effects.link_mass.odd.inertia_percent=3"
+        };
+        let link = if set.contains("link=") || set.contains("gap") {
+            vec![]
+        } else {
+            vec!["effects.link_mass.odd.link=3".to_string()]
+        };
+        let sets = [vec![set.to_string(), more.to_string()], link].concat();
+        let text = pitchline::drive::BUNDLED.iter().find(|b| b.0 == "silent-20-40").expect("bundled").1;
+        let report = pitchline::drive::Drive::parse("silent-20-40", text, &sets).expect_err(set).to_string();
+        assert!(report.contains(said), "{set}: {report}");
+    }
+}
+
+/// The step's kernel finds the depths of the exact detection for displaced gaps.
+#[test]
+fn kernel_and_exact_detection_agree_on_displaced_gaps() {
+    use pitchline::integrate::explicit::{ContactGroup, Scratch, advance, evaluate};
+    let assembly = common::assembled(&common::drive(&[
+        "effects.sprocket_runout.driver.amplitude_um=60",
+        "effects.tooth_pitch_error.driven.amplitude_um=40",
+        "effects.tooth_pitch_error.driven.order=3",
+        "effects.gap_error.driven.gap=5",
+        "effects.gap_error.driven.outward_um=-30",
+    ]));
+    let (model, mut state) = (assembly.model, assembly.state);
+    let mut scratch = Scratch::new(&model);
+    let mut touching = 0;
+    for step in 0..9000 {
+        evaluate(&model, &state, &mut scratch).expect("steps");
+        if step % 300 == 0 {
+            let [(x, _), (y, _)] = scratch.joint_ends();
+            for j in (0..model.chain.n_links).filter(|j| scratch.memory(ContactGroup::Bushes).age[*j] > 0.0) {
+                let Some((k, tooth)) = scratch.partner(&model, ContactGroup::Bushes, j) else { continue };
+                // The kernel assumes a front bush at the joint.
+                if !model.chain.bush_carrier(j).1 {
+                    continue;
+                }
+                let (c, s) = (state.coordinates.cos[k], state.coordinates.sin[k]);
+                let d = pitchline::geometry::Vec2::new(x[j], y[j]) - model.sprockets[k].frame.origin;
+                let d = pitchline::geometry::Vec2::new(c * d.x + s * d.y, c * d.y - s * d.x);
+                let exact = pitchline::pairs::bush_gap::gap_contact(
+                    model.sprockets[k].geometry.iso().expect("seats"),
+                    d,
+                    2.5e-3,
+                );
+                assert_eq!(exact.tooth, tooth);
+                let depth = scratch.depth(ContactGroup::Bushes, j);
+                assert!((depth - exact.touch.penetration_m).abs() < 1e-13, "joint {j}: {depth} {exact:?}");
+                touching += 1;
+            }
+        }
+        advance(&model, &mut state, &mut scratch);
+    }
+    assert!(touching > 300, "{touching}");
+}
+
+/// A tight joint dissipates its torque times its articulation angles: twice 2 pi / z on every sprocket.
+#[test]
+fn a_tight_joint_loses_its_torque_times_its_turns() {
+    use pitchline::integrate::explicit::{Scratch, step};
+    let assembly = common::assembled(&common::drive(&[
+        "effects.tight_joint.rusty.joint=17",
+        "effects.tight_joint.rusty.torque_nm=0.01",
+        "chain.joint.friction=0",
+        "chain.joint.stick_speed_rad_s=5",
+        "speeds.constant.driver.speed_rpm=300",
+    ]));
+    let (model, mut state) = (assembly.model, assembly.state);
+    let mut scratch = Scratch::new(&model);
+    let loop_s = 90.0 / (20.0 * 5.0);
+    for _ in 0..(loop_s / model.step_s).round() as u64 {
+        step(&model, &mut state, &mut scratch).expect("steps");
+    }
+    let lost: Vec<f64> = state.lost_pin_friction[..90].to_vec();
+    let turns = 2.0 * 2.0 * std::f64::consts::PI * (1.0 / 20.0 + 1.0 / 40.0);
+    println!("lost {:.5} J, {:.5} J by its turns", lost[17], 0.01 * turns);
+    assert!(lost.iter().enumerate().all(|(j, w)| j == 17 || *w == 0.0), "others have no friction");
+    assert!((lost[17] / (0.01 * turns) - 1.0).abs() < 0.1, "{}", lost[17] / (0.01 * turns));
+}
