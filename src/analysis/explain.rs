@@ -424,14 +424,14 @@ fn touch_at(model: &Model, state: &State, scratch: &Scratch, part: ContactGroup,
 
 /// A link at a node, and what the step worked with there.
 #[derive(Clone, Copy)]
-struct LinkAtNode<'a> {
+struct ExplainedLink<'a> {
     model: &'a Model,
     state: &'a State,
     scratch: &'a Scratch,
     link: usize,
 }
 
-impl LinkAtNode<'_> {
+impl ExplainedLink<'_> {
     fn centre(&self) -> Vec2 {
         Vec2::new(self.state.links.x[self.link], self.state.links.y[self.link])
     }
@@ -482,7 +482,7 @@ impl LinkAtNode<'_> {
 
     /// The contact of a lane that touches, and its forces on the link.
     fn contact(&self, lane: Lane) -> anyhow::Result<Option<(Contact, Vec<Force>)>> {
-        let LinkAtNode { model, state, scratch, .. } = *self;
+        let ExplainedLink { model, state, scratch, .. } = *self;
         let memory = scratch.memory(lane.part);
         let (normal_n, friction_n) = (memory.normal_force[lane.lane], memory.tangential_force[lane.lane]);
         if memory.age[lane.lane] == 0.0 || !scratch.is_contact(lane.part, lane.lane) {
@@ -535,7 +535,7 @@ fn free_body(
     link: usize,
     lanes: Vec<Lane>,
 ) -> anyhow::Result<FreeBody> {
-    let at_node = LinkAtNode { model, state, scratch, link };
+    let at_node = ExplainedLink { model, state, scratch, link };
     let mut forces = at_node.joint_forces();
     forces.extend(at_node.roller_forces());
     let mut contacts = Vec::new();
