@@ -11,9 +11,11 @@ fn main() {
         "{:<22} {:<10} {:<34} {:>8} {:>8} {:>6} {:>6}  rivals",
         "truth", "outcome", "named", "before", "after", "s", "runs"
     );
-    for case in links::CASES.iter().filter(|c| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {
+    let one_chain = links::CASES.iter().map(|c| (links::one_chain(links::bush(), c), c));
+    let all = one_chain.chain(links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c)));
+    for (rig, case) in all.filter(|(_, c)| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {
         let folder = tempfile::tempdir().expect("a folder");
-        links::write(folder.path(), links::bush(), case, 11);
+        links::write(folder.path(), &rig, case, 11);
         let started = std::time::Instant::now();
         let r = match links::identified(folder.path(), 2) {
             Ok(r) => r,

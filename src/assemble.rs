@@ -87,7 +87,7 @@ fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
         let linked = Drive { fidelity: ChainFidelity::Links, ..drive.clone() };
         let (model, tensions_n) = compile_alone(&linked)?;
         let terms = spans_under_load(&model, &linked)?;
-        return Ok((model.with_fidelity(drive, &terms), tensions_n));
+        return Ok((model.with_fidelity(drive, &terms).map_err(AssemblyError::Input)?, tensions_n));
     }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
     let (shift, tensions_n) = match drive.effects == Effects::default() {
@@ -164,9 +164,10 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
         let stiffer = own.joint.stiffness_n_per_m / joint;
         let terms = SpanTerms {
             tension_n: spans.clone().next().map_or(own.preload.tension_n(), |s| s.preload_n),
-            stiffness_n_per_m: spans.map(|s| s.stiffness_n_per_m * stiffer).collect(),
+            stiffness_n_per_m: spans.map(|s| s.of_links_n_per_m * stiffer).collect(),
         };
-        models.push(Model::build(&own, &placed, shift).map_err(AssemblyError::Input)?.with_fidelity(&own, &terms));
+        let with_links = Model::build(&own, &placed, shift);
+        models.push(with_links.and_then(|model| model.with_fidelity(&own, &terms)).map_err(AssemblyError::Input)?);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     model.add_shafts(drive);

@@ -5,7 +5,7 @@
 //! are read and are checked like them.
 
 pub mod bearings;
-mod chains;
+pub mod chains;
 mod check;
 mod contacts;
 mod document;
@@ -133,6 +133,8 @@ pub struct Drive {
     pub more: Vec<ChainPart>,
     /// Names of all chains where there are several.
     pub chain_names: Vec<String>,
+    /// Spans of chains of spans whose numbers are given.
+    pub spans: Vec<SpanSpec>,
     /// Shafts that carry several sprockets; a sprocket may have none.
     pub shafts: Vec<ShaftSpec>,
     /// Bearings that let sprockets, shafts and rails give way.
@@ -425,6 +427,19 @@ pub enum PreloadSpec {
     Blade,
 }
 
+/// Numbers of a span of a chain of spans that its user knows: they take the place of those that follow from the links.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpanSpec {
+    /// Index of the chain.
+    pub chain: usize,
+    /// `FROM-TO`, the sprockets that the span leaves and reaches.
+    pub name: String,
+    /// Stiffness [N/m].
+    pub stiffness_n_per_m: Option<f64>,
+    /// Damping [N s/m].
+    pub damping_n_s_per_m: Option<f64>,
+}
+
 impl PreloadSpec {
     /// Tension that is asked for [N]; zero where a spring makes it.
     pub fn tension_n(&self) -> f64 {
@@ -456,6 +471,19 @@ pub struct Effects {
     pub pin_friction: f64,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
+    /// Stiffness and damping of spans, in chains of spans.
+    pub spans: Vec<SpanEffect>,
+}
+
+/// What a span of a chain of spans has beyond its declared stiffness and damping.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpanEffect {
+    /// `FROM-TO`.
+    pub span: String,
+    /// More stiffness [N/m].
+    pub stiffness_n_per_m: f64,
+    /// More damping [N s/m].
+    pub damping_n_s_per_m: f64,
 }
 
 /// What a guide has beyond its declared contact.

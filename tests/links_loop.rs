@@ -4,7 +4,7 @@
 #[path = "links/mod.rs"]
 mod links;
 
-use links::{CASES, bush, identified, write};
+use links::{CASES, REDUCTION_CASES, bush, identified, one_chain, reduction, write};
 use pitchline::identify::report::IdentificationVerdict;
 
 /// A drive whose tooth counts divide its link count: 20 and 40 teeth, 120 links.
@@ -16,7 +16,7 @@ fn locked() -> String {
 fn one_damaged_tooth_is_named_and_its_size_found() {
     let case = CASES.iter().find(|c| c.name == "one damaged tooth").expect("the case");
     let folder = tempfile::tempdir().expect("a folder");
-    write(folder.path(), bush(), case, 5);
+    write(folder.path(), &one_chain(bush(), case), case, 5);
     let r = identified(folder.path(), 2).expect("identified");
     let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
     assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]));
@@ -39,7 +39,7 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
 fn teeth_that_divide_the_links_leave_a_long_link_and_runout_open() {
     let case = CASES.iter().find(|c| c.name == "one long link").expect("the case");
     let folder = tempfile::tempdir().expect("a folder");
-    write(folder.path(), &locked(), case, 5);
+    write(folder.path(), &one_chain(&locked(), case), case, 5);
     let r = identified(folder.path(), 2).expect("identified");
     assert_eq!(r.outcome, IdentificationVerdict::Ambiguous);
     let set: Vec<&str> =
@@ -53,7 +53,7 @@ fn teeth_that_divide_the_links_leave_a_long_link_and_runout_open() {
 fn friction_of_a_shaft_that_turns_one_way_is_left_open_beside_a_constant_load() {
     let case = CASES.iter().find(|c| c.name == "friction of the driven shaft").expect("the case");
     let folder = tempfile::tempdir().expect("a folder");
-    write(folder.path(), bush(), case, 11);
+    write(folder.path(), &one_chain(bush(), case), case, 11);
     let path = folder.path().join("measured.toml");
     let text = std::fs::read_to_string(&path).expect("the measurement");
     let only = "[candidates]\nonly = [\"constant_torque\", \"coulomb_friction\"]\n";
@@ -67,4 +67,22 @@ fn friction_of_a_shaft_that_turns_one_way_is_left_open_beside_a_constant_load() 
     let size = e.parameters.iter().find(|p| p.path.ends_with("torque_nm")).expect("its size").value;
     // measured 1.998
     assert!((size - 2.0).abs() < 0.02, "{size}");
+}
+
+/// Two chains on a common shaft: a tooth of the second chain, which turns four times as slowly as the driver, and a span where that chain has no links.
+#[test]
+fn causes_on_the_second_of_two_chains_are_named() {
+    for (name, key, truth) in [
+        ("reduction, one damaged tooth of the second chain", "outward_um", 60.0),
+        ("reduction, soft span of a chain of spans", "stiffness_n_per_m", -4e5),
+    ] {
+        let case = REDUCTION_CASES.iter().find(|c| c.name == name).expect("the case");
+        let folder = tempfile::tempdir().expect("a folder");
+        write(folder.path(), &reduction(), case, 11);
+        let r = identified(folder.path(), 2).expect("identified");
+        let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
+        assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]), "{name}");
+        let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with(key)).expect("its size").value;
+        assert!((size / truth - 1.0).abs() < 0.1, "{name}: {size}");
+    }
 }

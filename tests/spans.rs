@@ -244,6 +244,39 @@ fn the_first_chain_may_be_the_one_of_spans() {
     assert!(error < 1e-4, "{error}");
 }
 
+/// What is known of a span takes the place of what follows from its links; effects add to it. Another span keeps its numbers.
+#[test]
+fn numbers_of_a_span_are_given_and_altered() {
+    let spans = |sets: &[&str]| {
+        let model = at_rest(&drive(&[&[SPANS], sets].concat())).expect("stands").0;
+        [0, 1].map(|k| (model.spans[k].stiffness_n_per_m, model.spans[k].damping_n_s_per_m))
+    };
+    let own = spans(&[]);
+    let softer = spans(&["effects.span_stiffness.output-pinion.stiffness_n_per_m=-1e5"]);
+    assert_eq!(softer, [own[0], (own[1].0 - 1e5, own[1].1)]);
+    let damped = spans(&["effects.span_damping.pinion-output.damping_n_s_per_m=7"]);
+    assert_eq!(damped, [(own[0].0, own[0].1 + 7.0), own[1]]);
+    let given = spans(&["chains.second.spans.pinion-output.stiffness_n_per_m=3e6"]);
+    // The damper goes with the stiffness unless it is given too.
+    assert_eq!(given, [(3e6, 3e6 * 100.0 / 3e7), own[1]]);
+    let both = [
+        "chains.second.spans.pinion-output.damping_n_s_per_m=5",
+        "effects.span_damping.pinion-output.damping_n_s_per_m=7",
+    ];
+    assert_eq!(spans(&both), [(own[0].0, 12.0), own[1]]);
+    let refused = |sets: &[&str]| at_rest(&drive(sets)).expect_err("no stiffness left").to_string();
+    let none = refused(&[SPANS, "effects.span_stiffness.output-pinion.stiffness_n_per_m=-1e7"]);
+    assert!(none.contains("the stiffness of span `output-pinion` would be"), "{none}");
+    for (set, says) in [
+        ("effects.span_stiffness.driver-driven.stiffness_n_per_m=1", "spans: pinion-output, output-pinion"),
+        ("chains.second.spans.output-driver.stiffness_n_per_m=1e6", "spans: pinion-output, output-pinion"),
+        ("chains.first.spans.driver-driven.stiffness_n_per_m=1e6", "set `fidelity = \"spans\"` in its table"),
+    ] {
+        let error = parsed(&[SPANS, set], "").expect_err("refused");
+        assert!(error.contains(says), "{set}: {error}");
+    }
+}
+
 /// Every refusal says what and where.
 #[test]
 fn what_needs_links_is_refused_at_its_place() {

@@ -5,6 +5,44 @@ use super::mechanism::PassageLaw;
 use super::{ChainFidelity, ChainSpec, Drive, OuterSpec, PreloadSpec};
 use crate::recording::columns::Rows;
 
+/// How often something repeats while something else does once: a fraction in lowest terms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RateRatio {
+    /// How often.
+    pub times: u64,
+    /// While the other does so often.
+    pub in_times: u64,
+}
+
+/// Greatest common divisor.
+pub fn gcd(a: u64, b: u64) -> u64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+impl RateRatio {
+    /// `times` in `in_times`, which is not zero.
+    pub fn new(times: u64, in_times: u64) -> RateRatio {
+        let common = gcd(times, in_times).max(1);
+        RateRatio { times: times / common, in_times: in_times / common }
+    }
+
+    /// This many times as often, over that many times.
+    pub fn scaled(self, times: u32, in_times: u32) -> RateRatio {
+        RateRatio::new(self.times * u64::from(times), self.in_times * u64::from(in_times))
+    }
+
+    /// After how many of the other this has been done a multiple of `every` times.
+    pub fn period(self, every: u32) -> u32 {
+        let all = u64::from(every) * self.in_times;
+        u32::try_from(all / gcd(all, self.times).max(1)).unwrap_or(u32::MAX)
+    }
+
+    /// As a number.
+    pub fn value(self) -> f64 {
+        self.times as f64 / self.in_times as f64
+    }
+}
+
 impl Drive {
     /// Number of chains.
     pub fn chains(&self) -> usize {
@@ -128,6 +166,8 @@ impl Drive {
         e.link_masses.iter_mut().for_each(|m| m.link -= links.start);
         e.tight_joints.retain(|t| links.contains(&t.joint));
         e.tight_joints.iter_mut().for_each(|t| t.joint -= links.start);
+        alone.spans.retain(|s| s.chain == chain);
+        alone.spans.iter_mut().for_each(|s| s.chain = 0);
         alone.sensors.clear();
         alone
     }
@@ -182,6 +222,25 @@ impl Drive {
         // Turned by a chain before this one, in the sense of the sprocket on that chain.
         let other = self.sprockets.iter().position(|o| o.chain < s.chain && o.shaft == s.shaft && s.shaft.is_some());
         other.map_or(0.0, |o| self.shaft_speed_rad_s(o) * self.sprockets[o].wrap.sign() * s.wrap.sign())
+    }
+
+    /// Turns of a sprocket while the driver's chain moves by one pitch, without slip. None: nothing turns its chain.
+    pub fn turns_per_pitch(&self, sprocket: usize) -> Option<RateRatio> {
+        let s = &self.sprockets[sprocket];
+        if let OuterSpec::Speed { .. } = s.outer {
+            return Some(RateRatio::new(1, u64::from(self.sprockets[self.driver()].teeth)));
+        }
+        let leader = self.leader_of(s.chain);
+        if sprocket != leader {
+            return Some(self.turns_per_pitch(leader)?.scaled(self.sprockets[leader].teeth, s.teeth));
+        }
+        let other = self.sprockets.iter().position(|o| o.chain < s.chain && o.shaft == s.shaft && s.shaft.is_some());
+        self.turns_per_pitch(other?)
+    }
+
+    /// Nominal speed of a sprocket, positive counter-clockwise [rad/s].
+    pub fn nominal_speed_rad_s(&self, sprocket: usize) -> f64 {
+        self.shaft_speed_rad_s(sprocket) * self.sprockets[sprocket].wrap.sign()
     }
 
     /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets. Paths in the file.

@@ -2,27 +2,37 @@
 
 use super::reader::TomlTable;
 use super::{
-    Effects, GapError, GapWave, GuideEffect, GuideMount, GuideSpec, LinkMass, PitchError, TightJoint, sensors,
+    Effects, GapError, GapWave, GuideEffect, GuideMount, GuideSpec, LinkMass, PitchError, SpanEffect, TightJoint,
+    sensors,
 };
 use crate::effects::{
     Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction,
-    pitch_error, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    pitch_error, span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
 
-/// Effects on sprockets, links, joints, guides and signals.
+/// What effects act on, by their names.
+#[derive(Clone, Copy)]
+pub(super) struct EffectTargets<'a> {
+    pub(super) sprockets: &'a [String],
+    pub(super) guides: &'a [GuideSpec],
+    /// Of chains of spans.
+    pub(super) spans: &'a [String],
+}
+
+/// Effects on sprockets, links, joints, guides, spans and signals.
 pub(super) fn read_effects(
     t: &TomlTable<'_>,
-    sprockets: &[String],
-    guides: &[GuideSpec],
+    targets: EffectTargets<'_>,
     sensors: &[sensors::SensorSpec],
 ) -> (Effects, Vec<sensors::SignalSpec>) {
     let mut effects = Effects::default();
-    read_gap_effects(t, sprockets, &mut effects);
+    read_gap_effects(t, targets.sprockets, &mut effects);
     read_link_effects(t, &mut effects);
     effects.elongation_m = of_all_joints(t, &wear_elongation::ROW);
     effects.alternate_m = of_all_joints(t, &alternate_pitch::ROW);
     effects.pin_friction = of_all_joints(t, &pin_friction::ROW);
-    read_guide_effects(t, guides, &mut effects);
+    read_guide_effects(t, targets.guides, &mut effects);
+    read_span_effects(t, targets.spans, &mut effects);
     let signals = sensors::signals(t, sensors);
     t.finish();
     (effects, signals)
@@ -143,6 +153,29 @@ fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Eff
                 });
                 effects.guides.push(GuideEffect { guide: name, friction: 0.0, mount });
             }
+            own.finish();
+        }
+        table.finish();
+    }
+}
+
+/// Effects on spans of chains of spans, by their names.
+fn read_span_effects(t: &TomlTable<'_>, spans: &[String], effects: &mut Effects) {
+    for effect in [&span_stiffness::ROW, &span_damping::ROW] {
+        let table = t.table(effect.name);
+        for (name, own) in table.tables_or_set() {
+            if spans.iter().all(|s| *s != name) {
+                let known = if spans.is_empty() {
+                    "only chains with `fidelity = \"spans\"` have spans that effects act on".to_string()
+                } else {
+                    format!("spans: {}", spans.join(", "))
+                };
+                own.error(format!("no span is called `{name}`"), Some(known));
+            }
+            let [more] = numbers(&own, effect);
+            let is_stiffness = *effect == span_stiffness::ROW;
+            let (stiffness_n_per_m, damping_n_s_per_m) = if is_stiffness { (more, 0.0) } else { (0.0, more) };
+            effects.spans.push(SpanEffect { span: name, stiffness_n_per_m, damping_n_s_per_m });
             own.finish();
         }
         table.finish();

@@ -8,7 +8,7 @@ use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::{
     ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
-    RingForm, RunSpec, ScatterSpec, ShaftSpec, SprocketDrive,
+    RingForm, RunSpec, ScatterSpec, ShaftSpec, SpanSpec, SprocketDrive,
 };
 use super::{effects, mechanism, sensors};
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -37,7 +37,8 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     // What is the drive's own where it has one chain stands in the chain's table where it has several.
     let first = chains.first().map_or(root, |(_, t)| t);
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
-    let fidelity = chains.first().map_or(ChainFidelity::Links, |(_, t)| read_fidelity(t));
+    let fidelities: Vec<ChainFidelity> = chains.iter().map(|(_, t)| read_fidelity(t)).collect();
+    let fidelity = fidelities.first().copied().unwrap_or(ChainFidelity::Links);
     let contacts = first.table("contact");
     let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&first.table("contact"), &chain);
@@ -68,9 +69,13 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
     let more = |(index, (_, t)): (usize, &(String, TomlTable<'_>))| {
         let before = (0..index).map(|c| own(c).len()).sum();
-        read_chain_part(t, |preload| read_preload(preload, &own(index), before, (&arms, &blades(index))))
+        read_chain_part(t, fidelities[index], |preload| {
+            read_preload(preload, &own(index), before, (&arms, &blades(index)))
+        })
     };
     let more: Vec<ChainPart> = chains.iter().enumerate().skip(1).map(more).collect();
+    let of_spans = |chain: usize| read_spans(&chains[chain].1, chain, fidelities[chain], &own(chain));
+    let span_numbers: Vec<SpanSpec> = (0..chains.len()).flat_map(of_spans).collect();
     chains.iter().for_each(|(_, t)| t.finish());
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
@@ -88,7 +93,10 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         parts: &parts,
     };
     let sensors = sensors::sensors(root, targets);
-    let (effects, signals) = effects::read_effects(&effect_table, &names, &guides, &sensors);
+    let of_spans = fidelities.iter().zip(&spans).filter(|(fidelity, _)| **fidelity == ChainFidelity::Spans);
+    let of_spans: Vec<String> = of_spans.flat_map(|(_, own)| span_names(own)).collect();
+    let targets = effects::EffectTargets { sprockets: &names, guides: &guides, spans: &of_spans };
+    let (effects, signals) = effects::read_effects(&effect_table, targets, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();
     let (places, document) = (Places::empty(), Arc::default());
@@ -110,6 +118,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         stop_contact,
         more,
         chain_names,
+        spans: span_numbers,
         shafts,
         bearings,
         train,
@@ -131,11 +140,14 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
 }
 
 /// A chain behind the first.
-fn read_chain_part(t: &TomlTable<'_>, preload: impl Fn(&TomlTable<'_>) -> PreloadSpec) -> ChainPart {
+fn read_chain_part(
+    t: &TomlTable<'_>,
+    fidelity: ChainFidelity,
+    preload: impl Fn(&TomlTable<'_>) -> PreloadSpec,
+) -> ChainPart {
     let (chain, links, scatter, joint) = read_links(&t.table("chain"));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&t.table("contact"), &chain);
     let preload = preload(&t.table("preload"));
-    let fidelity = read_fidelity(t);
     ChainPart {
         chain,
         links,
@@ -154,6 +166,33 @@ fn read_chain_part(t: &TomlTable<'_>, preload: impl Fn(&TomlTable<'_>) -> Preloa
 fn read_fidelity(t: &TomlTable<'_>) -> ChainFidelity {
     let kinds = [("links", ChainFidelity::Links), ("spans", ChainFidelity::Spans)];
     t.choice("fidelity", &kinds).unwrap_or(ChainFidelity::Links)
+}
+
+/// Names of the spans of a chain with these sprockets.
+fn span_names(sprockets: &[String]) -> impl Iterator<Item = String> + '_ {
+    let next = sprockets.iter().cycle().skip(1);
+    sprockets.iter().zip(next).map(|(from, to)| format!("{from}-{to}"))
+}
+
+/// Numbers of spans that the file gives: `[chains.NAME.spans.FROM-TO]`.
+fn read_spans(t: &TomlTable<'_>, chain: usize, fidelity: ChainFidelity, sprockets: &[String]) -> Vec<SpanSpec> {
+    let table = t.table("spans");
+    let mut all = Vec::new();
+    for (name, own) in table.tables_or_set() {
+        if span_names(sprockets).all(|known| known != name) {
+            let known: Vec<String> = span_names(sprockets).collect();
+            own.error(format!("no span is called `{name}`"), Some(format!("spans: {}", known.join(", "))));
+        }
+        if fidelity == ChainFidelity::Links {
+            own.error(format!("chain of `{name}` has links"), Some("set `fidelity = \"spans\"` in its table".into()));
+        }
+        let stiffness_n_per_m = own.number("stiffness_n_per_m", 1.0, 1.0..=1e12);
+        let damping_n_s_per_m = own.number("damping_n_s_per_m", 1.0, 0.0..=1e9);
+        all.push(SpanSpec { chain, name, stiffness_n_per_m, damping_n_s_per_m });
+        own.finish();
+    }
+    table.finish();
+    all
 }
 
 /// How it is run: `[run]`.

@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: true,
     physics: Physics::SpanForce(force),
-    links: None,
+    links: Some(On::Span),
     highest_order: HighestOrder::None,
     kin: Kin { twin: Some(Twin::SpanDamping), ..Kin::NONE },
 };

@@ -17,7 +17,7 @@ pub const ROW: Effect = Effect {
     ],
     dissipative: false,
     physics: Physics::SpanForce(force),
-    links: None,
+    links: Some(On::Span),
     highest_order: HighestOrder::None,
     kin: Kin { twin: Some(Twin::SpanStiffness), ..Kin::NONE },
 };

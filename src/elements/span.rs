@@ -22,6 +22,8 @@ pub struct ChainSpan {
     /// Rolling radii, negative of sprockets outside of the loop [m].
     pub radii_m: [f64; 2],
     pub length_m: f64,
+    /// Stiffness of the links that it stands for, whatever the drive gives it.
+    pub of_links_n_per_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
     /// Tension T0 without elongation [N].

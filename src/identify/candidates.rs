@@ -198,22 +198,38 @@ impl Sizes {
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {
             Target::Body(b) => b,
-            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 0,
+            Target::Spring(_)
+            | Target::Input(_)
+            | Target::Sensor(_)
+            | Target::Chain(_)
+            | Target::Guide(_)
+            | Target::Span(_) => 0,
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
         let inertia = m.bodies.get(body).and_then(|b| b.inertia).map_or(1.0, |slot| m.values[slot]);
         let (stiffness, tension) = match target {
             Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
-            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => (1.0, 1.0),
+            Target::Span(s) => (m.values[m.spans[s].stiffness].max(1e-9), 1.0),
+            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain(_) | Target::Guide(_) => (1.0, 1.0),
         };
         let input = match target {
             Target::Input(i) => known(&self.input, i),
-            Target::Body(_) | Target::Spring(_) | Target::Sensor(_) | Target::Chain | Target::Guide(_) => 1.0,
+            Target::Body(_)
+            | Target::Spring(_)
+            | Target::Sensor(_)
+            | Target::Chain(_)
+            | Target::Guide(_)
+            | Target::Span(_) => 1.0,
         };
         let signal = match target {
             Target::Sensor(s) => known(&self.signal, s),
-            Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => 1.0,
+            Target::Body(_)
+            | Target::Spring(_)
+            | Target::Input(_)
+            | Target::Chain(_)
+            | Target::Guide(_)
+            | Target::Span(_) => 1.0,
         };
         match scale {
             Scale::One => 1.0,
@@ -277,7 +293,12 @@ pub fn all(
             let mut leave = |why: &str| reasons.push((path.clone(), why.to_string()));
             let channel = match target {
                 Target::Sensor(s) => data.channels.iter().find(|c| c.sensor == s),
-                Target::Body(_) | Target::Spring(_) | Target::Input(_) | Target::Chain | Target::Guide(_) => None,
+                Target::Body(_)
+                | Target::Spring(_)
+                | Target::Input(_)
+                | Target::Chain(_)
+                | Target::Guide(_)
+                | Target::Span(_) => None,
             };
             if matches!(target, Target::Sensor(_)) && channel.is_none() {
                 continue;
@@ -292,6 +313,8 @@ pub fn all(
             let twin = effect.kin.twin.and_then(|twin| match (twin, target) {
                 (Twin::SpanStiffness, Target::Spring(s)) => Some(m.springs[s].stiffness),
                 (Twin::SpanDamping, Target::Spring(s)) => Some(m.springs[s].damping),
+                (Twin::SpanStiffness, Target::Span(s)) => Some(m.spans[s].stiffness),
+                (Twin::SpanDamping, Target::Span(s)) => Some(m.spans[s].damping),
                 (Twin::SensorGain, Target::Sensor(s)) => Some(m.sensors[s].gain),
                 (Twin::SpanStiffness | Twin::SpanDamping | Twin::SensorGain, _) => None,
             });
@@ -306,7 +329,7 @@ pub fn all(
             if effect.parameters.iter().all(|p| p.kind == Kind::Given) {
                 continue;
             }
-            match m.room_for(effect, &path) {
+            match m.room_for(effect, target, &path) {
                 RoomForEffect::Free => {}
                 RoomForEffect::Taken => continue,
                 RoomForEffect::Refused(why) => {
@@ -346,7 +369,7 @@ pub fn all(
                         p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
                     }
                     Kind::Whole => p.starts.to_vec(),
-                    Kind::Index => m.effort().indices.unwrap_or(p.starts).to_vec(),
+                    Kind::Index => m.indices(target).unwrap_or_else(|| p.starts.to_vec()),
                     Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();

@@ -193,7 +193,7 @@ fn channel(problem: &Problem, parts: &[SegmentResiduals], bodies: &[usize], c: u
                 (1..=ORDERS).map(|k| (format!("order {k} of {}", body.name), f64::from(k))).collect();
             if let Some(z) = body.teeth {
                 looked.push((format!("teeth of {}", body.name), f64::from(z)));
-                if let Some(chain) = &m.chain {
+                if let Some(chain) = m.chain_at(*b) {
                     let loops = f64::from(z) / f64::from(chain.links);
                     looked.extend((1..=3).map(|k| (format!("chain loop {k} of {}", body.name), loops * f64::from(k))));
                 }

@@ -331,19 +331,19 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Finds the position in the period, and the angles, at which every segment of a motion with a period starts: first within two pitches, from the mean over all pairs of links, in steps fine enough for tooth impacts; then
-    /// the pair of links, and the exact position.
+    /// Finds the position in the period, and the angles, at which every segment of a motion with a period starts: first within the period of alike links
+    /// and teeth, from the mean over all of these, in steps fine enough for tooth impacts; then which of them, and the exact position.
     pub fn find_start_positions(&self, point: &mut Point, threads: usize) {
-        let Some(pitches) = self.machine.period_pitches() else { return };
-        let pairs = (pitches / 2).max(1);
+        let Some(period) = self.machine.period_pitches() else { return };
+        let alike = f64::from(period.alike);
         let folded = Problem { folded: true, ..self.clone() };
         point.locals = super::fit::parallel(self.data.segments.len(), threads, |k| {
             let best =
                 |of: &Problem, from: &[f64], step: f64, places| of.best_place(k, &point.globals, from, step, places).1;
-            let within = best(&folded, &point.locals[k], FINE_PITCHES, 0..=(2.0 / FINE_PITCHES) as i32 - 1);
+            let within = best(&folded, &point.locals[k], FINE_PITCHES, 0..=(alike / FINE_PITCHES) as i32 - 1);
             let within = best(&folded, &within, FINEST_PITCHES, -10..=10);
-            let pair = best(self, &within, 2.0, 0..=pairs as i32 - 1);
-            best(self, &pair, FINEST_PITCHES, -10..=10)
+            let place = best(self, &within, alike, 0..=period.places() as i32 - 1);
+            best(self, &place, FINEST_PITCHES, -10..=10)
         });
     }
 
@@ -376,12 +376,12 @@ impl<'a> Problem<'a> {
     /// Tries every other pair of links at which a segment may start, and positions slightly ahead and behind, further
     /// than a gradient reaches where impacts are sharp. Returns whether a better position was found.
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
-        let Some(pitches) = self.machine.period_pitches() else { return false };
-        let pairs = (pitches / 2).max(1) as i32;
+        let Some(period) = self.machine.period_pitches() else { return false };
+        let (alike, places) = (f64::from(period.alike), period.places() as i32);
         let found = super::fit::parallel(self.data.segments.len(), threads, |k| {
             let (before, mut at) = self.best_place(k, &point.globals, &point.locals[k], 0.0, 0..=0);
             let mut cost = before;
-            for (step, places) in [(2.0, 0..=pairs - 1), (FINE_PITCHES, -30..=30), (FINEST_PITCHES, -10..=10)] {
+            for (step, places) in [(alike, 0..=places - 1), (FINE_PITCHES, -30..=30), (FINEST_PITCHES, -10..=10)] {
                 (cost, at) = self.best_place(k, &point.globals, &at, step, places);
             }
             (cost < before * (1.0 - 1e-3)).then_some(at)

@@ -404,8 +404,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
     let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
     let noise_floor = floors(best, data);
     let explained = noise_floor.iter().all(|f| f.reached);
-    let (toothed, links) = structure::tooth_and_link_counts(&found.declared.problem.machine);
-    let collisions = structure::collisions(&toothed, links);
+    let collisions = structure::collisions_of(&found.declared.problem.machine);
     let outcome = if effects.is_empty() {
         IdentificationVerdict::None
     } else if effects.iter().all(|e| e.only_its_law_is_open) {

@@ -308,8 +308,8 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     let amplitude = *h.amplitudes().first()?;
     let mut with = problem.clone();
     (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
-    let pairs = with.machine.period_pitches().map_or(1, |pitches| (pitches / 2).max(1));
-    let places = if h.has_place { pairs } else { 1 };
+    let period = with.machine.period_pitches()?;
+    let (places, apart) = (if h.has_place { period.places() } else { 1 }, f64::from(period.alike));
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
     // For every segment and place: product with the residual, and square.
     let mut sizes: Vec<Vec<(f64, f64)>> = Vec::new();
@@ -329,7 +329,8 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         dot_and_size(&base.residual[from..from + c.len()], c)
     };
     for at in 0..base.parts.len() {
-        let all: Vec<(f64, f64)> = (0..places).map(|place| size_of(at, &column(at, 2.0 * f64::from(place)))).collect();
+        let all: Vec<(f64, f64)> =
+            (0..places).map(|place| size_of(at, &column(at, apart * f64::from(place)))).collect();
         if all.iter().any(|(a, b)| !a.is_finite() || !b.is_finite()) {
             return None;
         }
@@ -372,7 +373,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
             let mut locals = fit.point.locals[k].clone();
             locals[travel] += FINE_PITCHES * f64::from(i);
             let rest = problem.residuals(k, &globals, &locals);
-            locals[travel] += 2.0 * f64::from(*place);
+            locals[travel] += apart * f64::from(*place);
             let now = with.residuals(k, &globals, &locals);
             let change: Vec<f64> = now.iter().zip(&rest).map(|(a, b)| a - b).collect();
             let (change, rest) =

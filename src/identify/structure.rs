@@ -3,8 +3,9 @@
 
 use super::candidates::Hypothesis;
 use super::screen::{LinearisedBase, ScreeningResult};
+use crate::drive::chains::gcd;
 use crate::effects::{Effect, Look, gap_error, named, pitch_error, sprocket_runout, tight_joint};
-use crate::machine::{Machine, Target, gcd};
+use crate::machine::{Machine, Target};
 use serde::Serialize;
 
 /// Two coinciding periods of a chain drive.
@@ -51,7 +52,7 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
             });
         }
         if let Some(n) = links {
-            let g = gcd(n, *z);
+            let g = gcd(u64::from(n), u64::from(*z)) as u32;
             let (loops, turns) = (z / g, n / g);
             if loops == 1 {
                 found.push(Collision {
@@ -98,35 +99,45 @@ pub fn collisions(toothed: &[(String, u32)], links: Option<u32>) -> Vec<Collisio
 pub fn locked_orders(m: &Machine, effect: &Effect, target: Target) -> Vec<String> {
     const ON_SPROCKETS: [&Effect; 2] = [&sprocket_runout::ROW, &gap_error::ROW];
     const ON_LINKS: [&Effect; 2] = [&pitch_error::ROW, &tight_joint::ROW];
-    let Some(links) = m.chain.as_ref().map(|c| c.links) else { return Vec::new() };
-    let divides = |b: usize| m.bodies[b].teeth.is_some_and(|z| z > 0 && links.is_multiple_of(z));
+    let divides = |b: usize| {
+        let teeth = m.bodies[b].teeth.filter(|z| *z > 0);
+        teeth.zip(m.chain_at(b)).is_some_and(|(z, chain)| chain.links.is_multiple_of(z))
+    };
     let places = |effects: &[&'static Effect]| {
         let of = |e: &&'static Effect| m.targets(e).into_iter().map(|(name, at)| (*e, name, at)).collect::<Vec<_>>();
         let all: Vec<_> = effects.iter().flat_map(of).collect();
         all.into_iter().map(|(e, name, at)| (format!("effects.{}.{name}", e.name), at))
     };
+    // Whether this chain passes the teeth of this body.
+    let passes = |chain: Target, b: usize| matches!(chain, Target::Chain(c) if m.chains[c].sprockets.contains(&b));
     match target {
         Target::Body(b) if ON_SPROCKETS.contains(&effect) && divides(b) => {
             // Both would mean the same: only the first is returned.
-            places(&ON_LINKS).map(|(path, _)| path).take(1).collect()
+            let on = places(&ON_LINKS).filter(|(_, t)| passes(*t, b));
+            on.map(|(path, _)| path).take(1).collect()
         }
-        Target::Chain if ON_LINKS.contains(&effect) => {
+        Target::Chain(_) if ON_LINKS.contains(&effect) => {
             // Runout stands for both.
-            let on = places(&ON_SPROCKETS[..1]).filter(|(_, t)| matches!(t, Target::Body(b) if divides(*b)));
-            on.map(|(path, _)| path).collect()
+            let meets = |t: Target| matches!(t, Target::Body(b) if divides(b) && passes(target, b));
+            places(&ON_SPROCKETS[..1]).filter(|(_, t)| meets(*t)).map(|(path, _)| path).collect()
         }
         Target::Body(_)
         | Target::Spring(_)
         | Target::Input(_)
         | Target::Sensor(_)
-        | Target::Chain
-        | Target::Guide(_) => Vec::new(),
+        | Target::Chain(_)
+        | Target::Guide(_)
+        | Target::Span(_) => Vec::new(),
     }
 }
 
-/// Teeth and links of a machine.
-pub fn tooth_and_link_counts(m: &Machine) -> (Vec<(String, u32)>, Option<u32>) {
-    (m.toothed(), m.chain.as_ref().map(|c| c.links))
+/// Collisions of orders in every chain of a machine.
+pub fn collisions_of(m: &Machine) -> Vec<Collision> {
+    if m.chains.is_empty() {
+        let all = m.bodies.iter().filter_map(|b| Some((b.name.clone(), b.teeth?)));
+        return collisions(&all.collect::<Vec<_>>(), None);
+    }
+    m.chains.iter().flat_map(|chain| collisions(&m.toothed(chain), Some(chain.links))).collect()
 }
 
 /// Detection limit of every hypothesis, once for each effect and place.

@@ -47,8 +47,21 @@ pub struct SearchEffort {
     pub noise_alone_is_left: bool,
     /// A length that shows in records [m]: `Scale::Micrometre10`.
     pub small_length_m: f64,
-    /// Indices of links, joints or gaps that are tried; None: those of the effect's row.
-    pub indices: Option<&'static [f64]>,
+}
+
+/// Pitches of the driver's chain after which a motion repeats itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PitchPeriod {
+    pub whole: u32,
+    /// If all links and teeth of each part were alike: a share of the whole.
+    pub alike: u32,
+}
+
+impl PitchPeriod {
+    /// Number of places of a single link, joint or tooth that a record can start at, `alike` pitches apart.
+    pub fn places(self) -> u32 {
+        (self.whole / self.alike.max(1)).max(1)
+    }
 }
 
 /// The part of a sensor's readings that differs from period to period, so that no model tells it (root mean square, SI).
@@ -78,7 +91,7 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     fn accepts(&self, effect: &Effect, p: &Parameter) -> bool;
 
     /// Whether an effect may be added to those that are there.
-    fn room_for(&self, m: &Machine, effect: &Effect, path: &str) -> RoomForEffect;
+    fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect;
 
     /// Whether an effect is at a place on the loop that each record determines for itself, by where it starts.
     fn has_place(&self, effect: &Effect) -> bool;
@@ -86,8 +99,11 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// Whether an effect is looked at with its starting values, because a small one is lost in what does not repeat itself.
     fn shows_at_start_alone(&self, effect: &Effect) -> bool;
 
-    /// Pitches after which the motion repeats itself: a record then starts somewhere in this period. None: it starts in a state of its own.
-    fn period_pitches(&self, m: &Machine) -> Option<u32>;
+    /// Period of the motion: a record then starts somewhere in it. None: it starts in a state of its own.
+    fn period_pitches(&self, m: &Machine) -> Option<PitchPeriod>;
+
+    /// Numbers of links, joints or gaps at this target that no start of a record makes the same; None: those of the effect's row.
+    fn indices(&self, m: &Machine, target: Target) -> Option<Vec<f64>>;
 
     /// Mean speed of a body where it is known without a run [rad/s].
     fn mean_speed(&self, m: &Machine, values: &[f64], body: usize) -> Option<f64>;

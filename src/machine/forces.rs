@@ -49,7 +49,7 @@ impl<'a> PreparedMachine<'a> {
             on_spring: m.springs.iter().map(|_| Vec::new()).collect(),
             motion: Vec::new(),
             chain_torque: Vec::new(),
-            leader_teeth: m.chain.as_ref().and_then(|c| m.bodies[c.leader].teeth).map_or(0.0, f64::from),
+            leader_teeth: m.chains.first().and_then(|c| m.bodies[c.leader].teeth).map_or(0.0, f64::from),
             max_steps,
             stands_for: (0..m.bodies.len()).collect(),
         };
@@ -73,17 +73,17 @@ impl<'a> PreparedMachine<'a> {
                         }
                     }
                 }
-                (Physics::ChainLength(law), Target::Chain) => {
+                (Physics::ChainLength(law), Target::Chain(_)) => {
                     for (s, _) in m.springs.iter().enumerate().filter(|(_, s)| s.links.is_some()) {
                         ready.on_spring[s].push(SpringEffect::Chain { law, p: of(p) });
                     }
                 }
-                (Physics::SpanLoss(law), Target::Chain) => {
+                (Physics::SpanLoss(law), Target::Chain(_)) => {
                     for on in &mut ready.on_spring {
                         on.push(SpringEffect::Loss { law, p: of(p) });
                     }
                 }
-                (Physics::ChainTorque(law), Target::Chain) => ready.chain_torque.push((law, of(p))),
+                (Physics::ChainTorque(law), Target::Chain(_)) => ready.chain_torque.push((law, of(p))),
                 _ => {}
             }
         }
@@ -92,7 +92,7 @@ impl<'a> PreparedMachine<'a> {
 
     fn chain_at(&self, spring: usize, q: &[f64]) -> ChainAt {
         let (from, to) = self.m.springs[spring].links.unwrap_or((0.0, 0.0));
-        let (links, leader) = self.m.chain.as_ref().map_or((1.0, 0), |c| (f64::from(c.links), c.leader));
+        let (links, leader) = self.m.chains.first().map_or((1.0, 0), |c| (f64::from(c.links), c.leader));
         ChainAt { travel: q[leader] * self.leader_teeth / (2.0 * PI), links, from, to }
     }
 
@@ -118,7 +118,7 @@ impl<'a> PreparedMachine<'a> {
                 let (body, (length, slope)) = match on {
                     SpringEffect::Length { body, teeth, law, p } => (*body, law(p, *teeth, q[*body])),
                     SpringEffect::Chain { law, p } => {
-                        let leader = self.m.chain.as_ref().map_or(0, |c| c.leader);
+                        let leader = self.m.chains.first().map_or(0, |c| c.leader);
                         let (length, slope) = law(p, self.chain_at(s, q));
                         (leader, (length, slope * self.leader_teeth / (2.0 * PI)))
                     }

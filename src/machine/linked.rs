@@ -1,11 +1,12 @@
 //! The fidelity with link bodies: steady motion, read off one period of a run that takes a second; runs are kept.
 
-use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
-use super::links::lcm;
-use super::response::{PeriodicResponse, ResponseError};
+use super::fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use super::period::{PeriodOfDrive, lcm};
+use super::response::{MAX_PERIOD_S, PeriodicResponse, ResponseError};
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
-use super::{Body, BodyMotion, Machine, Reads, Target};
+use super::{Body, BodyMotion, ChainLoop, Machine, Reads, Target};
 use crate::drive::Drive;
+use crate::drive::chains::gcd;
 use crate::drive::sensors::{SensorReads, is_signal};
 use crate::effects::{Effect, Kind, On, Parameter};
 use std::collections::HashMap;
@@ -21,12 +22,9 @@ pub(super) struct LinkedDrive {
     drive: Drive,
     /// Values of the machine as the file has them.
     file: Vec<f64>,
-    /// Period of the declared drive in pitches.
-    repeats: u32,
+    period: PeriodOfDrive,
     /// Paths of effects that the drive file declares.
     declared: Vec<String>,
-    /// Per body: the sprocket whose teeth tell its mean speed; None: it does not turn on.
-    turns_as: Vec<Option<usize>>,
     /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
     noise: Vec<f64>,
     known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, ResponseError>>>>,
@@ -45,20 +43,12 @@ const EFFORT: SearchEffort = SearchEffort {
     noise_alone_is_left: false,
     // Large enough to exceed the non-repeating part.
     small_length_m: 30e-6,
-    // Indices 0 and 1 differ; indices that are further apart only repeat these cases.
-    indices: Some(&[0.0, 1.0]),
 };
 
 impl LinkedDrive {
-    pub(super) fn new(
-        drive: &Drive,
-        m: &Machine,
-        repeats: u32,
-        declared: Vec<String>,
-        turns_as: Vec<Option<usize>>,
-    ) -> LinkedDrive {
+    pub(super) fn new(drive: &Drive, m: &Machine, period: PeriodOfDrive, declared: Vec<String>) -> LinkedDrive {
         let (drive, file, noise, known) = (drive.clone(), m.values.clone(), Vec::new(), Mutex::default());
-        LinkedDrive { drive, file, repeats, declared, turns_as, noise, known }
+        LinkedDrive { drive, file, period, declared, noise, known }
     }
 
     /// The numbers that turn the file's drive into this machine with these values, in the units of their keys.
@@ -92,8 +82,8 @@ impl LinkedDrive {
         }
         runs.fetch_add(1, Ordering::Relaxed);
         let drive = self.drive.with_numbers(&numbers).map_err(ResponseError::Drive);
-        let pitches = self.pitches(m);
-        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, pitches, &self.noise)));
+        let (alike, pitches) = (self.period.alike, self.pitches(m));
+        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, alike, pitches, &self.noise)));
         if let Ok(mut known) = self.known.lock() {
             known.insert(key, response.clone());
         }
@@ -102,28 +92,32 @@ impl LinkedDrive {
 
     /// Period in pitches, with all effects that are placed.
     fn pitches(&self, m: &Machine) -> u32 {
-        m.placed.iter().fold(self.repeats, |all, p| match p.target {
-            // Friction and drag are the same all round.
-            Target::Body(b) if p.effect.differs_round_turn() => lcm(all, m.bodies[b].teeth.unwrap_or(1)),
-            Target::Chain if p.effect.links == Some(On::Chain) => lcm(all, m.chain.as_ref().map_or(1, |c| c.links)),
+        m.placed.iter().fold(self.period.declared, |all, p| lcm(all, self.own_period(m, p.effect, p.target)))
+    }
+
+    /// Period in pitches of an effect at a target; 1: it is the same all round, as friction and drag are.
+    fn own_period(&self, m: &Machine, effect: &Effect, target: Target) -> u32 {
+        match target {
+            Target::Body(b) if effect.differs_round_turn() => self.period.of_body(b),
+            Target::Chain(c) if effect.links == Some(On::Chain) => self.period.pitches[c].period(m.chains[c].links),
             Target::Body(_)
             | Target::Spring(_)
             | Target::Input(_)
             | Target::Sensor(_)
-            | Target::Chain
-            | Target::Guide(_) => all,
-        })
+            | Target::Chain(_)
+            | Target::Guide(_)
+            | Target::Span(_) => 1,
+        }
     }
 
-    /// Chain speed divided by the teeth of the sprocket that a body turns as fast as [rad/s].
+    /// Speed that a body turns with in the mean [rad/s].
     fn speed(&self, m: &Machine, values: &[f64], body: usize) -> f64 {
         let driver = m.bodies.iter().find_map(|b| match b.motion {
-            BodyMotion::Constant(slot) => Some((values[slot], b.teeth.unwrap_or(1))),
+            BodyMotion::Constant(slot) => Some(values[slot] * f64::from(b.teeth.unwrap_or(1))),
             BodyMotion::Free | BodyMotion::Measured(_) => None,
         });
-        let Some((speed, teeth)) = driver else { return 0.0 };
-        let like = self.turns_as[body];
-        like.map_or(0.0, |like| speed * f64::from(teeth) / f64::from(m.bodies[like].teeth.unwrap_or(1)))
+        let pitches_rad_s = driver.unwrap_or(0.0);
+        self.period.turns[body].map_or(0.0, |(turns, sense)| pitches_rad_s * turns.value() * sense)
     }
 
     /// A channel at the samples.
@@ -171,16 +165,30 @@ impl Fidelity for LinkedDrive {
             let all = m.bodies.iter().enumerate().filter(|(_, b)| fits(b));
             all.map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
         };
+        // A shaft is there once for each of its sprockets.
+        let first_of_shaft = |b: &Body| {
+            let slot = |b: &Body| match b.motion {
+                BodyMotion::Constant(slot) => Some(slot),
+                BodyMotion::Free | BodyMotion::Measured(_) => b.inertia,
+            };
+            m.bodies.iter().find(|o| slot(o) == slot(b)).is_some_and(|first| first.path == b.path)
+        };
         match effect.links {
-            Some(On::Sprocket) => bodies(&|b| b.teeth.is_some()),
-            Some(On::Chain) => vec![("found".to_string(), Target::Chain)],
-            Some(On::Joints) => vec![("chain".to_string(), Target::Chain)],
-            Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free),
-            Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free),
+            Some(On::Sprocket) => bodies(&|b| {
+                b.teeth.is_some() && m.chains.iter().any(|c| c.sprockets.iter().any(|s| m.bodies[*s].path == b.path))
+            }),
+            Some(On::Chain) => {
+                let name = |c: &ChainLoop| if c.name.is_empty() { "found".to_string() } else { c.name.clone() };
+                m.chains.iter().enumerate().map(|(i, c)| (name(c), Target::Chain(i))).collect()
+            }
+            Some(On::Joints) => vec![("chain".to_string(), Target::Chain(0))],
+            Some(On::Span) => m.spans.iter().enumerate().map(|(i, s)| (s.name.clone(), Target::Span(i))).collect(),
+            Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free && first_of_shaft(b)),
+            Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free && first_of_shaft(b)),
             Some(On::Guide) => {
                 self.drive.guides.iter().enumerate().map(|(i, g)| (g.name.clone(), Target::Guide(i))).collect()
             }
-            Some(On::Span | On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
+            Some(On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
         }
     }
 
@@ -190,12 +198,19 @@ impl Fidelity for LinkedDrive {
         is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
     }
 
-    fn room_for(&self, m: &Machine, effect: &Effect, path: &str) -> RoomForEffect {
+    fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect {
         if self.declared.iter().any(|d| d == path) {
             return RoomForEffect::Refused("declared already");
         }
         if m.placed.iter().any(|p| p.path == path) {
             return RoomForEffect::Taken;
+        }
+        let pitches_m =
+            f64::from(lcm(self.pitches(m), self.own_period(m, effect, target))) * self.drive.chain.pitch_m();
+        if pitches_m > MAX_PERIOD_S * self.drive.chain_speed_m_s().abs() {
+            return RoomForEffect::Refused(
+                "with it the drive comes back to where it was only after more than ten seconds",
+            );
         }
         let has_place = self.has_place(effect);
         if has_place && m.placed.iter().any(|p| self.has_place(p.effect)) {
@@ -219,8 +234,27 @@ impl Fidelity for LinkedDrive {
         !is_signal(effect)
     }
 
-    fn period_pitches(&self, m: &Machine) -> Option<u32> {
-        Some(self.pitches(m))
+    fn period_pitches(&self, m: &Machine) -> Option<PitchPeriod> {
+        Some(PitchPeriod { whole: self.pitches(m), alike: self.period.alike })
+    }
+
+    /// Links and teeth that lie as far apart as a start of a record can move them are the same. In a drive with one chain two differ.
+    fn indices(&self, m: &Machine, target: Target) -> Option<Vec<f64>> {
+        let (first, passed, all) = match target {
+            Target::Chain(c) => {
+                let chain = &m.chains[c];
+                (chain.first_link, self.period.pitches[c].scaled(self.period.alike, 1), chain.links)
+            }
+            Target::Body(b) => {
+                let teeth = m.bodies[b].teeth?;
+                (0, self.period.turns[b]?.0.scaled(teeth * self.period.alike, 1), teeth)
+            }
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Guide(_) | Target::Span(_) => {
+                return None;
+            }
+        };
+        let apart = gcd(passed.times, u64::from(all)).max(2);
+        Some((0..apart).map(|i| f64::from(first) + i as f64).collect())
     }
 
     fn mean_speed(&self, m: &Machine, values: &[f64], body: usize) -> Option<f64> {
@@ -270,9 +304,8 @@ impl Fidelity for LinkedDrive {
         Some(Arc::new(LinkedDrive {
             drive: self.drive.clone(),
             file: self.file.clone(),
-            repeats: self.repeats,
+            period: self.period.clone(),
             declared: self.declared.clone(),
-            turns_as: self.turns_as.clone(),
             noise,
             known: Mutex::default(),
         }))

@@ -2,24 +2,15 @@
 //! Its motion is left to the simulation of the links.
 
 use super::linked::LinkedDrive;
-use super::response::turns_of_orders;
-use super::{Body, BodyMotion, ChainLoop, Machine, PlacedEffect, Reads, Sensor, Slot, Target};
+use super::period::PeriodOfDrive;
+use super::{Body, BodyMotion, ChainLoop, Machine, PlacedEffect, Reads, Sensor, Slot, SpanNumbers, Target};
+use crate::assemble::at_rest;
+use crate::diag::last_name;
 use crate::drive::sensors::SensorReads;
-use crate::drive::shafts::Moving;
-use crate::drive::{Drive, OuterSpec};
+use crate::drive::{ChainFidelity, Drive, OuterSpec};
 use crate::effects::parameter_at;
 use crate::units::RPM;
 use std::sync::Arc;
-
-/// Greatest common divisor.
-pub fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
-}
-
-pub(super) fn lcm(a: u32, b: u32) -> u32 {
-    let (a, b) = (a.max(1), b.max(1));
-    (a / gcd(a, b)).saturating_mul(b)
-}
 
 impl Machine {
     /// The machine of a drive with link bodies.
@@ -27,7 +18,7 @@ impl Machine {
         let mut m = Machine {
             name: drive.name.clone(),
             text: drive.text.clone(),
-            chain: Some(ChainLoop { links: drive.links as u32, leader: drive.driver() }),
+            chains: chains_of(drive),
             places: drive.places.clone(),
             ..Machine::empty(drive.title.clone())
         };
@@ -49,13 +40,15 @@ impl Machine {
             }
         };
         for s in &drive.sprockets {
+            // What several sprockets sit on has the numbers.
+            let on = s.shaft.map_or(("sprockets", &s.name), |k| ("shafts", &drive.shafts[k].name));
             let (inertia, motion) = match s.outer {
                 OuterSpec::Speed { speed_rad_s } => {
-                    let speed = slot(format!("speeds.constant.{}.speed_rpm", s.name), RPM, speed_rad_s);
+                    let speed = slot(format!("speeds.constant.{}.speed_rpm", on.1), RPM, speed_rad_s);
                     (None, BodyMotion::Constant(speed))
                 }
                 OuterSpec::Load { inertia_kg_m2, .. } => {
-                    let path = format!("sprockets.{}.inertia_kg_m2", s.name);
+                    let path = format!("{}.{}.inertia_kg_m2", on.0, on.1);
                     (Some(slot(path, 1.0, inertia_kg_m2)), BodyMotion::Free)
                 }
             };
@@ -113,15 +106,34 @@ impl Machine {
             let (path, target) = (s.path.clone(), Target::Sensor(s.sensor));
             m.placed.push(PlacedEffect { effect: s.effect, path, target, slots });
         }
-        m.fidelity = Arc::new(LinkedDrive::new(drive, &m, repeats(drive), declared(&drive.places), turns_as(drive)));
+        // Without rest there is no run either, whose error says why.
+        let spans =
+            if drive.span_paths().is_empty() { Vec::new() } else { at_rest(drive).map_or(Vec::new(), |r| r.0.spans) };
+        for span in spans {
+            let mut own = |key: &str, value: f64| slot(format!("{}.{key}", span.path), 1.0, value);
+            let (stiffness, damping) =
+                (own("stiffness_n_per_m", span.stiffness_n_per_m), own("damping_n_s_per_m", span.damping_n_s_per_m));
+            m.spans.push(SpanNumbers { name: last_name(&span.path).to_string(), stiffness, damping });
+        }
+        m.fidelity = Arc::new(LinkedDrive::new(drive, &m, PeriodOfDrive::of(drive), declared(&drive.places)));
         m
     }
 }
 
-/// For every body of the machine: the sprocket that it turns as fast as.
-fn turns_as(drive: &Drive) -> Vec<Option<usize>> {
-    let bare = drive.bare_shafts().into_iter().map(|k| drive.sprocket_turning(Moving::Shaft(k)));
-    (0..drive.sprockets.len()).map(Some).chain(bare).chain(drive.arms.iter().map(|_| None)).collect()
+/// The chains that have links.
+fn chains_of(drive: &Drive) -> Vec<ChainLoop> {
+    let mut first_link = 0;
+    let mut all = Vec::new();
+    for chain in (0..drive.chains()).filter(|chain| drive.fidelity_of(*chain) == ChainFidelity::Links) {
+        let (name, links) = (drive.chain_names.get(chain).cloned().unwrap_or_default(), drive.links_of(chain) as u32);
+        let (leader, sprockets) = (drive.leader_of(chain), drive.sprockets_of(chain).collect());
+        all.push(ChainLoop { name, links, first_link, leader, sprockets });
+        first_link += links;
+    }
+    if let [only] = &mut all[..] {
+        only.name.clear();
+    }
+    all
 }
 
 /// Tables of effects that the file declares.
@@ -132,39 +144,6 @@ fn declared(places: &crate::drive::reader::Places) -> Vec<String> {
         if table.split('.').count() == 3 && !all.contains(&table) {
             all.push(table);
         }
-    }
-    all
-}
-
-/// Period of the drive in pitches: two, unless one of its parts differs from its neighbours.
-fn repeats(drive: &Drive) -> u32 {
-    let e = &drive.effects;
-    let links = drive.links as u32;
-    let teeth = |k: usize| drive.sprockets[k].teeth;
-    let mut all = 2;
-    let single = !e.pitch_errors.is_empty()
-        || !e.link_masses.is_empty()
-        || !e.tight_joints.is_empty()
-        || drive.scatter.pitch_m > 0.0;
-    if single || drive.sensors.iter().any(|s| matches!(s.reads, SensorReads::Link(_))) {
-        all = lcm(all, links);
-    }
-    let motion = &drive.train.motion;
-    let orders = motion.harmonics.iter().chain(drive.train.order_loads.iter().flat_map(|l| &l.harmonics));
-    if orders.clone().next().is_some() {
-        // Orders are of the driver; half ones take two turns. Those without a period are refused where records are compared.
-        all = lcm(all, turns_of_orders(orders).unwrap_or(2) * teeth(drive.driver()));
-    }
-    let train = &drive.train;
-    if !train.motion.fluctuations.is_empty() {
-        all = lcm(all, teeth(drive.driver()));
-    }
-    let uneven = train.loads.iter().filter(|l| l.effect.differs_round_turn());
-    for k in uneven.filter_map(|l| drive.sprocket_turning(l.on)) {
-        all = lcm(all, teeth(k));
-    }
-    for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {
-        all = lcm(all, teeth(k));
     }
     all
 }

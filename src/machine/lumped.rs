@@ -1,6 +1,6 @@
 //! The lumped fidelity: bodies with one coordinate each, springs between them, any motion from any start, in milliseconds.
 
-use super::fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use super::fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use super::simulate::{self, InitialState, RunError, Task};
 use super::{Body, BodyMotion, InputKind, Machine, Reads, Target};
 use crate::effects::{Effect, Kind, On, Parameter, Physics};
@@ -20,7 +20,6 @@ const EFFORT: SearchEffort = SearchEffort {
     iterations: usize::MAX,
     noise_alone_is_left: true,
     small_length_m: 10e-6,
-    indices: None,
 };
 
 impl Fidelity for Lumped {
@@ -57,8 +56,8 @@ impl Fidelity for Lumped {
             On::Chain | On::Joints => {
                 let located = m.springs.iter().any(|s| s.links.is_some());
                 let needs = effect.on == On::Chain;
-                if m.chain.is_some() && (located || !needs) {
-                    vec![("chain".to_string(), Target::Chain)]
+                if !m.chains.is_empty() && (located || !needs) {
+                    vec![("chain".to_string(), Target::Chain(0))]
                 } else {
                     Vec::new()
                 }
@@ -87,7 +86,7 @@ impl Fidelity for Lumped {
         true
     }
 
-    fn room_for(&self, _m: &Machine, _effect: &Effect, _path: &str) -> RoomForEffect {
+    fn room_for(&self, _m: &Machine, _effect: &Effect, _target: Target, _path: &str) -> RoomForEffect {
         RoomForEffect::Free
     }
 
@@ -99,7 +98,11 @@ impl Fidelity for Lumped {
         false
     }
 
-    fn period_pitches(&self, _m: &Machine) -> Option<u32> {
+    fn period_pitches(&self, _m: &Machine) -> Option<PitchPeriod> {
+        None
+    }
+
+    fn indices(&self, _m: &Machine, _target: Target) -> Option<Vec<f64>> {
         None
     }
 

@@ -14,6 +14,7 @@ mod forces;
 mod linked;
 mod links;
 mod lumped;
+mod period;
 mod place;
 mod pulses;
 mod read;
@@ -21,13 +22,11 @@ mod response;
 #[doc(hidden)]
 pub mod simulate;
 
-pub use links::gcd;
-
 use crate::diag::Report;
 use crate::drive::Drive;
 use crate::drive::reader::{DriveReader, Places};
 use crate::effects::{Effect, Parameter};
-use fidelity::{Fidelity, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use response::WithoutPeriod;
 use simulate::{InitialState, RunError, Task};
 use std::sync::Arc;
@@ -56,8 +55,10 @@ pub struct Machine {
     pub sensors: Vec<Sensor>,
     /// Loads and effects; effects on sensors are in the order of the catalogue.
     pub placed: Vec<PlacedEffect>,
-    /// The chain, where bodies have teeth; None: no effect of a chain is searched.
-    pub chain: Option<ChainLoop>,
+    /// The chains that have links, where bodies have teeth; without any, no effect of a chain is searched.
+    pub chains: Vec<ChainLoop>,
+    /// Spans of chains of spans in a drive with links.
+    pub spans: Vec<SpanNumbers>,
     /// What differs between a lumped machine and one with link bodies.
     fidelity: Arc<dyn Fidelity>,
     /// Where every value stands in the file, for errors.
@@ -199,17 +200,37 @@ pub enum Target {
     Spring(usize),
     Input(usize),
     Sensor(usize),
-    Chain,
+    /// A chain, or, of joints, all chains.
+    Chain(usize),
     Guide(usize),
+    /// A span of a chain of spans in a drive with links.
+    Span(usize),
 }
 
 #[doc(hidden)]
-/// Link count of the chain loop, which determines orders.
+/// Link count of a chain loop, which determines orders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainLoop {
+    /// Empty where it is the only one.
+    pub name: String,
     pub links: u32,
+    /// Number of its first link, counted through all chains.
+    pub first_link: u32,
     /// Body whose teeth count the passing links.
     pub leader: usize,
+    /// Bodies whose teeth it passes.
+    pub sprockets: Vec<usize>,
+}
+
+#[doc(hidden)]
+/// Stiffness and damping of a span of a chain of spans.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpanNumbers {
+    /// `FROM-TO`.
+    pub name: String,
+    /// Slots of stiffness and damping.
+    pub stiffness: usize,
+    pub damping: usize,
 }
 
 /// Whether a drive file has `fidelity = "lumped"`, in any TOML notation. In a file with errors, the readable part is
@@ -243,10 +264,6 @@ impl Machine {
             return Machine::parse(name, text, &[]);
         }
         let drive = Drive::parse(name, text, &[])?;
-        if drive.chains() > 1 {
-            let title = format!("drive `{name}` has several chains, which cannot be held against records yet");
-            return Err(drive.places.report(vec![drive.places.error("chains", title, None)]));
-        }
         if let Some(WithoutPeriod { path, title, help }) = response::without_period(&drive) {
             return Err(drive.places.report(vec![drive.places.error(&path, title, Some(help))]));
         }
@@ -266,7 +283,8 @@ impl Machine {
             inputs: Vec::new(),
             sensors: Vec::new(),
             placed: Vec::new(),
-            chain: None,
+            chains: Vec::new(),
+            spans: Vec::new(),
             fidelity: Arc::new(lumped::Lumped),
             places: Places::empty(),
         }
@@ -288,9 +306,15 @@ impl Machine {
         value / self.slots[slot].unit
     }
 
-    /// Name and tooth count of the bodies with teeth, in order.
-    pub fn toothed(&self) -> Vec<(String, u32)> {
-        self.bodies.iter().filter_map(|b| b.teeth.map(|z| (b.name.clone(), z))).collect()
+    /// Name and tooth count of the bodies whose teeth a chain passes, in order.
+    pub fn toothed(&self, chain: &ChainLoop) -> Vec<(String, u32)> {
+        let own = chain.sprockets.iter().map(|b| &self.bodies[*b]);
+        own.filter_map(|b| b.teeth.map(|z| (b.name.clone(), z))).collect()
+    }
+
+    /// The chain whose links pass the teeth of a body.
+    pub fn chain_at(&self, body: usize) -> Option<&ChainLoop> {
+        self.chains.iter().find(|c| c.sprockets.contains(&body))
     }
 
     /// Stiffness and damping of a spring.
@@ -323,8 +347,8 @@ impl Machine {
         self.fidelity.accepts(effect, p)
     }
 
-    pub(crate) fn room_for(&self, effect: &Effect, path: &str) -> RoomForEffect {
-        self.fidelity.room_for(self, effect, path)
+    pub(crate) fn room_for(&self, effect: &Effect, target: Target, path: &str) -> RoomForEffect {
+        self.fidelity.room_for(self, effect, target, path)
     }
 
     pub(crate) fn has_place(&self, effect: &Effect) -> bool {
@@ -335,8 +359,12 @@ impl Machine {
         self.fidelity.shows_at_start_alone(effect)
     }
 
-    pub(crate) fn period_pitches(&self) -> Option<u32> {
+    pub(crate) fn period_pitches(&self) -> Option<PitchPeriod> {
         self.fidelity.period_pitches(self)
+    }
+
+    pub(crate) fn indices(&self, target: Target) -> Option<Vec<f64>> {
+        self.fidelity.indices(self, target)
     }
 
     /// Mean speed of every body, where it is known without a run [rad/s].

@@ -183,7 +183,8 @@ fn chain(root: &TomlTable<'_>, m: &mut Machine) {
         if m.bodies.get(leader).is_none_or(|b| b.teeth.is_none()) {
             t.error("no body of this chain has teeth".into(), Some("add `teeth = ...` to its `[rotors.NAME]`".into()));
         }
-        m.chain = Some(ChainLoop { links, leader });
+        let sprockets = (0..m.bodies.len()).filter(|b| m.bodies[*b].teeth.is_some()).collect();
+        m.chains = vec![ChainLoop { name: String::new(), links, first_link: 0, leader, sprockets }];
     }
     t.finish();
 }

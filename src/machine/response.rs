@@ -7,6 +7,7 @@
 //! common after 0.2 s at 3000 rpm. The position in the period at which a record starts is one parameter, its travel in
 //! pitches.
 
+use super::period::PeriodOfDrive;
 use super::simulate::{between, cubic};
 use crate::assemble::AssemblyError;
 use crate::diag::Report;
@@ -33,6 +34,8 @@ const MAX_BINS: usize = 1 << 16;
 #[derive(Clone, Debug)]
 pub(super) struct PeriodicResponse {
     pub(super) pitches: f64,
+    /// Period of the same drive if all its links and teeth are alike.
+    pub(super) alike: f64,
     pub(super) pitches_per_s: f64,
     /// One series of bins over a period for every sensor, SI; angles minus their mean rotation.
     pub(super) means: Vec<Vec<f64>>,
@@ -100,11 +103,25 @@ pub(super) fn without_period(drive: &Drive) -> Option<WithoutPeriod> {
     let (path, title) = match (first, turns_of_orders(all)) {
         (Some((path, order)), _) => (path, format!("order {order} does not come back within {MAX_TURNS} turns")),
         (None, None) => (own.clone(), format!("the orders together do not come back within {MAX_TURNS} turns")),
-        (None, Some(_)) => return None,
+        (None, Some(_)) => return with_long_period(drive),
     };
     let help = "records are compared over periods: give orders that are wholes, halves, thirds and so on".to_string();
     Some(WithoutPeriod { path: format!("{path}.orders"), title, help })
 }
+
+/// Why the period of this drive is too long to be run, of some ten seconds or more; None: it is not.
+fn with_long_period(drive: &Drive) -> Option<WithoutPeriod> {
+    let pitches = PeriodOfDrive::of(drive).declared;
+    let period_s = f64::from(pitches) * drive.chain.pitch_m() / drive.chain_speed_m_s().abs().max(1e-9);
+    let title = format!(
+        "this drive comes back to where it was only after {pitches} pitches of its first chain, {period_s:.0} s"
+    );
+    let help = "records are compared over periods: leave single links and teeth as their neighbours, or take orders and teeth with a common divisor".to_string();
+    (period_s > MAX_PERIOD_S).then_some(WithoutPeriod { path: "sprockets".to_string(), title, help })
+}
+
+/// Longest period that is run [s].
+pub(super) const MAX_PERIOD_S: f64 = 10.0;
 
 /// Maximum number of turns of the driver after which orders come back.
 const MAX_TURNS: u32 = 12;
@@ -118,16 +135,23 @@ pub(super) fn turns_of_orders<'a>(orders: impl Iterator<Item = &'a Harmonic> + C
 }
 
 impl PeriodicResponse {
-    /// Runs a drive that repeats itself after this many pitches. `noise` of every sensor [SI], 0: nobody reads it.
-    pub(super) fn of(drive: &Drive, repeats: u32, noise: &[f64]) -> Result<PeriodicResponse, ResponseError> {
+    /// Runs a drive that repeats itself after `repeats` pitches, after `alike` ones if all its links and teeth are alike. `noise` of every sensor
+    /// [SI], 0: nobody reads it.
+    pub(super) fn of(
+        drive: &Drive,
+        alike: u32,
+        repeats: u32,
+        noise: &[f64],
+    ) -> Result<PeriodicResponse, ResponseError> {
         if let Some(why) = without_period(drive) {
             return Err(ResponseError::WithoutPeriod(why));
         }
         let pitches = f64::from(repeats);
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
         let period_s = pitches / pitches_per_s;
-        let pairs = (repeats / 2).max(1);
-        let pair_s = period_s / f64::from(pairs);
+        let parts = (repeats / alike).max(1);
+        let part_s = period_s / f64::from(parts);
+        let pair_s = 2.0 / pitches_per_s;
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
@@ -149,8 +173,8 @@ impl PeriodicResponse {
                 | SensorReads::Flow(_) => None,
             })
             .collect();
-        // The number of bins is an integer for every two pitches, because waves are also folded on these.
-        let bins = pairs as usize * libm::ceil(pair_s / bin_s) as usize;
+        // The number of bins is an integer for every part, because waves are also folded on these.
+        let bins = parts as usize * libm::ceil(part_s / bin_s) as usize;
         let mut fold = PeriodFold::new(drive.sensors.len(), bins);
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
@@ -169,6 +193,7 @@ impl PeriodicResponse {
         }
         Ok(PeriodicResponse {
             pitches,
+            alike: f64::from(alike),
             pitches_per_s,
             unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
             means: fold.means(),
@@ -176,17 +201,17 @@ impl PeriodicResponse {
         })
     }
 
-    /// The mean over all pairs of links: the response of a drive whose links and teeth are all alike.
+    /// The mean over all parts of the period that are alike but for single links and teeth: the response of a drive whose links and teeth are all alike.
     pub(super) fn folded(&self) -> PeriodicResponse {
-        let pairs = (self.pitches / 2.0) as usize;
+        let parts = (self.pitches / self.alike) as usize;
         let fold = |means: &Vec<f64>| -> Vec<f64> {
-            let n = means.len() / pairs.max(1);
-            (0..n).map(|b| (0..pairs).map(|p| means[p * n + b]).sum::<f64>() / pairs as f64).collect()
+            let n = means.len() / parts.max(1);
+            (0..n).map(|b| (0..parts).map(|p| means[p * n + b]).sum::<f64>() / parts as f64).collect()
         };
-        if pairs < 2 || self.means.iter().any(|w| w.len() % pairs != 0) {
+        if parts < 2 || self.means.iter().any(|w| w.len() % parts != 0) {
             return self.clone();
         }
-        PeriodicResponse { pitches: 2.0, means: self.means.iter().map(fold).collect(), ..self.clone() }
+        PeriodicResponse { pitches: self.alike, means: self.means.iter().map(fold).collect(), ..self.clone() }
     }
 
     pub(super) fn scaled_by(&self, weight: f64) -> PeriodicResponse {

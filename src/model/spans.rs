@@ -1,7 +1,9 @@
 //! Chains without link bodies: their spans, and what of their mass turns with the sprockets.
 
 use super::{ChainModel, Model};
+use crate::diag::Report;
 use crate::drive::{ChainFidelity, Drive};
+use crate::effects::span_stiffness;
 use crate::elements::span::ChainSpan;
 use nalgebra::DMatrix;
 
@@ -36,15 +38,30 @@ impl Model {
 
     /// The model of one chain, its links taken off where the drive says so: spans stand in their place, and the mass of the whole chain turns
     /// with its sprockets, that of a wrap and of half of both spans with each. At a constant speed that is the kinetic energy of all links moving
-    /// along the pitch line. The damper of a span is that of its joints in series.
-    pub fn with_fidelity(mut self, drive: &Drive, terms: &SpanTerms) -> Model {
-        let Some(route) = self.routes.first().filter(|_| drive.fidelity == ChainFidelity::Spans) else { return self };
+    /// along the pitch line. The damper of a span is that of its joints in series. Numbers that the drive gives take the place of these; its
+    /// effects on spans add to them.
+    ///
+    /// # Errors
+    /// The effects leave a span no stiffness.
+    pub fn with_fidelity(mut self, drive: &Drive, terms: &SpanTerms) -> Result<Model, Report> {
+        let Some(route) = self.routes.first().filter(|_| drive.fidelity == ChainFidelity::Spans) else {
+            return Ok(self);
+        };
         let n = self.sprockets.len();
         let mass_per_m = self.chain.mass.iter().sum::<f64>() / route.length_m();
         let joint = self.chain.joints[0];
         let radius_m = |k: usize| self.sprockets[k].geometry.rolling_radius_m();
-        let span = |(a, stiffness_n_per_m): (usize, f64)| {
+        let span = |(a, of_links_n_per_m): (usize, f64)| {
             let b = (a + 1) % n;
+            let name = format!("{}-{}", drive.sprockets[a].name, drive.sprockets[b].name);
+            let given = drive.spans.iter().find(|s| s.name == name);
+            let effects = drive.effects.spans.iter().filter(|e| e.span == name);
+            let own_n_per_m = given.and_then(|g| g.stiffness_n_per_m).unwrap_or(of_links_n_per_m);
+            let own_n_s_per_m = given.and_then(|g| g.damping_n_s_per_m);
+            let own_n_s_per_m =
+                own_n_s_per_m.unwrap_or(own_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m);
+            let more_n_per_m: f64 = effects.clone().map(|e| e.stiffness_n_per_m).sum();
+            let more_n_s_per_m: f64 = effects.map(|e| e.damping_n_s_per_m).sum();
             ChainSpan {
                 path: String::new(),
                 chain: 0,
@@ -52,12 +69,20 @@ impl Model {
                 ends: [a, b].map(|k| self.sprockets[k].coordinate),
                 radii_m: [a, b].map(|k| radius_m(k) * drive.sprockets[k].wrap.sign()),
                 length_m: route.path_to_next_sprocket_m(a),
-                stiffness_n_per_m,
-                damping_n_s_per_m: stiffness_n_per_m * joint.damping_n_s_per_m / joint.stiffness_n_per_m,
+                of_links_n_per_m,
+                stiffness_n_per_m: own_n_per_m + more_n_per_m,
+                damping_n_s_per_m: own_n_s_per_m + more_n_s_per_m,
                 preload_n: terms.tension_n,
             }
         };
         let spans: Vec<ChainSpan> = terms.stiffness_n_per_m.iter().copied().enumerate().map(span).collect();
+        if let Some((k, s)) = spans.iter().enumerate().find(|(_, s)| s.stiffness_n_per_m <= 0.0) {
+            let name = format!("{}-{}", drive.sprockets[k].name, drive.sprockets[(k + 1) % n].name);
+            let title = format!("the stiffness of span `{name}` would be {:.3e} N/m", s.stiffness_n_per_m);
+            let help = format!("take less than the {:.3e} N/m that it has", s.of_links_n_per_m);
+            let path = span_stiffness::ROW.path(&name, "stiffness_n_per_m");
+            return Err(drive.places.report(vec![drive.places.error(&path, title, Some(help))]));
+        }
         let shares = (0..n).map(|k| {
             let wrap_m = (route.span_start_m(k) - route.wrap_start_m(k)).rem_euclid(route.length_m());
             let around_m = wrap_m + 0.5 * (spans[k].length_m + spans[(k + n - 1) % n].length_m);
@@ -71,7 +96,7 @@ impl Model {
         self.contours.fill(None);
         self.end_bodies.clear();
         self.spans = spans;
-        self
+        Ok(self)
     }
 
     /// Whether dampers of spans lose energy.

@@ -90,6 +90,44 @@ pub const CASES: [Case; 11] = [
     },
 ];
 
+/// Of the reduction, its second chain of links or of spans.
+pub const REDUCTION_CASES: [Case; 5] = [
+    Case { name: "reduction, clean", both: &[], truth: &[], path: "" },
+    Case {
+        name: "reduction, one damaged tooth of the second chain",
+        both: &[],
+        truth: &["effects.gap_error.pinion.gap=7", "effects.gap_error.pinion.outward_um=60"],
+        path: "effects.gap_error.pinion",
+    },
+    Case {
+        name: "reduction, one long link of the second chain",
+        both: &[],
+        truth: &["effects.pitch_error.worn.link=131", "effects.pitch_error.worn.length_um=40"],
+        path: "effects.pitch_error.second",
+    },
+    Case {
+        name: "reduction, drag of the common shaft",
+        both: &[],
+        truth: &["effects.viscous_friction.middle.torque_nm_s_per_rad=0.03"],
+        path: "effects.viscous_friction.driven",
+    },
+    Case {
+        name: "reduction, soft span of a chain of spans",
+        both: &["chains.second.fidelity=\"spans\""],
+        truth: &["effects.span_stiffness.output-pinion.stiffness_n_per_m=-4e5"],
+        path: "effects.span_stiffness.output-pinion",
+    },
+];
+
+/// A drive, and how it is measured.
+pub struct Rig {
+    pub text: String,
+    /// Tables of its sensors.
+    pub sensors: &'static str,
+    /// Name, path of the sensor, unit.
+    pub channels: &'static [(&'static str, &'static str, &'static str)],
+}
+
 /// Sensors: speed of the driven shaft, torque at the driver, tension of both spans; force of the guide if it is pressed
 /// in.
 pub const SENSORS: &str = "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.tight]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n\n[sensors.force.guide]\nguide = \"tight\"\n";
@@ -101,6 +139,27 @@ const CHANNELS: [(&str, &str, &str); 5] = [
     ("slack", "sensors.strain_gauge.slack", "N"),
     ("guide", "sensors.force.guide", "N"),
 ];
+
+/// A bush drive with one chain.
+pub fn one_chain(text: &str, case: &Case) -> Rig {
+    let channels = if case.both.is_empty() { &CHANNELS[..4] } else { &CHANNELS[..] };
+    Rig { text: text.to_string(), sensors: SENSORS, channels }
+}
+
+/// Two chains on a common shaft.
+pub fn reduction() -> Rig {
+    Rig {
+        text: BUNDLED[4].1.to_string(),
+        sensors: "\n[sensors.tachometer.shaft]\nbody = \"driven\"\n\n[sensors.tachometer.output]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.first]\nspan = [\"driven\", \"driver\"]\n\n[sensors.strain_gauge.second]\nspan = [\"output\", \"pinion\"]\n",
+        channels: &[
+            ("shaft", "sensors.tachometer.shaft", "rad/s"),
+            ("output", "sensors.tachometer.output", "rad/s"),
+            ("torque", "sensors.torque.driver", "N m"),
+            ("first", "sensors.strain_gauge.first", "N"),
+            ("second", "sensors.strain_gauge.second", "N"),
+        ],
+    }
+}
 
 const RATE_HZ: f64 = 10_000.0;
 const SAMPLES: usize = 4000;
@@ -122,9 +181,9 @@ impl Random {
 }
 
 /// The declared drive's text.
-pub fn declared(text: &str, both: &[&str]) -> String {
+pub fn declared(rig: &Rig, both: &[&str]) -> String {
     // Values are written into the text, so that the file looks like a user's.
-    let mut table: toml::Table = format!("{text}{SENSORS}").parse().expect("TOML");
+    let mut table: toml::Table = format!("{}{}", rig.text, rig.sensors).parse().expect("TOML");
     for set in both {
         let (path, value) = set.split_once('=').expect("path=value");
         let mut at = &mut table;
@@ -142,11 +201,11 @@ pub fn declared(text: &str, both: &[&str]) -> String {
 }
 
 /// Makes the records of a case in `folder`.
-pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
-    let drive = declared(text, case.both);
+pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
+    let drive = declared(rig, case.both);
     std::fs::write(folder.join("drive.toml"), &drive).expect("written");
     let mut measurement = String::from("title = \"links\"\ndrive = \"drive.toml\"\n");
-    let channels = &CHANNELS[..if case.both.is_empty() { 4 } else { 5 }];
+    let channels = rig.channels;
     for (name, sensor, unit) in channels {
         measurement += &format!("[channels.{name}]\nsensor = \"{sensor}\"\ncolumn = \"{name}\"\nunit = \"{unit}\"\n");
     }
@@ -161,7 +220,7 @@ pub fn write(folder: &Path, text: &str, case: &Case, seed: u64) {
         tracer.run_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
         let columns: Vec<Vec<f64>> = (0..channels.len())
             .map(|c| {
-                let sensor = real.sensors.iter().position(|s| s.path == CHANNELS[c].1).expect("a sensor");
+                let sensor = real.sensors.iter().position(|s| s.path == channels[c].1).expect("a sensor");
                 let series = tracer.readings(sensor);
                 let values: Vec<f64> =
                     (0..SAMPLES).map(|i| between(series, i as f64 / RATE_HZ / tracer.step_s())).collect();
