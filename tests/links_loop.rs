@@ -72,13 +72,18 @@ fn friction_of_a_shaft_that_turns_one_way_is_left_open_beside_a_constant_load() 
 /// Two chains on a common shaft: a tooth of the second chain, which turns four times as slowly as the driver, and a span where that chain has no links.
 #[test]
 fn causes_on_the_second_of_two_chains_are_named() {
-    for (name, key, truth) in [
-        ("reduction, one damaged tooth of the second chain", "outward_um", 60.0),
-        ("reduction, soft span of a chain of spans", "stiffness_n_per_m", -4e5),
+    let on_links = "only = [\"gap_error\", \"pitch_error\", \"viscous_friction\"]";
+    let on_spans = "only = [\"span_stiffness\", \"span_damping\", \"gain_error\", \"offset\"]";
+    for (name, only, key, truth) in [
+        ("reduction, one damaged tooth of the second chain", on_links, "outward_um", 60.0),
+        ("reduction, soft span of a chain of spans", on_spans, "stiffness_n_per_m", -4e5),
     ] {
         let case = REDUCTION_CASES.iter().find(|c| c.name == name).expect("the case");
         let folder = tempfile::tempdir().expect("a folder");
         write(folder.path(), &reduction(), case, 11);
+        let path = folder.path().join("measured.toml");
+        let text = std::fs::read_to_string(&path).expect("the measurement");
+        std::fs::write(&path, format!("{text}[candidates]\n{only}\n")).expect("written");
         let r = identified(folder.path(), 2).expect("identified");
         let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
         assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]), "{name}");

@@ -337,7 +337,9 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         sizes.push(all);
     }
     let row = h.rows[amplitude];
-    let (low, high) = (row.low * row.unit / h.values[amplitude], row.high * row.unit / h.values[amplitude]);
+    // Multiples of the starting value, which may be negative.
+    let ends = [row.low, row.high].map(|end| end * row.unit / h.values[amplitude]);
+    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
     // Share of the cost that factor x removes at place p of a segment: -(2 x along + x^2 size).
     let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
     let mut best: Option<(f64, f64, Vec<u32>)> = None;
