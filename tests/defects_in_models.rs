@@ -38,6 +38,15 @@ fn effects_on_joints_and_guides_reach_the_model() {
     assert!(guided.chain.joints[0].friction_arm_m > plain.chain.joints[0].friction_arm_m);
 }
 
+/// A drive on which an effect can act, as it is called, its text, and the values that make it so. Spans have effects on chains of
+/// spans alone.
+fn host(effect: &pitchline::effects::Effect) -> (&'static str, &'static str, Vec<String>) {
+    let on_spans = effect.links == Some(pitchline::effects::On::Span);
+    let (name, text) = pitchline::drive::BUNDLED[if on_spans { 4 } else { 0 }];
+    let spans = on_spans.then(|| "chains.second.fidelity=spans".to_string());
+    (name, text, spans.into_iter().collect())
+}
+
 /// Drives with link bodies accept the effects that the catalogue assigns to them.
 #[test]
 fn drives_with_links_take_the_effects_that_say_so() {
@@ -49,34 +58,37 @@ fn drives_with_links_take_the_effects_that_say_so() {
             On::Sprocket | On::Prescribed => "driver",
             On::Chain => "odd",
             On::Body => "driven",
+            On::Span => "output-pinion",
             _ => "chain",
         };
         let keys = e.parameters.iter().filter(|p| !p.lumped_only);
-        let sets: Vec<String> =
-            keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))).collect();
-        let result = pitchline::drive::Drive::parse("bush-20-40", pitchline::drive::BUNDLED[0].1, &sets);
+        let (name, text, mut sets) = host(e);
+        sets.extend(keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))));
+        let result = pitchline::drive::Drive::parse(name, text, &sets);
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 19);
+    assert_eq!(taken, 21);
 }
 
 /// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
 /// bounds, whether the file declares the effect or a search places it.
 #[test]
 fn readers_and_fits_have_the_ranges_of_the_catalogue() {
-    use pitchline::drive::{BUNDLED, Drive, sensors::is_signal};
+    use pitchline::drive::{Drive, sensors::is_signal};
     use pitchline::effects::{EFFECTS, Kind, On, Parameter};
     use pitchline::machine::Machine;
-    let text = format!("{}\n[sensors.encoder.driven]\n", BUNDLED[0].1);
-    let plain = Machine::of_links(&Drive::parse("bush-20-40", &text, &[]).expect("a drive"));
     let mut tried = 0;
     for e in EFFECTS.into_iter().filter(|e| e.links.is_some() || is_signal(e)) {
+        let (drive, text, sets) = host(e);
+        let text = if sets.is_empty() { format!("{text}\n[sensors.encoder.driven]\n") } else { text.to_string() };
+        let plain = Machine::of_links(&Drive::parse(drive, &text, &sets).expect("a drive"));
         let target = match e.links {
             Some(On::Guide) => "tight",
             Some(On::Sprocket | On::Prescribed) => "driver",
             Some(On::Chain) => "odd",
             Some(On::Body) | None => "driven",
+            Some(On::Span) => "output-pinion",
             Some(_) => "chain",
         };
         let rows: Vec<_> = e.parameters.iter().filter(|p| !p.lumped_only).collect();
@@ -89,7 +101,7 @@ fn readers_and_fits_have_the_ranges_of_the_catalogue() {
             let path = e.path(target, p.key);
             let parse = |value: f64| {
                 let file = format!("{text}\n[effects.{}.{target}]\n{}", e.name, keys(value));
-                Drive::parse("bush-20-40", &file, &[])
+                Drive::parse(drive, &file, &sets)
             };
             let beyond = 1.0 + 1e-3 * (p.high - p.low);
             assert!(parse(p.low - beyond).is_err() && parse(p.high + beyond).is_err(), "{path} beyond its range");
